@@ -1,0 +1,1 @@
+"""Learning to navigate: decision process, Q-learning kernels, policies, evaluation."""

@@ -1,0 +1,1 @@
+"""Co-simulation of mini-robots: parameters, rigid body, contact, master, steering, recording."""

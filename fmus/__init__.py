@@ -1,0 +1,1 @@
+"""The motor FMU and what builds it: C kernel, FMI shims, variable table, builder."""

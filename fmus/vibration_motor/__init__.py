@@ -1,0 +1,1 @@
+"""Sources of the vibration motor FMU; `fmus.build` compiles them."""
