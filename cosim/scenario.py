@@ -10,12 +10,13 @@ import json
 import math
 from dataclasses import asdict, dataclass
 
+from cosim.errors import UserError
 from cosim.params import TABLE_I
 
 Cell = tuple[int, int]
 
 
-class ScenarioError(ValueError):
+class ScenarioError(UserError):
     """A scenario that cannot be used; the message names the field and the mend."""
 
 

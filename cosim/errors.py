@@ -1,0 +1,49 @@
+"""Errors that are the caller's to mend, and how a command line reports them."""
+
+import errno
+import sys
+from collections.abc import Callable
+
+USER_ERROR_STATUS = 2
+INTERRUPTED_STATUS = 130
+
+_MENDS = {
+    errno.ENOSPC: "the disk is full; free some space and run again",
+    errno.EDQUOT: "the disk quota is used up; free some space and run again",
+    errno.EACCES: "permission denied; choose another place or change its permissions",
+    errno.EPERM: "permission denied; choose another place or change its permissions",
+    errno.EROFS: "the file system is read-only; choose another place",
+    errno.ENOENT: "no such file or folder; check the path",
+    errno.ENOTDIR: "a part of the path is a file; choose another place",
+    errno.EEXIST: "it exists and is no folder; choose another place",
+    errno.EISDIR: "it is a folder; name a file",
+}
+
+
+class UserError(Exception):
+    """A mistake the caller can mend; the message is one sentence that names the thing and the mend."""
+
+
+def run_command(main: Callable[[], None]) -> None:
+    """Run a command line's body and leave with its exit status.
+
+    A `UserError` or an operating-system error becomes one sentence on stderr and status 2,
+    Ctrl-C status 130; anything else is a defect and keeps its traceback.
+
+    Args:
+        main: the command; whatever it must keep on an interrupt it has saved by its own means.
+    """
+    try:
+        main()
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(USER_ERROR_STATUS)
+    except OSError as error:
+        if error.errno not in _MENDS:
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"error: {where}{_MENDS[error.errno]}", file=sys.stderr)
+        sys.exit(USER_ERROR_STATUS)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED_STATUS)
