@@ -21,7 +21,7 @@ _MENDS = {
 
 
 class UserError(Exception):
-    """A mistake the caller can mend; the message is one sentence that names the thing and the mend."""
+    """A mistake the caller can mend; the message names the thing and the mend in one sentence."""
 
 
 def run_command(main: Callable[[], None]) -> None:

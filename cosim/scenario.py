@@ -96,7 +96,7 @@ class Scenario:
         return (cell[0] + 0.5) * self.cell_m, (cell[1] + 0.5) * self.cell_m
 
     def digest(self) -> str:
-        """Hash (16 hex digits) of the geometry, the same for equal scenarios whatever their title."""
+        """Hash (16 hex digits) of the geometry, whatever name and title are."""
         geometry = {k: v for k, v in asdict(self).items() if k not in {"name", "title"}}
         return hashlib.sha256(json.dumps(geometry, sort_keys=True).encode()).hexdigest()[:16]
 
