@@ -1,0 +1,173 @@
+"""The motor FMU's variable table: `variables.toml` joined with the defaults of `cosim.params`.
+
+Renders the table as the C header that the kernel compiles with. What the model descriptions make
+of it is the business of `fmus.description`.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cosim import params
+
+SOURCES = Path(__file__).parent / "vibration_motor"
+TIME_REFERENCE = 0
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of the FMU.
+
+    Attributes:
+        name: as in the model description and, for inputs and parameters, in the C code.
+        reference: value reference, the same in FMI 2 and FMI 3.
+        causality: "input", "output", "parameter" or "local".
+        type: "Float64", "Boolean" or "Enumeration".
+        description: one line for people.
+        unit: unit symbol; None for Boolean and Enumeration.
+        start: start value of inputs and parameters, else None.
+        min: least value, inclusive, or None.
+        max: greatest value, inclusive, or None.
+        nominal: typical size, or None.
+        derivative: name of the state whose time derivative this is, or None.
+        items: (name, description) of each choice of an Enumeration, counted from 1.
+    """
+
+    name: str
+    reference: int
+    causality: str
+    type: str
+    description: str
+    unit: str | None = None
+    start: float | bool | int | None = None
+    min: float | None = None
+    max: float | None = None
+    nominal: float | None = None
+    derivative: str | None = None
+    items: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit in terms of SI base units, and the units it may be shown in.
+
+    Attributes:
+        name: unit symbol.
+        base: exponent of each SI base unit and of rad.
+        display: factor from this unit to each display unit.
+    """
+
+    name: str
+    base: dict[str, int]
+    display: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Table:
+    """All variables in the order of their value references, and the units they use."""
+
+    name: str
+    description: str
+    variables: tuple[Variable, ...]
+    units: tuple[Unit, ...]
+
+    def group(self, causality: str, type: str = "Float64") -> tuple[Variable, ...]:  # noqa: A002
+        """Variables of one causality and type; their value references are contiguous."""
+        return tuple(v for v in self.variables if v.causality == causality and v.type == type)
+
+    def __getitem__(self, name: str) -> Variable:
+        """Variable of that name.
+
+        Raises:
+            KeyError: there is none.
+        """
+        for variable in self.variables:
+            if variable.name == name:
+                return variable
+        raise KeyError(name)
+
+
+# Tables of variables.toml in the order of their value references, with the causality of each.
+_GROUPS = {
+    "input": "input",
+    "output": "output",
+    "parameter": "parameter",
+    "option": "parameter",
+    "local": "local",
+}
+
+
+def load_table() -> Table:
+    """Read the variable table; defaults, units and descriptions of parameters from `cosim.params`.
+
+    Raises:
+        KeyError: the table names a parameter that `cosim.params` does not have.
+    """
+    raw = tomllib.loads((SOURCES / "variables.toml").read_text("utf-8"))
+    rows = [(causality, row) for group, causality in _GROUPS.items() for row in raw[group]]
+    variables = tuple(
+        _variable(causality, reference, row)
+        for reference, (causality, row) in enumerate(rows, start=TIME_REFERENCE + 1)
+    )
+    units = tuple(Unit(name, u["base"], u.get("display", {})) for name, u in raw["unit"].items())
+    return Table(raw["model"]["name"], raw["model"]["description"], variables, units)
+
+
+def _variable(causality: str, reference: int, row: dict[str, Any]) -> Variable:
+    row = dict(row)
+    row["items"] = tuple((item["name"], item["description"]) for item in row.get("items", ()))
+    if record := row.pop("record", None):
+        value, quantity = params.describe(getattr(params, record))[row.pop("field", row["name"])]
+        row = {"description": quantity.description, "unit": quantity.unit, "start": value} | row
+    elif causality in {"input", "parameter"}:
+        row = {"start": 0.0} | row
+    return Variable(causality=causality, reference=reference, **({"type": "Float64"} | row))
+
+
+def render_header(table: Table, token: str) -> str:
+    """C header with value references, start values and limits.
+
+    Args:
+        table: the variables.
+        token: instantiation token that ties the binary to its model description.
+    """
+    inputs, parameters = table.group("input"), table.group("parameter")
+    options = list(table.group("parameter", "Boolean"))
+    options += table.group("parameter", "Enumeration")
+    references = [f"VR_time = {TIME_REFERENCE}"]
+    references += [f"VR_{_identifier(v.name)} = {v.reference}" for v in table.variables]
+
+    def array(name: str, values: list[str]) -> str:
+        return f"static const double {name}[] = {{{', '.join(values)}}};"
+
+    names = ", ".join(f'"{name}"' for name in ["time", *(v.name for v in table.variables)])
+    lines = [
+        "/* Generated by fmus/build.py from variables.toml and cosim/params.py. */",
+        "#ifndef VARIABLES_H",
+        "#define VARIABLES_H",
+        f'#define INSTANTIATION_TOKEN "{token}"',
+        f"enum {{ {', '.join(references)} }};",
+        f"enum {{ VARIABLE_COUNT = {1 + len(table.variables)} }};",
+        f"enum {{ INPUT_FIRST = {inputs[0].reference}, INPUT_COUNT = {len(inputs)} }};",
+        f"enum {{ PARAMETER_FIRST = {parameters[0].reference}, "
+        f"PARAMETER_COUNT = {len(parameters)} }};",
+        f"#define INPUT_FIELDS double {', '.join(v.name for v in inputs)};",
+        f"#define PARAMETER_FIELDS double {', '.join(v.name for v in parameters)};",
+        f"enum {{ {', '.join(f'START_{v.name} = {int(v.start or 0)}' for v in options)} }};",
+        array("input_start", [repr(float(v.start or 0)) for v in inputs]),
+        array("parameter_start", [repr(float(v.start or 0)) for v in parameters]),
+        array("parameter_min", [_limit(v.min, "-") for v in parameters]),
+        array("parameter_max", [_limit(v.max, "") for v in parameters]),
+        f"static const char *const variable_name[] = {{{names}}};",
+        "#endif",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _limit(value: float | None, sign: str) -> str:
+    return f"{sign}INFINITY" if value is None else repr(float(value))
+
+
+def _identifier(name: str) -> str:
+    return name.replace("der(", "der_").replace(")", "")

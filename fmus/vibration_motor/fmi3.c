@@ -1,0 +1,306 @@
+/* FMI 3.0 shim: translates the calls of the standard to instance.h and nothing else.
+ * The standard's header marks every function for export. */
+#include "fmi3Functions.h"
+
+#include "instance.h"
+
+/* Refuse arrays of different lengths: no variable of this FMU is an array. */
+#define REQUIRE_EQUAL_COUNTS(references, values)                                                   \
+    do {                                                                                           \
+        if ((references) != (values))                                                              \
+            return (fmi3Status)fail(self, __func__, "%lu value references but %lu values",         \
+                                    (unsigned long)(references), (unsigned long)(values));         \
+    } while (0)
+
+static void log_fmi3(const Instance *self, Status status, const char *category,
+                     const char *message) {
+    const fmi3LogMessageCallback callback = (fmi3LogMessageCallback)self->callback;
+    if (callback)
+        callback(self->environment, (fmi3Status)status, category, message);
+}
+
+const char *fmi3GetVersion(void) { return fmi3Version; }
+
+fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories,
+                               const fmi3String categories[]) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    return (fmi3Status)instance_check_categories(self, __func__, nCategories, categories);
+}
+
+fmi3Instance fmi3InstantiateCoSimulation(
+    fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
+    fmi3Boolean visible, fmi3Boolean loggingOn, fmi3Boolean eventModeUsed,
+    fmi3Boolean earlyReturnAllowed, const fmi3ValueReference requiredIntermediateVariables[],
+    size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
+    fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
+    Instance *self = instance_new(instanceName, instantiationToken, log_fmi3,
+                                  (void (*)(void))logMessage, instanceEnvironment);
+    if (!self)
+        return NULL;
+    if (eventModeUsed || nRequiredIntermediateVariables) {
+        fail(self, __func__, "this FMU has no Event Mode and no intermediate updates in co-simulation");
+        instance_free(self);
+        return NULL;
+    }
+    return self;
+}
+
+void fmi3FreeInstance(fmi3Instance instance) { instance_free(instance); }
+
+fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined,
+                                       fmi3Float64 tolerance, fmi3Float64 startTime,
+                                       fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
+    Instance *self = instance;
+    REQUIRE(self, INSTANTIATED);
+    return (fmi3Status)instance_enter_initialization(self, __func__, startTime, stopTimeDefined,
+                                                     stopTime);
+}
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
+    Instance *self = instance;
+    REQUIRE(self, INITIALIZATION);
+    self->now.life_cycle = STEP;
+    return fmi3OK;
+}
+
+fmi3Status fmi3Terminate(fmi3Instance instance) {
+    Instance *self = instance;
+    REQUIRE(self, STEP);
+    self->now.life_cycle = TERMINATED;
+    return fmi3OK;
+}
+
+fmi3Status fmi3Reset(fmi3Instance instance) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    instance_reset(self);
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                          size_t nValueReferences, fmi3Float64 values[], size_t nValues) {
+    Instance *self = instance;
+    REQUIRE(self, READABLE);
+    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    return (fmi3Status)instance_get_double(self, __func__, valueReferences, nValues, values);
+}
+
+fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                          size_t nValueReferences, const fmi3Float64 values[], size_t nValues) {
+    Instance *self = instance;
+    REQUIRE(self, WRITABLE);
+    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    return (fmi3Status)instance_set_double(self, __func__, valueReferences, nValues, values);
+}
+
+fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                          size_t nValueReferences, fmi3Boolean values[], size_t nValues) {
+    Instance *self = instance;
+    REQUIRE(self, READABLE);
+    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    for (size_t k = 0; k < nValues; k++) {
+        int64_t value;
+        if (instance_get_option(self, __func__, valueReferences[k], "Boolean", &value) != STATUS_OK)
+            return fmi3Error;
+        values[k] = value != 0;
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                          size_t nValueReferences, const fmi3Boolean values[], size_t nValues) {
+    Instance *self = instance;
+    REQUIRE(self, WRITABLE);
+    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    for (size_t k = 0; k < nValues; k++)
+        if (instance_set_option(self, __func__, valueReferences[k], "Boolean", values[k]) != STATUS_OK)
+            return fmi3Error;
+    return fmi3OK;
+}
+
+/* Enumerations are Int64 in FMI 3. */
+fmi3Status fmi3GetInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                        size_t nValueReferences, fmi3Int64 values[], size_t nValues) {
+    Instance *self = instance;
+    REQUIRE(self, READABLE);
+    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    for (size_t k = 0; k < nValues; k++) {
+        int64_t value;
+        if (instance_get_option(self, __func__, valueReferences[k], "Enumeration", &value) != STATUS_OK)
+            return fmi3Error;
+        values[k] = value;
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                        size_t nValueReferences, const fmi3Int64 values[], size_t nValues) {
+    Instance *self = instance;
+    REQUIRE(self, WRITABLE);
+    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    for (size_t k = 0; k < nValues; k++)
+        if (instance_set_option(self, __func__, valueReferences[k], "Enumeration", values[k]) !=
+            STATUS_OK)
+            return fmi3Error;
+    return fmi3OK;
+}
+
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint,
+                      fmi3Float64 communicationStepSize,
+                      fmi3Boolean noSetFMUStatePriorToCurrentPoint,
+                      fmi3Boolean *eventHandlingNeeded, fmi3Boolean *terminateSimulation,
+                      fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
+    Instance *self = instance;
+    REQUIRE(self, STEP);
+    const Status status =
+        instance_do_step(self, __func__, currentCommunicationPoint, communicationStepSize);
+    if (eventHandlingNeeded)
+        *eventHandlingNeeded = fmi3False;
+    if (terminateSimulation)
+        *terminateSimulation = fmi3False;
+    if (earlyReturn)
+        *earlyReturn = fmi3False;
+    if (lastSuccessfulTime)
+        *lastSuccessfulTime = motor_time(&self->now.motor);
+    return (fmi3Status)status;
+}
+
+/* Types without variables: a call for no variable at all is right, any other an error. */
+static fmi3Status no_variables(fmi3Instance instance, const char *function,
+                               const fmi3ValueReference references[], size_t count) {
+    Instance *self = instance;
+    if (!self)
+        return fmi3Error;
+    if (!count)
+        return fmi3OK;
+    return (fmi3Status)fail(self, function, "this FMU has no variable of that type");
+}
+
+#define NO_VARIABLES(Type)                                                                         \
+    fmi3Status fmi3Get##Type(fmi3Instance instance, const fmi3ValueReference references[],         \
+                             size_t count, fmi3##Type values[], size_t nValues) {                  \
+        return no_variables(instance, __func__, references, count);                                \
+    }                                                                                              \
+    fmi3Status fmi3Set##Type(fmi3Instance instance, const fmi3ValueReference references[],         \
+                             size_t count, const fmi3##Type values[], size_t nValues) {            \
+        return no_variables(instance, __func__, references, count);                                \
+    }
+
+NO_VARIABLES(Float32)
+NO_VARIABLES(Int8)
+NO_VARIABLES(UInt8)
+NO_VARIABLES(Int16)
+NO_VARIABLES(UInt16)
+NO_VARIABLES(Int32)
+NO_VARIABLES(UInt32)
+NO_VARIABLES(UInt64)
+NO_VARIABLES(String)
+
+fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference references[], size_t count,
+                         size_t sizes[], fmi3Binary values[], size_t nValues) {
+    return no_variables(instance, __func__, references, count);
+}
+
+fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference references[], size_t count,
+                         const size_t sizes[], const fmi3Binary values[], size_t nValues) {
+    return no_variables(instance, __func__, references, count);
+}
+
+fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference references[], size_t count,
+                        fmi3Clock values[]) {
+    return no_variables(instance, __func__, references, count);
+}
+
+fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference references[], size_t count,
+                        const fmi3Clock values[]) {
+    return no_variables(instance, __func__, references, count);
+}
+
+/* What the model description does not offer. */
+#define NOT_OFFERED(name, ...)                                                                     \
+    fmi3Status name(fmi3Instance instance, ##__VA_ARGS__) {                                        \
+        Instance *self = instance;                                                                 \
+        if (!self)                                                                                 \
+            return fmi3Error;                                                                      \
+        return (fmi3Status)fail(self, __func__, "this FMU does not offer it");                     \
+    }
+
+#define REFERENCES const fmi3ValueReference references[], size_t count
+
+NOT_OFFERED(fmi3EnterConfigurationMode)
+NOT_OFFERED(fmi3ExitConfigurationMode)
+NOT_OFFERED(fmi3EnterStepMode)
+NOT_OFFERED(fmi3GetNumberOfVariableDependencies, fmi3ValueReference reference, size_t *count)
+NOT_OFFERED(fmi3GetVariableDependencies, fmi3ValueReference dependent, size_t elements[],
+            fmi3ValueReference independents[], size_t independentElements[],
+            fmi3DependencyKind kinds[], size_t count)
+NOT_OFFERED(fmi3GetOutputDerivatives, REFERENCES, const fmi3Int32 orders[], fmi3Float64 values[],
+            size_t nValues)
+NOT_OFFERED(fmi3GetIntervalDecimal, REFERENCES, fmi3Float64 intervals[],
+            fmi3IntervalQualifier qualifiers[])
+NOT_OFFERED(fmi3GetIntervalFraction, REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[],
+            fmi3IntervalQualifier qualifiers[])
+NOT_OFFERED(fmi3GetShiftDecimal, REFERENCES, fmi3Float64 shifts[])
+NOT_OFFERED(fmi3GetShiftFraction, REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
+NOT_OFFERED(fmi3SetIntervalDecimal, REFERENCES, const fmi3Float64 intervals[])
+NOT_OFFERED(fmi3SetIntervalFraction, REFERENCES, const fmi3UInt64 counters[],
+            const fmi3UInt64 resolutions[])
+NOT_OFFERED(fmi3SetShiftDecimal, REFERENCES, const fmi3Float64 shifts[])
+NOT_OFFERED(fmi3SetShiftFraction, REFERENCES, const fmi3UInt64 counters[],
+            const fmi3UInt64 resolutions[])
+NOT_OFFERED(fmi3ActivateModelPartition, fmi3ValueReference clockReference,
+            fmi3Float64 activationTime)
+
+fmi3Instance fmi3InstantiateScheduledExecution(
+    fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
+    fmi3Boolean visible, fmi3Boolean loggingOn, fmi3InstanceEnvironment instanceEnvironment,
+    fmi3LogMessageCallback logMessage, fmi3ClockUpdateCallback clockUpdate,
+    fmi3LockPreemptionCallback lockPreemption, fmi3UnlockPreemptionCallback unlockPreemption) {
+    if (logMessage)
+        logMessage(instanceEnvironment, fmi3Error, "logStatusError",
+                   "fmi3InstantiateScheduledExecution: this FMU does not offer it");
+    return NULL;
+}
+
+fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
+                                          fmi3String resourcePath, fmi3Boolean visible,
+                                          fmi3Boolean loggingOn,
+                                          fmi3InstanceEnvironment instanceEnvironment,
+                                          fmi3LogMessageCallback logMessage) {
+    if (logMessage)
+        logMessage(instanceEnvironment, fmi3Error, "logStatusError",
+                   "fmi3InstantiateModelExchange: this FMU does not offer it");
+    return NULL;
+}
+
+#define DERIVATIVE_ARGUMENTS                                                                       \
+    const fmi3ValueReference unknowns[], size_t nUnknowns, const fmi3ValueReference knowns[],      \
+        size_t nKnowns, const fmi3Float64 seed[], size_t nSeed, fmi3Float64 sensitivity[],         \
+        size_t nSensitivity
+
+NOT_OFFERED(fmi3EnterEventMode)
+NOT_OFFERED(fmi3EnterContinuousTimeMode)
+NOT_OFFERED(fmi3EvaluateDiscreteStates)
+NOT_OFFERED(fmi3UpdateDiscreteStates, fmi3Boolean *discreteStatesNeedUpdate,
+            fmi3Boolean *terminateSimulation, fmi3Boolean *nominalsOfContinuousStatesChanged,
+            fmi3Boolean *valuesOfContinuousStatesChanged, fmi3Boolean *nextEventTimeDefined,
+            fmi3Float64 *nextEventTime)
+NOT_OFFERED(fmi3CompletedIntegratorStep, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
+            fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation)
+NOT_OFFERED(fmi3SetTime, fmi3Float64 time)
+NOT_OFFERED(fmi3SetContinuousStates, const fmi3Float64 states[], size_t count)
+NOT_OFFERED(fmi3GetContinuousStates, fmi3Float64 states[], size_t count)
+NOT_OFFERED(fmi3GetContinuousStateDerivatives, fmi3Float64 derivatives[], size_t count)
+NOT_OFFERED(fmi3GetNominalsOfContinuousStates, fmi3Float64 nominals[], size_t count)
+NOT_OFFERED(fmi3GetEventIndicators, fmi3Float64 indicators[], size_t count)
+NOT_OFFERED(fmi3GetNumberOfEventIndicators, size_t *count)
+NOT_OFFERED(fmi3GetNumberOfContinuousStates, size_t *count)
+NOT_OFFERED(fmi3GetFMUState, fmi3FMUState *state)
+NOT_OFFERED(fmi3SetFMUState, fmi3FMUState state)
+NOT_OFFERED(fmi3FreeFMUState, fmi3FMUState *state)
+NOT_OFFERED(fmi3SerializedFMUStateSize, fmi3FMUState state, size_t *size)
+NOT_OFFERED(fmi3SerializeFMUState, fmi3FMUState state, fmi3Byte bytes[], size_t size)
+NOT_OFFERED(fmi3DeserializeFMUState, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
+NOT_OFFERED(fmi3GetDirectionalDerivative, DERIVATIVE_ARGUMENTS)
+NOT_OFFERED(fmi3GetAdjointDerivative, DERIVATIVE_ARGUMENTS)
