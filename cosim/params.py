@@ -88,6 +88,36 @@ class TimingParams(NamedTuple):
     rl_step_s: Annotated[float, Quantity("s", "Section V", "time between two decisions")] = 2.0
 
 
+class SteeringParams(NamedTuple):
+    """Heading and line control that turn a commanded direction into motor set points."""
+
+    drive_speed_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed: below lift-off at 1151", "motor speed while driving"),
+    ] = 950.0
+    turn_speed_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed: as for driving", "motor speed while turning on the spot"),
+    ] = 950.0
+    turned_rad: Annotated[
+        float, Quantity("rad", "assumed", "heading error below which turning ends")
+    ] = 0.05
+    turn_again_rad: Annotated[
+        float, Quantity("rad", "assumed", "heading error above which driving becomes turning")
+    ] = 0.35
+    heading_gain_1_s: Annotated[
+        float,
+        Quantity("1/s", "assumed", "speed difference of the motors per heading error"),
+    ] = 600.0
+    max_difference_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed: keeps motors below lift-off", "bound on that difference"),
+    ] = 150.0
+    lookahead_m: Annotated[
+        float, Quantity("m", "assumed: one cell", "distance over which a lateral error is closed")
+    ] = 0.01
+
+
 class Fig7Params(NamedTuple):
     """Operating point of Fig. 7 (open- and closed-loop response of one motor)."""
 
@@ -102,6 +132,7 @@ TABLE_II = MotorParams()
 TABLE_I = RobotParams()
 SPEED_NOISE = NoiseParams()
 TIMING = TimingParams()
+STEERING = SteeringParams()
 FIG_7 = Fig7Params()
 
 

@@ -1,0 +1,209 @@
+"""Motor FMUs: load, check and instantiate with fmpy; the addresses of their C functions.
+
+Any FMI 3.0 Co-Simulation FMU with the interface of `INPUTS` and `OUTPUTS` can drive a robot;
+variables are found by name in its modelDescription. Stepping is the master's.
+"""
+
+import contextlib
+import ctypes
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import fmpy
+import numpy as np
+from fmpy.fmi1 import FMICallException
+from fmpy.model_description import ModelDescription
+from fmpy.simulation import instantiate_fmu
+
+from cosim.errors import UserError
+
+# Interface of a motor FMU; units as in cosim.params.
+INPUTS = ("omega_des", "omega_noise", "d")
+OUTPUTS = ("theta", "omega", "omega_dot")
+ELECTRICAL = ("V_s", "i")
+
+FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
+
+
+class FmuError(UserError):
+    """An FMU that cannot be used, or that failed while it ran; the message names it."""
+
+
+class Addresses(NamedTuple):
+    """C functions of an FMI 3.0 binary, as integers for compiled code."""
+
+    set_float64: int
+    do_step: int
+    get_float64: int
+
+
+class MotorFmu:
+    """An extracted motor FMU from which instances are made.
+
+    Attributes:
+        path: the .fmu file.
+        description: fmpy's model description.
+        inputs, outputs, electrical: value references (uint32) of INPUTS, OUTPUTS, ELECTRICAL.
+
+    Raises:
+        FmuError: the file is missing, is no FMU, or lacks a part of the interface.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if not path.is_file():
+            raise FmuError(f"motor FMU {path} does not exist; check the path given by --motor-fmu")
+        self._folder = tempfile.mkdtemp(prefix="minirobots-fmu-")
+        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        try:
+            fmpy.extract(str(path), self._folder)
+            self.description: ModelDescription = fmpy.read_model_description(self._folder)
+        except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
+            reason = " ".join(str(error).split())
+            raise FmuError(
+                f"motor FMU {path} is broken ({reason}); build one with `python -m fmus.build`"
+            ) from error
+        self._check()
+        self.inputs = self._references(INPUTS)
+        self.outputs = self._references(OUTPUTS)
+        self.electrical = self._references(ELECTRICAL)
+
+    def _check(self) -> None:
+        if not str(self.description.fmiVersion).startswith("3."):
+            raise FmuError(
+                f"motor FMU {self.path} is FMI {self.description.fmiVersion}; "
+                "export it as FMI 3.0 Co-Simulation"
+            )
+        if self.description.coSimulation is None:
+            raise FmuError(
+                f"motor FMU {self.path} has no Co-Simulation interface; export it with one"
+            )
+        if not (Path(self._folder) / "binaries" / fmpy.platform_tuple).is_dir():
+            raise FmuError(
+                f"motor FMU {self.path} has no binary for {fmpy.platform_tuple}; "
+                "export it for this platform"
+            )
+
+    def _references(self, names: tuple[str, ...]) -> np.ndarray:
+        variables = {v.name: v for v in self.description.modelVariables}
+        for name in names:
+            variable = variables.get(name)
+            causality = "input" if name in INPUTS else "output"
+            if variable is None or variable.type != "Float64" or variable.causality != causality:
+                raise FmuError(
+                    f"motor FMU {self.path} has no Float64 {causality} '{name}'; a motor needs "
+                    f"inputs {', '.join(INPUTS)} and outputs {', '.join(OUTPUTS + ELECTRICAL)}"
+                )
+        return np.array([variables[name].valueReference for name in names], dtype=np.uint32)
+
+    def instantiate(self, name: str, parameters: Mapping[str, float] | None = None) -> "Motor":
+        """New instance, initialised at t = 0 and in step mode.
+
+        Args:
+            name: instance name, as it shall appear in messages.
+            parameters: values that replace the FMU's own defaults, by variable name.
+
+        Raises:
+            FmuError: the FMU refuses to load, a parameter, or initialisation.
+        """
+        return Motor(self, name, parameters or {})
+
+
+class Motor:
+    """One running instance of a motor FMU.
+
+    Attributes:
+        name: instance name.
+        slave: fmpy's FMU3Slave, for drivers that step through Python.
+        addresses: of the binary's functions, for drivers that step compiled.
+        log: what the FMU has reported, oldest first.
+    """
+
+    def __init__(self, fmu: MotorFmu, name: str, parameters: Mapping[str, float]) -> None:
+        self.fmu = fmu
+        self.name = name
+        self.log: list[str] = []
+        known = {v.name: v.valueReference for v in fmu.description.modelVariables}
+        try:
+            self.slave: Any = instantiate_fmu(
+                fmu._folder,
+                fmu.description,
+                fmi_type="CoSimulation",
+                debug_logging=True,
+                logger=self._append_log,
+            )
+            self.slave.instanceName = name
+            for parameter, value in parameters.items():
+                self.slave.setFloat64([known[parameter]], [value])
+            self.slave.enterInitializationMode()
+            self.slave.exitInitializationMode()
+        except KeyError as error:
+            raise FmuError(f"motor FMU {fmu.path} has no parameter {error}") from error
+        except Exception as error:  # fmpy raises plain Exceptions
+            raise self.error(0.0, f"cannot be initialised ({error})") from error
+        self._finalizer = weakref.finalize(self, _free, self.slave)
+        functions = (
+            self.slave.dll.fmi3SetFloat64,
+            self.slave.dll.fmi3DoStep,
+            self.slave.dll.fmi3GetFloat64,
+        )
+        self.addresses = Addresses(*(_address(function) for function in functions))
+        self.instance = int(self.slave.component)
+
+    def set_inputs(self, values: np.ndarray, tick: int, dt_s: float) -> None:
+        """Set INPUTS; raises FmuError naming the time of `tick`."""
+        with self._named_errors(tick * dt_s, "refuses its inputs"):
+            self.slave.setFloat64(self.fmu.inputs, values)
+
+    def step(self, tick: int, dt_s: float) -> None:
+        """Step from `tick` over one communication step; raises FmuError naming its time."""
+        with self._named_errors(tick * dt_s, "failed"):
+            _, terminate, early_return, _ = self.slave.doStep(tick * dt_s, dt_s)
+        if terminate or early_return:
+            raise self.error(tick * dt_s, "asked to stop")
+
+    def outputs(self, tick: int, dt_s: float) -> list[float]:
+        """Values of OUTPUTS; raises FmuError naming the time of `tick`."""
+        with self._named_errors(tick * dt_s, "has no outputs"):
+            return self.slave.getFloat64(self.fmu.outputs)
+
+    def electrical(self, tick: int, dt_s: float) -> list[float]:
+        """Values of ELECTRICAL; raises FmuError naming the time of `tick`."""
+        with self._named_errors(tick * dt_s, "has no outputs"):
+            return self.slave.getFloat64(self.fmu.electrical)
+
+    @contextlib.contextmanager
+    def _named_errors(self, time_s: float, what: str) -> Iterator[None]:
+        try:
+            yield
+        except FMICallException as error:
+            raise self.error(time_s, f"{what} (fmi3Status {error.status})") from error
+
+    def _append_log(self, _environment: Any, _status: int, _category: bytes, text: bytes) -> None:
+        self.log.append(text.decode("utf-8", "replace"))
+
+    def error(self, time_s: float, what: str) -> FmuError:
+        """The error that tells which instance failed, when, and what the FMU said last."""
+        said = f": {self.log[-1]}" if self.log else ""
+        return FmuError(
+            f"FMU {self.fmu.path.name}, instance {self.name}, at {time_s:.5f} s {what}{said}"
+        )
+
+    def close(self) -> None:
+        """Free the instance; further calls are errors."""
+        self._finalizer()
+
+
+def _free(slave: Any) -> None:
+    slave.terminate()
+    slave.freeInstance()
+
+
+def _address(function: Any) -> int:
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    assert address is not None  # ctypes has resolved the symbol already
+    return address

@@ -1,0 +1,226 @@
+"""The co-simulation master: couples motor FMUs to the rigid bodies, tick by tick.
+
+Order per tick (Gauss–Seidel): every motor steps from t to t + dt with the inputs of t, then every
+body with the motors' outputs at t + dt. Inputs change once per control period. Time is an integer
+tick count. Two drivers: `CompiledDriver` calls the FMU's C functions from machine code,
+`ReferenceDriver` goes through fmpy's Python classes; both give the same bits.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from cosim.calls import INCOMPLETE, do_step, exchange_float64
+from cosim.fmu import FMI_OK, FMI_WARNING, Motor
+from cosim.jit import kernel
+from cosim.plant import (
+    RUNNING,
+    Plant,
+    RawSamples,
+    Samples,
+    State,
+    begin_period,
+    end_period,
+    sample_tick,
+    step_bodies,
+)
+
+
+class Progress(NamedTuple):
+    """How far an advance came.
+
+    Attributes:
+        periods: control periods completed.
+        event: RUNNING, COLLISION or OUT_OF_BOARD, as in cosim.plant.
+    """
+
+    periods: int
+    event: int
+
+
+class Driver(Protocol):
+    """Advances the coupled system; owns the motors' clock."""
+
+    motors: list[Motor]
+
+    def advance(
+        self,
+        plant: Plant,
+        state: State,
+        noise: np.ndarray,
+        samples: Samples,
+        raw: RawSamples,
+        first_tick: int,
+    ) -> Progress:
+        """Run whole control periods until an event.
+
+        Args:
+            plant: constants.
+            state: variables of N robots, changed in place.
+            noise: (n, N, 2) speed noise of n periods, rad/s.
+            samples: room for n periods.
+            raw: room for a burst of the first m ticks.
+            first_tick: ticks since t = 0.
+
+        Raises:
+            FmuError: an FMU refused a call; names the instance, the time and its log message.
+        """
+        ...
+
+
+class ReferenceDriver:
+    """Steps the FMUs through fmpy's Python classes."""
+
+    def __init__(self, motors: list[Motor]) -> None:
+        self.motors = motors
+
+    def advance(
+        self,
+        plant: Plant,
+        state: State,
+        noise: np.ndarray,
+        samples: Samples,
+        raw: RawSamples,
+        first_tick: int,
+    ) -> Progress:
+        """See `Driver.advance`."""
+        shape = state.inputs.shape[:2]
+        slots = [(motor, np.unravel_index(i, shape)) for i, motor in enumerate(self.motors)]
+        dt, tick = plant.body.dt, 0
+        for period in range(len(noise)):
+            begin_period(plant, state, noise[period])
+            for motor, slot in slots:
+                motor.set_inputs(state.inputs[slot], first_tick + tick, dt)
+            for _ in range(plant.ticks_per_period):
+                for motor, slot in slots:
+                    motor.step(first_tick + tick, dt)
+                    state.outputs[slot] = motor.outputs(first_tick + tick, dt)
+                step_bodies(plant, state)
+                if tick < len(raw.omega):
+                    sample_tick(plant, state, raw, tick)
+                tick += 1
+            for motor, slot in slots:
+                state.electrical[slot] = motor.electrical(first_tick + tick, dt)
+            event = end_period(plant, state, samples, period)
+            if event != RUNNING:
+                return Progress(period + 1, event)
+        return Progress(len(noise), RUNNING)
+
+
+class Calls(NamedTuple):
+    """What compiled code needs to reach the FMUs; integers are addresses.
+
+    Attributes:
+        instances: (M,) int64, one per motor, robots outermost.
+        set_float64, do_step, get_float64: functions of the binary.
+        inputs, outputs, electrical: arrays of value references (uint32).
+    """
+
+    instances: np.ndarray
+    set_float64: int
+    do_step: int
+    get_float64: int
+    inputs: np.ndarray
+    outputs: np.ndarray
+    electrical: np.ndarray
+
+
+class CompiledDriver:
+    """Steps the FMUs by calling their C functions from a compiled loop."""
+
+    def __init__(self, motors: list[Motor]) -> None:
+        self.motors = motors
+        fmu, functions = motors[0].fmu, motors[0].addresses
+        instances = np.array([motor.instance for motor in motors], dtype=np.int64)
+        self._calls = Calls(instances, *functions, fmu.inputs, fmu.outputs, fmu.electrical)
+
+    def advance(
+        self,
+        plant: Plant,
+        state: State,
+        noise: np.ndarray,
+        samples: Samples,
+        raw: RawSamples,
+        first_tick: int,
+    ) -> Progress:
+        """See `Driver.advance`."""
+        periods, event, motor, status = run_periods(
+            plant, state, noise, samples, raw, self._calls, first_tick
+        )
+        if status > FMI_WARNING:
+            what = "asked to stop" if status == INCOMPLETE else f"failed (fmi3Status {status})"
+            tick = first_tick + periods
+            raise self.motors[motor].error(tick * plant.body.dt, what)
+        return Progress(periods, event)
+
+
+@kernel
+def run_periods(
+    plant: Plant,
+    state: State,
+    noise: np.ndarray,
+    samples: Samples,
+    raw: RawSamples,
+    calls: Calls,
+    first_tick: int,
+) -> tuple[int, int, int, int]:
+    """The loop of `CompiledDriver`; arguments as for `Driver.advance`.
+
+    Returns:
+        Periods completed, event, and of a failed call the motor's index and the fmi3Status; after
+        a failure the first number is the tick of the failure, counted from `first_tick`.
+    """
+    motors = calls.instances.shape[0]
+    set_inputs, get_values, step = calls.set_float64, calls.get_float64, calls.do_step
+    input_references, input_count = calls.inputs.ctypes.data, calls.inputs.shape[0]
+    output_references, output_count = calls.outputs.ctypes.data, calls.outputs.shape[0]
+    electrical_references, electrical_count = calls.electrical.ctypes.data, 2
+    inputs, outputs = state.inputs.ctypes.data, state.outputs.ctypes.data
+    electrical = state.electrical.ctypes.data
+    dt = plant.body.dt
+    tick = 0
+    for period in range(noise.shape[0]):
+        begin_period(plant, state, noise[period])
+        for motor in range(motors):
+            status = exchange_float64(
+                set_inputs,
+                calls.instances[motor],
+                input_references,
+                input_count,
+                inputs + motor * input_count * 8,
+            )
+            if status > FMI_WARNING:
+                return tick, RUNNING, motor, status
+        for _ in range(plant.ticks_per_period):
+            for motor in range(motors):
+                instance = calls.instances[motor]
+                status = do_step(step, instance, (first_tick + tick) * dt, dt)
+                if status > FMI_WARNING:
+                    return tick, RUNNING, motor, status
+                status = exchange_float64(
+                    get_values,
+                    instance,
+                    output_references,
+                    output_count,
+                    outputs + motor * output_count * 8,
+                )
+                if status > FMI_WARNING:
+                    return tick, RUNNING, motor, status
+            step_bodies(plant, state)
+            if tick < raw.omega.shape[0]:
+                sample_tick(plant, state, raw, tick)
+            tick += 1
+        for motor in range(motors):
+            status = exchange_float64(
+                get_values,
+                calls.instances[motor],
+                electrical_references,
+                electrical_count,
+                electrical + motor * electrical_count * 8,
+            )
+            if status > FMI_WARNING:
+                return tick, RUNNING, motor, status
+        event = end_period(plant, state, samples, period)
+        if event != RUNNING:
+            return period + 1, event, 0, FMI_OK
+    return noise.shape[0], RUNNING, 0, FMI_OK
