@@ -116,13 +116,14 @@ def load_table() -> Table:
 
 def _variable(causality: str, reference: int, row: dict[str, Any]) -> Variable:
     row = dict(row)
+    row["type"] = row.get("type", "Float64")
     row["items"] = tuple((item["name"], item["description"]) for item in row.get("items", ()))
     if record := row.pop("record", None):
         value, quantity = params.describe(getattr(params, record))[row.pop("field", row["name"])]
         row = {"description": quantity.description, "unit": quantity.unit, "start": value} | row
     elif causality in {"input", "parameter"}:
         row = {"start": 0.0} | row
-    return Variable(causality=causality, reference=reference, **({"type": "Float64"} | row))
+    return Variable(causality=causality, reference=reference, **row)
 
 
 def render_header(table: Table, token: str) -> str:

@@ -1,0 +1,134 @@
+"""Fig. 7, sticking and anti-windup, on the FMU itself."""
+
+import control
+import numpy as np
+import pytest
+
+from cosim.params import FIG_7, TABLE_II, breakaway_voltage, motor_gain, motor_time_constant
+
+TAU_S = motor_time_constant(TABLE_II)
+# Speed that a disturbance torque shifts the open loop by: d R / (bR + K_T²), in rad/s.
+OFFSET = FIG_7.d * motor_gain(TABLE_II) * TABLE_II.R / TABLE_II.K_T
+# Semi-implicit Euler at 1e-5 s on time constants of 5 ms and more: errors of order h / (2 tau).
+EULER = 1e-3
+OUTPUTS_AND_INTEGRAL = ("theta", "omega", "omega_dot", "V_s", "i", "integral")
+
+
+def open_loop(rig, d: float, duration_s: float = 2.0):
+    return rig(closed_loop=False, V_in=FIG_7.open_loop_V, d=d).run(duration_s)
+
+
+def closed_loop(rig, d: float, duration_s: float = 6.0):
+    return rig(omega_des=FIG_7.omega_des, d=d).run(duration_s)
+
+
+def test_closed_forms_are_the_published_ones():
+    assert pytest.approx(0.174, abs=5e-4) == TAU_S
+    assert pytest.approx(65.0, abs=0.5) == OFFSET
+    assert breakaway_voltage(TABLE_II) == pytest.approx(0.39, abs=0.005)
+
+
+def test_open_loop_rises_with_the_motor_time_constant(rig):
+    time_s, y = open_loop(rig, d=0.0)
+    remaining = y["omega"][-200:].mean() - y["omega"]
+    # Above 300 rad/s the ripple of the turning mass is small beside the rise.
+    window = (y["omega"] > 300.0) & (remaining > 20.0)
+    slope = np.polyfit(time_s[window], np.log(remaining[window]), 1)[0]
+    assert -1.0 / slope == pytest.approx(TAU_S, rel=0.02)
+    reached = time_s[np.argmax(y["omega"] > 0.632 * FIG_7.omega_des)]
+    assert reached == pytest.approx(TAU_S, rel=0.05)
+
+
+def test_open_loop_settles_off_by_the_disturbance(rig):
+    final = {d: open_loop(rig, d)[1]["omega"][-200:].mean() for d in (0.0, FIG_7.d, -FIG_7.d)}
+    assert final[0.0] == pytest.approx(FIG_7.omega_des, abs=1.0)
+    assert final[FIG_7.d] - final[0.0] == pytest.approx(OFFSET, rel=0.01)
+    assert final[0.0] - final[-FIG_7.d] == pytest.approx(OFFSET, rel=0.01)
+    assert final[FIG_7.d] == pytest.approx(764.0, abs=2.0)
+    assert final[-FIG_7.d] == pytest.approx(633.0, abs=2.0)
+
+
+@pytest.mark.parametrize("d", [0.0, FIG_7.d, -FIG_7.d])
+def test_closed_loop_recovers_the_set_point_within_the_voltage(rig, d):
+    time_s, y = closed_loop(rig, d)
+    rise_s = time_s[np.argmax(y["omega"] > 0.9 * FIG_7.omega_des)]
+    assert rise_s == pytest.approx(0.024, rel=0.15)
+    assert rise_s < 0.1 * TAU_S * np.log(10.0)
+    assert y["omega"][time_s > 5.0].mean() == pytest.approx(FIG_7.omega_des, abs=0.1)
+    assert np.abs(y["V_s"]).max() == TABLE_II.V_s_max
+    saturated_s = time_s[y["V_s"] == TABLE_II.V_s_max]
+    assert 0.010 < saturated_s.max() < 0.020
+
+
+def test_closed_loop_ripples_with_the_eccentric_mass(rig):
+    speeds = closed_loop(rig, d=0.0)[1]["omega"][-500:]
+    assert np.ptp(speeds) / 2 == pytest.approx(1.9, abs=0.1)
+
+
+def test_plant_is_the_linear_one_without_friction_and_weight(rig):
+    plant = control.tf([motor_gain(TABLE_II)], [TAU_S, 1.0])
+    time_s, y = rig(closed_loop=False, V_in=1.0, c=0.0, m=0.0).run(1.0)
+    expected = control.step_response(plant, time_s).outputs
+    assert y["omega"] == pytest.approx(expected, abs=EULER * expected[-1])
+
+
+def test_loop_is_the_linear_one_without_friction_weight_and_saturation(rig):
+    plant = control.tf([motor_gain(TABLE_II)], [TAU_S, 1.0])
+    controller = control.tf([TABLE_II.K_p, TABLE_II.K_i], [1.0, 0.0])
+    set_point = 100.0
+    time_s, y = rig(omega_des=set_point, c=0.0, m=0.0).run(1.0)
+    assert y["V_s"].max() < TABLE_II.V_s_max
+    loop = control.feedback(plant * controller)
+    expected = set_point * control.step_response(loop, time_s).outputs
+    assert y["omega"] == pytest.approx(expected, abs=EULER * set_point)
+
+
+def test_shaft_sticks_up_to_the_breakaway_voltage(rig):
+    below = rig(closed_loop=False, V_in=0.999 * breakaway_voltage(TABLE_II)).run(0.1)[1]
+    assert not below["omega"].any()
+    assert not below["omega_dot"].any()
+    assert not below["theta"].any()
+    above = rig(closed_loop=False, V_in=1.001 * breakaway_voltage(TABLE_II)).run(0.1)[1]
+    # It creeps until the lifted mass holds it again.
+    assert above["theta"][-1] > 0.0
+
+
+@pytest.mark.parametrize("solver", [1, 2])
+def test_friction_holds_the_mass_up_and_stops_the_shaft_for_good(rig, solver):
+    held = rig(closed_loop=False, theta_start=1.5, solver=solver).run(0.1)[1]
+    assert (held["theta"] == 1.5).all()
+    stopped = rig(closed_loop=False, omega_start=100.0, solver=solver).run(0.2)[1]
+    at_rest = int(np.argmax(stopped["omega"] == 0.0))
+    assert 0 < at_rest < 100
+    assert not stopped["omega"][at_rest:].any()
+    assert not stopped["omega_dot"][at_rest:].any()
+
+
+@pytest.mark.parametrize("solver", [1, 2])
+def test_shaft_reverses_through_standstill(rig, solver):
+    motor = rig(closed_loop=False, V_in=1.0, solver=solver)
+    assert motor.run(0.5)[1]["omega"][-1] > 500.0
+    motor.set(V_in=-1.0)
+    assert motor.run(1.0)[1]["omega"][-1] < -500.0
+
+
+def test_integral_holds_while_the_voltage_is_saturated(rig):
+    motor = rig(omega_des=7000.0)
+    y = motor.run(1.0, names=("V_s", "integral"))[1]
+    assert (y["V_s"] == TABLE_II.V_s_max).all()
+    assert not y["integral"].any()
+    motor.set(omega_des=700.0)
+    speeds = motor.run(1.0)[1]["omega"]
+    # Had it grown by the 1 s of error above 2000 rad, 50 V would keep it from coming down.
+    assert speeds[-1] == pytest.approx(700.0, abs=15.0)
+
+
+def test_outputs_are_consistent_with_each_other(rig):
+    motor = rig(omega_des=300.0, omega_noise=20.0)
+    motor.run(0.3)
+    theta, omega, omega_dot, v_s, i, integral = motor.get(*OUTPUTS_AND_INTEGRAL)
+    p = TABLE_II
+    assert v_s == pytest.approx(p.K_p * (300.0 - omega - 20.0) + p.K_i * integral, rel=1e-12)
+    assert i == pytest.approx((v_s - p.K_T * omega) / p.R, rel=1e-12)
+    torque = p.K_T * i - p.b * omega - p.c - p.m * p.g * p.r * np.sin(theta)
+    assert omega_dot == pytest.approx(torque / p.J, rel=1e-9)
