@@ -6,6 +6,7 @@ tick count. Two drivers: `CompiledDriver` calls the FMU's C functions from machi
 `ReferenceDriver` goes through fmpy's Python classes; both give the same bits.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -224,3 +225,9 @@ def run_periods(
         if event != RUNNING:
             return period + 1, event, 0, FMI_OK
     return noise.shape[0], RUNNING, 0, FMI_OK
+
+
+DRIVERS: dict[str, Callable[[list[Motor]], Driver]] = {
+    "compiled": CompiledDriver,
+    "reference": ReferenceDriver,
+}

@@ -86,6 +86,17 @@ class TimingParams(NamedTuple):
         float, Quantity("s", "assumed: 1 kHz on-board controller", "steering period")
     ] = 1e-3
     rl_step_s: Annotated[float, Quantity("s", "Section V", "time between two decisions")] = 2.0
+    move_limit_s: Annotated[
+        float,
+        Quantity("s", "assumed: several times a turn and a cell", "time after which a move ends"),
+    ] = 40.0
+    episode_limit_s: Annotated[
+        float, Quantity("s", "assumed: none in the paper", "simulated time that ends an episode")
+    ] = 600.0
+    burst_s: Annotated[
+        float,
+        Quantity("s", "assumed: some turns of a motor", "start of an RL step sampled every tick"),
+    ] = 0.03
 
 
 class SteeringParams(NamedTuple):

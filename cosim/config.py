@@ -1,0 +1,112 @@
+"""The parameters of one co-simulation together, checked against each other."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from cosim.errors import UserError
+from cosim.params import (
+    SPEED_NOISE,
+    STEERING,
+    TABLE_I,
+    TABLE_II,
+    TIMING,
+    MotorParams,
+    NoiseParams,
+    RobotParams,
+    SteeringParams,
+    TimingParams,
+    describe,
+    lift_off_speed,
+)
+
+
+class ConfigError(UserError):
+    """Parameters that do not fit together; the message names the parameter and the mend."""
+
+
+@dataclass(frozen=True)
+class CoSimConfig:
+    """Everything but the scenario and the FMU that determines a co-simulation.
+
+    Attributes:
+        robot: body, feet and floor.
+        motor: eccentric masses for Eq. (3), and parameters of the FMU where they differ from
+            Table II.
+        noise: of the speed measurement.
+        timing: clock, decisions and limits.
+        steering: speeds and gains.
+
+    Raises:
+        ConfigError: a parameter is out of range, or a period is no multiple of the one below it.
+    """
+
+    robot: RobotParams = TABLE_I
+    motor: MotorParams = TABLE_II
+    noise: NoiseParams = SPEED_NOISE
+    timing: TimingParams = TIMING
+    steering: SteeringParams = STEERING
+
+    def __post_init__(self) -> None:
+        for record in (self.robot, self.motor, self.noise, self.timing, self.steering):
+            for name, value in record._asdict().items():
+                if not 0.0 <= value < float("inf"):
+                    raise ConfigError(f"{name} = {value} must be finite and not negative")
+        for record, names in (
+            (self.robot, ("mass_kg", "diameter_m", "height_m", "com_height_m", "foot_radius_m")),
+            (self.motor, ("J", "R", "g")),
+            (self.timing, ("dt_s", "control_period_s", "rl_step_s", "episode_limit_s")),
+            (self.steering, ("lookahead_m",)),
+        ):
+            for name in names:
+                if getattr(record, name) == 0.0:
+                    raise ConfigError(f"{name} must be positive")
+        whole_ratio("control_period_s", self.timing.control_period_s, "dt_s", self.timing.dt_s)
+        whole_ratio(
+            "rl_step_s", self.timing.rl_step_s, "control_period_s", self.timing.control_period_s
+        )
+        whole_ratio("hold_s", self.noise.hold_s, "control_period_s", self.timing.control_period_s)
+        limit = lift_off_speed(self.robot, self.motor)
+        for name in ("drive_speed_rad_s", "turn_speed_rad_s"):
+            speed = getattr(self.steering, name)
+            if speed >= limit:
+                raise ConfigError(
+                    f"{name} = {speed:g} rad/s would make the robot hop; "
+                    f"stay below lift-off at {limit:.0f} rad/s"
+                )
+
+    @property
+    def ticks_per_period(self) -> int:
+        """Communication steps per control period."""
+        return round(self.timing.control_period_s / self.timing.dt_s)
+
+    @property
+    def periods_per_step(self) -> int:
+        """Control periods per RL step."""
+        return round(self.timing.rl_step_s / self.timing.control_period_s)
+
+    @property
+    def periods_per_noise_value(self) -> int:
+        """Control periods for which one noise value holds."""
+        return round(self.noise.hold_s / self.timing.control_period_s)
+
+    def table(self) -> dict[str, dict[str, Any]]:
+        """Value, unit, source and description of every parameter, by its name."""
+        return {
+            name: {"value": value} | quantity._asdict()
+            for record in (self.robot, self.motor, self.noise, self.timing, self.steering)
+            for name, (value, quantity) in describe(record).items()
+        }
+
+
+def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:
+    """The ratio period/base as the whole number it must be.
+
+    Raises:
+        ConfigError: it is not one; the message names both.
+    """
+    ratio = round(period / base)
+    if ratio < 1 or abs(period - ratio * base) > 1e-9 * period:
+        raise ConfigError(
+            f"{name} = {period:g} s is no whole multiple of {base_name} = {base:g} s; change one"
+        )
+    return ratio

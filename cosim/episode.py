@@ -1,0 +1,307 @@
+"""RL steps of 2 s on top of the master: observe, act, terminate.
+
+An action aims at the centre of the neighbouring cell and stays in force until the robot gets there
+or a time limit passes; policies are asked every RL step, and a robot on its way ignores the answer.
+A cell belongs to the robot whose centre is in it; distance class and gradient sign are those of
+the cells. Nothing here learns or records.
+"""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from cosim.body import body_params, standing_state
+from cosim.config import CoSimConfig
+from cosim.features import (
+    DIRECTION_COUNT,
+    DIRECTIONS,
+    LARGE,
+    Observation,
+    distance_class,
+    distance_thresholds,
+    gradient_sign,
+)
+from cosim.fmu import MotorFmu
+from cosim.forces import motor_mounts
+from cosim.master import DRIVERS
+from cosim.params import TABLE_II
+from cosim.plant import (
+    COLLISION,
+    OUT_OF_BOARD,
+    Plant,
+    RawSamples,
+    Samples,
+    new_raw_samples,
+    new_samples,
+    new_state,
+)
+from cosim.rotation import heading
+from cosim.scenario import Cell, Scenario
+from cosim.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
+
+OUTCOMES = ("success", "collision", "out_of_board", "timeout")
+# Positions this far apart in time make the path length: shorter ones would add up the vibration.
+PATH_SAMPLING_S = 0.1
+MOTOR_NAMES = ("D", "E")
+
+
+class Policy(Protocol):
+    """What the co-simulation needs of an agent."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Direction index of each robot, shape (N,)."""
+        ...
+
+
+class Step(NamedTuple):
+    """One RL step of the co-simulation.
+
+    Attributes:
+        number: of the step, from 0.
+        first_tick: ticks of dt before the step.
+        before, after: observations at its start and end.
+        action: (N,) direction index in force during the step, −1 for a robot that arrived before.
+        decided: (N,) whether the action was adopted at the start of this step.
+        completed: (N,) whether the robot ended its move within this step.
+        samples: signals at every control period that was simulated.
+        raw: signals at every tick of the burst at the start of the step.
+        outcome: of the episode, one of OUTCOMES, or "" while it goes on.
+    """
+
+    number: int
+    first_tick: int
+    before: Observation
+    after: Observation
+    action: np.ndarray
+    decided: np.ndarray
+    completed: np.ndarray
+    samples: Samples
+    raw: RawSamples
+    outcome: str
+
+
+class CoSimulation:
+    """Robots, motors and floor of one scenario, advanced in RL steps.
+
+    Attributes:
+        scenario, config: as given.
+        outcome: of the episode, "" before its end.
+        time_s: simulated time.
+        path_length_m: (N,) way of each robot's centre.
+
+    Raises:
+        FmuError: the FMU cannot be loaded or lacks a part of the motor interface.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        motor_fmu: Path,
+        config: CoSimConfig | None = None,
+        driver: str = "compiled",
+    ) -> None:
+        self.scenario = scenario
+        self.config = config or CoSimConfig()
+        self._fmu = MotorFmu(motor_fmu)
+        self._driver_class = DRIVERS[driver]
+        self._driver: Any = None
+        self._thresholds = distance_thresholds(scenario)
+        robot, motor, timing = self.config.robot, self.config.motor, self.config.timing
+        width, height = scenario.size_m
+        self._plant = Plant(
+            body_params(robot, motor, timing.dt_s),
+            *motor_mounts(robot, motor),
+            self.config.steering,
+            robot.diameter_m,
+            width,
+            height,
+            self.config.ticks_per_period,
+        )
+
+    def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence) -> Observation:
+        """Put the robots on their start cells, facing the board's centre row, motors at rest.
+
+        Args:
+            starts: start cell of each robot.
+            seed: of the speed noise; every motor gets a child of its own.
+        """
+        n = self.scenario.robots
+        self.close()
+        self._state = new_state(n)
+        for robot, cell in enumerate(starts):
+            x, y = self.scenario.centre_m(cell)
+            # Assumed: robots are set down facing the middle of the board.
+            facing = math.copysign(math.pi / 2.0, self.scenario.size_m[1] / 2.0 - y)
+            self._state.bodies[robot] = standing_state(self.config.robot, x, y, facing)
+        parameters = {
+            name: value
+            for name, value in self.config.motor._asdict().items()
+            if value != getattr(TABLE_II, name)
+        }
+        names = [f"r{robot + 1}.{motor}" for robot in range(n) for motor in MOTOR_NAMES]
+        self._driver = self._driver_class([self._fmu.instantiate(k, parameters) for k in names])
+        self._noise = [np.random.default_rng(child) for child in seed.spawn(len(names))]
+        self._step = self._tick = 0
+        self._arrived = np.zeros(n, dtype=bool)
+        self._moving_since = np.zeros(n)
+        self._action = np.full(n, -1)
+        self._squared_at_decision = self._squared_distances(self._cells())
+        self._path_positions = [self._state.bodies[:, :2].copy()]
+        self.path_length_m = np.zeros(n)
+        self.outcome = ""
+        self._observation = self._observe()
+        return self._observation
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time in s."""
+        return self._tick * self.config.timing.dt_s
+
+    @property
+    def arrived(self) -> np.ndarray:
+        """Which robots have reached their targets, shape (N,), bool."""
+        return self._arrived.copy()
+
+    def advance(self, action: np.ndarray) -> Step:
+        """Simulate one RL step.
+
+        Args:
+            action: (N,) direction index of each robot; a robot on its way keeps its own.
+
+        Raises:
+            FmuError: an FMU failed; names the instance and the time.
+        """
+        before, state = self._observation, self._state
+        decided = self._adopt(action)
+        in_force = self._action.copy()
+        periods = self.config.periods_per_step
+        samples = new_samples(periods, self.scenario.robots)
+        burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
+        raw = new_raw_samples(
+            min(burst, periods * self.config.ticks_per_period), self.scenario.robots
+        )
+        was_moving = state.commands[:, MODE] != HOLD
+        first_tick = self._tick
+        done, event = self._driver.advance(
+            self._plant, state, self._draw_noise(periods), samples, raw, first_tick
+        )
+        self._tick += done * self.config.ticks_per_period
+        samples = Samples(*(signal[:done] for signal in samples))
+        self._measure_path(samples)
+
+        completed = was_moving & (state.commands[:, MODE] == HOLD)
+        at_target = (self._cells() == np.array(self.scenario.targets)).all(axis=1)
+        self._arrived |= completed & at_target
+        self.outcome = self._judge(event)
+        self._observation = self._observe()
+        step = Step(
+            self._step,
+            first_tick,
+            before,
+            self._observation,
+            in_force,
+            decided,
+            completed,
+            samples,
+            raw,
+            self.outcome,
+        )
+        self._step += 1
+        return step
+
+    def close(self) -> None:
+        """Free the FMU instances."""
+        if self._driver is not None:
+            for motor in self._driver.motors:
+                motor.close()
+            self._driver = None
+
+    def _adopt(self, action: np.ndarray) -> np.ndarray:
+        """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
+        commands, cells = self._state.commands, self._cells()
+        late = self.time_s - self._moving_since >= self.config.timing.move_limit_s
+        decided = ~self._arrived & ((commands[:, MODE] == HOLD) | late)
+        squared = self._squared_distances(cells)
+        for robot in np.flatnonzero(decided):
+            cell = cells[robot] + DIRECTIONS[action[robot]]
+            commands[robot, [GOAL_X, GOAL_Y]] = self.scenario.centre_m((cell[0], cell[1]))
+            commands[robot, DIRECTION] = action[robot] * 2.0 * math.pi / DIRECTION_COUNT
+            commands[robot, MODE] = START
+            self._action[robot] = action[robot]
+            self._moving_since[robot] = self.time_s
+            self._squared_at_decision[robot] = squared[robot]
+        self._action[self._arrived] = -1
+        return decided
+
+    def _draw_noise(self, periods: int) -> np.ndarray:
+        """Speed noise of one RL step, shape (periods, N, 2), rad/s (Section V)."""
+        hold = self.config.periods_per_noise_value
+        amplitude = self.config.noise.relative_amplitude * self.config.steering.drive_speed_rad_s
+        values = np.stack(
+            [r.uniform(-amplitude, amplitude, math.ceil(periods / hold)) for r in self._noise],
+            axis=1,
+        )
+        held = np.repeat(values, hold, axis=0)[:periods]
+        return np.ascontiguousarray(held.reshape(periods, self.scenario.robots, len(MOTOR_NAMES)))
+
+    def _cells(self) -> np.ndarray:
+        return np.floor(self._state.bodies[:, :2] / self.scenario.cell_m).astype(np.int64)
+
+    def _squared_distances(self, cells: np.ndarray) -> np.ndarray:
+        """Squared distance in cells² of each robot to the nearest other, shape (N,)."""
+        squared = ((cells[:, None] - cells[None]) ** 2).sum(axis=2)
+        np.fill_diagonal(squared, np.iinfo(np.int64).max)
+        return squared.min(axis=1)
+
+    def _observe(self) -> Observation:
+        cells = self._cells()
+        squared = self._squared_distances(cells)
+        alone = self.scenario.robots == 1
+        previous = self._squared_at_decision
+        angles = [heading(tuple(body[3:7])) for body in self._state.bodies]
+        sector = 2.0 * math.pi / DIRECTION_COUNT
+        return Observation(
+            cells,
+            np.array([LARGE if alone else distance_class(s, self._thresholds) for s in squared]),
+            np.array(
+                [
+                    gradient_sign(s, p)
+                    for s, p in zip(squared, self._squared_at_decision, strict=True)
+                ]
+            ),
+            np.round(np.array(angles) / sector).astype(np.int64) % DIRECTION_COUNT,
+        )
+
+    def _judge(self, event: int) -> str:
+        if event == COLLISION:
+            return "collision"
+        if event == OUT_OF_BOARD:
+            return "out_of_board"
+        if self._arrived.all():
+            return "success"
+        return "timeout" if self.time_s >= self.config.timing.episode_limit_s else ""
+
+    def _measure_path(self, samples: Samples) -> None:
+        every = max(1, round(PATH_SAMPLING_S / self.config.timing.control_period_s))
+        for position in samples.position[every - 1 :: every, :, :2]:
+            self.path_length_m += np.linalg.norm(position - self._path_positions[-1], axis=1)
+            self._path_positions.append(position)
+
+
+def run_episode(
+    system: CoSimulation,
+    policy: Policy,
+    starts: tuple[Cell, ...],
+    seed: np.random.SeedSequence,
+    observe_step: Callable[[Step], None],
+) -> str:
+    """Run one episode and return its outcome; `observe_step` sees every RL step."""
+    observation = system.reset(starts, seed)
+    while not system.outcome:
+        step = system.advance(policy.act(observation))
+        observation = step.after
+        observe_step(step)
+    return system.outcome
