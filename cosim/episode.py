@@ -260,7 +260,6 @@ class CoSimulation:
         cells = self._cells()
         squared = self._squared_distances(cells)
         alone = self.scenario.robots == 1
-        previous = self._squared_at_decision
         angles = [heading(tuple(body[3:7])) for body in self._state.bodies]
         sector = 2.0 * math.pi / DIRECTION_COUNT
         return Observation(

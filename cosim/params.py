@@ -47,6 +47,12 @@ class RobotParams(NamedTuple):
     motor_axis_height_m: Annotated[
         float, Quantity("m", "Table I", "vibration motor axis above the floor")
     ] = 0.003
+    motor_diameter_m: Annotated[
+        float, Quantity("m", "Table I", "vibration motor body diameter")
+    ] = 0.0044
+    motor_length_m: Annotated[float, Quantity("m", "Table I", "vibration motor body length")] = (
+        0.0102
+    )
     com_height_m: Annotated[
         float,
         Quantity("m", "assumed: battery and motors sit low", "centre of mass above the floor"),
@@ -95,8 +101,8 @@ class TimingParams(NamedTuple):
     ] = 600.0
     burst_s: Annotated[
         float,
-        Quantity("s", "assumed: some turns of a motor", "start of an RL step sampled every tick"),
-    ] = 0.03
+        Quantity("s", "assumed: 1.5 motor turns", "start of an RL step recorded at every tick"),
+    ] = 0.01
 
 
 class SteeringParams(NamedTuple):

@@ -103,14 +103,13 @@ class RawSamples(NamedTuple):
     """Signals at every tick of a short burst of m ticks; float64, SI units.
 
     Attributes:
-        omega, theta: (m, N, 2), motors D and E.
+        omega: (m, N, 2), motors D and E.
         position: (m, N, 3) of the centre of mass.
         normal: (m, N, 3) normal forces of A, B, C in N.
         friction: (m, N, 6) friction forces, x and y in the body frame of A, B, C in N.
     """
 
     omega: np.ndarray
-    theta: np.ndarray
     position: np.ndarray
     normal: np.ndarray
     friction: np.ndarray
@@ -132,7 +131,7 @@ def new_samples(periods: int, robots: int) -> Samples:
 
 def new_raw_samples(ticks: int, robots: int) -> RawSamples:
     """Room for a burst of `ticks` ticks."""
-    shapes = [(MOTORS,), (MOTORS,), (3,), (FEET,), (2 * FEET,)]
+    shapes = [(MOTORS,), (3,), (FEET,), (2 * FEET,)]
     return RawSamples(*(np.zeros((ticks, robots, *shape)) for shape in shapes))
 
 
@@ -185,7 +184,6 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
         body = state.bodies[robot]
         raw.position[row, robot] = body[0:3]
         for motor in range(MOTORS):
-            raw.theta[row, robot, motor] = state.outputs[robot, motor, 0]
             raw.omega[row, robot, motor] = state.outputs[robot, motor, 1]
         for foot in range(FEET):
             raw.normal[row, robot, foot] = body[13 + foot] / plant.body.dt

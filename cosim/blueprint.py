@@ -1,0 +1,138 @@
+"""What the Rerun viewer shows when a recording is opened: the layout of views.
+
+Entity paths are listed one by one: wildcards inside a path match nothing, without a warning.
+"""
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+_ALWAYS = rrb.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
+_WHOLE_TIME = rrb.TimeAxis(view_range=_ALWAYS)
+# A burst is short: show what lies around the time cursor.
+_AROUND_CURSOR = rrb.TimeAxis(
+    view_range=rrb.TimeRange(
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-0.002),
+        end=rr.TimeRangeBoundary.cursor_relative(seconds=0.022),
+    )
+)
+
+
+def robot_names(robots: int) -> list[str]:
+    """Names of the robots in entity paths: r1, r2 and so on."""
+    return [f"r{robot + 1}" for robot in range(robots)]
+
+
+def episode_blueprint(robots: int) -> rrb.Blueprint:
+    """Arena above an action timeline on the left, tabs of plots on the right."""
+    names = robot_names(robots)
+
+    def plots(title: str, *rows: tuple[str, str], time: rrb.TimeAxis = _WHOLE_TIME) -> rrb.Grid:
+        views = [
+            rrb.TimeSeriesView(
+                origin="/",
+                contents=[path.format(r=name)],
+                name=f"{label} · {name}",
+                axis_x=time,
+                plot_legend=rrb.PlotLegend(visible=True),
+            )
+            for label, path in rows
+            for name in names
+        ]
+        return rrb.Grid(*views, grid_columns=robots, name=title)
+
+    width, height = 0.3, 0.3
+    arena = rrb.Spatial3DView(
+        origin="/world",
+        name="arena",
+        eye_controls=rrb.EyeControls3D(
+            position=(width / 2, -0.16, 0.38), look_target=(width / 2, height / 2, 0.0)
+        ),
+        line_grid=rrb.LineGrid3D(visible=False),
+    )
+    timeline = rrb.StateTimelineView(
+        origin="/",
+        contents=[f"/rl/{name}/action" for name in names],
+        name="actions",
+        time_view=_WHOLE_TIME,
+    )
+    tabs = rrb.Tabs(
+        plots(
+            "motors",
+            ("speed rad/s", "/sim/{r}/motors/omega"),
+            ("set point rad/s", "/sim/{r}/motors/omega_des"),
+            ("voltage V", "/sim/{r}/motors/voltage"),
+            ("current A", "/sim/{r}/motors/current"),
+        ),
+        plots(
+            "motion",
+            ("position m", "/sim/{r}/position"),
+            ("heading rad", "/sim/{r}/heading"),
+            ("velocity m/s", "/sim/{r}/velocity"),
+            ("heading error rad", "/sim/{r}/heading_error"),
+        ),
+        plots(
+            "contact",
+            ("largest normal force N", "/sim/{r}/contact/normal_max"),
+            ("largest friction force N", "/sim/{r}/contact/friction_max"),
+            ("share of time with a foot in the air", "/sim/{r}/contact/lifted_share"),
+        ),
+        plots(
+            "bursts at every tick",
+            ("speed rad/s", "/raw/{r}/omega"),
+            ("normal force N", "/raw/{r}/normal"),
+            ("friction force N", "/raw/{r}/friction"),
+            time=_AROUND_CURSOR,
+        ),
+        plots(
+            "learning",
+            ("reward", "/rl/{r}/reward"),
+            ("return", "/rl/{r}/return"),
+            ("Q of the eight directions", "/rl/{r}/q_s"),
+            ("distance in cells", "/rl/{r}/distance"),
+        ),
+        rrb.Horizontal(
+            rrb.TextLogView(origin="/log", name="log"),
+            rrb.TextDocumentView(origin="/info/run", name="run"),
+            name="information",
+        ),
+        active_tab=0,
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(arena, timeline, row_shares=[3, 1]), tabs, column_shares=[2, 3]
+        ),
+        rrb.TimePanel(timeline="sim_time", state="collapsed"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def training_blueprint(robots: int) -> rrb.Blueprint:
+    """Learning curves on the left, value maps and visits on the right."""
+    names = robot_names(robots)
+    curves = [
+        rrb.TimeSeriesView(origin="/", contents=[f"/train/{path}"], name=title, axis_x=_WHOLE_TIME)
+        for path, title in (
+            ("success", "success rate"),
+            ("path_length", "path length cm"),
+            ("return", "return"),
+            ("epsilon", "exploration ε"),
+        )
+    ]
+    maps = [
+        rrb.Spatial2DView(origin=f"/q/{name}/{path}", name=f"{title} · {name}")
+        for path, title in (("value_map", "value"), ("policy", "policy"), ("visits", "visits"))
+        for name in names
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(*curves), rrb.Grid(*maps, grid_columns=robots), column_shares=[2, 3]
+        ),
+        rrb.TimePanel(timeline="episode", state="collapsed"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_layout=False,
+        auto_views=False,
+    )

@@ -1,0 +1,362 @@
+"""One co-simulated episode as a Rerun recording: the scene once, then every RL step's signals.
+
+Motor speeds and voltages are written at the control period (1 kHz), everything slower at 50 Hz
+(velocities and currents as means, contact forces as maxima over 20 ms), and the first 10 ms of
+every RL step at every tick.
+Colours, units and entity paths are decided here; the layout of views is in `cosim.blueprint`.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from cosim.blueprint import episode_blueprint, robot_names
+from cosim.config import CoSimConfig
+from cosim.contact import foot_positions
+from cosim.episode import Step
+from cosim.features import DIRECTION_COUNT, GRADIENT_SIGNS
+from cosim.plant import Samples
+from cosim.recording import Index, Recording, properties
+from cosim.scenario import Scenario
+
+# Okabe–Ito, safe for colour-blind readers; one per robot.
+ROBOT_COLOURS = np.array([0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF], dtype=np.uint32)
+_GREY, _LIGHT, _INK = 0x888888FF, 0x88888840, 0x222222FF
+_SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of the signals within one plot
+_EIGHT = [
+    *(0x0072B2FF, 0x56B4E9FF, 0x009E73FF, 0xF0E442FF),
+    *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
+]
+# A row costs 35 bytes whatever it holds: only what changes within a motor turn is written faster.
+SLOW_PERIOD_S = 0.02
+TRAIL_PERIOD_S = 0.5
+_METRES_PER_NEWTON = 0.03
+DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
+_ARRIVED = "at target"
+
+# Signals of vector entities: path below /sim/<robot>, names of the components.
+_SIM_SERIES = {
+    "motors/omega": ("D", "E"),
+    "motors/omega_des": ("D", "E"),
+    "motors/voltage": ("D", "E"),
+    "motors/current": ("D", "E"),
+    "motors/theta": ("D", "E"),
+    "position": ("x", "y"),
+    "heading": ("heading",),
+    "velocity": ("x", "y"),
+    "heading_error": ("heading error",),
+    "contact/normal_max": ("A", "B", "C"),
+    "contact/friction_max": ("A", "B", "C"),
+    "contact/lifted_share": ("share",),
+}
+_RAW_SERIES = {
+    "omega": ("D", "E"),
+    "position": ("x", "y", "z"),
+    "normal": ("A", "B", "C"),
+    "friction": ("A x", "A y", "B x", "B y", "C x", "C y"),
+}
+
+
+class EpisodeRecorder:
+    """Writes one episode; a context manager that completes the file, also after an error.
+
+    Args:
+        path: of the recording.
+        scenario: board, targets, number of robots.
+        config: parameters.
+        recording_id: identity of the recording; equal runs use equal ones.
+        facts: seed, versions and what else identifies the run, for the properties and `/info/run`.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        scenario: Scenario,
+        config: CoSimConfig,
+        recording_id: str,
+        facts: dict[str, Any],
+    ) -> None:
+        self._names = robot_names(scenario.robots)
+        self._config = config
+        self._return = np.zeros(scenario.robots)
+        self._trail: list[np.ndarray] = []
+        self.file = Recording(path, recording_id, episode_blueprint(scenario.robots))
+        self.file.stream.send_property("episode", properties(facts))
+        self._write_scene(scenario)
+        self._write_styles()
+        self.file.static(
+            "/info/run", rr.TextDocument(_run_document(facts, config), media_type="text/markdown")
+        )
+
+    def __enter__(self) -> "EpisodeRecorder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.file.close()
+
+    def write(self, step: Step, q_values: np.ndarray, reward: np.ndarray) -> None:
+        """Write one RL step.
+
+        Args:
+            step: what the co-simulation returned.
+            q_values: (N, 8) action values of the observation before the step.
+            reward: (N,) reward of a move completed in the step, NaN where none was.
+
+        Raises:
+            RecordingError: the disk is full.
+        """
+        self.file.check_space()
+        dt, period = self._config.timing.dt_s, self._config.timing.control_period_s
+        start_s = step.first_tick * dt
+        count = len(step.samples.omega)
+        time_s = (step.first_tick + self._config.ticks_per_period * np.arange(1, count + 1)) * dt
+        raw_time_s = (step.first_tick + np.arange(1, len(step.raw.omega) + 1)) * dt
+        every = max(1, round(SLOW_PERIOD_S / period))
+        self._trail.extend(step.samples.position[:: round(TRAIL_PERIOD_S / period)])
+        for robot, name in enumerate(self._names):
+            self._write_signals(name, robot, step.samples, time_s, every)
+            for signal in _RAW_SERIES:
+                values = getattr(step.raw, signal)[:, robot]
+                entity = f"/raw/{name}/{signal}"
+                self.file.columns(entity, Index(raw_time_s), _scalars(values))
+            self._write_poses(name, robot, step.samples, time_s, every)
+            self._write_decision(name, robot, step, q_values[robot], start_s)
+            self._write_outcome(name, robot, step, reward[robot], float(time_s[-1]))
+        if step.outcome:
+            self._log(f"episode ends: {step.outcome}", step.number, float(time_s[-1]))
+        self.file.flush()
+
+    def _write_signals(
+        self, name: str, robot: int, samples: Samples, time_s: np.ndarray, every: int
+    ) -> None:
+        def send(signal: str, values: np.ndarray, times: np.ndarray) -> None:
+            self.file.columns(f"/sim/{name}/{signal}", Index(times), _scalars(values))
+
+        blocks = len(time_s) // every
+        slow = slice(every - 1, blocks * every, every)
+
+        def by_block(signal: str) -> np.ndarray:
+            values = getattr(samples, signal)[: blocks * every, robot]
+            return values.reshape(blocks, every, *values.shape[1:])
+
+        w, x, y, z = samples.quaternion[slow, robot].T
+        heading = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+        send("motors/omega", samples.omega[:, robot], time_s)
+        send("motors/voltage", samples.voltage[:, robot], time_s)
+        send("motors/current", by_block("current").mean(axis=1), time_s[slow])
+        send("motors/omega_des", samples.omega_des[slow, robot], time_s[slow])
+        send("motors/theta", samples.theta[slow, robot], time_s[slow])
+        send("position", samples.position[slow, robot, :2], time_s[slow])
+        send("velocity", by_block("velocity")[..., :2].mean(axis=1), time_s[slow])
+        send("heading", heading, time_s[slow])
+        send("heading_error", samples.heading_error[slow, robot], time_s[slow])
+        send("contact/normal_max", by_block("normal_max").max(axis=1), time_s[slow])
+        send("contact/friction_max", by_block("friction_max").max(axis=1), time_s[slow])
+        send("contact/lifted_share", by_block("lifted_share").mean(axis=1), time_s[slow])
+
+    def _write_poses(
+        self, name: str, robot: int, samples: Samples, time_s: np.ndarray, every: int
+    ) -> None:
+        slow = slice(every - 1, None, every)
+        index = Index(time_s[slow])
+        quaternion = np.roll(
+            samples.quaternion[slow, robot], -1, axis=1
+        )  # Rerun wants (x, y, z, w)
+        self.file.columns(
+            f"/world/{name}/robot",
+            index,
+            rr.Transform3D.columns(
+                translation=samples.position[slow, robot], quaternion=quaternion
+            ),
+        )
+        normal = samples.normal_max[slow, robot]
+        arrows = np.zeros((len(normal), 3, 3))
+        arrows[:, :, 2] = _METRES_PER_NEWTON * normal
+        columns = rr.Arrows3D.columns(vectors=arrows.reshape(-1, 3))
+        self.file.columns(
+            f"/world/{name}/robot/contact", index, columns.partition([3] * len(normal))
+        )
+        trail = np.array(self._trail)[:, robot].copy()
+        trail[:, 2] = 0.0005  # on the floor
+        self.file.columns(
+            f"/world/{name}/trail", Index(time_s[-1]), rr.LineStrips3D.columns(strips=[trail])
+        )
+
+    def _write_decision(
+        self, name: str, robot: int, step: Step, q_values: np.ndarray, time_s: float
+    ) -> None:
+        index = Index(np.array([time_s]), np.array([step.number]))
+        self._write_observation(name, robot, step.before, index)
+        action = int(step.action[robot])
+        state = DIRECTION_NAMES[action] if action >= 0 else _ARRIVED
+        self.file.columns(f"/rl/{name}/action", index, rr.StateChange.columns(state=[state]))
+        self.file.columns(f"/rl/{name}/q_s", index, _scalars(q_values[None]))
+        if step.decided[robot]:
+            x, y = step.before.cells[robot]
+            self._log(f"{name} in cell ({x}, {y}) heads for {state}", step.number, time_s)
+
+    def _write_observation(self, name: str, robot: int, observation: Any, index: Index) -> None:
+        self.file.columns(f"/rl/{name}/cell", index, _scalars(observation.cells[robot][None]))
+        if len(self._names) > 1:
+            distances = np.linalg.norm(observation.cells - observation.cells[robot], axis=1)
+            nearest = np.delete(distances, robot).min()
+            self.file.columns(f"/rl/{name}/distance", index, _scalars(np.array([[nearest]])))
+        sign = GRADIENT_SIGNS[int(observation.gradient_sign[robot]) + 1]
+        self.file.columns(f"/rl/{name}/gradient", index, rr.StateChange.columns(state=[sign]))
+
+    def _write_outcome(
+        self, name: str, robot: int, step: Step, reward: float, time_s: float
+    ) -> None:
+        index = Index(np.array([time_s]), np.array([step.number]))
+        if step.outcome:
+            self._write_observation(name, robot, step.after, index)
+        if np.isnan(reward):
+            return
+        self._return[robot] += reward
+        self.file.columns(f"/rl/{name}/reward", index, _scalars(np.array([[reward]])))
+        self.file.columns(f"/rl/{name}/return", index, _scalars(self._return[robot].reshape(1, 1)))
+        x, y = step.after.cells[robot]
+        text = f"{name} ends its move in cell ({x}, {y}), reward {reward:.2f}"
+        self._log(text, step.number, time_s)
+
+    def _log(self, text: str, rl_step: int, time_s: float) -> None:
+        index = Index(np.array([time_s]), np.array([rl_step]))
+        self.file.columns("/log", index, rr.TextLog.columns(text=[text], level=["INFO"]))
+
+    def _write_scene(self, scenario: Scenario) -> None:
+        width, height = scenario.size_m
+        cell = scenario.cell_m
+        lines = [[(x * cell, 0, 0), (x * cell, height, 0)] for x in range(scenario.columns + 1)]
+        lines += [[(0, y * cell, 0), (width, y * cell, 0)] for y in range(scenario.rows + 1)]
+        file = self.file
+        file.static("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        file.static("/world/board", rr.LineStrips3D(lines, colors=_LIGHT, radii=0.0001))
+        left, bottom, right, top = scenario.zone
+        zone = np.array([left, bottom, right + 1, top + 1]) * cell
+        centre = [(zone[0] + zone[2]) / 2, (zone[1] + zone[3]) / 2, 0.0]
+        half = [(zone[2] - zone[0]) / 2, (zone[3] - zone[1]) / 2, 0.0]
+        file.static("/world/zone", rr.Boxes3D(centers=[centre], half_sizes=[half], colors=_GREY))
+        colours = [int(ROBOT_COLOURS[i % len(ROBOT_COLOURS)]) for i in range(scenario.robots)]
+        file.static(
+            "/world/targets",
+            rr.Boxes3D(
+                centers=[(*scenario.centre_m(target), 0.0) for target in scenario.targets],
+                half_sizes=[(cell / 2, cell / 2, 0.0002)] * scenario.robots,
+                colors=_palette(colours),
+                fill_mode="solid",
+                labels=[f"target {name}" for name in self._names],
+            ),
+        )
+        for name, colour in zip(self._names, colours, strict=True):
+            self._write_robot(name, colour)
+
+    def _write_robot(self, name: str, colour: int) -> None:
+        robot = self._config.robot
+        file, base = self.file, f"/world/{name}/robot"
+        middle = robot.height_m / 2.0 - robot.com_height_m
+        file.static(
+            f"{base}/body",
+            rr.Cylinders3D(
+                lengths=[robot.height_m],
+                radii=[robot.diameter_m / 2.0],
+                centers=[(0.0, 0.0, middle)],
+                colors=[colour],
+                fill_mode="majorwireframe",
+                labels=[name],
+            ),
+        )
+        file.static(f"{base}/feet", rr.Points3D(foot_positions(robot), radii=0.001, colors=_INK))
+        z = robot.motor_axis_height_m - robot.com_height_m
+        file.static(
+            f"{base}/motors",
+            rr.Cylinders3D(
+                lengths=[robot.motor_length_m] * 2,
+                radii=[robot.motor_diameter_m / 2.0] * 2,
+                centers=[(0.0, side * robot.motor_radius_m, z) for side in (1.0, -1.0)],
+                rotation_axis_angles=[rr.RotationAxisAngle((1, 0, 0), degrees=90)] * 2,
+                colors=_INK,
+                fill_mode="solid",
+            ),
+        )
+        top = robot.height_m - robot.com_height_m
+        file.static(
+            f"{base}/heading",
+            rr.Arrows3D(
+                origins=[(0.0, 0.0, top)],
+                vectors=[(robot.diameter_m / 2.0, 0.0, 0.0)],
+                colors=colour,
+                radii=0.001,
+            ),
+        )
+        feet = foot_positions(robot)
+        file.static(
+            f"{base}/contact",
+            rr.Arrows3D.from_fields(
+                origins=feet, colors=np.array(_SERIES[1:2] * 3, dtype=np.uint32), radii=[0.0005] * 3
+            ),
+        )
+        file.static(
+            f"/world/{name}/trail", rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
+        )
+
+    def _write_styles(self) -> None:
+        for name in self._names:
+            series = {f"/sim/{name}/{path}": names for path, names in _SIM_SERIES.items()}
+            series |= {f"/raw/{name}/{path}": names for path, names in _RAW_SERIES.items()}
+            series |= {f"/rl/{name}/{path}": (path,) for path in ("reward", "return", "distance")}
+            series[f"/rl/{name}/cell"] = ("x", "y")
+            series[f"/rl/{name}/q_s"] = DIRECTION_NAMES
+            for entity, names in series.items():
+                colours = _SERIES if len(names) <= len(_SERIES) else _EIGHT
+                self.file.static(
+                    entity,
+                    # The default, averaging, would flatten a vibration to nothing.
+                    rr.SeriesLines(
+                        names=names,
+                        colors=_palette(colours[: len(names)]),
+                        aggregation_policy="MinMax",
+                    ),
+                )
+            self.file.static(
+                f"/rl/{name}/action",
+                rr.StateConfiguration(
+                    values=[*DIRECTION_NAMES, _ARRIVED],
+                    labels=[*DIRECTION_NAMES, _ARRIVED],
+                    colors=_palette([*_EIGHT, _LIGHT]),
+                ),
+            )
+            self.file.static(
+                f"/rl/{name}/gradient",
+                rr.StateConfiguration(
+                    values=list(GRADIENT_SIGNS),
+                    labels=list(GRADIENT_SIGNS),
+                    colors=_palette(_SERIES),
+                ),
+            )
+
+
+def _scalars(values: np.ndarray) -> Any:
+    """Rows of a scalar or vector signal for `send_columns`."""
+    return rr.Scalars.columns(scalars=values.astype(np.float64))
+
+
+def _palette(colours: list[int]) -> np.ndarray:
+    """Colours as Rerun takes them without doubt, 0xRRGGBBAA."""
+    return np.array(colours, dtype=np.uint32)
+
+
+def _run_document(facts: dict[str, Any], config: CoSimConfig) -> str:
+    """Markdown page that says what was run, with every parameter and its source."""
+    lines = ["# Episode", "", "| | |", "|---|---|"]
+    lines += [f"| {key} | {value} |" for key, value in facts.items()]
+    lines += ["", "# Parameters", "", "| name | value | unit | meaning | source |", "|-|-|-|-|-|"]
+    lines += [
+        f"| {name} | {row['value']:g} | {row['unit']} | {row['description']} | {row['source']} |"
+        for name, row in config.table().items()
+    ]
+    return "\n".join(lines)

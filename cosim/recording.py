@@ -1,0 +1,129 @@
+"""Rerun files that are whole or say so: one `.rrd` from opening to renaming.
+
+Data goes to `<name>.rrd.part` and gets its name when it is complete. Rerun drops bad data and
+writes on a full disk without a word, so strict mode is on, free space is checked and every flush
+has a time limit. What is written, and where, is decided by the callers.
+"""
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from cosim.errors import UserError
+
+APPLICATION = "minirobots"
+FLUSH_TIMEOUT_S = 30.0
+# An RL step of two robots writes under 1 MB; the rest is room for the footer and other writers.
+LEAST_FREE_BYTES = 50_000_000
+
+
+class RecordingError(UserError):
+    """A recording that cannot be written; the message names the file and the mend."""
+
+
+class Recording:
+    """A recording being written; a context manager that completes it, also after an error.
+
+    Attributes:
+        path: of the complete file.
+        stream: Rerun's recording stream.
+
+    Raises:
+        RecordingError: the folder cannot be written, or the disk is full.
+    """
+
+    def __init__(self, path: Path, recording_id: str, blueprint: rrb.Blueprint) -> None:
+        rr.set_strict_mode(True)
+        self.path = path
+        self._part = path.with_name(path.name + ".part")
+        self._complete = True
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.check_space()
+        self.stream = rr.RecordingStream(
+            APPLICATION, recording_id=recording_id, send_properties=False
+        )
+        try:
+            self.stream.save(str(self._part), default_blueprint=blueprint)
+        except Exception as error:  # rerun raises RuntimeError whatever the cause
+            raise RecordingError(
+                f"cannot write the recording {path}: {error}; choose another --out"
+            ) from error
+        self.stream.set_log_time_enabled(False)  # equal runs give equal files
+        self.stream.set_log_tick_enabled(False)
+
+    def __enter__(self) -> "Recording":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def check_space(self) -> None:
+        """Raise RecordingError while the file can still be completed, if the disk fills up."""
+        if shutil.disk_usage(self.path.parent).free < LEAST_FREE_BYTES:
+            raise RecordingError(
+                f"less than {LEAST_FREE_BYTES / 1e6:.0f} MB are free for the recording "
+                f"{self.path}; free some space or use --no-record"
+            )
+
+    def static(self, entity: str, *what: Any) -> None:
+        """Log data that holds for the whole recording."""
+        self.stream.log(entity, *what, static=True)
+
+    def columns(self, entity: str, index: "Index", columns: Any) -> None:
+        """Send the rows of one entity, one per entry of the index."""
+        self.stream.send_columns(entity, index.columns(), columns)
+
+    def flush(self) -> None:
+        """Write out what was sent so far.
+
+        Raises:
+            RecordingError: it did not reach the disk in time; the file is left as it is, for
+                disconnecting after such an error would wait for ever.
+        """
+        try:
+            self.stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        except Exception as error:
+            self._complete = False
+            raise RecordingError(
+                f"the recording {self._part} could not be written out ({error}); free some disk "
+                "space; what it holds so far can be read"
+            ) from error
+
+    def close(self) -> None:
+        """Complete the file and give it its name."""
+        if not self._complete:
+            return
+        self.flush()
+        self.stream.disconnect()
+        self._complete = False
+        self._part.replace(self.path)
+
+
+class Index:
+    """Times of rows: simulated time, and the number of the RL step where it applies."""
+
+    def __init__(self, time_s: np.ndarray, rl_step: np.ndarray | None = None) -> None:
+        self.time_s = np.atleast_1d(time_s)
+        self.rl_step = rl_step
+
+    def columns(self) -> list[rr.TimeColumn]:
+        """The same as Rerun's time columns."""
+        nanoseconds = np.round(self.time_s * 1e9).astype("timedelta64[ns]")
+        found = [rr.TimeColumn("sim_time", duration=nanoseconds)]
+        if self.rl_step is not None:
+            found.append(rr.TimeColumn("rl_step", sequence=np.atleast_1d(self.rl_step)))
+        return found
+
+
+def properties(values: Mapping[str, Any]) -> rr.AnyValues:
+    """Values for a recording's properties: numbers and strings as they are, the rest as text."""
+    known: dict[str, Any] = {
+        key: value if isinstance(value, int | float | str) else str(value)
+        for key, value in values.items()
+    }
+    return rr.AnyValues(**known)
