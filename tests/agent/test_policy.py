@@ -1,0 +1,144 @@
+"""A policy acts as its tables say, and its file is refused when it should be."""
+
+import json
+
+import numpy as np
+import pytest
+
+from agent import grid
+from agent.evaluation import evaluate
+from agent.policy import Policy, PolicyError
+from agent.process import ProcessConfig
+from agent.qlearning import LearningConfig
+from agent.store import trained_policy
+from cosim.features import Observation
+from cosim.scenario import Scenario, find_scenario
+
+
+def small_scenario():
+    return Scenario(
+        "small", "", ((2, 6), (9, 6)), (((0, 0), (3, 0)), ((11, 11), (8, 11))),
+        columns=12, rows=12, robot_diameter_m=0.02, zone=(4, 4, 7, 7),
+    )  # fmt: skip
+
+
+LEARNING = LearningConfig(episodes=20_000, epsilon_episodes=20, greedy_points=2)
+
+
+@pytest.fixture(params=["q", "double_q"])
+def policy(request):
+    learning = LearningConfig(
+        episodes=20_000, epsilon_episodes=20, greedy_points=2, algorithm=request.param
+    )
+    readings = ProcessConfig(features=("x", "y", "d", "g", "b"))
+    return trained_policy(small_scenario(), readings, learning, seed=5)[0]
+
+
+def observation_of(world, facing):
+    return Observation(
+        world[:, : grid.VX].copy(),
+        world[:, grid.CLASS].copy(),
+        world[:, grid.SIGN].copy(),
+        facing.copy(),
+    )
+
+
+def test_acting_on_observations_repeats_the_exact_evaluation(policy):
+    process = policy.process
+    result = evaluate(process, policy.values)
+    assert result.rate("success") > 0.5
+    for k in range(len(result.outcome)):
+        world = np.zeros((2, grid.COLUMN_COUNT), dtype=np.int64)
+        grid.place(process, world, result.starts[k])
+        facing = np.zeros(2, dtype=np.int64)
+        rewards = np.empty(2, dtype=np.float32)
+        outcome = grid.RUNNING
+        steps = 0
+        while outcome == grid.RUNNING and steps < process.step_limit:
+            actions = policy.act(observation_of(world, facing))
+            moving = world[:, grid.STATUS] == grid.MOVING
+            facing = np.where(moving, actions, facing)
+            outcome = grid.move(process, world, facing, rewards)
+            steps += 1
+        assert (outcome or grid.TIMEOUT) == result.outcome[k]
+        assert steps == result.steps[k].max()
+
+
+def test_save_and_load_keep_every_bit(policy, tmp_path):
+    path = tmp_path / "deep" / "policy.npz"
+    policy.save(path)
+    again = Policy.load(path, small_scenario())
+    assert again.config == policy.config
+    assert again.episodes == 20_000
+    for name in ("q", "visits", "random"):
+        assert np.array_equal(getattr(again, name), getattr(policy, name))
+    described = json.loads(path.with_suffix(".json").read_text())
+    assert described["learning"]["eta"] == 0.01
+    assert described["scenario_digest"] == small_scenario().digest()
+    first = path.read_bytes()
+    again.save(path)
+    assert path.read_bytes() == first
+
+
+@pytest.fixture
+def saved(tmp_path):
+    _, _, path = trained_policy(small_scenario(), None, LEARNING)
+    return path
+
+
+def test_missing_and_broken_files_are_refused(saved, tmp_path):
+    with pytest.raises(PolicyError, match="no such policy file"):
+        Policy.load(tmp_path / "none.npz")
+    whole = saved.read_bytes()
+    for content in (b"", b"hello", whole[: len(whole) // 2], whole[:200] + whole[300:]):
+        saved.write_bytes(content)
+        with pytest.raises(PolicyError, match="damaged"):
+            Policy.load(saved)
+
+
+def test_other_scenario_and_other_schema_are_refused(saved):
+    with pytest.raises(PolicyError, match=r"trained on scenario small .* not on scenario 4"):
+        Policy.load(saved, find_scenario("4"))
+    rewrite(saved, lambda d: d | {"schema_version": 99})
+    with pytest.raises(PolicyError, match="schema 99"):
+        Policy.load(saved)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d | {"scenario_digest": "0"},
+        lambda d: d | {"process": d["process"] | {"features": ["x"]}},
+        lambda d: d | {"process": d["process"] | {"step_limit": "many"}},
+        lambda d: d | {"learning": d["learning"] | {"algorithm": "double_q"}},
+        lambda d: d | {"surprise": 1},
+        lambda d: {k: v for k, v in d.items() if k != "seed"},
+    ],
+)
+def test_inconsistent_configurations_are_refused(saved, change):
+    rewrite(saved, change)
+    with pytest.raises(PolicyError, match="train it again"):
+        Policy.load(saved)
+
+
+def test_pickles_are_never_loaded(saved):
+    np.savez(saved, config=np.array([{}], dtype=object), q=0, visits=0, random=0)
+    with pytest.raises(PolicyError, match="damaged"):
+        Policy.load(saved)
+
+
+def rewrite(path, change):
+    with np.load(path) as file:
+        arrays = dict(file)
+    text = json.dumps(change(json.loads(arrays["config"].tobytes())))
+    arrays["config"] = np.frombuffer(text.encode(), dtype=np.uint8)
+    np.savez(path, **arrays)
+
+
+def test_observations_that_do_not_fit_are_refused(saved):
+    policy = Policy.load(saved)
+    ones = np.zeros(2, dtype=np.int64)
+    with pytest.raises(ValueError, match="off the board"):
+        policy.act(Observation(np.array([[0, 12], [1, 1]]), ones, ones, ones))
+    with pytest.raises(ValueError, match="2 robots"):
+        policy.act(Observation(np.array([[0, 1]]), ones[:1], ones[:1], ones[:1]))

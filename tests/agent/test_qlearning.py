@@ -1,0 +1,142 @@
+"""The training loop: Eq. (7) by hand, the schedule, determinism."""
+
+import numpy as np
+import pytest
+
+from agent.process import ProcessConfig, build_process
+from agent.qlearning import (
+    LearningConfig,
+    LearningError,
+    advance,
+    build_learning,
+    epsilon_of_episodes,
+    initial_state,
+)
+from agent.rng import next_word
+from cosim.scenario import Scenario, find_scenario
+
+
+def train(process, config, seed=0, stops=None):
+    state = initial_state(process, config, seed)
+    for until in stops or [config.episodes]:
+        advance(process, build_learning(config), state, until)
+    return state
+
+
+def same(a, b):
+    arrays = ("q", "visits", "random", "curve")
+    return all(np.array_equal(getattr(a, n), getattr(b, n)) for n in arrays) and (
+        (a.episode, a.agent_steps) == (b.episode, b.agent_steps)
+    )
+
+
+def test_splitmix64_gives_its_published_numbers():
+    # first outputs for seed 1234567, as in the reference implementation's test vector
+    state = np.array([1234567], dtype=np.uint64)
+    published = [6457827717110365317, 3203168211198807973, 9817491932198370423]
+    assert [int(next_word(state)) for _ in published] == published
+
+
+def test_eq_7_on_a_corridor_by_hand():
+    corridor = Scenario("corridor", "", ((2, 0),), (((0, 0),),), columns=3, rows=1)
+    config = LearningConfig(
+        episodes=3, eta=0.5, gamma=0.9, epsilon=0.0, exploration=0.0, log_episodes=1, log_window=1
+    )
+    process = build_process(corridor, ProcessConfig(goal_reward=10.0))
+    state = initial_state(process, config, 0)
+    state.q[..., 1:] = -1000.0  # so that greedy drives east: two moves to the goal per episode
+    advance(process, build_learning(config), state, 3)
+    first = second = 0.0
+    for _ in range(3):
+        first += 0.5 * (-1.0 + 0.9 * second - first)
+        second += 0.5 * (10.0 - second)
+    assert state.q[0, 0, [0, 1], 0] == pytest.approx([first, second], rel=1e-6)
+    assert (state.q[..., 1:] == -1000.0).all()
+    assert state.visits.tolist() == [[3, 3, 0]]
+    assert state.curve[:, 1].tolist() == [1, 1, 1]
+    assert state.agent_steps == 6
+
+
+def test_cut_episode_bootstraps_and_counts_as_a_failure():
+    corridor = Scenario("corridor", "", ((2, 0),), (((0, 0),),), columns=3, rows=1)
+    config = LearningConfig(episodes=1, eta=1.0, exploration=0.0, log_episodes=1, log_window=1)
+    process = build_process(corridor, ProcessConfig(step_limit=1))
+    state = initial_state(process, config, 0)
+    state.q[0, 0, 1, 3] = 7.0
+    advance(process, build_learning(config), state, 1)
+    assert state.q[0, 0, 0, 0] == np.float32(-1.0) + np.float32(0.99) * np.float32(7.0)
+    assert state.curve[0, :2].tolist() == [1, 0]
+
+
+def test_epsilon_follows_section_v():
+    config = LearningConfig()
+    epsilon = epsilon_of_episodes(config, np.array([0, 499, 500, 1000, 2_999_999, 3_000_000]))
+    expected = [0.9, 0.9, 0.9 * 0.999, 0.9 * 0.999**2, 0.9 * 0.999**5999, 0.0]
+    assert epsilon == pytest.approx(expected, rel=1e-12)
+    linear = epsilon_of_episodes(
+        LearningConfig(schedule="linear"), np.array([0, 1_500_000, 3_000_000])
+    )
+    assert linear == pytest.approx([0.9, 0.45, 0.0])
+
+
+@pytest.mark.parametrize("episodes", [999, 1000, 1234])
+def test_kernel_schedule_is_the_documented_one_in_every_episode(episodes):
+    config = LearningConfig(episodes=episodes, epsilon_episodes=100)
+    learning = build_learning(config)
+    all_episodes = np.arange(episodes)
+    kernel = learning.epsilon_thresholds[all_episodes // learning.epsilon_episodes] / 2.0**53
+    assert kernel == pytest.approx(epsilon_of_episodes(config, all_episodes), abs=1e-15)
+
+
+@pytest.mark.parametrize("name", ["1a", "2"])
+@pytest.mark.parametrize("algorithm", ["q", "double_q"])
+def test_cutting_a_run_into_chunks_changes_no_bit(name, algorithm):
+    process = build_process(find_scenario(name), ProcessConfig(slip_probability=0.1))
+    config = LearningConfig(episodes=3000, epsilon_episodes=10, algorithm=algorithm)
+    whole = train(process, config)
+    assert same(whole, train(process, config, stops=[1, 2, 777, 1000, 3000]))
+    assert not same(whole, train(process, config, seed=1))
+    assert (whole.q != 0).any(axis=(1, 2, 3)).all()
+
+
+@pytest.mark.parametrize("update", ["ordinary", "penalty", "none"])
+def test_partner_of_a_failed_robot(update):
+    # robot 1 leaves the board at once (its only values point west), robot 2 goes on
+    pair = Scenario("p", "", ((15, 18), (15, 12)), (((0, 5),), ((9, 9),)))
+    process = build_process(pair, ProcessConfig(partner_of_failed=update))
+    config = LearningConfig(episodes=1, eta=1.0, exploration=0.0, log_episodes=1, log_window=1)
+    state = initial_state(process, config, 0)
+    state.q[0, 0, :, 4] = 1.0
+    advance(process, build_learning(config), state, 1)
+    learnt = state.q[0, 1][state.q[0, 1] != 0].tolist()
+    assert learnt == {"ordinary": [-1.0], "penalty": [-100.0], "none": []}[update]
+
+
+def test_features_that_hide_a_move_still_pick_from_the_updated_row():
+    # with no position in the state every move stays in one row: greedy must be of the new values
+    lone = build_process(find_scenario("2"), ProcessConfig(features=("d",), step_limit=8))
+    config = LearningConfig(episodes=1, eta=0.5, exploration=0.0, log_episodes=1, log_window=1)
+    state = train(lone, config)
+    # every move costs 1, so each of the eight directions is tried once
+    assert (state.visits.sum(axis=1) <= 8).all()
+    assert (state.q[0].min(axis=(1, 2)) < 0).all()
+    assert np.count_nonzero(state.q[0, 0]) == state.visits[0].sum()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"eta": 0.0}, {"gamma": 1.1}, {"episodes": 0}, {"epsilon": -1.0}]
+)
+def test_unusable_numbers_are_refused(wrong):
+    with pytest.raises(LearningError, match=next(iter(wrong))):
+        LearningConfig(**wrong)
+
+
+def test_three_robots_learn():
+    starts = tuple(tuple((x, y) for x in range(0, 12, 2)) for y in (0, 11))
+    trio = Scenario(
+        "trio", "", ((1, 6), (10, 6), (5, 2)), (starts[0][:2], starts[1][4:], starts[0][4:]),
+        columns=12, rows=12, robot_diameter_m=0.015, zone=(4, 4, 7, 7),
+    )  # fmt: skip
+    process = build_process(trio, ProcessConfig())
+    state = train(process, LearningConfig(episodes=60_000, epsilon_episodes=10))
+    assert state.curve[-1, 1] / state.curve[-1, 0] > 0.9
