@@ -1,84 +1,51 @@
-"""Builds `VibrationMotor.fmu`: renders its tables, compiles its C code, packs the archive.
+"""Builds the motor FMU: renders its tables, has its C code compiled and packs the archive.
 
 `python -m fmus.build --out DIR` writes the FMU; `cached_fmu` gives the co-simulation one that is
 built on first use. Numerical work is in `vibration_motor/motor.h`, not here.
 """
 
 import hashlib
-import importlib.metadata
-import importlib.util
-import platform
-import shutil
-import subprocess
-import sys
-import tempfile
 import uuid
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal
 
 import tyro
 
-from cosim.errors import UserError, run_command
+from cosim.errors import run_command
 from cosim.storage import cache_dir, replacing
-from fmus.description import render_fmi3
+from fmus.compiler import (
+    C_FILES,
+    FLAGS,
+    TARGETS,
+    BuildError,
+    compile_library,
+    compiler_version,
+    host_target,
+    source_files,
+    universal_binary,
+)
+from fmus.description import (
+    render_build_description,
+    render_fmi2,
+    render_fmi3,
+    render_terminals,
+)
+from fmus.documentation import render_html
 from fmus.variables import SOURCES, Table, load_table, render_header
 
+__all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
+
+Fmi = Literal["2", "3"]
 FMU_NAME = "VibrationMotor.fmu"
-C_FILES = ("instance.c", "fmi3.c")
-H_FILES = ("motor.h", "instance.h")
-# Without contraction to fused multiply-adds every platform computes the same bits.
-FLAGS = ("-std=gnu11", "-O3", "-g0", "-s", "-shared", "-fPIC", "-fvisibility=hidden",
-         "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unused-parameter")  # fmt: skip
-# The first time a zip archive can tell; a build says nothing of when it was made.
+# The first time a zip archive can tell: an archive says nothing of when it was made.
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
-class BuildError(UserError):
-    """The FMU cannot be built here; the message says what is missing or went wrong."""
-
-
-class Target(NamedTuple):
-    """A platform to build for.
-
-    Attributes:
-        triple: what the compiler calls it.
-        suffix: file name suffix of its shared libraries.
-    """
-
-    triple: str
-    suffix: str
-
-
-# Platform tuples of FMI 3. glibc 2.17 is the oldest that these Linux systems still run.
-TARGETS = {
-    "x86_64-linux": Target("x86_64-linux-gnu.2.17", ".so"),
-    "aarch64-linux": Target("aarch64-linux-gnu.2.17", ".so"),
-    "x86_64-windows": Target("x86_64-windows-gnu", ".dll"),
-    "aarch64-windows": Target("aarch64-windows-gnu", ".dll"),
-    "x86_64-darwin": Target("x86_64-macos", ".dylib"),
-    "aarch64-darwin": Target("aarch64-macos", ".dylib"),
-}
-
-
-def host_target() -> str:
-    """Platform tuple of this machine.
-
-    Raises:
-        BuildError: the FMU has no target for this machine.
-    """
-    machine = platform.machine().lower()
-    architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
-    system = {"win32": "windows"}.get(sys.platform, sys.platform)
-    if (name := f"{architecture}-{system}") not in TARGETS:
-        raise BuildError(f"no FMU target for {name}; use a machine of {', '.join(TARGETS)}")
-    return name
-
-
 def build_fmu(out_dir: Path) -> Path:
-    """Build the FMU for this machine.
+    """Build the FMI 3.0 FMU for this machine.
 
     Args:
         out_dir: folder that receives `VibrationMotor.fmu`; made if missing.
@@ -90,19 +57,46 @@ def build_fmu(out_dir: Path) -> Path:
         BuildError: no compiler was found, or it failed.
         OSError: the folder cannot be written.
     """
+    return build_fmus({"3": out_dir / FMU_NAME}, [host_target()])[0]
+
+
+def build_fmus(paths: Mapping[Fmi, Path], targets: Sequence[str]) -> list[Path]:
+    """Build FMUs from one set of binaries.
+
+    Args:
+        paths: file to write for each FMI standard; folders are made if missing.
+        targets: platforms, keys of `fmus.compiler.TARGETS`.
+
+    Returns:
+        The paths, in the same order; each file appears whole or not at all.
+
+    Raises:
+        BuildError: no compiler was found, it failed, or it cannot build for a target.
+        OSError: a folder cannot be written.
+    """
     table = load_table()
     token = instantiation_token(table)
-    target = host_target()
-    library = compile_library(render_header(table, token), target)
-    path = out_dir / FMU_NAME
-    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        _add(archive, "modelDescription.xml", render_fmi3(table, token))
-        _add(archive, f"binaries/{target}/{table.name}{TARGETS[target].suffix}", library)
-    return path
+    header = render_header(table, token)
+    libraries = {target: compile_library(header, target) for target in targets}
+    shared = {"documentation/index.html": render_html(table)}
+    shared |= {f"sources/{name}": content for name, content in source_files(header).items()}
+    icon = (SOURCES / "icon.png").read_bytes()
+    for fmi, path in paths.items():
+        if fmi == "2":
+            files = {"modelDescription.xml": render_fmi2(table, token, C_FILES), "model.png": icon}
+        else:
+            files = {
+                "modelDescription.xml": render_fmi3(table, token),
+                "sources/buildDescription.xml": render_build_description(table, C_FILES),
+                "terminalsAndIcons/terminalsAndIcons.xml": render_terminals(table),
+                "terminalsAndIcons/icon.png": icon,
+            }
+        _write_archive(path, files | _binaries(fmi, table.name, libraries) | shared)
+    return list(paths.values())
 
 
 def cached_fmu() -> Path:
-    """FMU for this machine from the cache, built there on first use.
+    """FMI 3.0 FMU for this machine from the cache, built there on first use.
 
     The cache's key is a hash of sources, rendered defaults, flags and compiler version.
 
@@ -110,9 +104,8 @@ def cached_fmu() -> Path:
         BuildError: no compiler was found, or it failed.
         OSError: the cache cannot be written.
     """
-    table = load_table()
     key = hashlib.sha256()
-    for part in (instantiation_token(table), host_target(), *FLAGS, compiler_version()):
+    for part in (instantiation_token(load_table()), host_target(), *FLAGS, compiler_version()):
         key.update(part.encode() + b"\0")
     folder = cache_dir("fmus") / key.hexdigest()[:16]
     path = folder / FMU_NAME
@@ -122,106 +115,92 @@ def cached_fmu() -> Path:
 def instantiation_token(table: Table) -> str:
     """Token that ties model description and binary: a hash of everything they are made from."""
     digest = hashlib.sha256(render_header(table, "").encode())
-    for path in _inputs():
-        digest.update(path.name.encode() + path.read_bytes())
+    suffixes = {".c", ".h", ".html", ".png"}
+    inputs = [path for path in SOURCES.iterdir() if path.suffix in suffixes]
+    for path in sorted([*inputs, *Path(__file__).parent.glob("*.py")]):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"
 
 
-def _inputs() -> Iterator[Path]:
-    yield from sorted(path for path in SOURCES.iterdir() if path.is_file())
-    yield from sorted(Path(__file__).parent.glob("*.py"))
+def _binaries(fmi: Fmi, name: str, libraries: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Libraries by their place in the archive of that standard."""
+    if fmi == "3":
+        places = {target: target for target in libraries}
+    else:
+        # FMI 2.0 has no names for aarch64: importers there look into linux64 and win64 too, which
+        # an archive for both architectures must leave to x86-64.
+        places = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "x86_64-darwin": "darwin64"}
+        places |= {
+            target: target if other in libraries else places[other]
+            for target, other in ((t, t.replace("aarch64", "x86_64")) for t in libraries)
+            if target != other
+        }
+        both = {"x86_64-darwin", "aarch64-darwin"}
+        if both <= libraries.keys():
+            universal = universal_binary(libraries["x86_64-darwin"], libraries["aarch64-darwin"])
+            libraries = {t: b for t, b in libraries.items() if t not in both}
+            libraries["x86_64-darwin"] = universal
+    return {
+        f"binaries/{places[target]}/{name}{TARGETS[target].suffix}": content
+        for target, content in libraries.items()
+    }
 
 
-def compiler_command() -> list[str]:
-    """Command of the C compiler: ziglang, or the system's cc where ziglang is missing.
-
-    Raises:
-        BuildError: there is neither.
-    """
-    if importlib.util.find_spec("ziglang"):
-        return [sys.executable, "-m", "ziglang", "cc"]
-    if cc := shutil.which("cc"):
-        return [cc]
-    raise BuildError("no C compiler found; install ziglang (pip install ziglang) or a system cc")
+def _write_archive(path: Path, files: Mapping[str, bytes]) -> None:
+    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name, content in files.items():
+            entry = zipfile.ZipInfo(name, ZIP_EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = 3  # Unix, wherever it was built: equal builds are equal bytes
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, content)
 
 
-def compiler_version() -> str:
-    """Name and version of the compiler that `compiler_command` gives."""
-    command = compiler_command()
-    if "ziglang" in command:
-        return f"ziglang {importlib.metadata.version('ziglang')}"
-    return subprocess.run(
-        [*command, "--version"], capture_output=True, text=True, check=True
-    ).stdout
-
-
-def compile_library(header: str, target: str) -> bytes:
-    """Compile the C code into a shared library.
-
-    Args:
-        header: content of `variables.h`.
-        target: platform tuple, a key of `TARGETS`.
-
-    Returns:
-        The library's bytes.
-
-    Raises:
-        BuildError: no compiler was found, or it failed.
-    """
-    command = compiler_command()
-    if "ziglang" in command:
-        command += ["-target", TARGETS[target].triple]
-    elif target != host_target():
-        raise BuildError(f"cc builds for this machine only; install ziglang to build for {target}")
-    with tempfile.TemporaryDirectory() as folder:
-        work = Path(folder)
-        (work / "variables.h").write_text(header, "utf-8")
-        for name in (*C_FILES, *H_FILES):
-            shutil.copy(SOURCES / name, work)
-        output = f"motor{TARGETS[target].suffix}"
-        run = subprocess.run(
-            [*command, *FLAGS, f"-I{fmi_headers()}", *C_FILES, "-lm", "-o", output],
-            cwd=work,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if run.returncode:
-            raise BuildError(f"the C compiler failed for {target}: {run.stderr.strip()}")
-        return (work / output).read_bytes()
-
-
-def fmi_headers() -> Path:
-    """Folder with the header files of the FMI standards, which fmpy ships.
-
-    Raises:
-        BuildError: fmpy is not installed.
-    """
-    spec = importlib.util.find_spec("fmpy")
-    if spec is None or spec.origin is None:
-        raise BuildError("the FMI header files are missing; install fmpy (pip install fmpy)")
-    return Path(spec.origin).parent / "c-code"
-
-
-def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
-    entry = zipfile.ZipInfo(name, ZIP_EPOCH)
-    entry.compress_type = zipfile.ZIP_DEFLATED
-    entry.external_attr = 0o644 << 16
-    archive.writestr(entry, content)
+TargetChoice = Literal[
+    "host",
+    "all",
+    "x86_64-linux",
+    "aarch64-linux",
+    "x86_64-windows",
+    "aarch64-windows",
+    "x86_64-darwin",
+    "aarch64-darwin",
+]
 
 
 @dataclass(frozen=True)
 class Options:
-    """Build the vibration motor FMU (FMI 3.0 Co-Simulation) for this machine."""
+    """Build the vibration motor FMU.
+
+    It offers co-simulation and Model Exchange. Without --fmi one FMI 3.0 FMU is written,
+    VibrationMotor.fmu, the name that the co-simulation uses; with --fmi the names tell the
+    standard: VibrationMotor_fmi2.fmu and VibrationMotor_fmi3.fmu.
+    """
 
     out: Path
-    """Folder that receives VibrationMotor.fmu; made if missing."""
+    """Folder that receives the FMUs; made if missing."""
+
+    fmi: Literal["2", "3", "both"] | None = None
+    """FMI standard to build for."""
+
+    targets: tuple[TargetChoice, ...] = ("host",)
+    """Platforms whose binaries go into the archive. A first build for Windows takes about a
+    minute, every other build seconds."""
 
 
 def main() -> None:
     """Command line."""
     options = tyro.cli(Options, prog="python -m fmus.build", description=Options.__doc__)
-    print(f"wrote {build_fmu(options.out)}")
+    targets: dict[str, None] = {}
+    for choice in options.targets:
+        names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]
+        targets |= dict.fromkeys(names)
+    paths: dict[Fmi, Path] = {"3": options.out / FMU_NAME}
+    if options.fmi is not None:
+        standards: tuple[Fmi, ...] = ("2", "3") if options.fmi == "both" else (options.fmi,)
+        paths = {fmi: options.out / f"VibrationMotor_fmi{fmi}.fmu" for fmi in standards}
+    for path in build_fmus(paths, list(targets)):
+        print(f"wrote {path}")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""Model description of the motor FMU as XML, rendered from the variable table.
+"""Model descriptions of the motor FMU for FMI 2.0 and 3.0, rendered from the variable table.
 
 Only the markup of the standards lives here; what the variables are is `fmus.variables`.
 """
 
+from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
 from fmus.variables import TIME_REFERENCE, Table, Variable
@@ -12,8 +13,13 @@ LOG_CATEGORY = "logStatusError"
 # Fig. 7 shows the first seconds of the motor's response.
 DEFAULT_STOP_S = 2.0
 
-_INITIAL = {"input": None, "output": "calculated", "parameter": "exact", "local": "calculated"}
-_TYPE_NAME = "Solver"
+_INITIAL = {"output": "calculated", "parameter": "exact", "local": "calculated"}
+_ENUMERATION = "Solver"
+_COMMON = {
+    "license": LICENSE,
+    "generationTool": "fmus.build",
+    "variableNamingConvention": "structured",
+}
 
 
 def render_fmi3(table: Table, token: str) -> bytes:
@@ -25,47 +31,157 @@ def render_fmi3(table: Table, token: str) -> bytes:
     """
     root = ET.Element(
         "fmiModelDescription",
+        _COMMON,
         fmiVersion="3.0",
         modelName=table.name,
         instantiationToken=token,
         description=table.description,
-        license=LICENSE,
-        generationTool="fmus.build",
-        variableNamingConvention="structured",
     )
+    capabilities = {
+        "modelIdentifier": table.name,
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "providesDirectionalDerivatives": "true",
+        "providesAdjointDerivatives": "true",
+    }
+    ET.SubElement(root, "ModelExchange", capabilities)
     ET.SubElement(
         root,
         "CoSimulation",
-        modelIdentifier=table.name,
+        capabilities,
         canHandleVariableCommunicationStepSize="true",
+        maxOutputDerivativeOrder="1",
     )
     _add_units(root, table)
-    _add_enumerations(root, table)
-    categories = ET.SubElement(root, "LogCategories")
-    ET.SubElement(categories, "Category", name=LOG_CATEGORY, description="refused calls")
-    ET.SubElement(
-        root,
-        "DefaultExperiment",
-        startTime="0",
-        stopTime=repr(DEFAULT_STOP_S),
-        stepSize=repr(table["step_size"].start),
-    )
+    definitions = ET.SubElement(root, "TypeDefinitions")
+    for variable in table.group("parameter", "Enumeration"):
+        element = ET.SubElement(definitions, "EnumerationType", name=_ENUMERATION)
+        _add_items(element, variable)
+    _add_frame(root, table)
     variables = ET.SubElement(root, "ModelVariables")
-    ET.SubElement(
-        variables,
-        "Float64",
-        name="time",
-        valueReference=str(TIME_REFERENCE),
-        causality="independent",
-        variability="continuous",
-        unit="s",
-    )
+    ET.SubElement(variables, "Float64", _time() | {"unit": "s"})
     for variable in table.variables:
-        _add_variable(variables, variable, table)
+        attributes = _identity(variable) | _values(variable)
+        if variable.derivative:
+            attributes["derivative"] = str(table[variable.derivative].reference)
+        ET.SubElement(variables, variable.type, attributes)
     structure = ET.SubElement(root, "ModelStructure")
-    for element in ("Output", "InitialUnknown"):
-        for variable in table.group("output"):
-            ET.SubElement(structure, element, valueReference=str(variable.reference))
+    for name, unknowns in (
+        ("Output", table.group("output")),
+        ("ContinuousStateDerivative", table.derivatives),
+        ("InitialUnknown", _initial_unknowns(table)),
+        ("EventIndicator", table.event_indicators),
+    ):
+        for variable in unknowns:
+            attributes = {"valueReference": str(variable.reference)}
+            if name != "InitialUnknown":  # these depend on parameters too: on everything
+                attributes["dependencies"] = _references(table, variable.depends)
+            ET.SubElement(structure, name, attributes)
+    return _to_bytes(root)
+
+
+def render_fmi2(table: Table, token: str, sources: Iterable[str]) -> bytes:
+    """`modelDescription.xml` of FMI 2.0.
+
+    Args:
+        table: the variables.
+        token: GUID that ties the description to its binary.
+        sources: names of the C files in the archive's `sources` folder.
+    """
+    root = ET.Element(
+        "fmiModelDescription",
+        _COMMON,
+        fmiVersion="2.0",
+        modelName=table.name,
+        guid=token,
+        description=table.description,
+        numberOfEventIndicators=str(len(table.event_indicators)),
+    )
+    capabilities = {
+        "modelIdentifier": table.name,
+        "canNotUseMemoryManagementFunctions": "true",
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+        "providesDirectionalDerivative": "true",
+    }
+    files = list(sources)
+    for interface, extra in (
+        ("ModelExchange", {"completedIntegratorStepNotNeeded": "true"}),
+        (
+            "CoSimulation",
+            {"canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "1"},
+        ),
+    ):
+        listing = ET.SubElement(ET.SubElement(root, interface, capabilities | extra), "SourceFiles")
+        for name in files:
+            ET.SubElement(listing, "File", name=name)
+    _add_units(root, table)
+    definitions = ET.SubElement(root, "TypeDefinitions")
+    for variable in table.group("parameter", "Enumeration"):
+        element = ET.SubElement(definitions, "SimpleType", name=_ENUMERATION)
+        _add_items(ET.SubElement(element, "Enumeration"), variable)
+    _add_frame(root, table)
+    # FMI 2 counts variables from 1: the time is the first, the table follows.
+    index = {variable.name: k for k, variable in enumerate(table.variables, start=2)}
+    variables = ET.SubElement(root, "ModelVariables")
+    ET.SubElement(ET.SubElement(variables, "ScalarVariable", _time()), "Real", unit="s")
+    for variable in table.variables:
+        attributes = _values(variable)
+        if variable.derivative:
+            attributes["derivative"] = str(index[variable.derivative])
+        scalar = ET.SubElement(variables, "ScalarVariable", _identity(variable))
+        ET.SubElement(scalar, variable.type.replace("Float64", "Real"), attributes)
+    structure = ET.SubElement(root, "ModelStructure")
+    for name, unknowns in (
+        ("Outputs", table.group("output")),
+        ("Derivatives", table.derivatives),
+        ("InitialUnknowns", _initial_unknowns(table)),
+    ):
+        listing = ET.SubElement(structure, name)
+        for variable in unknowns:
+            attributes = {"index": str(index[variable.name])}
+            if name != "InitialUnknowns":
+                attributes["dependencies"] = " ".join(str(index[n]) for n in variable.depends)
+            ET.SubElement(listing, "Unknown", attributes)
+    return _to_bytes(root)
+
+
+def render_terminals(table: Table) -> bytes:
+    """`terminalsAndIcons.xml` of FMI 3.0.
+
+    Args:
+        table: the variables.
+
+    Raises:
+        KeyError: a terminal names an unknown variable.
+    """
+    root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    picture = ET.SubElement(root, "GraphicalRepresentation")
+    box = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
+    ET.SubElement(picture, "CoordinateSystem", box, suggestedScalingFactorTo_mm="0.1")
+    ET.SubElement(picture, "Icon", box)
+    listing = ET.SubElement(root, "Terminals")
+    for name, members in table.terminals.items():
+        terminal = ET.SubElement(listing, "Terminal", name=name, matchingRule="plug")
+        for member in members:
+            kind = table[member].causality
+            ET.SubElement(
+                terminal,
+                "TerminalMemberVariable",
+                variableName=member,
+                memberName=member,
+                variableKind="signal" if kind in {"input", "output"} else kind,
+            )
+    return _to_bytes(root)
+
+
+def render_build_description(table: Table, sources: Iterable[str]) -> bytes:
+    """`buildDescription.xml` of FMI 3.0, by which importers compile the sources."""
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
+    files = ET.SubElement(build, "SourceFileSet", language="C11")
+    for name in sources:
+        ET.SubElement(files, "SourceFile", name=name)
     return _to_bytes(root)
 
 
@@ -78,41 +194,69 @@ def _add_units(root: ET.Element, table: Table) -> None:
             ET.SubElement(element, "DisplayUnit", name=name, factor=repr(factor))
 
 
-def _add_enumerations(root: ET.Element, table: Table) -> None:
-    definitions = ET.SubElement(root, "TypeDefinitions")
-    for variable in table.group("parameter", "Enumeration"):
-        element = ET.SubElement(
-            definitions, "EnumerationType", name=_TYPE_NAME, description=variable.description
-        )
-        for value, (name, description) in enumerate(variable.items, start=1):
-            ET.SubElement(element, "Item", name=name, value=str(value), description=description)
+def _add_items(element: ET.Element, variable: Variable) -> None:
+    for value, (name, description) in enumerate(variable.items, start=1):
+        ET.SubElement(element, "Item", name=name, value=str(value), description=description)
 
 
-def _add_variable(parent: ET.Element, variable: Variable, table: Table) -> None:
-    fixed = variable.causality == "parameter"
+def _add_frame(root: ET.Element, table: Table) -> None:
+    categories = ET.SubElement(root, "LogCategories")
+    ET.SubElement(categories, "Category", name=LOG_CATEGORY, description="refused calls")
+    ET.SubElement(
+        root,
+        "DefaultExperiment",
+        startTime="0",
+        stopTime=repr(DEFAULT_STOP_S),
+        stepSize=repr(table["step_size"].start),
+    )
+
+
+def _time() -> dict[str, str]:
+    return {
+        "name": "time",
+        "valueReference": str(TIME_REFERENCE),
+        "causality": "independent",
+        "variability": "continuous",
+    }
+
+
+def _identity(variable: Variable) -> dict[str, str]:
     attributes = {
         "name": variable.name,
         "valueReference": str(variable.reference),
         "description": variable.description,
         "causality": variable.causality,
-        "variability": "fixed" if fixed else "continuous",
+        "variability": "fixed" if variable.causality == "parameter" else "continuous",
     }
-    if initial := _INITIAL[variable.causality]:
+    if initial := _INITIAL.get(variable.causality):
         attributes["initial"] = initial
+    return attributes
+
+
+def _values(variable: Variable) -> dict[str, str]:
+    attributes = {}
     if variable.type == "Enumeration":
-        attributes["declaredType"] = _TYPE_NAME
+        attributes |= {"declaredType": _ENUMERATION, "min": "1", "max": str(len(variable.items))}
     if variable.unit is not None:
         attributes["unit"] = variable.unit
+    if variable.display_unit is not None:
+        attributes["displayUnit"] = variable.display_unit
     for name in ("min", "max", "nominal"):
         if (value := getattr(variable, name)) is not None:
             attributes[name] = repr(value)
-    if variable.start is not None:
-        attributes["start"] = _literal(variable.start)
-    ET.SubElement(parent, variable.type, attributes)
+    if (start := variable.start) is not None:
+        attributes["start"] = str(start).lower() if isinstance(start, bool) else repr(start)
+    return attributes
 
 
-def _literal(value: float | bool | int) -> str:
-    return str(value).lower() if isinstance(value, bool) else repr(value)
+def _initial_unknowns(table: Table) -> list[Variable]:
+    states = [table[v.derivative] for v in table.derivatives if v.derivative]
+    unknowns = {v.reference: v for v in (*table.group("output"), *table.derivatives, *states)}
+    return [unknowns[reference] for reference in sorted(unknowns)]
+
+
+def _references(table: Table, names: Iterable[str]) -> str:
+    return " ".join(str(table[name].reference) for name in names)
 
 
 def _to_bytes(root: ET.Element) -> bytes:

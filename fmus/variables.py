@@ -26,11 +26,14 @@ class Variable:
         type: "Float64", "Boolean" or "Enumeration".
         description: one line for people.
         unit: unit symbol; None for Boolean and Enumeration.
+        display_unit: unit to show values in, or None.
         start: start value of inputs and parameters, else None.
         min: least value, inclusive, or None.
         max: greatest value, inclusive, or None.
         nominal: typical size, or None.
         derivative: name of the state whose time derivative this is, or None.
+        depends: names of the inputs and states that determine it at any moment.
+        event_indicator: whether a change of its sign is an event of Model Exchange.
         items: (name, description) of each choice of an Enumeration, counted from 1.
     """
 
@@ -40,11 +43,14 @@ class Variable:
     type: str
     description: str
     unit: str | None = None
+    display_unit: str | None = None
     start: float | bool | int | None = None
     min: float | None = None
     max: float | None = None
     nominal: float | None = None
     derivative: str | None = None
+    depends: tuple[str, ...] = ()
+    event_indicator: bool = False
     items: tuple[tuple[str, str], ...] = ()
 
 
@@ -65,16 +71,36 @@ class Unit:
 
 @dataclass(frozen=True)
 class Table:
-    """All variables in the order of their value references, and the units they use."""
+    """All variables in the order of their value references, and the units they use.
+
+    Attributes:
+        name: of the model.
+        description: of the model, one line for people.
+        variables: all but the time.
+        units: of the variables.
+        terminals: names of the variables that belong together, by terminal.
+    """
 
     name: str
     description: str
     variables: tuple[Variable, ...]
     units: tuple[Unit, ...]
+    terminals: dict[str, list[str]]
 
     def group(self, causality: str, type: str = "Float64") -> tuple[Variable, ...]:  # noqa: A002
         """Variables of one causality and type; their value references are contiguous."""
         return tuple(v for v in self.variables if v.causality == causality and v.type == type)
+
+    @property
+    def derivatives(self) -> tuple[Variable, ...]:
+        """Derivatives of the continuous states, in the order of the states."""
+        derivatives = {v.derivative: v for v in self.variables if v.derivative}
+        return tuple(derivatives[v.name] for v in self.variables if v.name in derivatives)
+
+    @property
+    def event_indicators(self) -> tuple[Variable, ...]:
+        """Event indicators of Model Exchange, in their order."""
+        return tuple(v for v in self.variables if v.event_indicator)
 
     def __getitem__(self, name: str) -> Variable:
         """Variable of that name.
@@ -106,23 +132,31 @@ def load_table() -> Table:
     """
     raw = tomllib.loads((SOURCES / "variables.toml").read_text("utf-8"))
     rows = [(causality, row) for group, causality in _GROUPS.items() for row in raw[group]]
+    displays = {
+        name: next(iter(unit.get("display", ())), None) for name, unit in raw["unit"].items()
+    }
     variables = tuple(
-        _variable(causality, reference, row)
+        _variable(causality, reference, row, displays)
         for reference, (causality, row) in enumerate(rows, start=TIME_REFERENCE + 1)
     )
     units = tuple(Unit(name, u["base"], u.get("display", {})) for name, u in raw["unit"].items())
-    return Table(raw["model"]["name"], raw["model"]["description"], variables, units)
+    model = raw["model"]
+    return Table(model["name"], model["description"], variables, units, raw["terminals"])
 
 
-def _variable(causality: str, reference: int, row: dict[str, Any]) -> Variable:
+def _variable(
+    causality: str, reference: int, row: dict[str, Any], displays: dict[str, str | None]
+) -> Variable:
     row = dict(row)
     row["type"] = row.get("type", "Float64")
+    row["depends"] = tuple(row.get("depends", ()))
     row["items"] = tuple((item["name"], item["description"]) for item in row.get("items", ()))
     if record := row.pop("record", None):
         value, quantity = params.describe(getattr(params, record))[row.pop("field", row["name"])]
         row = {"description": quantity.description, "unit": quantity.unit, "start": value} | row
     elif causality in {"input", "parameter"}:
         row = {"start": 0.0} | row
+    row["display_unit"] = displays[row["unit"]] if "unit" in row else None
     return Variable(causality=causality, reference=reference, **row)
 
 
@@ -133,7 +167,9 @@ def render_header(table: Table, token: str) -> str:
         table: the variables.
         token: instantiation token that ties the binary to its model description.
     """
-    inputs, parameters = table.group("input"), table.group("parameter")
+    inputs, outputs = table.group("input"), table.group("output")
+    parameters = table.group("parameter")
+    states = [table[v.derivative] for v in table.derivatives if v.derivative]
     options = list(table.group("parameter", "Boolean"))
     options += table.group("parameter", "Enumeration")
     references = [f"VR_time = {TIME_REFERENCE}"]
@@ -151,11 +187,13 @@ def render_header(table: Table, token: str) -> str:
         f"enum {{ {', '.join(references)} }};",
         f"enum {{ VARIABLE_COUNT = {1 + len(table.variables)} }};",
         f"enum {{ INPUT_FIRST = {inputs[0].reference}, INPUT_COUNT = {len(inputs)} }};",
+        f"enum {{ OUTPUT_FIRST = {outputs[0].reference}, OUTPUT_COUNT = {len(outputs)} }};",
         f"enum {{ PARAMETER_FIRST = {parameters[0].reference}, "
         f"PARAMETER_COUNT = {len(parameters)} }};",
         f"#define INPUT_FIELDS double {', '.join(v.name for v in inputs)};",
         f"#define PARAMETER_FIELDS double {', '.join(v.name for v in parameters)};",
         f"enum {{ {', '.join(f'START_{v.name} = {int(v.start or 0)}' for v in options)} }};",
+        *(f"#define NOMINAL_{v.name} {v.nominal!r}" for v in states),
         array("input_start", [repr(float(v.start or 0)) for v in inputs]),
         array("parameter_start", [repr(float(v.start or 0)) for v in parameters]),
         array("parameter_min", [_limit(v.min, "-") for v in parameters]),
@@ -171,4 +209,4 @@ def _limit(value: float | None, sign: str) -> str:
 
 
 def _identifier(name: str) -> str:
-    return name.replace("der(", "der_").replace(")", "")
+    return name.replace("(", "_").replace(")", "")

@@ -2,6 +2,7 @@
  * The standard's header marks every function for export. */
 #include "fmi3Functions.h"
 
+#include "events.h"
 #include "instance.h"
 
 /* Refuse arrays of different lengths: no variable of this FMU is an array. */
@@ -34,7 +35,7 @@ fmi3Instance fmi3InstantiateCoSimulation(
     fmi3Boolean earlyReturnAllowed, const fmi3ValueReference requiredIntermediateVariables[],
     size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
     fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
-    Instance *self = instance_new(instanceName, instantiationToken, log_fmi3,
+    Instance *self = instance_new(instanceName, instantiationToken, false, log_fmi3,
                                   (void (*)(void))logMessage, instanceEnvironment);
     if (!self)
         return NULL;
@@ -46,6 +47,15 @@ fmi3Instance fmi3InstantiateCoSimulation(
     return self;
 }
 
+fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
+                                          fmi3String resourcePath, fmi3Boolean visible,
+                                          fmi3Boolean loggingOn,
+                                          fmi3InstanceEnvironment instanceEnvironment,
+                                          fmi3LogMessageCallback logMessage) {
+    return instance_new(instanceName, instantiationToken, true, log_fmi3,
+                        (void (*)(void))logMessage, instanceEnvironment);
+}
+
 void fmi3FreeInstance(fmi3Instance instance) { instance_free(instance); }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined,
@@ -53,20 +63,22 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
                                        fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
     Instance *self = instance;
     REQUIRE(self, INSTANTIATED);
-    return (fmi3Status)instance_enter_initialization(self, __func__, startTime, stopTimeDefined,
-                                                     stopTime);
+    if (instance_set_experiment(self, __func__, startTime, stopTimeDefined, stopTime) != STATUS_OK)
+        return fmi3Error;
+    self->now.life_cycle = INITIALIZATION;
+    return fmi3OK;
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
     Instance *self = instance;
     REQUIRE(self, INITIALIZATION);
-    self->now.life_cycle = STEP;
+    instance_exit_initialization(self);
     return fmi3OK;
 }
 
 fmi3Status fmi3Terminate(fmi3Instance instance) {
     Instance *self = instance;
-    REQUIRE(self, STEP);
+    REQUIRE(self, RUNNING);
     self->now.life_cycle = TERMINATED;
     return fmi3OK;
 }
@@ -99,6 +111,10 @@ fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference valueR
     Instance *self = instance;
     REQUIRE(self, READABLE);
     REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    if (nValues) {
+        REQUIRE_POINTER(self, valueReferences);
+        REQUIRE_POINTER(self, values);
+    }
     for (size_t k = 0; k < nValues; k++) {
         int64_t value;
         if (instance_get_option(self, __func__, valueReferences[k], "Boolean", &value) != STATUS_OK)
@@ -113,6 +129,10 @@ fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference valueR
     Instance *self = instance;
     REQUIRE(self, WRITABLE);
     REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    if (nValues) {
+        REQUIRE_POINTER(self, valueReferences);
+        REQUIRE_POINTER(self, values);
+    }
     for (size_t k = 0; k < nValues; k++)
         if (instance_set_option(self, __func__, valueReferences[k], "Boolean", values[k]) != STATUS_OK)
             return fmi3Error;
@@ -125,6 +145,10 @@ fmi3Status fmi3GetInt64(fmi3Instance instance, const fmi3ValueReference valueRef
     Instance *self = instance;
     REQUIRE(self, READABLE);
     REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    if (nValues) {
+        REQUIRE_POINTER(self, valueReferences);
+        REQUIRE_POINTER(self, values);
+    }
     for (size_t k = 0; k < nValues; k++) {
         int64_t value;
         if (instance_get_option(self, __func__, valueReferences[k], "Enumeration", &value) != STATUS_OK)
@@ -139,6 +163,10 @@ fmi3Status fmi3SetInt64(fmi3Instance instance, const fmi3ValueReference valueRef
     Instance *self = instance;
     REQUIRE(self, WRITABLE);
     REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    if (nValues) {
+        REQUIRE_POINTER(self, valueReferences);
+        REQUIRE_POINTER(self, values);
+    }
     for (size_t k = 0; k < nValues; k++)
         if (instance_set_option(self, __func__, valueReferences[k], "Enumeration", values[k]) !=
             STATUS_OK)
@@ -164,6 +192,181 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     if (lastSuccessfulTime)
         *lastSuccessfulTime = motor_time(&self->now.motor);
     return (fmi3Status)status;
+}
+
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance,
+                                    const fmi3ValueReference valueReferences[],
+                                    size_t nValueReferences, const fmi3Int32 orders[],
+                                    fmi3Float64 values[], size_t nValues) {
+    Instance *self = instance;
+    REQUIRE(self, STEP | TERMINATED);
+    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    return (fmi3Status)instance_output_derivatives(self, __func__, valueReferences, nValues, orders,
+                                                   values);
+}
+
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[],
+                                        size_t nUnknowns, const fmi3ValueReference knowns[],
+                                        size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
+                                        fmi3Float64 sensitivity[], size_t nSensitivity) {
+    Instance *self = instance;
+    REQUIRE(self, READABLE);
+    REQUIRE_EQUAL_COUNTS(nKnowns, nSeed);
+    REQUIRE_EQUAL_COUNTS(nUnknowns, nSensitivity);
+    return (fmi3Status)instance_directional(self, __func__, unknowns, nUnknowns, knowns, nKnowns,
+                                            seed, sensitivity);
+}
+
+fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[],
+                                    size_t nUnknowns, const fmi3ValueReference knowns[],
+                                    size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
+                                    fmi3Float64 sensitivity[], size_t nSensitivity) {
+    Instance *self = instance;
+    REQUIRE(self, READABLE);
+    REQUIRE_EQUAL_COUNTS(nUnknowns, nSeed);
+    REQUIRE_EQUAL_COUNTS(nKnowns, nSensitivity);
+    return (fmi3Status)instance_adjoint(self, __func__, unknowns, nUnknowns, knowns, nKnowns, seed,
+                                        sensitivity);
+}
+
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    REQUIRE_POINTER(self, FMUState);
+    return (fmi3Status)instance_save(self, __func__, FMUState);
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    REQUIRE_POINTER(self, FMUState);
+    return (fmi3Status)instance_restore(self, __func__, FMUState);
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    if (FMUState) {
+        free(*FMUState);
+        *FMUState = NULL;
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    REQUIRE_POINTER(self, FMUState);
+    REQUIRE_POINTER(self, size);
+    *size = instance_serialized_size();
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState,
+                                 fmi3Byte serializedState[], size_t size) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    REQUIRE_POINTER(self, FMUState);
+    REQUIRE_POINTER(self, serializedState);
+    return (fmi3Status)instance_serialize(self, __func__, FMUState, serializedState, size);
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[],
+                                   size_t size, fmi3FMUState *FMUState) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    REQUIRE_POINTER(self, serializedState);
+    REQUIRE_POINTER(self, FMUState);
+    return (fmi3Status)instance_deserialize(self, __func__, serializedState, size, FMUState);
+}
+
+fmi3Status fmi3EnterEventMode(fmi3Instance instance) {
+    Instance *self = instance;
+    REQUIRE(self, CONTINUOUS_TIME);
+    self->now.life_cycle = EVENT;
+    return fmi3OK;
+}
+
+fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance) {
+    Instance *self = instance;
+    REQUIRE(self, EVENT);
+    self->now.life_cycle = CONTINUOUS_TIME;
+    return fmi3OK;
+}
+
+fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discreteStatesNeedUpdate,
+                                    fmi3Boolean *terminateSimulation,
+                                    fmi3Boolean *nominalsOfContinuousStatesChanged,
+                                    fmi3Boolean *valuesOfContinuousStatesChanged,
+                                    fmi3Boolean *nextEventTimeDefined,
+                                    fmi3Float64 *nextEventTime) {
+    Instance *self = instance;
+    REQUIRE(self, EVENT);
+    REQUIRE_POINTER(self, discreteStatesNeedUpdate);
+    REQUIRE_POINTER(self, terminateSimulation);
+    REQUIRE_POINTER(self, nominalsOfContinuousStatesChanged);
+    REQUIRE_POINTER(self, valuesOfContinuousStatesChanged);
+    REQUIRE_POINTER(self, nextEventTimeDefined);
+    REQUIRE_POINTER(self, nextEventTime);
+    *valuesOfContinuousStatesChanged = events_update(&self->now.motor);
+    *discreteStatesNeedUpdate = fmi3False;
+    *terminateSimulation = fmi3False;
+    *nominalsOfContinuousStatesChanged = fmi3False;
+    *nextEventTimeDefined = fmi3False;
+    *nextEventTime = 0.0;
+    return fmi3OK;
+}
+
+fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance,
+                                       fmi3Boolean noSetFMUStatePriorToCurrentPoint,
+                                       fmi3Boolean *enterEventMode,
+                                       fmi3Boolean *terminateSimulation) {
+    Instance *self = instance;
+    REQUIRE(self, CONTINUOUS_TIME);
+    REQUIRE_POINTER(self, enterEventMode);
+    REQUIRE_POINTER(self, terminateSimulation);
+    *enterEventMode = fmi3False;
+    *terminateSimulation = fmi3False;
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time) {
+    Instance *self = instance;
+    REQUIRE(self, EVENT | CONTINUOUS_TIME);
+    return (fmi3Status)instance_set_time(self, __func__, time);
+}
+
+fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 continuousStates[],
+                                   size_t nContinuousStates) {
+    Instance *self = instance;
+    REQUIRE(self, CONTINUOUS_TIME);
+    return (fmi3Status)instance_set_states(self, __func__, continuousStates, nContinuousStates);
+}
+
+#define STATE_GETTER(name, states, getter)                                                             fmi3Status name(fmi3Instance instance, fmi3Float64 values[], size_t count) {                           Instance *self = instance;                                                                         REQUIRE(self, states);                                                                             return (fmi3Status)getter(self, __func__, values, count);                                      }
+
+STATE_GETTER(fmi3GetContinuousStates, INITIALIZATION | EVENT | CONTINUOUS_TIME | TERMINATED,
+             instance_get_states)
+STATE_GETTER(fmi3GetContinuousStateDerivatives,
+             INITIALIZATION | EVENT | CONTINUOUS_TIME | TERMINATED, instance_get_derivatives)
+STATE_GETTER(fmi3GetNominalsOfContinuousStates, READABLE, instance_get_nominals)
+STATE_GETTER(fmi3GetEventIndicators, INITIALIZATION | EVENT | CONTINUOUS_TIME | TERMINATED,
+             instance_get_indicators)
+
+fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *nContinuousStates) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    REQUIRE_POINTER(self, nContinuousStates);
+    *nContinuousStates = STATE_COUNT;
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *nEventIndicators) {
+    Instance *self = instance;
+    REQUIRE(self, ANY_STATE);
+    REQUIRE_POINTER(self, nEventIndicators);
+    *nEventIndicators = INDICATOR_COUNT;
+    return fmi3OK;
 }
 
 /* Types without variables: a call for no variable at all is right, any other an error. */
@@ -235,8 +438,7 @@ NOT_OFFERED(fmi3GetNumberOfVariableDependencies, fmi3ValueReference reference, s
 NOT_OFFERED(fmi3GetVariableDependencies, fmi3ValueReference dependent, size_t elements[],
             fmi3ValueReference independents[], size_t independentElements[],
             fmi3DependencyKind kinds[], size_t count)
-NOT_OFFERED(fmi3GetOutputDerivatives, REFERENCES, const fmi3Int32 orders[], fmi3Float64 values[],
-            size_t nValues)
+NOT_OFFERED(fmi3EvaluateDiscreteStates)
 NOT_OFFERED(fmi3GetIntervalDecimal, REFERENCES, fmi3Float64 intervals[],
             fmi3IntervalQualifier qualifiers[])
 NOT_OFFERED(fmi3GetIntervalFraction, REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[],
@@ -262,45 +464,3 @@ fmi3Instance fmi3InstantiateScheduledExecution(
                    "fmi3InstantiateScheduledExecution: this FMU does not offer it");
     return NULL;
 }
-
-fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
-                                          fmi3String resourcePath, fmi3Boolean visible,
-                                          fmi3Boolean loggingOn,
-                                          fmi3InstanceEnvironment instanceEnvironment,
-                                          fmi3LogMessageCallback logMessage) {
-    if (logMessage)
-        logMessage(instanceEnvironment, fmi3Error, "logStatusError",
-                   "fmi3InstantiateModelExchange: this FMU does not offer it");
-    return NULL;
-}
-
-#define DERIVATIVE_ARGUMENTS                                                                       \
-    const fmi3ValueReference unknowns[], size_t nUnknowns, const fmi3ValueReference knowns[],      \
-        size_t nKnowns, const fmi3Float64 seed[], size_t nSeed, fmi3Float64 sensitivity[],         \
-        size_t nSensitivity
-
-NOT_OFFERED(fmi3EnterEventMode)
-NOT_OFFERED(fmi3EnterContinuousTimeMode)
-NOT_OFFERED(fmi3EvaluateDiscreteStates)
-NOT_OFFERED(fmi3UpdateDiscreteStates, fmi3Boolean *discreteStatesNeedUpdate,
-            fmi3Boolean *terminateSimulation, fmi3Boolean *nominalsOfContinuousStatesChanged,
-            fmi3Boolean *valuesOfContinuousStatesChanged, fmi3Boolean *nextEventTimeDefined,
-            fmi3Float64 *nextEventTime)
-NOT_OFFERED(fmi3CompletedIntegratorStep, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
-            fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation)
-NOT_OFFERED(fmi3SetTime, fmi3Float64 time)
-NOT_OFFERED(fmi3SetContinuousStates, const fmi3Float64 states[], size_t count)
-NOT_OFFERED(fmi3GetContinuousStates, fmi3Float64 states[], size_t count)
-NOT_OFFERED(fmi3GetContinuousStateDerivatives, fmi3Float64 derivatives[], size_t count)
-NOT_OFFERED(fmi3GetNominalsOfContinuousStates, fmi3Float64 nominals[], size_t count)
-NOT_OFFERED(fmi3GetEventIndicators, fmi3Float64 indicators[], size_t count)
-NOT_OFFERED(fmi3GetNumberOfEventIndicators, size_t *count)
-NOT_OFFERED(fmi3GetNumberOfContinuousStates, size_t *count)
-NOT_OFFERED(fmi3GetFMUState, fmi3FMUState *state)
-NOT_OFFERED(fmi3SetFMUState, fmi3FMUState state)
-NOT_OFFERED(fmi3FreeFMUState, fmi3FMUState *state)
-NOT_OFFERED(fmi3SerializedFMUStateSize, fmi3FMUState state, size_t *size)
-NOT_OFFERED(fmi3SerializeFMUState, fmi3FMUState state, fmi3Byte bytes[], size_t size)
-NOT_OFFERED(fmi3DeserializeFMUState, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
-NOT_OFFERED(fmi3GetDirectionalDerivative, DERIVATIVE_ARGUMENTS)
-NOT_OFFERED(fmi3GetAdjointDerivative, DERIVATIVE_ARGUMENTS)

@@ -1,5 +1,6 @@
-/* One instance of the FMU, whichever FMI standard it was made through: life cycle, messages, access
- * to variables by value reference, stepping. The shims fmi2.c and fmi3.c only translate calls.
+/* One instance of the FMU, whichever FMI standard it was made through: life cycle, messages,
+ * stepping (instance.c), access to variables by value reference (access.c), saved states (saving.c).
+ * The shims fmi2.c and fmi3.c only translate calls.
  *
  * Every refusal is STATUS_ERROR with a message and leaves the instance as it was. */
 #ifndef INSTANCE_H
@@ -16,22 +17,27 @@ typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_F
 typedef enum {
     INSTANTIATED = 1,
     INITIALIZATION = 2,
-    STEP = 4,
-    TERMINATED = 8,
-    READABLE = INITIALIZATION | STEP | TERMINATED,
-    WRITABLE = INSTANTIATED | INITIALIZATION | STEP,
-    ANY_STATE = 15
+    STEP = 4,            /* co-simulation */
+    EVENT = 8,           /* Model Exchange */
+    CONTINUOUS_TIME = 16 /* Model Exchange */,
+    TERMINATED = 32,
+    STARTING = INSTANTIATED | INITIALIZATION,
+    RUNNING = STEP | EVENT | CONTINUOUS_TIME,
+    READABLE = INITIALIZATION | RUNNING | TERMINATED,
+    WRITABLE = STARTING | RUNNING,
+    ANY_STATE = WRITABLE | TERMINATED
 } LifeCycle;
 
 typedef struct Instance Instance;
 typedef void LogFunction(const Instance *instance, Status status, const char *category,
                          const char *message);
 
-/* All that a saved FMU state holds; plain data. */
+/* All that a saved FMU state holds; plain data without padding. */
 typedef struct {
     Motor motor;
     double stop_time;
     int32_t life_cycle;
+    int32_t model_exchange;
 } Snapshot;
 
 struct Instance {
@@ -42,7 +48,8 @@ struct Instance {
     void *environment;
 };
 
-Instance *instance_new(const char *name, const char *token, LogFunction *log,
+/* Returns NULL after a message if the name is empty or the token is of another build. */
+Instance *instance_new(const char *name, const char *token, bool model_exchange, LogFunction *log,
                        void (*callback)(void), void *environment);
 void instance_free(Instance *instance);
 void instance_reset(Instance *instance);
@@ -54,31 +61,72 @@ Status fail(const Instance *instance, const char *function, const char *format, 
 Status fail_state(const Instance *instance, const char *function);
 
 /* Refuse a call on no instance or in the wrong state; for the first line of a shim's function. */
-#define REQUIRE(instance, states)                              \
-    do {                                                       \
-        if (!(instance))                                       \
-            return (int)STATUS_ERROR;                          \
-        if (!((instance)->now.life_cycle & (states)))          \
-            return (int)fail_state((instance), __func__);      \
+#define REQUIRE(instance, states)                                                                  \
+    do {                                                                                           \
+        if (!(instance))                                                                           \
+            return (int)STATUS_ERROR;                                                              \
+        if (!((instance)->now.life_cycle & (states)))                                              \
+            return (int)fail_state((instance), __func__);                                          \
+    } while (0)
+
+/* Refuse null pointers among an importer's arguments, where something is to be behind them. */
+#define REQUIRE_POINTER(instance, pointer)                                                         \
+    do {                                                                                           \
+        if (!(pointer))                                                                            \
+            return (int)fail((instance), __func__, "the argument %s is null", #pointer);           \
     } while (0)
 
 /* Accept the log categories of the model description, of which there is one. */
 Status instance_check_categories(const Instance *instance, const char *function, size_t count,
                                  const char *const categories[]);
 
-Status instance_enter_initialization(Instance *instance, const char *function, double start_time,
-                                     bool stop_time_defined, double stop_time);
+Status instance_set_experiment(Instance *instance, const char *function, double start_time,
+                               bool stop_time_defined, double stop_time);
+void instance_exit_initialization(Instance *instance);
+Status instance_do_step(Instance *instance, const char *function, double time, double step_size);
 
-Status instance_get_double(const Instance *instance, const char *function, const uint32_t reference[],
-                           size_t count, double value[]);
-Status instance_set_double(Instance *instance, const char *function, const uint32_t reference[],
-                           size_t count, const double value[]);
-/* Boolean and enumeration variables. */
+Status instance_set_time(Instance *instance, const char *function, double time);
+Status instance_set_states(Instance *instance, const char *function, const double states[],
+                           size_t count);
+Status instance_get_states(const Instance *instance, const char *function, double states[],
+                           size_t count);
+Status instance_get_derivatives(const Instance *instance, const char *function,
+                                double derivatives[], size_t count);
+Status instance_get_nominals(const Instance *instance, const char *function, double nominals[],
+                             size_t count);
+Status instance_get_indicators(const Instance *instance, const char *function, double indicators[],
+                               size_t count);
+
+Status instance_get_double(const Instance *instance, const char *function,
+                           const uint32_t references[], size_t count, double values[]);
+Status instance_set_double(Instance *instance, const char *function, const uint32_t references[],
+                           size_t count, const double values[]);
+
+/* Variables that are not floating-point: the type is "Boolean" or "Enumeration". */
 Status instance_get_option(const Instance *instance, const char *function, uint32_t reference,
                            const char *type, int64_t *value);
 Status instance_set_option(Instance *instance, const char *function, uint32_t reference,
                            const char *type, int64_t value);
 
-Status instance_do_step(Instance *instance, const char *function, double time, double step_size);
+/* Sensitivity of each unknown to a change `seed` of the knowns, or, adjoint, of each known. */
+Status instance_directional(const Instance *instance, const char *function,
+                            const uint32_t unknowns[], size_t unknown_count,
+                            const uint32_t knowns[], size_t known_count, const double seed[],
+                            double sensitivity[]);
+Status instance_adjoint(const Instance *instance, const char *function, const uint32_t unknowns[],
+                        size_t unknown_count, const uint32_t knowns[], size_t known_count,
+                        const double seed[], double sensitivity[]);
+/* Time derivatives of outputs with the inputs held; only the first. */
+Status instance_output_derivatives(const Instance *instance, const char *function,
+                                   const uint32_t references[], size_t count,
+                                   const int32_t orders[], double values[]);
+
+Status instance_save(const Instance *instance, const char *function, void **state);
+Status instance_restore(Instance *instance, const char *function, const void *state);
+size_t instance_serialized_size(void);
+Status instance_serialize(const Instance *instance, const char *function, const void *state,
+                          unsigned char bytes[], size_t size);
+Status instance_deserialize(const Instance *instance, const char *function,
+                            const unsigned char bytes[], size_t size, void **state);
 
 #endif

@@ -68,7 +68,7 @@ def test_closed_loop_ripples_with_the_eccentric_mass(rig):
 def test_plant_is_the_linear_one_without_friction_and_weight(rig):
     plant = control.tf([motor_gain(TABLE_II)], [TAU_S, 1.0])
     time_s, y = rig(closed_loop=False, V_in=1.0, c=0.0, m=0.0).run(1.0)
-    expected = control.step_response(plant, time_s).outputs
+    expected = np.asarray(control.step_response(plant, time_s).outputs)
     assert y["omega"] == pytest.approx(expected, abs=EULER * expected[-1])
 
 
@@ -79,7 +79,7 @@ def test_loop_is_the_linear_one_without_friction_weight_and_saturation(rig):
     time_s, y = rig(omega_des=set_point, c=0.0, m=0.0).run(1.0)
     assert y["V_s"].max() < TABLE_II.V_s_max
     loop = control.feedback(plant * controller)
-    expected = set_point * control.step_response(loop, time_s).outputs
+    expected = set_point * np.asarray(control.step_response(loop, time_s).outputs)
     assert y["omega"] == pytest.approx(expected, abs=EULER * set_point)
 
 

@@ -1,0 +1,173 @@
+"""Compiles the motor FMU's C code into a shared library, for this machine or another.
+
+ziglang is a C compiler for every platform that installs as an ordinary Python package; the system's
+cc stands in for it, for this machine only.
+"""
+
+import functools
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from cosim.errors import UserError
+from fmus.variables import SOURCES
+
+C_FILES = ("instance.c", "access.c", "saving.c", "fmi2.c", "fmi3.c")
+H_FILES = ("motor.h", "integrate.h", "events.h", "sensitivity.h", "instance.h")
+# Without contraction to fused multiply-adds every platform computes the same bits. Functions that
+# the model description does not offer have parameters that they do not use.
+FLAGS = ("-std=gnu11", "-O3", "-g0", "-s", "-shared", "-fPIC", "-fvisibility=hidden",
+         "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unused-parameter")  # fmt: skip
+
+
+class BuildError(UserError):
+    """The FMU cannot be built here; the message says what is missing or went wrong."""
+
+
+class Target(NamedTuple):
+    """A platform to build for.
+
+    Attributes:
+        triple: what the compiler calls it.
+        suffix: file name suffix of its shared libraries.
+    """
+
+    triple: str
+    suffix: str
+
+
+# Platform tuples of FMI 3. glibc 2.17 (2012) is older than any Linux system in support.
+TARGETS = {
+    "x86_64-linux": Target("x86_64-linux-gnu.2.17", ".so"),
+    "aarch64-linux": Target("aarch64-linux-gnu.2.17", ".so"),
+    "x86_64-windows": Target("x86_64-windows-gnu", ".dll"),
+    "aarch64-windows": Target("aarch64-windows-gnu", ".dll"),
+    "x86_64-darwin": Target("x86_64-macos", ".dylib"),
+    "aarch64-darwin": Target("aarch64-macos", ".dylib"),
+}
+
+
+def host_target() -> str:
+    """Platform tuple of this machine.
+
+    Raises:
+        BuildError: the FMU has no target for this machine.
+    """
+    machine = platform.machine().lower()
+    architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+    system = {"win32": "windows"}.get(sys.platform, sys.platform)
+    if (name := f"{architecture}-{system}") not in TARGETS:
+        raise BuildError(f"no FMU target for {name}; use a machine of {', '.join(TARGETS)}")
+    return name
+
+
+def compiler_command() -> list[str]:
+    """Command of the C compiler: ziglang, or the system's cc where ziglang is missing.
+
+    Raises:
+        BuildError: there is neither.
+    """
+    if importlib.util.find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "cc"]
+    if cc := shutil.which("cc"):
+        return [cc]
+    raise BuildError("no C compiler found; install ziglang (pip install ziglang) or a system cc")
+
+
+@functools.cache
+def compiler_version() -> str:
+    """Name and version of the compiler that `compiler_command` gives."""
+    command = compiler_command()
+    if "ziglang" in command:
+        return f"ziglang {importlib.metadata.version('ziglang')}"
+    return subprocess.run(
+        [*command, "--version"], capture_output=True, text=True, check=True
+    ).stdout
+
+
+def fmi_headers() -> Path:
+    """Folder with the header files of the FMI standards, which fmpy ships.
+
+    Raises:
+        BuildError: fmpy is not installed.
+    """
+    spec = importlib.util.find_spec("fmpy")
+    if spec is None or spec.origin is None:
+        raise BuildError("the FMI header files are missing; install fmpy (pip install fmpy)")
+    return Path(spec.origin).parent / "c-code"
+
+
+def source_files(header: str) -> dict[str, bytes]:
+    """Everything there is to compile, but the FMI standards' headers.
+
+    Args:
+        header: content of `variables.h`.
+
+    Returns:
+        Content by file name.
+    """
+    files = {name: (SOURCES / name).read_bytes() for name in (*C_FILES, *H_FILES)}
+    return files | {"variables.h": header.encode()}
+
+
+def compile_library(header: str, target: str) -> bytes:
+    """Compile the C code into a shared library.
+
+    Args:
+        header: content of `variables.h`.
+        target: platform tuple, a key of `TARGETS`.
+
+    Returns:
+        The library's bytes, the same at every build with the same compiler.
+
+    Raises:
+        BuildError: no compiler was found, or it failed.
+    """
+    command = compiler_command()
+    if "ziglang" in command:
+        command += ["-target", TARGETS[target].triple]
+    elif target != host_target():
+        raise BuildError(f"cc builds for this machine only; install ziglang to build for {target}")
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        for name, content in source_files(header).items():
+            (work / name).write_bytes(content)
+        output = f"motor{TARGETS[target].suffix}"
+        run = subprocess.run(
+            [*command, *FLAGS, f"-I{fmi_headers()}", *C_FILES, "-lm", "-o", output],
+            cwd=work,
+            env=os.environ | {"ZIG_LOCAL_CACHE_DIR": str(work / "cache")},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if run.returncode:
+            raise BuildError(f"the C compiler failed for {target}: {run.stderr.strip()}")
+        return (work / output).read_bytes()
+
+
+def universal_binary(x86_64: bytes, aarch64: bytes) -> bytes:
+    """Mach-O file for both architectures of macOS, which FMI 2.0 keeps in one folder.
+
+    Args:
+        x86_64: dynamic library for x86-64.
+        aarch64: dynamic library for aarch64.
+    """
+    align = 14  # power of two: pages of 16 kB on aarch64
+    slices = ((0x01000007, 3, x86_64), (0x0100000C, 0, aarch64))
+    header = struct.pack(">II", 0xCAFEBABE, len(slices))
+    body, offset = b"", 1 << align
+    for cpu, subtype, content in slices:
+        header += struct.pack(">IIIII", cpu, subtype, offset, len(content), align)
+        padded = -(-len(content) >> align) << align
+        body += content.ljust(padded, b"\0")
+        offset += padded
+    return header.ljust(1 << align, b"\0") + body

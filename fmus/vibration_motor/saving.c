@@ -1,0 +1,94 @@
+/* See instance.h: saved and serialised FMU states. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "instance.h"
+
+/* Equal states are equal bytes, so that importers can compare them. */
+_Static_assert(sizeof(Snapshot) == sizeof(double) * (INPUT_COUNT + PARAMETER_COUNT + 10) +
+                                       sizeof(int64_t) + 8 * sizeof(int32_t),
+               "no padding");
+
+/* A serialised state: the token of the build, so that no other build reads it, and the snapshot. */
+typedef struct {
+    char token[sizeof INSTANTIATION_TOKEN];
+    Snapshot snapshot;
+} Serialized;
+
+Status instance_save(const Instance *instance, const char *function, void **state) {
+    if (!*state)
+        *state = malloc(sizeof(Snapshot));
+    if (!*state)
+        return fail(instance, function, "out of memory");
+    memcpy(*state, &instance->now, sizeof(Snapshot));
+    return STATUS_OK;
+}
+
+Status instance_restore(Instance *instance, const char *function, const void *state) {
+    Snapshot snapshot;
+    memcpy(&snapshot, state, sizeof snapshot);
+    if (snapshot.model_exchange != instance->now.model_exchange)
+        return fail(instance, function, "the state is of a %s instance",
+                    snapshot.model_exchange ? "Model Exchange" : "co-simulation");
+    instance->now = snapshot;
+    return STATUS_OK;
+}
+
+size_t instance_serialized_size(void) { return sizeof(Serialized); }
+
+Status instance_serialize(const Instance *instance, const char *function, const void *state,
+                          unsigned char bytes[], size_t size) {
+    if (size != sizeof(Serialized))
+        return fail(instance, function, "room for %lu bytes, but a state has %lu",
+                    (unsigned long)size, (unsigned long)sizeof(Serialized));
+    Serialized serialized;
+    memset(&serialized, 0, sizeof serialized);
+    memcpy(serialized.token, INSTANTIATION_TOKEN, sizeof serialized.token);
+    memcpy(&serialized.snapshot, state, sizeof serialized.snapshot);
+    memcpy(bytes, &serialized, sizeof serialized);
+    return STATUS_OK;
+}
+
+static bool within(const double values[], size_t count, const double least[], const double most[]) {
+    for (size_t k = 0; k < count; k++)
+        if (!isfinite(values[k]) || (least && values[k] < least[k]) || (most && values[k] > most[k]))
+            return false;
+    return true;
+}
+
+/* Bytes from outside must not bring about a state that no sequence of calls could. */
+static bool is_sound(const Snapshot *snapshot) {
+    const Motor *s = &snapshot->motor;
+    const double state[] = {s->theta, s->omega, s->integral, s->base_time};
+    const int32_t life = snapshot->life_cycle;
+    const int32_t running = snapshot->model_exchange ? EVENT | CONTINUOUS_TIME : STEP;
+    return within(s->input, INPUT_COUNT, NULL, NULL) &&
+           within(s->parameter, PARAMETER_COUNT, parameter_min, parameter_max) &&
+           within(state, sizeof state / sizeof *state, NULL, NULL) && s->steps >= 0 &&
+           !isnan(snapshot->stop_time) && (s->closed_loop == 0 || s->closed_loop == 1) &&
+           (s->solver == SOLVER_SEMI_IMPLICIT_EULER || s->solver == SOLVER_RK4) &&
+           (s->modes_held == 0 || s->modes_held == 1) && abs(s->friction) <= 1 &&
+           abs(s->saturation) <= 1 &&
+           (snapshot->model_exchange == 0 || snapshot->model_exchange == 1) && life > 0 &&
+           !(life & (life - 1)) && (life & (STARTING | TERMINATED | running));
+}
+
+Status instance_deserialize(const Instance *instance, const char *function,
+                            const unsigned char bytes[], size_t size, void **state) {
+    Serialized serialized;
+    if (size != sizeof serialized)
+        return fail(instance, function, "%lu bytes, but a state has %lu", (unsigned long)size,
+                    (unsigned long)sizeof serialized);
+    memcpy(&serialized, bytes, sizeof serialized);
+    if (memcmp(serialized.token, INSTANTIATION_TOKEN, sizeof serialized.token) != 0)
+        return fail(instance, function, "the bytes are no state of this build of the FMU");
+    if (!is_sound(&serialized.snapshot))
+        return fail(instance, function, "the bytes are a damaged state");
+    motor_derive(&serialized.snapshot.motor);
+    if (!*state)
+        *state = malloc(sizeof(Snapshot));
+    if (!*state)
+        return fail(instance, function, "out of memory");
+    memcpy(*state, &serialized.snapshot, sizeof(Snapshot));
+    return STATUS_OK;
+}
