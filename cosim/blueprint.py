@@ -113,12 +113,17 @@ def training_blueprint(robots: int) -> rrb.Blueprint:
     """Learning curves on the left, value maps and visits on the right."""
     names = robot_names(robots)
     curves = [
-        rrb.TimeSeriesView(origin="/", contents=[f"/train/{path}"], name=title, axis_x=_WHOLE_TIME)
-        for path, title in (
-            ("success", "success rate"),
-            ("path_length", "path length cm"),
+        rrb.TimeSeriesView(
+            origin="/",
+            contents=[f"/train/{path}" for path in paths],
+            name=title,
+            axis_x=_WHOLE_TIME,
+        )
+        for title, *paths in (
+            ("success rate", "success", "greedy/success"),
+            ("path length cm", "path_length", "greedy/path_length"),
             ("return", "return"),
-            ("epsilon", "exploration ε"),
+            ("exploration ε", "epsilon"),
         )
     ]
     maps = [

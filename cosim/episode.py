@@ -8,6 +8,7 @@ the cells. Nothing here learns or records.
 
 import math
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -120,6 +121,21 @@ class CoSimulation:
             height,
             self.config.ticks_per_period,
         )
+
+    def compile(self) -> None:
+        """Compile the kernels, or load them from the cache, by simulating nothing."""
+        starts = tuple(cells[0] for cells in self.scenario.starts)
+        self.reset(starts, np.random.SeedSequence(0))
+        n = self.scenario.robots
+        self._driver.advance(
+            self._plant,
+            self._state,
+            np.zeros((0, n, len(MOTOR_NAMES))),
+            new_samples(0, n),
+            new_raw_samples(0, n),
+            0,
+        )
+        self.close()
 
     def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence) -> Observation:
         """Put the robots on their start cells, facing the board's centre row, motors at rest.
@@ -288,6 +304,16 @@ class CoSimulation:
         for position in samples.position[every - 1 :: every, :, :2]:
             self.path_length_m += np.linalg.norm(position - self._path_positions[-1], axis=1)
             self._path_positions.append(position)
+
+
+def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:
+    """Start cells drawn uniformly, again while any two robots would touch."""
+    contact = distance_thresholds(scenario).contact
+    while True:
+        starts = tuple(cells[rng.integers(len(cells))] for cells in scenario.starts)
+        pairs = combinations(starts, 2)
+        if all((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 > contact for a, b in pairs):
+            return starts
 
 
 def run_episode(

@@ -18,7 +18,7 @@ from cosim.contact import foot_positions
 from cosim.episode import Step
 from cosim.features import DIRECTION_COUNT, GRADIENT_SIGNS
 from cosim.plant import Samples
-from cosim.recording import Index, Recording, properties
+from cosim.recording import Recording, properties, scalars, simulated
 from cosim.scenario import Scenario
 
 # Okabe–Ito, safe for colour-blind readers; one per robot.
@@ -123,7 +123,7 @@ class EpisodeRecorder:
             for signal in _RAW_SERIES:
                 values = getattr(step.raw, signal)[:, robot]
                 entity = f"/raw/{name}/{signal}"
-                self.file.columns(entity, Index(raw_time_s), _scalars(values))
+                self.file.columns(entity, simulated(raw_time_s), scalars(values))
             self._write_poses(name, robot, step.samples, time_s, every)
             self._write_decision(name, robot, step, q_values[robot], start_s)
             self._write_outcome(name, robot, step, reward[robot], float(time_s[-1]))
@@ -135,7 +135,7 @@ class EpisodeRecorder:
         self, name: str, robot: int, samples: Samples, time_s: np.ndarray, every: int
     ) -> None:
         def send(signal: str, values: np.ndarray, times: np.ndarray) -> None:
-            self.file.columns(f"/sim/{name}/{signal}", Index(times), _scalars(values))
+            self.file.columns(f"/sim/{name}/{signal}", simulated(times), scalars(values))
 
         blocks = len(time_s) // every
         slow = slice(every - 1, blocks * every, every)
@@ -163,7 +163,7 @@ class EpisodeRecorder:
         self, name: str, robot: int, samples: Samples, time_s: np.ndarray, every: int
     ) -> None:
         slow = slice(every - 1, None, every)
-        index = Index(time_s[slow])
+        index = simulated(time_s[slow])
         quaternion = np.roll(
             samples.quaternion[slow, robot], -1, axis=1
         )  # Rerun wants (x, y, z, w)
@@ -184,48 +184,50 @@ class EpisodeRecorder:
         trail = np.array(self._trail)[:, robot].copy()
         trail[:, 2] = 0.0005  # on the floor
         self.file.columns(
-            f"/world/{name}/trail", Index(time_s[-1]), rr.LineStrips3D.columns(strips=[trail])
+            f"/world/{name}/trail", simulated(time_s[-1]), rr.LineStrips3D.columns(strips=[trail])
         )
 
     def _write_decision(
         self, name: str, robot: int, step: Step, q_values: np.ndarray, time_s: float
     ) -> None:
-        index = Index(np.array([time_s]), np.array([step.number]))
+        index = simulated(np.array([time_s]), np.array([step.number]))
         self._write_observation(name, robot, step.before, index)
         action = int(step.action[robot])
         state = DIRECTION_NAMES[action] if action >= 0 else _ARRIVED
         self.file.columns(f"/rl/{name}/action", index, rr.StateChange.columns(state=[state]))
-        self.file.columns(f"/rl/{name}/q_s", index, _scalars(q_values[None]))
+        self.file.columns(f"/rl/{name}/q_s", index, scalars(q_values[None]))
         if step.decided[robot]:
             x, y = step.before.cells[robot]
             self._log(f"{name} in cell ({x}, {y}) heads for {state}", step.number, time_s)
 
-    def _write_observation(self, name: str, robot: int, observation: Any, index: Index) -> None:
-        self.file.columns(f"/rl/{name}/cell", index, _scalars(observation.cells[robot][None]))
+    def _write_observation(
+        self, name: str, robot: int, observation: Any, index: list[rr.TimeColumn]
+    ) -> None:
+        self.file.columns(f"/rl/{name}/cell", index, scalars(observation.cells[robot][None]))
         if len(self._names) > 1:
             distances = np.linalg.norm(observation.cells - observation.cells[robot], axis=1)
             nearest = np.delete(distances, robot).min()
-            self.file.columns(f"/rl/{name}/distance", index, _scalars(np.array([[nearest]])))
+            self.file.columns(f"/rl/{name}/distance", index, scalars(np.array([[nearest]])))
         sign = GRADIENT_SIGNS[int(observation.gradient_sign[robot]) + 1]
         self.file.columns(f"/rl/{name}/gradient", index, rr.StateChange.columns(state=[sign]))
 
     def _write_outcome(
         self, name: str, robot: int, step: Step, reward: float, time_s: float
     ) -> None:
-        index = Index(np.array([time_s]), np.array([step.number]))
+        index = simulated(np.array([time_s]), np.array([step.number]))
         if step.outcome:
             self._write_observation(name, robot, step.after, index)
         if np.isnan(reward):
             return
         self._return[robot] += reward
-        self.file.columns(f"/rl/{name}/reward", index, _scalars(np.array([[reward]])))
-        self.file.columns(f"/rl/{name}/return", index, _scalars(self._return[robot].reshape(1, 1)))
+        self.file.columns(f"/rl/{name}/reward", index, scalars(np.array([[reward]])))
+        self.file.columns(f"/rl/{name}/return", index, scalars(self._return[robot].reshape(1, 1)))
         x, y = step.after.cells[robot]
         text = f"{name} ends its move in cell ({x}, {y}), reward {reward:.2f}"
         self._log(text, step.number, time_s)
 
     def _log(self, text: str, rl_step: int, time_s: float) -> None:
-        index = Index(np.array([time_s]), np.array([rl_step]))
+        index = simulated(np.array([time_s]), np.array([rl_step]))
         self.file.columns("/log", index, rr.TextLog.columns(text=[text], level=["INFO"]))
 
     def _write_scene(self, scenario: Scenario) -> None:
@@ -338,11 +340,6 @@ class EpisodeRecorder:
                     colors=_palette(_SERIES),
                 ),
             )
-
-
-def _scalars(values: np.ndarray) -> Any:
-    """Rows of a scalar or vector signal for `send_columns`."""
-    return rr.Scalars.columns(scalars=values.astype(np.float64))
 
 
 def _palette(colours: list[int]) -> np.ndarray:

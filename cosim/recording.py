@@ -74,9 +74,9 @@ class Recording:
         """Log data that holds for the whole recording."""
         self.stream.log(entity, *what, static=True)
 
-    def columns(self, entity: str, index: "Index", columns: Any) -> None:
-        """Send the rows of one entity, one per entry of the index."""
-        self.stream.send_columns(entity, index.columns(), columns)
+    def columns(self, entity: str, times: list[rr.TimeColumn], columns: Any) -> None:
+        """Send the rows of one entity, one per time."""
+        self.stream.send_columns(entity, times, columns)
 
     def flush(self) -> None:
         """Write out what was sent so far.
@@ -104,20 +104,18 @@ class Recording:
         self._part.replace(self.path)
 
 
-class Index:
-    """Times of rows: simulated time, and the number of the RL step where it applies."""
+def simulated(time_s: np.ndarray, rl_step: np.ndarray | None = None) -> list[rr.TimeColumn]:
+    """Times of rows in an episode: simulated time in s, and the RL step where it applies."""
+    nanoseconds = np.round(np.atleast_1d(time_s) * 1e9).astype("timedelta64[ns]")
+    columns = [rr.TimeColumn("sim_time", duration=nanoseconds)]
+    if rl_step is not None:
+        columns.append(rr.TimeColumn("rl_step", sequence=np.atleast_1d(rl_step)))
+    return columns
 
-    def __init__(self, time_s: np.ndarray, rl_step: np.ndarray | None = None) -> None:
-        self.time_s = np.atleast_1d(time_s)
-        self.rl_step = rl_step
 
-    def columns(self) -> list[rr.TimeColumn]:
-        """The same as Rerun's time columns."""
-        nanoseconds = np.round(self.time_s * 1e9).astype("timedelta64[ns]")
-        found = [rr.TimeColumn("sim_time", duration=nanoseconds)]
-        if self.rl_step is not None:
-            found.append(rr.TimeColumn("rl_step", sequence=np.atleast_1d(self.rl_step)))
-        return found
+def scalars(values: np.ndarray) -> Any:
+    """Rows of a scalar (n,) or vector (n, k) signal."""
+    return rr.Scalars.columns(scalars=values.astype(np.float64))
 
 
 def properties(values: Mapping[str, Any]) -> rr.AnyValues:

@@ -1,0 +1,119 @@
+"""A training run as a Rerun recording: learning curves, and what the tables say at the end."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from matplotlib import colormaps
+
+from agent.policy import Policy
+from agent.training import TrainingLog
+from cosim.blueprint import robot_names, training_blueprint
+from cosim.features import DIRECTIONS
+from cosim.recording import Recording, properties, scalars
+
+_PIXELS_PER_CELL = 12
+_ARROW_CELLS = 0.8
+_INK = 0x222222FF
+
+
+def write_training(path: Path, policy: Policy, log: TrainingLog, facts: dict[str, Any]) -> None:
+    """Write `training.rrd`: curves on the timeline `episode`, maps at the last episode.
+
+    Args:
+        path: of the recording.
+        policy: trained policy with its tables and visit counts.
+        log: learning curves.
+        facts: what identifies the run, for the recording's properties.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    robots = policy.config.scenario.robots
+    identity = f"training-{facts.get('scenario')}-{facts.get('seed')}"
+    with Recording(path, identity, training_blueprint(robots)) as file:
+        file.stream.send_property("training", properties(facts))
+        _write_curves(file, log)
+        last = [rr.TimeColumn("episode", sequence=[policy.episodes])]
+        for robot, name in enumerate(robot_names(robots)):
+            value, action, visits = cell_maps(policy, robot)
+            _write_map(file, f"/q/{name}/value_map", last, value, visits > 0)
+            _write_map(file, f"/q/{name}/visits", last, np.log10(np.maximum(visits, 1)), visits > 0)
+            _write_arrows(file, f"/q/{name}/policy", last, action, visits > 0)
+
+
+def cell_maps(policy: Policy, robot: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a robot's table says of each cell, over the other features weighted by visits.
+
+    Returns:
+        Value max_a Q (mean over the states of the cell), greedy direction index (of the state
+        visited most) and visits, each of shape (columns, rows).
+    """
+    scenario, strides = policy.config.scenario, policy.process.strides
+    cells = scenario.columns * scenario.rows
+    x, y = np.divmod(np.arange(cells), scenario.rows)
+    base = x * strides[0] + y * strides[1]
+    # The other features have the smallest strides: a cell's states follow one another.
+    told_apart = (scenario.columns if strides[0] else 1) * (scenario.rows if strides[1] else 1)
+    states = base[:, None] + np.arange(policy.process.state_count // told_apart)
+    visits = policy.visits[robot][states].astype(np.float64)
+    best = policy.values[robot].max(axis=1)[states]
+    total = visits.sum(axis=1)
+    value = (best * visits).sum(axis=1) / np.maximum(total, 1.0)
+    usual = states[np.arange(cells), visits.argmax(axis=1)]
+    action = policy.values[robot].argmax(axis=1)[usual]
+    shape = (scenario.columns, scenario.rows)
+    return value.reshape(shape), action.reshape(shape), total.reshape(shape)
+
+
+def _write_curves(file: Recording, log: TrainingLog) -> None:
+    def send(name: str, episode: np.ndarray, values: np.ndarray, names: list[str]) -> None:
+        known = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+        file.static(f"/train/{name}", rr.SeriesLines(names=names, aggregation_policy="Average"))
+        times = [rr.TimeColumn("episode", sequence=episode[known])]
+        file.columns(f"/train/{name}", times, scalars(values[known]))
+
+    names = robot_names(log.returns.shape[1])
+    send("success", log.episode, log.success, ["exploring"])
+    send("path_length", log.episode, log.path_length_cm, ["exploring"])
+    send("return", log.episode, log.returns, names)
+    send("epsilon", log.episode, log.epsilon, ["epsilon"])
+    send("greedy/success", log.greedy_episode, log.greedy_success, ["greedy, all starts"])
+    send(
+        "greedy/path_length", log.greedy_episode, log.greedy_path_length_cm, ["greedy, all starts"]
+    )
+
+
+def _write_map(
+    file: Recording, entity: str, times: list[rr.TimeColumn], values: np.ndarray, known: np.ndarray
+) -> None:
+    """A map over (columns, rows) as a colour image, y up; cells never visited stay white."""
+    low, high = values[known].min(), values[known].max()
+    scaled = (values - low) / max(high - low, 1e-12)
+    colours = colormaps["viridis"](scaled, bytes=True)[..., :3]
+    colours[~known] = 255
+    image = np.flipud(colours.transpose(1, 0, 2))
+    image = np.ascontiguousarray(
+        image.repeat(_PIXELS_PER_CELL, axis=0).repeat(_PIXELS_PER_CELL, axis=1)
+    )
+    height, width = image.shape[:2]
+    picture = rr.components.ImageFormat(
+        width=width, height=height, color_model="RGB", channel_datatype="U8"
+    )
+    file.static(entity, rr.Image.from_fields(format=picture))
+    file.columns(entity, times, rr.Image.columns(buffer=[image.tobytes()]))
+
+
+def _write_arrows(
+    file: Recording, entity: str, times: list[rr.TimeColumn], action: np.ndarray, known: np.ndarray
+) -> None:
+    """Greedy directions as arrows, in the pixels of the maps."""
+    columns, rows = np.nonzero(known)
+    centres = np.stack([columns + 0.5, known.shape[1] - rows - 0.5], axis=1) * _PIXELS_PER_CELL
+    step = DIRECTIONS[action[known]] * np.array([1, -1])
+    unit = step / np.linalg.norm(step, axis=1, keepdims=True)
+    vectors = unit * _ARROW_CELLS * _PIXELS_PER_CELL
+    arrows = rr.Arrows2D.columns(vectors=vectors, origins=centres - vectors / 2.0)
+    file.static(entity, rr.Arrows2D.from_fields(colors=np.array([_INK] * 1, dtype=np.uint32)))
+    file.columns(entity, times, arrows.partition([len(vectors)]))

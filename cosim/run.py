@@ -1,0 +1,291 @@
+"""`python -m cosim.run`: train, co-simulate, record. The composition root of the project."""
+
+import importlib.metadata
+import json
+import platform
+import time
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from agent import training
+from agent.cosim_reward import step_reward
+from agent.policy import Policy
+from agent.qlearning import LearningConfig
+from agent.store import trained_policy
+from agent.training_recording import write_training
+from cosim.config import ConfigError, CoSimConfig
+from cosim.episode import CoSimulation, Step, draw_starts, run_episode
+from cosim.episode_recording import EpisodeRecorder
+from cosim.errors import run_command
+from cosim.params import SPEED_NOISE, STEERING, TABLE_I, TIMING
+from cosim.scenario import Scenario, find_scenario
+from cosim.storage import replacing
+from fmus.build import cached_fmu
+
+SUMMARY_SCHEMA_VERSION = 1
+_PACKAGES = ("minirobots", "fmpy", "numba", "numpy", "rerun-sdk")
+
+
+@dataclass(frozen=True)
+class Run:
+    """Mini-robots learn to reach their targets, then drive there with motors, mass and friction.
+
+    The agents are trained on the grid (or found in the cache if this configuration was trained
+    before), and every episode of the co-simulation steps the motor FMUs and the rigid bodies with
+    dt = 1e-5 s while the agents decide every 2 s. Results go to the output folder: summary.json,
+    policy.npz, training.rrd and one recording per episode, to be opened in the Rerun viewer.
+    """
+
+    scenario: str = "2"
+    """Built-in scenario of Fig. 5 (1a, 1b, 2, 3, 4) or a scenario file (.toml)."""
+    episodes: int = 1
+    """Episodes to co-simulate, each from start cells drawn with the seed."""
+    train_episodes: int = LearningConfig().episodes
+    """Episodes to train on the grid (Section V: 5 000 000, some seconds)."""
+    seed: int = 0
+    """Seed of everything random: training, start cells and speed noise."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Output folder; by default runs/<scenario>-<time>."""
+    policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Trained policy to use (policy.npz) instead of training."""
+    motor_fmu: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Motor FMU to use (FMI 3.0 Co-Simulation with the same interface) instead of the built-in."""
+    retrain: bool = False
+    """Train even if the cache has a policy of this configuration."""
+    record: bool = True
+    """Write recordings; --no-record leaves only summary.json and the policy."""
+    driver: Literal["compiled", "reference"] = "compiled"
+    """How the master reaches the FMUs: compiled code, or fmpy's Python classes (some 100 times
+    slower, the same bits)."""
+    dt: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.dt_s
+    """Integration and communication step in s."""
+    mu: float = TABLE_I.mu
+    """Coulomb friction coefficient of the feet (useful: 0.1 to 0.4)."""
+    noise: float = SPEED_NOISE.relative_amplitude
+    """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
+    speed: Annotated[float, tyro.conf.arg(metavar="RAD_S")] = STEERING.drive_speed_rad_s
+    """Motor speed while driving and turning, in rad/s; the robot hops above 1151."""
+    time_limit: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.episode_limit_s
+    """Simulated time in s after which an episode ends as a time-out."""
+
+    def __post_init__(self) -> None:
+        for name in ("episodes", "train_episodes"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"--{name.replace('_', '-')} must be at least 1")
+        if self.seed < 0:
+            raise ConfigError("--seed must not be negative")
+
+    def config(self) -> CoSimConfig:
+        """Parameters of the co-simulation.
+
+        Raises:
+            ConfigError: they do not fit together.
+        """
+        return CoSimConfig(
+            robot=TABLE_I._replace(mu=self.mu),
+            noise=SPEED_NOISE._replace(relative_amplitude=self.noise),
+            timing=TIMING._replace(dt_s=self.dt, episode_limit_s=self.time_limit),
+            steering=STEERING._replace(drive_speed_rad_s=self.speed, turn_speed_rad_s=self.speed),
+        )
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """One episode as `summary.json` lists it."""
+
+    outcome: str
+    path_length_cm: float
+    sim_time_s: float
+    realtime_factor: float
+    recording: str | None
+    starts: tuple[tuple[int, int], ...] = field(default=())
+    path_length_cm_by_robot: tuple[float, ...] = field(default=())
+
+
+def run(options: Run, console: Console) -> tuple[list[EpisodeResult], Path]:
+    """Train or load, co-simulate, record, and write `summary.json`.
+
+    Args:
+        options: the command line.
+        console: for progress; nothing is drawn if it is no terminal.
+
+    Returns:
+        The episodes' results and the output folder.
+
+    Raises:
+        UserError: see its message.
+    """
+    scenario, config = find_scenario(options.scenario), options.config()
+    out = options.out or Path("runs") / f"{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
+    with console.status("preparing the motor FMU and the kernels (some seconds the first time)"):
+        fmu = options.motor_fmu or cached_fmu()
+        system = CoSimulation(scenario, fmu, config, options.driver)
+        out.mkdir(parents=True, exist_ok=True)
+        system.compile()
+    facts = _facts(options, scenario, fmu)
+    policy, log = _policy(options, scenario, console)
+    policy.save(out / "policy.npz")
+    if options.record and log is not None:
+        write_training(out / "training.rrd", policy, log, facts)
+
+    results: list[EpisodeResult] = []
+    for episode in range(options.episodes):
+        results.append(_episode(options, system, policy, episode, out, facts, console))
+        _write_summary(out / "summary.json", options, config, facts, results)
+    return results, out
+
+
+def _policy(
+    options: Run, scenario: Scenario, console: Console
+) -> tuple[Policy, training.TrainingLog | None]:
+    if options.policy is not None:
+        return Policy.load(options.policy, scenario), None
+    learning = LearningConfig(episodes=options.train_episodes)
+    columns = ("[progress.description]{task.description}", "{task.fields[state]}")
+    with Progress(
+        TextColumn(columns[0]),
+        BarColumn(),
+        TextColumn(columns[1]),
+        TimeRemainingColumn(),
+        console=console,
+        disable=not console.is_terminal,
+    ) as bar:
+        task = bar.add_task("training", total=learning.episodes, state="")
+
+        def show(progress: training.Progress) -> None:
+            state = f"success {progress.success:.1%}  ε {progress.epsilon:.3f}"
+            bar.update(task, completed=progress.episode, state=state)
+
+        policy, log, path = trained_policy(
+            scenario, None, learning, options.seed, retrain=options.retrain, progress=show
+        )
+        bar.update(task, completed=learning.episodes, state=f"policy in {path}")
+    return policy, log
+
+
+def _episode(
+    options: Run,
+    system: CoSimulation,
+    policy: Policy,
+    episode: int,
+    out: Path,
+    facts: dict[str, Any],
+    console: Console,
+) -> EpisodeResult:
+    start_seed, noise_seed = np.random.SeedSequence(options.seed, spawn_key=(episode,)).spawn(2)
+    starts = draw_starts(system.scenario, np.random.default_rng(start_seed))
+    path = out / "episodes" / f"ep_{episode:03d}.rrd"
+    recorder = None
+    if options.record:
+        identity = f"{system.scenario.name}-{options.seed}-{episode}"
+        facts = facts | {"episode": episode, "starts": starts}
+        recorder = EpisodeRecorder(path, system.scenario, system.config, identity, facts)
+    began = time.perf_counter()
+    with Progress(
+        TextColumn("[progress.description]{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[state]}"),
+        TimeElapsedColumn(),
+        console=console,
+        disable=not console.is_terminal,
+    ) as bar:
+        task = bar.add_task(f"episode {episode}", total=None, state="")
+
+        def observe(step: Step) -> None:
+            if recorder is not None:
+                reward = step_reward(policy.process, step, system.arrived)
+                recorder.write(step, policy.q_values(step.before), reward)
+            factor = system.time_s / (time.perf_counter() - began)
+            state = f"{system.time_s:.0f} s simulated, {factor:.1f} × real time {step.outcome}"
+            bar.update(task, state=state)
+
+        try:
+            run_episode(system, policy, starts, noise_seed, observe)
+        except KeyboardInterrupt:
+            if recorder is not None:
+                console.print(f"interrupted at {system.time_s:.0f} s; recorded so far: {path}")
+            raise
+        finally:
+            if recorder is not None:
+                recorder.file.close()
+            system.close()
+    by_robot = tuple(float(round(100.0 * length, 6)) for length in system.path_length_m)
+    return EpisodeResult(
+        outcome=system.outcome,
+        path_length_cm=float(np.mean(by_robot)),
+        sim_time_s=round(system.time_s, 9),
+        realtime_factor=system.time_s / (time.perf_counter() - began),
+        recording=str(path.relative_to(out)) if recorder is not None else None,
+        starts=starts,
+        path_length_cm_by_robot=by_robot,
+    )
+
+
+def _facts(options: Run, scenario: Scenario, fmu: Path) -> dict[str, Any]:
+    """What identifies a run, for summaries and recordings; the same for equal runs."""
+    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {
+        "scenario": scenario.name,
+        "title": scenario.title,
+        "seed": options.seed,
+        "driver": options.driver,
+        "motor_fmu": fmu.name,
+        "train_episodes": options.train_episodes,
+        "versions": versions | {"python": platform.python_version()},
+    }
+
+
+def _write_summary(
+    path: Path,
+    options: Run,
+    config: CoSimConfig,
+    facts: dict[str, Any],
+    results: list[EpisodeResult],
+) -> None:
+    summary = {
+        "schema_version": SUMMARY_SCHEMA_VERSION,
+        **facts,
+        "parameters": {name: row["value"] for name, row in config.table().items()},
+        "episodes": [vars(result) for result in results],
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+
+
+def _show(results: list[EpisodeResult], out: Path) -> None:
+    """Print the outcome table, where the files are and how to open them."""
+    table = Table("episode", "outcome", "path length", "simulated", "real-time factor", "recording")
+    for number, result in enumerate(results):
+        table.add_row(
+            str(number),
+            result.outcome,
+            f"{result.path_length_cm:.1f} cm",
+            f"{result.sim_time_s:.0f} s",
+            f"{result.realtime_factor:.1f}",
+            result.recording or "none",
+        )
+    console = Console()
+    console.print(table)
+    console.print(f"results in {out}/: summary.json, policy.npz", soft_wrap=True)
+    recordings = [out / r.recording for r in results if r.recording]
+    if recordings:
+        console.print(f"open with: uv run rerun {recordings[0]}", soft_wrap=True)
+
+
+def main() -> None:
+    """Command line; see `Run`."""
+    options = tyro.cli(Run, prog="python -m cosim.run", config=(tyro.conf.FlagCreatePairsOff,))
+    results, out = run(options, Console(stderr=True))
+    _show(results, out)
+
+
+if __name__ == "__main__":
+    run_command(main)
