@@ -1,19 +1,29 @@
 """Scenarios: a board of cells, one target and one set of start cells per robot.
 
 A scenario is geometry only; how robots learn on it is the agent's, how they move the
-co-simulation's. Cells are addressed (column, row) = (x, y) from the lower left corner; the board's
-frame has its origin at that corner, x to the right, y up.
+co-simulation's. Scenarios of the paper are built in, others are read from TOML files. Cells are
+addressed (column, row) = (x, y) from the lower left corner; the board's frame has its origin at
+that corner, x to the right, y up.
 """
 
 import hashlib
 import json
 import math
+import re
+import tomllib
 from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
 
 from cosim.errors import UserError
 from cosim.params import TABLE_I
 
 Cell = tuple[int, int]
+Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
+
+MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
 
 
 class ScenarioError(UserError):
@@ -38,7 +48,8 @@ class Scenario:
         robot_diameter_m: diameter of every robot (Table I).
 
     Raises:
-        ScenarioError: a cell is off the board, or targets are closer than one diameter.
+        ScenarioError: a size is not positive, a cell is off the board, or targets are closer than
+            one diameter.
     """
 
     name: str
@@ -48,11 +59,12 @@ class Scenario:
     columns: int = 30
     rows: int = 30
     cell_m: float = 0.01
-    zone: tuple[int, int, int, int] = (12, 12, 18, 18)
+    zone: Rectangle = (12, 12, 18, 18)
     obstacles: tuple[Cell, ...] = ()
     robot_diameter_m: float = TABLE_I.diameter_m
 
     def __post_init__(self) -> None:
+        self._check_sizes()
         if not self.targets or len(self.targets) != len(self.starts):
             raise ScenarioError(
                 f"scenario {self.name}: targets and starts need one entry per robot, "
@@ -81,6 +93,26 @@ class Scenario:
                         "further apart"
                     )
 
+    def _check_sizes(self) -> None:
+        left, bottom, right, top = self.zone
+        checks = {
+            "name": (re.fullmatch(r"[\w.-]+", self.name), "letters, digits, '.', '-' and '_'"),
+            "columns": (1 <= self.columns <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
+            "rows": (1 <= self.rows <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
+            "cell_m": (self.cell_m > 0, "a positive length in m"),
+            "robot_diameter_m": (self.robot_diameter_m > 0, "a positive length in m"),
+            "zone": (
+                0 <= left <= right < self.columns and 0 <= bottom <= top < self.rows,
+                "[first column, first row, last column, last row] on the board",
+            ),
+        }
+        for field, (valid, expected) in checks.items():
+            if not valid:
+                raise ScenarioError(
+                    f"scenario {self.name}: {field} = {getattr(self, field)} is not usable; "
+                    f"give {expected}"
+                )
+
     @property
     def robots(self) -> int:
         """Number of robots N."""
@@ -101,15 +133,20 @@ class Scenario:
         return hashlib.sha256(json.dumps(geometry, sort_keys=True).encode()).hexdigest()[:16]
 
 
-_COLUMNS = _ROWS = 30
-_TOP = tuple((x, _ROWS - 1) for x in range(_COLUMNS))
-_BOTTOM = tuple((x, 0) for x in range(_COLUMNS))
-_BORDER = tuple(
-    (x, y)
-    for y in range(_ROWS)
-    for x in range(_COLUMNS)
-    if x in {0, _COLUMNS - 1} or y in {0, _ROWS - 1}
-)
+def _sides(columns: int, rows: int) -> dict[str, tuple[Cell, ...]]:
+    """Cells along each side of a board, and along all of them."""
+    cells = tuple((x, y) for y in range(rows) for x in range(columns))
+    return {
+        "top": tuple(c for c in cells if c[1] == rows - 1),
+        "bottom": tuple(c for c in cells if c[1] == 0),
+        "left": tuple(c for c in cells if c[0] == 0),
+        "right": tuple(c for c in cells if c[0] == columns - 1),
+        "border": tuple(c for c in cells if c[0] in {0, columns - 1} or c[1] in {0, rows - 1}),
+    }
+
+
+_SIDES = _sides(30, 30)
+_TOP, _BOTTOM, _BORDER = _SIDES["top"], _SIDES["bottom"], _SIDES["border"]
 
 # Fig. 5; target cells are a reading of the figure (assumed), see docs/decisions.md.
 BUILT_IN: dict[str, Scenario] = {
@@ -124,12 +161,106 @@ BUILT_IN: dict[str, Scenario] = {
 }
 
 
-def find_scenario(name: str) -> Scenario:
-    """Built-in scenario of that name (Fig. 5: 1a, 1b, 2, 3, 4).
+def find_scenario(name_or_path: str | Path) -> Scenario:
+    """Built-in scenario of that name (Fig. 5: 1a, 1b, 2, 3, 4), or the one in a TOML file.
 
     Raises:
-        ScenarioError: there is no such scenario.
+        ScenarioError: there is no such scenario, or the file does not describe one.
     """
-    if name not in BUILT_IN:
-        raise ScenarioError(f"unknown scenario '{name}'; choose one of {', '.join(BUILT_IN)}")
-    return BUILT_IN[name]
+    name = str(name_or_path)
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    if not name.endswith(".toml"):
+        raise ScenarioError(
+            f"unknown scenario '{name}'; choose one of {', '.join(BUILT_IN)} or name a .toml file"
+        )
+    return read_scenario(Path(name))
+
+
+_Index = Annotated[int, msgspec.Meta(ge=0, lt=MAX_SIDE_CELLS)]
+_Size = Annotated[int, msgspec.Meta(ge=1, le=MAX_SIDE_CELLS)]
+Side = Literal["top", "bottom", "left", "right", "border"]
+
+
+class _RobotTable(msgspec.Struct, forbid_unknown_fields=True):
+    target: Cell
+    starts: Side | list[list[_Index]]
+
+
+class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
+    robots: list[_RobotTable]
+    name: str | None = None
+    title: str = ""
+    columns: _Size = 30
+    rows: _Size = 30
+    cell_m: float = 0.01
+    zone: Rectangle | None = None
+    obstacles: list[list[_Index]] = []
+    robot_diameter_m: float = TABLE_I.diameter_m
+
+
+def read_scenario(path: Path) -> Scenario:
+    """Scenario of a TOML file, see docs/scenarios.md for its fields.
+
+    Start cells are a side of the board or a list, obstacles a list; a list has cells `[x, y]` and
+    rectangles `[first column, first row, last column, last row]`. The zone is by default the
+    7 x 7 cells in the middle, as in Section V.
+
+    Raises:
+        ScenarioError: the file is missing, no TOML, or a field is wrong; the message names it.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        file = msgspec.convert(content, _ScenarioFile)
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: no such scenario file; check the path") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: not a TOML file ({error}); mend that line") from error
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{path}: {_field_message(str(error))}") from error
+    sides = _sides(file.columns, file.rows)
+    starts = tuple(
+        sides[robot.starts]
+        if isinstance(robot.starts, str)
+        else _cells(path, f"robots[{i}].starts", robot.starts)
+        for i, robot in enumerate(file.robots)
+    )
+    return Scenario(
+        name=file.name or path.stem,
+        title=file.title or path.name,
+        targets=tuple(robot.target for robot in file.robots),
+        starts=starts,
+        columns=file.columns,
+        rows=file.rows,
+        cell_m=file.cell_m,
+        zone=file.zone or _central_zone(file.columns, file.rows),
+        obstacles=_cells(path, "obstacles", file.obstacles),
+        robot_diameter_m=file.robot_diameter_m,
+    )
+
+
+def _field_message(message: str) -> str:
+    """Msgspec's "Expected `int`, got `str` - at `$.zone[0]`" with the field first."""
+    problem, _, where = message.partition(" - at ")
+    field = where.strip("`").removeprefix("$").removeprefix(".")
+    problem = (problem[0].lower() + problem[1:]).replace("`", "'")
+    return f"{field or 'file'}: {problem}; mend this field (see docs/scenarios.md)"
+
+
+def _cells(path: Path, field: str, items: list[list[int]]) -> tuple[Cell, ...]:
+    cells: list[Cell] = []
+    for k, item in enumerate(items):
+        if len(item) not in {2, 4}:
+            raise ScenarioError(
+                f"{path}: {field}[{k}]: {item} is neither a cell [x, y] nor a rectangle "
+                "[first column, first row, last column, last row]"
+            )
+        left, bottom, right, top = (*item, *item)[:4]
+        cells += [(x, y) for y in range(bottom, top + 1) for x in range(left, right + 1)]
+    return tuple(dict.fromkeys(cells))
+
+
+def _central_zone(columns: int, rows: int) -> Rectangle:
+    width, height = min(7, columns), min(7, rows)
+    left, bottom = (columns - width + 1) // 2, (rows - height + 1) // 2
+    return left, bottom, left + width - 1, bottom + height - 1
