@@ -179,10 +179,11 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
 
 
 @njit(cache=True, forceinline=True)
-def state_index(process: Process, world: np.ndarray, i: int) -> int:
+def state_index(process: Process, world: np.ndarray, i: int) -> np.uint64:
     """Row of robot i's table for what it sees: its cell, Eq. (9), Eq. (10), the bearing."""
     strides = process.strides
-    return (
+    # unsigned, so that the compiler leaves out the handling of negative indices
+    return np.uint64(
         world[i, X] * strides[0]
         + world[i, Y] * strides[1]
         + world[i, CLASS] * strides[2]

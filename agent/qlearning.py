@@ -211,7 +211,7 @@ def _best(values: np.ndarray) -> tuple[int, np.float32]:
 
 
 @njit(cache=True, forceinline=True)
-def _best_of_sum(q: np.ndarray, i: int, s: int) -> int:
+def _best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
     """The same over the sum of the two tables of double Q-learning."""
     action = 0
     best = q[0, i, s, 0] + q[1, i, s, 0]
@@ -240,7 +240,7 @@ def _run_episodes(
     cells = np.empty((n, 2), dtype=np.int64)
     chosen = np.empty(n, dtype=np.int64)
     executed = np.empty(n, dtype=np.int64)
-    state = np.empty(n, dtype=np.int64)
+    state = np.empty(n, dtype=np.uint64)
     greedy = np.empty(n, dtype=np.int64)
     moved = np.empty(n, dtype=np.bool_)
     rewards = np.empty(n, dtype=np.float32)

@@ -30,6 +30,11 @@ def same(a, b):
     )
 
 
+def corridor_of_three():
+    zone = (0, 0, 2, 0)
+    return Scenario("corridor", "", ((2, 0),), (((0, 0),),), columns=3, rows=1, zone=zone)
+
+
 def test_splitmix64_gives_its_published_numbers():
     # first outputs for seed 1234567, as in the reference implementation's test vector
     state = np.array([1234567], dtype=np.uint64)
@@ -38,11 +43,10 @@ def test_splitmix64_gives_its_published_numbers():
 
 
 def test_eq_7_on_a_corridor_by_hand():
-    corridor = Scenario("corridor", "", ((2, 0),), (((0, 0),),), columns=3, rows=1)
     config = LearningConfig(
         episodes=3, eta=0.5, gamma=0.9, epsilon=0.0, exploration=0.0, log_episodes=1, log_window=1
     )
-    process = build_process(corridor, ProcessConfig(goal_reward=10.0))
+    process = build_process(corridor_of_three(), ProcessConfig(goal_reward=10.0))
     state = initial_state(process, config, 0)
     state.q[..., 1:] = -1000.0  # so that greedy drives east: two moves to the goal per episode
     advance(process, build_learning(config), state, 3)
@@ -58,9 +62,8 @@ def test_eq_7_on_a_corridor_by_hand():
 
 
 def test_cut_episode_bootstraps_and_counts_as_a_failure():
-    corridor = Scenario("corridor", "", ((2, 0),), (((0, 0),),), columns=3, rows=1)
     config = LearningConfig(episodes=1, eta=1.0, exploration=0.0, log_episodes=1, log_window=1)
-    process = build_process(corridor, ProcessConfig(step_limit=1))
+    process = build_process(corridor_of_three(), ProcessConfig(step_limit=1))
     state = initial_state(process, config, 0)
     state.q[0, 0, 1, 3] = 7.0
     advance(process, build_learning(config), state, 1)
