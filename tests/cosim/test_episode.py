@@ -1,0 +1,143 @@
+"""RL steps over the dynamics: actions end at cell centres, observations are the cells'."""
+
+import numpy as np
+import pytest
+
+from cosim.config import ConfigError, CoSimConfig
+from cosim.episode import CoSimulation, draw_starts, run_episode
+from cosim.features import LARGE, MEDIUM
+from cosim.params import TABLE_I, TIMING
+from cosim.scenario import Scenario, find_scenario
+
+SHORT = Scenario("short", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
+EAST, NORTH, SOUTH = 0, 2, 6
+
+
+@pytest.fixture(scope="module")
+def short(motor_fmu, straight_policy):
+    """Steps of an episode in which both robots drive two cells."""
+    system, steps = CoSimulation(SHORT, motor_fmu), []
+    starts = tuple(cells[0] for cells in SHORT.starts)
+    policy = straight_policy(SHORT.targets)
+    run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
+    return system, steps
+
+
+def test_robots_reach_their_targets(short):
+    system, steps = short
+    assert system.outcome == "success"
+    assert steps[-1].outcome == "success"
+    assert steps[-1].after.cells.tolist() == [[15, 27], [15, 2]]
+    assert system.path_length_m == pytest.approx(0.02, abs=0.001)
+
+
+def test_robots_stop_at_the_centres(short):
+    system, steps = short
+    for robot, target in enumerate(SHORT.targets):
+        final = steps[-1].samples.position[-1, robot, :2]
+        assert final == pytest.approx(SHORT.centre_m(target), abs=2e-3)
+
+
+def test_action_stays_in_force_until_the_centre(short):
+    _, steps = short
+    decisions = np.array([step.decided for step in steps])
+    assert decisions[0].all()
+    assert 0 < decisions[1:].sum() < decisions[1:].size / 2
+    for before, after in zip(steps, steps[1:], strict=False):
+        kept = ~after.decided & (after.action >= 0)
+        assert np.array_equal(before.action[kept], after.action[kept])
+
+
+def test_signals_are_contiguous_in_time(short):
+    _, steps = short
+    for before, after in zip(steps, steps[1:], strict=False):
+        assert after.first_tick - before.first_tick == 200_000
+        assert len(before.samples.omega) == 2000
+        jump = after.samples.position[0] - before.samples.position[-1]
+        assert np.abs(jump).max() < 1e-4
+
+
+def test_voltage_stays_within_the_battery(short):
+    _, steps = short
+    assert max(np.abs(step.samples.voltage).max() for step in steps) == 3.0
+
+
+def test_friction_stays_in_the_cone(short):
+    _, steps = short
+    for step in steps:
+        assert (step.raw.normal >= 0.0).all()
+        friction = np.linalg.norm(step.raw.friction.reshape(*step.raw.normal.shape, 2), axis=-1)
+        assert (friction <= TABLE_I.mu * step.raw.normal * (1.0 + 1e-9)).all()
+
+
+def test_leaving_the_board_ends_the_episode(motor_fmu):
+    system = CoSimulation(SHORT, motor_fmu)
+    system.reset(((29, 29), (0, 0)), np.random.SeedSequence(0))
+    while not system.outcome:
+        step = system.advance(np.array([EAST, NORTH]))
+    assert system.outcome == "out_of_board"
+    assert step.samples.position[-1, 0, 0] == pytest.approx(0.3, abs=1e-4)
+
+
+def test_time_limit_ends_the_episode(motor_fmu):
+    config = CoSimConfig(timing=TIMING._replace(episode_limit_s=4.0))
+    system = CoSimulation(SHORT, motor_fmu, config)
+    observation = system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
+    assert observation.distance_class.tolist() == [LARGE, LARGE]
+    system.advance(np.array([SOUTH, NORTH]))
+    assert system.outcome == ""
+    system.advance(np.array([SOUTH, NORTH]))
+    assert system.outcome == "timeout"
+
+
+def test_observation_sees_the_nearest_robot(motor_fmu):
+    system = CoSimulation(SHORT, motor_fmu)
+    observation = system.reset(((10, 10), (18, 10)), np.random.SeedSequence(0))
+    assert observation.distance_class.tolist() == [MEDIUM, MEDIUM]
+    assert observation.gradient_sign.tolist() == [0, 0]
+    assert observation.direction.tolist() == [NORTH, NORTH]
+
+
+def test_equal_seeds_give_equal_noise(motor_fmu):
+    def first_step(seed):
+        system = CoSimulation(SHORT, motor_fmu)
+        system.reset(((15, 29), (15, 0)), np.random.SeedSequence(seed))
+        return system.advance(np.array([EAST, EAST])).samples.omega
+
+    assert np.array_equal(first_step(1), first_step(1))
+    assert not np.array_equal(first_step(1), first_step(2))
+
+
+def test_starts_never_touch():
+    crowd = Scenario("crowd", "", ((0, 0), (9, 9)), (tuple((x, 0) for x in range(12)),) * 2)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        a, b = draw_starts(crowd, rng)
+        assert abs(a[0] - b[0]) > 5
+
+
+@pytest.mark.parametrize(
+    ("timing", "message"),
+    [
+        ({"dt_s": 3e-5}, "control_period_s = 0.001 s is no whole multiple of dt_s"),
+        ({"rl_step_s": 0.0015}, "rl_step_s = 0.0015 s is no whole multiple"),
+        ({"dt_s": 0.0}, "dt_s must be positive"),
+    ],
+)
+def test_times_that_do_not_divide_are_refused(timing, message):
+    with pytest.raises(ConfigError, match=message):
+        CoSimConfig(timing=TIMING._replace(**timing))
+
+
+def test_hopping_speed_is_refused():
+    steering = CoSimConfig().steering._replace(drive_speed_rad_s=1200.0)
+    with pytest.raises(ConfigError, match="would make the robot hop"):
+        CoSimConfig(steering=steering)
+
+
+@pytest.mark.parametrize("name", ["1a", "3"])
+def test_built_in_scenarios_can_be_set_up(motor_fmu, name):
+    scenario = find_scenario(name)
+    starts = draw_starts(scenario, np.random.default_rng(0))
+    observation = CoSimulation(scenario, motor_fmu).reset(starts, np.random.SeedSequence(0))
+    assert observation.cells.tolist() == [list(cell) for cell in starts]

@@ -1,0 +1,129 @@
+"""The main command as its users meet it: results, refusals, interrupts, repeatability."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+BRIEF = ("--train-episodes", "20000", "--time-limit", "4")
+
+
+def command(*arguments: str | Path) -> list[str]:
+    return [sys.executable, "-m", "cosim.run", *map(str, arguments)]
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(*arguments), capture_output=True, text=True, check=False)
+
+
+def rrd(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    rerun = Path(sys.executable).with_name("rerun")
+    return subprocess.run([rerun, "rrd", *map(str, arguments)], capture_output=True, check=False)
+
+
+def without_wall_clock(summary: dict) -> dict:
+    for episode in summary["episodes"]:
+        assert episode.pop("realtime_factor") > 0.0
+    return summary
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two runs of one seed and one of another."""
+    base = tmp_path_factory.mktemp("runs")
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        done = run("--out", base / name, "--seed", seed, *BRIEF)
+        assert done.returncode == 0, done.stderr
+        assert "timeout" in done.stdout
+        assert f"{base / name}" in done.stdout
+    return base
+
+
+def summary_of(folder: Path) -> dict:
+    return without_wall_clock(json.loads((folder / "summary.json").read_text()))
+
+
+def test_summary_says_what_was_run(runs):
+    summary = summary_of(runs / "a")
+    assert summary["schema_version"] == 1
+    assert summary["scenario"] == "2"
+    assert summary["seed"] == 3
+    assert summary["parameters"]["dt_s"] == 1e-5
+    assert summary["versions"]["rerun-sdk"].startswith("0.41")
+    (episode,) = summary["episodes"]
+    assert episode["outcome"] == "timeout"
+    assert episode["sim_time_s"] == 4.0
+    assert episode["path_length_cm"] > 0.1
+    assert (runs / "a" / episode["recording"]).is_file()
+    assert (runs / "a" / "policy.npz").is_file()
+
+
+def test_equal_seeds_give_equal_results(runs):
+    assert summary_of(runs / "a") == summary_of(runs / "b")
+    assert summary_of(runs / "a")["episodes"] != summary_of(runs / "c")["episodes"]
+
+
+@pytest.mark.parametrize("name", ["episodes/ep_000.rrd", "training.rrd"])
+def test_equal_seeds_give_equal_recordings(runs, name):
+    assert rrd("verify", runs / "a" / name).returncode == 0
+    assert rrd("compare", "--unordered", runs / "a" / name, runs / "b" / name).returncode == 0
+    assert rrd("compare", "--unordered", runs / "a" / name, runs / "c" / name).returncode != 0
+
+
+def test_trained_policy_is_found_again(runs):
+    folders = list((Path(os.environ["MINIROBOTS_CACHE"]) / "policies").glob("2-*"))
+    assert len(folders) == 2  # seeds 3 and 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--scenario", "7"], "unknown scenario '7'"),
+        (["--motor-fmu", "nowhere.fmu"], "nowhere.fmu does not exist"),
+        (["--motor-fmu", __file__], "is broken"),
+        (["--dt", "3e-5"], "no whole multiple"),
+        (["--mu", "-1"], "mu = -1.0 must be"),
+        (["--episodes", "0"], "--episodes must be at least 1"),
+        (["--out", "/proc/none"], "/proc/none"),
+        (["--policy", "nowhere.npz"], "nowhere.npz"),
+    ],
+)
+def test_bad_input_gets_one_sentence(arguments, sentence):
+    done = run(*arguments)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert sentence in done.stderr
+    assert done.stdout == ""
+
+
+def test_policy_of_another_scenario_is_refused(runs, tmp_path):
+    policy = runs / "a" / "policy.npz"
+    done = run("--scenario", "4", "--policy", policy, "--out", tmp_path / "x")
+    assert done.returncode == 2
+    assert "was trained on scenario 2" in done.stderr
+    again = run("--policy", policy, "--out", tmp_path / "y", *BRIEF, "--no-record")
+    assert again.returncode == 0, again.stderr
+    assert not list((tmp_path / "y").rglob("*.rrd"))
+
+
+def test_interrupt_keeps_the_recording(tmp_path, runs):
+    out = tmp_path / "interrupted"
+    arguments = ("--out", out, "--policy", runs / "a" / "policy.npz")
+    with subprocess.Popen(command(*arguments), stderr=subprocess.PIPE, text=True) as process:
+        part = out / "episodes" / "ep_000.rrd.part"
+        deadline = time.monotonic() + 120.0
+        while not (part.is_file() and part.stat().st_size > 1_000_000):
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=60.0)
+    assert process.returncode == 130
+    assert "Traceback" not in stderr
+    assert rrd("verify", out / "episodes" / "ep_000.rrd").returncode == 0
