@@ -190,7 +190,7 @@ class Options:
 
 def main() -> None:
     """Command line."""
-    options = tyro.cli(Options, prog="python -m fmus.build", description=Options.__doc__)
+    options = tyro.cli(Options, prog="python -m fmus.build")
     targets: dict[str, None] = {}
     for choice in options.targets:
         names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]

@@ -1,5 +1,6 @@
-"""The FMU under test, driven through fmpy's own Python classes."""
+"""The FMU under test, driven through fmpy's classes (`rig`) or by bare C calls (`instance`)."""
 
+import ctypes
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -7,31 +8,33 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
 
-from fmus.build import cached_fmu
+from fmus.build import build_fmus, cached_fmu, instantiation_token
+from fmus.compiler import host_target
+from fmus.variables import TIME_REFERENCE, load_table
 
 OUTPUTS = ("theta", "omega", "omega_dot", "V_s", "i")
+OK, ERROR = 0, 3
 
 
 class Rig:
-    """One co-simulation instance in Step Mode, and what it logged."""
+    """One FMI 3.0 co-simulation instance in Step Mode."""
 
     def __init__(self, folder: str, description: Any, **start: float | bool) -> None:
         self.reference = {v.name: v.valueReference for v in description.modelVariables}
-        self.messages: list[str] = []
         self.fmu = FMU3Slave(
             guid=description.guid,
             unzipDirectory=folder,
             modelIdentifier=description.coSimulation.modelIdentifier,
             instanceName="rig",
         )
-        self.fmu.instantiate(logMessage=None)
+        self.fmu.instantiate()
         self.set(**start)
         self.fmu.enterInitializationMode()
         self.fmu.exitInitializationMode()
         self.time_s = 0.0
-        self._ticks = 0
 
     def set(self, **values: float | bool) -> None:
         for name, value in values.items():
@@ -40,10 +43,6 @@ class Rig:
 
     def get(self, *names: str) -> list[float]:
         return self.fmu.getFloat64([self.reference[name] for name in names])
-
-    def step(self, step_s: float) -> None:
-        self.fmu.doStep(self.time_s, step_s)
-        self.time_s += step_s
 
     def run(self, duration_s: float, step_s: float = 1e-3, names: tuple[str, ...] = OUTPUTS):
         """Times (n + 1,) and one array (n + 1,) per name, from now on."""
@@ -57,22 +56,185 @@ class Rig:
         return start + np.arange(count + 1) * step_s, dict(zip(names, columns, strict=True))
 
 
+class Instance:
+    """One instance reached by bare C calls of either standard; calls return the status."""
+
+    def __init__(self, library: Path, token: str, fmi: int, model_exchange: bool) -> None:
+        self.fmi = fmi
+        self.library = ctypes.CDLL(str(library))
+        self.messages: list[str] = []
+        self.reference = {v.name: v.reference for v in load_table().variables}
+        self.reference["time"] = TIME_REFERENCE
+        name, text = b"instance", token.encode()
+        if fmi == 2:
+            log = fmi2CallbackLoggerTYPE(lambda *a: self.messages.append(a[4].decode()))
+            self._keep = fmi2CallbackFunctions(logger=log), log
+            make = self.library.fmi2Instantiate
+            arguments = [name, int(not model_exchange), text, b"", ctypes.byref(self._keep[0])]
+            arguments += [0, 0]
+        else:
+            log = fmi3LogMessageCallback(lambda *a: self.messages.append(a[3].decode()))
+            self._keep = log, log
+            none = ctypes.c_void_p()
+            flags = [ctypes.c_bool(False)] * (2 if model_exchange else 4)
+            kind = "ModelExchange" if model_exchange else "CoSimulation"
+            make = getattr(self.library, f"fmi3Instantiate{kind}")
+            middle = [] if model_exchange else [none, ctypes.c_size_t(0)]
+            arguments = [name, text, b"", *flags, *middle, none, log, none]
+        make.restype = ctypes.c_void_p
+        self.handle = make(*arguments)
+
+    def call(self, function: str, *arguments: Any) -> int:
+        """Status of a function given without its prefix; floats are passed as double."""
+        converted = [ctypes.c_double(a) if isinstance(a, float) else a for a in arguments]
+        handle = ctypes.c_void_p(self.handle)
+        return getattr(self.library, f"fmi{self.fmi}{function}")(handle, *converted)
+
+    def _values(self, function: str, references: list[int], values: Any) -> int:
+        count = ctypes.c_size_t(len(references))
+        lengths = [count] if self.fmi == 3 else []
+        array = (ctypes.c_uint32 * len(references))(*references)
+        return self.call(function, array, count, values, *lengths)
+
+    def references(self, *names: str) -> list[int]:
+        return [self.reference[name] for name in names]
+
+    def set(self, **values: float | bool) -> int:
+        status = OK
+        for name, value in values.items():
+            kind, c_type = {
+                bool: ("Boolean", ctypes.c_bool if self.fmi == 3 else ctypes.c_int),
+                int: ("Int64", ctypes.c_int64) if self.fmi == 3 else ("Integer", ctypes.c_int),
+                float: ("Float64" if self.fmi == 3 else "Real", ctypes.c_double),
+            }[type(value)]
+            array = (c_type * 1)(value)
+            status = max(status, self._values(f"Set{kind}", self.references(name), array))
+        return status
+
+    def get_status(self, references: list[int], values: Any) -> int:
+        return self._values("GetFloat64" if self.fmi == 3 else "GetReal", references, values)
+
+    def get(self, *names: str) -> list[float]:
+        values = (ctypes.c_double * len(names))()
+        assert self.get_status(self.references(*names), values) == OK, self.messages
+        return list(values)
+
+    def enter_initialization(self, start_s: float = 0.0, stop_s: float | None = None) -> int:
+        stop = ctypes.c_int(stop_s is not None), float(stop_s or 0.0)
+        if self.fmi == 3:
+            return self.call("EnterInitializationMode", 0, 0.0, start_s, *stop)
+        status = self.call("SetupExperiment", 0, 0.0, start_s, *stop)
+        return max(status, self.call("EnterInitializationMode"))
+
+    def start(self, **values: float | bool) -> "Instance":
+        """Set, initialise and go to Step Mode or Event Mode."""
+        assert self.set(**values) == OK, self.messages
+        assert self.enter_initialization() == OK
+        assert self.call("ExitInitializationMode") == OK
+        return self
+
+    def do_step(self, time_s: float, step_s: float) -> int:
+        if self.fmi == 2:
+            return self.call("DoStep", time_s, step_s, 1)
+        flags = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
+        last = ctypes.byref(ctypes.c_double())
+        return self.call("DoStep", time_s, step_s, ctypes.c_bool(True), *flags, last)
+
+    def update_discrete_states(self) -> None:
+        if self.fmi == 2:
+            room = (ctypes.c_double * 8)()
+            assert self.call("NewDiscreteStates", room) == OK
+        else:
+            room = (ctypes.c_double * 6)()
+            pointers = [ctypes.byref(room, 8 * k) for k in range(6)]
+            assert self.call("UpdateDiscreteStates", *pointers) == OK
+
+    def save(self) -> bytes:
+        """The serialised state."""
+        name = "FMUState" if self.fmi == 3 else "FMUstate"
+        state, size = ctypes.c_void_p(), ctypes.c_size_t()
+        assert self.call(f"Get{name}", ctypes.byref(state)) == OK
+        assert self.call(f"Serialized{name}Size", state, ctypes.byref(size)) == OK
+        room = (ctypes.c_ubyte * size.value)()
+        assert self.call(f"Serialize{name}", state, room, size) == OK
+        assert self.call(f"Free{name}", ctypes.byref(state)) == OK
+        assert state.value is None
+        return bytes(room)
+
+    def load(self, content: bytes) -> int:
+        """Deserialise and set a state."""
+        name = "FMUState" if self.fmi == 3 else "FMUstate"
+        state, size = ctypes.c_void_p(), ctypes.c_size_t(len(content))
+        room = (ctypes.c_ubyte * len(content))(*content)
+        word = "Deserialize" if self.fmi == 3 else "DeSerialize"
+        status = self.call(f"{word}{name}", room, size, ctypes.byref(state))
+        if status == OK:
+            status = self.call(f"Set{name}", state)
+            assert self.call(f"Free{name}", ctypes.byref(state)) == OK
+        return status
+
+    def free(self) -> None:
+        if self.handle:
+            getattr(self.library, f"fmi{self.fmi}FreeInstance")(ctypes.c_void_p(self.handle))
+            self.handle = None
+
+
 @pytest.fixture(scope="session")
 def fmu() -> Path:
+    """The FMI 3.0 FMU that the co-simulation uses."""
     return cached_fmu()
 
 
 @pytest.fixture(scope="session")
-def rig(fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Rig]]:
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """The FMU of each standard, for this machine."""
+    folder = tmp_path_factory.mktemp("fmus")
+    paths = build_fmus({"2": folder / "fmi2.fmu", "3": folder / "fmi3.fmu"}, [host_target()])
+    return dict(zip((2, 3), paths, strict=True))
+
+
+@pytest.fixture(scope="session")
+def extracted(fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = str(tmp_path_factory.mktemp("fmu"))
     fmpy.extract(str(fmu), folder)
-    description = fmpy.read_model_description(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def library(extracted: str) -> Path:
+    """The FMU's shared library."""
+    (path,) = (Path(extracted) / "binaries" / host_target()).iterdir()
+    return path
+
+
+@pytest.fixture(scope="session")
+def rig(extracted: str) -> Iterator[Callable[..., Rig]]:
+    description = fmpy.read_model_description(extracted)
     rigs: list[Rig] = []
 
     def make(**start: float | bool) -> Rig:
-        rigs.append(Rig(folder, description, **start))
+        rigs.append(Rig(extracted, description, **start))
         return rigs[-1]
 
     yield make
     for each in rigs:
         each.fmu.fmi3FreeInstance(each.fmu.component)
+
+
+@pytest.fixture
+def instance(library: Path) -> Iterator[Callable[..., Instance]]:
+    instances: list[Instance] = []
+
+    def make(fmi: int = 3, model_exchange: bool = False, token: str | None = None) -> Instance:
+        token = instantiation_token(load_table()) if token is None else token
+        instances.append(Instance(library, token, fmi, model_exchange))
+        return instances[-1]
+
+    yield make
+    for each in instances:
+        each.free()
+
+
+@pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
+def fmi(request: pytest.FixtureRequest) -> int:
+    return request.param

@@ -78,7 +78,7 @@ def test_loop_is_the_linear_one_without_friction_weight_and_saturation(rig):
     set_point = 100.0
     time_s, y = rig(omega_des=set_point, c=0.0, m=0.0).run(1.0)
     assert y["V_s"].max() < TABLE_II.V_s_max
-    loop = control.feedback(plant * controller)
+    loop = control.feedback(control.series(controller, plant))
     expected = set_point * np.asarray(control.step_response(loop, time_s).outputs)
     assert y["omega"] == pytest.approx(expected, abs=EULER * set_point)
 

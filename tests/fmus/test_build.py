@@ -1,0 +1,205 @@
+"""The archives: valid, complete, reproducible, for every platform."""
+
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+import zipfile
+from pathlib import Path
+
+import fmpy
+import lxml.etree
+import pytest
+from fmpy.fmi2 import _FMU2
+from fmpy.fmi3 import _FMU3
+from fmpy.validation import validate_fmu
+
+from cosim.params import TABLE_II, TIMING, describe
+from fmus import build, compiler
+from fmus.variables import load_table, render_header
+
+SHARED_LIBRARY = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
+
+
+def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "fmus.build", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | environment,
+    )
+
+
+@pytest.mark.parametrize("standard", [2, 3])
+def test_validator_has_no_complaint(fmus, standard):
+    assert validate_fmu(str(fmus[standard])) == []
+
+
+def test_variables_come_from_the_parameters(fmus):
+    for path in fmus.values():
+        description = fmpy.read_model_description(str(path))
+        variables = {v.name: v for v in description.modelVariables}
+        for name, (value, quantity) in describe(TABLE_II).items():
+            assert float(variables[name].start or 0) == value
+            assert variables[name].unit == quantity.unit
+            assert variables[name].description == quantity.description
+        assert float(variables["step_size"].start or 0) == TIMING.dt_s
+        units = {unit.name for unit in description.unitDefinitions}
+        assert all(v.unit in units for v in variables.values() if v.type in {"Real", "Float64"}
+                   and not v.name.startswith("z_"))  # fmt: skip
+
+
+def test_archives_hold_what_a_user_looks_for(fmus):
+    for standard, path in fmus.items():
+        with zipfile.ZipFile(path) as archive:
+            names = set(archive.namelist())
+            page = archive.read("documentation/index.html").decode()
+        assert {f"sources/{name}" for name in (*compiler.C_FILES, "variables.h")} <= names
+        assert "<td>K_T</td>" in page and "$" not in page
+        if standard == 3:
+            assert {
+                "terminalsAndIcons/terminalsAndIcons.xml",
+                "terminalsAndIcons/icon.png",
+            } <= names
+            schema = Path(fmpy.__file__).parent / "schema" / "fmi3"
+            for name, part in (
+                ("fmi3TerminalsAndIcons", "terminalsAndIcons/terminalsAndIcons.xml"),
+                ("fmi3BuildDescription", "sources/buildDescription.xml"),
+            ):
+                with zipfile.ZipFile(path) as archive:
+                    document = lxml.etree.fromstring(archive.read(part))
+                lxml.etree.XMLSchema(lxml.etree.parse(str(schema / f"{name}.xsd"))).assertValid(
+                    document
+                )
+        else:
+            assert "model.png" in names
+
+
+def test_two_builds_are_the_same_bytes(fmus, tmp_path):
+    paths = build.build_fmus({"2": tmp_path / "a.fmu", "3": tmp_path / "b.fmu"},
+                             [compiler.host_target()])  # fmt: skip
+    assert [p.read_bytes() for p in paths] == [p.read_bytes() for p in fmus.values()]
+
+
+def test_cache_builds_once_and_again_when_anything_changes(monkeypatch, tmp_path):
+    monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
+    first = build.cached_fmu()
+    stamp = first.stat().st_mtime_ns
+    assert build.cached_fmu() == first
+    assert first.stat().st_mtime_ns == stamp
+    monkeypatch.setattr(build, "FLAGS", (*build.FLAGS, "-DOTHER"))
+    assert build.cached_fmu() != first
+
+
+def test_exports_are_the_two_standards_and_nothing_else(library):
+    listing = subprocess.run(
+        ["nm", "-D", "--defined-only", str(library)], capture_output=True, text=True, check=True
+    ).stdout
+    exported = {line.split()[-1] for line in listing.splitlines()}
+    promised = {n for n in dir(_FMU3) if n.startswith("fmi3")} | {
+        n for n in dir(_FMU2) if n.startswith("fmi2")
+    }
+    headers = compiler.fmi_headers()
+    for number in (2, 3):
+        text = (headers / f"fmi{number}Functions.h").read_text()
+        promised |= {
+            line.split()[1] for line in text.splitlines() if line.startswith(f"#define fmi{number}")
+            and "FullName(fmi" in line
+        }  # fmt: skip
+    assert exported == promised
+    assert len(exported) == 75 + 44
+
+
+def test_sources_of_the_archive_compile_with_the_system_compiler(fmus, tmp_path):
+    cc = shutil.which("cc")
+    assert cc, "the test machine has a C compiler"
+    with zipfile.ZipFile(fmus[3]) as archive:
+        archive.extractall(tmp_path)
+    sources = tmp_path / "sources"
+    files = [
+        e.get("name") or "" for e in ET.parse(sources / "buildDescription.xml").iter("SourceFile")
+    ]
+    flags = [*compiler.FLAGS, "-Werror", f"-I{compiler.fmi_headers()}"]
+    subprocess.run([cc, *flags, *files, "-lm", "-o", "motor.so"], cwd=sources, check=True)
+    assert (sources / "motor.so").stat().st_size > 10_000
+
+
+def test_system_compiler_stands_in_for_ziglang(monkeypatch, tmp_path):
+    monkeypatch.setattr(compiler, "compiler_command", lambda: [shutil.which("cc") or "cc"])
+    path = build.build_fmu(tmp_path)
+    assert validate_fmu(str(path)) == []
+    result = fmpy.simulate_fmu(str(path), stop_time=0.1, start_values={"omega_des": 700.0})
+    assert result["omega"][-1] > 600.0
+    with pytest.raises(build.BuildError, match="ziglang"):
+        compiler.compile_library(render_header(load_table(), ""), "aarch64-darwin")
+
+
+def test_missing_compiler_is_one_sentence(monkeypatch):
+    monkeypatch.setattr(compiler.importlib.util, "find_spec", lambda _name: None)
+    monkeypatch.setattr(compiler.shutil, "which", lambda _name: None)
+    with pytest.raises(build.BuildError, match="install ziglang"):
+        compiler.compiler_command()
+
+
+def test_compiler_errors_are_told(monkeypatch):
+    monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-fno-such-flag"))
+    with pytest.raises(build.BuildError, match="no-such-flag"):
+        compiler.compile_library(render_header(load_table(), ""), compiler.host_target())
+
+
+def test_other_platforms_are_built_here(tmp_path):
+    targets = ["x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin"]
+    paths = build.build_fmus({"2": tmp_path / "a.fmu", "3": tmp_path / "b.fmu"}, targets)
+    check_libraries(paths, targets)
+
+
+@pytest.mark.slow
+def test_every_platform_is_built_here_reproducibly(tmp_path):
+    targets = list(compiler.TARGETS)
+    paths = build.build_fmus({"2": tmp_path / "a.fmu", "3": tmp_path / "b.fmu"}, targets)
+    check_libraries(paths, targets)
+    again = build.build_fmus({"2": tmp_path / "c.fmu", "3": tmp_path / "d.fmu"}, targets)
+    assert [p.read_bytes() for p in paths] == [p.read_bytes() for p in again]
+
+
+def check_libraries(paths: list[Path], targets: list[str]) -> None:
+    with zipfile.ZipFile(paths[1]) as archive:
+        for target in targets:
+            suffix = compiler.TARGETS[target].suffix
+            content = archive.read(f"binaries/{target}/VibrationMotor{suffix}")
+            assert content.startswith(SHARED_LIBRARY[suffix])
+    with zipfile.ZipFile(paths[0]) as archive:
+        for place in ("linux64", "aarch64-linux"):
+            assert archive.read(f"binaries/{place}/VibrationMotor.so").startswith(b"\x7fELF")
+        universal = archive.read("binaries/darwin64/VibrationMotor.dylib")
+    magic, count = struct.unpack_from(">II", universal)
+    assert (magic, count) == (0xCAFEBABE, 2)
+    for k in range(count):
+        cpu, _, offset, size, align = struct.unpack_from(">IIIII", universal, 8 + 20 * k)
+        magic, own_cpu = struct.unpack_from("<II", universal, offset)
+        assert (magic, own_cpu, offset % (1 << align)) == (0xFEEDFACF, cpu, 0)
+        assert offset + size <= len(universal)
+
+
+def test_command_writes_the_named_files(tmp_path):
+    run = command("--out", str(tmp_path), "--fmi", "both")
+    assert run.returncode == 0, run.stderr
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "VibrationMotor_fmi2.fmu",
+        "VibrationMotor_fmi3.fmu",
+    }
+    assert all(str(path) in run.stdout for path in tmp_path.iterdir())
+    assert command("--out", str(tmp_path)).returncode == 0
+    assert (tmp_path / "VibrationMotor.fmu").is_file()
+
+
+def test_unwritable_folder_is_one_sentence(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    run = command("--out", str(blocked / "sub"))
+    assert run.returncode == 2
+    assert len(run.stderr.strip().splitlines()) == 1
+    assert "choose another place" in run.stderr
