@@ -15,11 +15,11 @@ from cosim.recording import Recording, properties, scalars
 
 _PIXELS_PER_CELL = 12
 _ARROW_CELLS = 0.8
-_INK = 0x222222FF
+_WHITE = 0xFFFFFFFF  # the viewer's background is dark
 
 
 def write_training(path: Path, policy: Policy, log: TrainingLog, facts: dict[str, Any]) -> None:
-    """Write `training.rrd`: curves on the timeline `episode`, maps at the last episode.
+    """Write `training.rrd`: curves on the timeline `episode`, maps of the trained tables.
 
     Args:
         path: of the recording.
@@ -35,12 +35,11 @@ def write_training(path: Path, policy: Policy, log: TrainingLog, facts: dict[str
     with Recording(path, identity, training_blueprint(robots)) as file:
         file.stream.send_property("training", properties(facts))
         _write_curves(file, log)
-        last = [rr.TimeColumn("episode", sequence=[policy.episodes])]
         for robot, name in enumerate(robot_names(robots)):
             value, action, visits = cell_maps(policy, robot)
-            _write_map(file, f"/q/{name}/value_map", last, value, visits > 0)
-            _write_map(file, f"/q/{name}/visits", last, np.log10(np.maximum(visits, 1)), visits > 0)
-            _write_arrows(file, f"/q/{name}/policy", last, action, visits > 0)
+            _write_map(file, f"/q/{name}/value_map", value, visits > 0)
+            _write_map(file, f"/q/{name}/visits", np.log10(np.maximum(visits, 1)), visits > 0)
+            _write_arrows(file, f"/q/{name}/policy", action, visits > 0)
 
 
 def cell_maps(policy: Policy, robot: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -85,35 +84,31 @@ def _write_curves(file: Recording, log: TrainingLog) -> None:
     )
 
 
-def _write_map(
-    file: Recording, entity: str, times: list[rr.TimeColumn], values: np.ndarray, known: np.ndarray
-) -> None:
-    """A map over (columns, rows) as a colour image, y up; cells never visited stay white."""
+def _write_map(file: Recording, entity: str, values: np.ndarray, known: np.ndarray) -> None:
+    """A map over (columns, rows) as a colour image, y up; cells never visited stay black."""
     low, high = values[known].min(), values[known].max()
     scaled = (values - low) / max(high - low, 1e-12)
     colours = colormaps["viridis"](scaled, bytes=True)[..., :3]
-    colours[~known] = 255
+    colours[~known] = 0
     image = np.flipud(colours.transpose(1, 0, 2))
     image = np.ascontiguousarray(
         image.repeat(_PIXELS_PER_CELL, axis=0).repeat(_PIXELS_PER_CELL, axis=1)
     )
-    height, width = image.shape[:2]
-    picture = rr.components.ImageFormat(
-        width=width, height=height, color_model="RGB", channel_datatype="U8"
-    )
-    file.static(entity, rr.Image.from_fields(format=picture))
-    file.columns(entity, times, rr.Image.columns(buffer=[image.tobytes()]))
+    file.static(entity, rr.Image(image))
 
 
-def _write_arrows(
-    file: Recording, entity: str, times: list[rr.TimeColumn], action: np.ndarray, known: np.ndarray
-) -> None:
+def _write_arrows(file: Recording, entity: str, action: np.ndarray, known: np.ndarray) -> None:
     """Greedy directions as arrows, in the pixels of the maps."""
     columns, rows = np.nonzero(known)
     centres = np.stack([columns + 0.5, known.shape[1] - rows - 0.5], axis=1) * _PIXELS_PER_CELL
     step = DIRECTIONS[action[known]] * np.array([1, -1])
     unit = step / np.linalg.norm(step, axis=1, keepdims=True)
     vectors = unit * _ARROW_CELLS * _PIXELS_PER_CELL
-    arrows = rr.Arrows2D.columns(vectors=vectors, origins=centres - vectors / 2.0)
-    file.static(entity, rr.Arrows2D.from_fields(colors=np.array([_INK] * 1, dtype=np.uint32)))
-    file.columns(entity, times, arrows.partition([len(vectors)]))
+    file.static(
+        entity,
+        rr.Arrows2D(
+            vectors=vectors,
+            origins=centres - vectors / 2.0,
+            colors=np.array([_WHITE], dtype=np.uint32),
+        ),
+    )

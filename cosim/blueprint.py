@@ -22,8 +22,14 @@ def robot_names(robots: int) -> list[str]:
     return [f"r{robot + 1}" for robot in range(robots)]
 
 
-def episode_blueprint(robots: int) -> rrb.Blueprint:
-    """Arena above an action timeline on the left, tabs of plots on the right."""
+def episode_blueprint(robots: int, size_m: tuple[float, float]) -> rrb.Blueprint:
+    """Arena above an action timeline on the left, tabs of plots on the right.
+
+    Args:
+        robots: number of robots.
+        size_m: width and height of the board, for the eye.
+    """
+    width, height = size_m
     names = robot_names(robots)
 
     def plots(title: str, *rows: tuple[str, str], time: rrb.TimeAxis = _WHOLE_TIME) -> rrb.Grid:
@@ -40,12 +46,12 @@ def episode_blueprint(robots: int) -> rrb.Blueprint:
         ]
         return rrb.Grid(*views, grid_columns=robots, name=title)
 
-    width, height = 0.3, 0.3
     arena = rrb.Spatial3DView(
         origin="/world",
         name="arena",
         eye_controls=rrb.EyeControls3D(
-            position=(width / 2, -0.16, 0.38), look_target=(width / 2, height / 2, 0.0)
+            position=(0.5 * width, -0.25 * height, 0.85 * height),
+            look_target=(0.5 * width, 0.42 * height, 0.0),
         ),
         line_grid=rrb.LineGrid3D(visible=False),
     )

@@ -85,7 +85,9 @@ class EpisodeRecorder:
         self._config = config
         self._return = np.zeros(scenario.robots)
         self._trail: list[np.ndarray] = []
-        self.file = Recording(path, recording_id, episode_blueprint(scenario.robots))
+        self.file = Recording(
+            path, recording_id, episode_blueprint(scenario.robots, scenario.size_m)
+        )
         self.file.stream.send_property("episode", properties(facts))
         self._write_scene(scenario)
         self._write_styles()
@@ -268,7 +270,7 @@ class EpisodeRecorder:
                 radii=[robot.diameter_m / 2.0],
                 centers=[(0.0, 0.0, middle)],
                 colors=[colour],
-                fill_mode="majorwireframe",
+                fill_mode="transparentfillmajorwireframe",
                 labels=[name],
             ),
         )

@@ -262,7 +262,8 @@ def _write_summary(
 
 def _show(results: list[EpisodeResult], out: Path) -> None:
     """Print the outcome table, where the files are and how to open them."""
-    table = Table("episode", "outcome", "path length", "simulated", "real-time factor", "recording")
+    table = Table("episode", "outcome", "path length", "simulated", "× real time")
+    table.add_column("recording", overflow="fold")
     for number, result in enumerate(results):
         table.add_row(
             str(number),
