@@ -39,7 +39,7 @@ class BodyParams(NamedTuple):
         inverse_mass: 1/kg.
         inertia, inverse_inertia: principal moments in kg m² and their inverses.
         gravity: in the world frame, m/s².
-        dt: step in s.
+        dt, inverse_dt: step in s and its inverse.
         contact: contact solver parameters.
     """
 
@@ -48,6 +48,7 @@ class BodyParams(NamedTuple):
     inverse_inertia: Vector
     gravity: Vector
     dt: float
+    inverse_dt: float
     contact: ContactParams
 
 
@@ -75,6 +76,7 @@ def body_params(
         inverse_inertia=(1.0 / i_xx, 1.0 / i_yy, 1.0 / i_zz),
         gravity=gravity or (0.0, 0.0, -motor.g),
         dt=dt_s,
+        inverse_dt=1.0 / dt_s,
         contact=contact_params(robot, tolerance * robot.mass_kg * motor.g * dt_s),
     )
 
@@ -171,9 +173,9 @@ def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vect
     free_omega = turned(omega, params, moment)
 
     normal = world_from_body[2]
-    least_a = allowed_approach(position[2] + dot(normal, contact.a), dt)
-    least_b = allowed_approach(position[2] + dot(normal, contact.b), dt)
-    least_c = allowed_approach(position[2] + dot(normal, contact.c), dt)
+    least_a = allowed_approach(position[2] + dot(normal, contact.a), params.inverse_dt)
+    least_b = allowed_approach(position[2] + dot(normal, contact.b), params.inverse_dt)
+    least_c = allowed_approach(position[2] + dot(normal, contact.c), params.inverse_dt)
     v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at_a, at_b, at_c)
     for _ in range(contact.max_sweeps):
         before = total

@@ -100,11 +100,11 @@ def contact_params(robot: RobotParams, tolerance: float) -> ContactParams:
 
 
 @kernel
-def allowed_approach(gap: float, dt: float) -> float:
+def allowed_approach(gap: float, inverse_dt: float) -> float:
     """Least normal speed in m/s of a foot at that gap (m): it may close the gap, not pass it."""
     if gap > 0.0:
-        return -gap / dt
-    return -GAP_CORRECTION * gap / dt
+        return -gap * inverse_dt
+    return -GAP_CORRECTION * gap * inverse_dt
 
 
 @kernel

@@ -3,11 +3,11 @@
 Angles θ grow from the hanging position. Kernels are stateless and take scalars.
 """
 
-import math
 from typing import NamedTuple
 
 from cosim.jit import kernel
 from cosim.params import MotorParams, RobotParams
+from cosim.trig import sine_cosine
 
 
 class MotorMount(NamedTuple):
@@ -45,9 +45,10 @@ def motor_mounts(robot: RobotParams, motor: MotorParams) -> tuple[MotorMount, Mo
 @kernel
 def platform_force(m: float, r: float, g: float, theta: float, omega: float) -> tuple[float, float]:
     """Eq. (1): forces (f_OY, f_OZ) in N of one eccentric mass at constant speed."""
+    s, c = sine_cosine(theta)
     # Eq. (1)
-    f_oy = m * r * omega * omega * math.sin(theta)
-    f_oz = -m * g - m * r * omega * omega * math.cos(theta)
+    f_oy = m * r * omega * omega * s
+    f_oz = -m * g - m * r * omega * omega * c
     return f_oy, f_oz
 
 
@@ -60,7 +61,7 @@ def motor_force(
     The moment is what the stator feels of the rotor's torque balance, Eq. (13) times J:
     J ω̇ = (torque of the stator on the rotor) − m g r sin θ, about the axis sin φ·y.
     """
-    s, c = math.sin(theta), math.cos(theta)
+    s, c = sine_cosine(theta)
     mr = mount.m * mount.r
     # Eq. (3)
     f_x = (mr * omega_dot * c - mr * omega * omega * s) * mount.sin_phi

@@ -74,7 +74,8 @@ def rotated(q: Quaternion, r: Vector) -> Quaternion:
     nx = x + w * rx + y * rz - z * ry
     ny = y + w * ry + z * rx - x * rz
     nz = z + w * rz + x * ry - y * rx
-    scale = 1.0 / math.sqrt(nw * nw + nx * nx + ny * ny + nz * nz)
+    # One Newton step for 1/√(square): the square differs from 1 by |r|²/4, the error is below |r|⁴.
+    scale = 1.5 - 0.5 * (nw * nw + nx * nx + ny * ny + nz * nz)
     return nw * scale, nx * scale, ny * scale, nz * scale
 
 
