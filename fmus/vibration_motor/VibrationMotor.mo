@@ -44,12 +44,12 @@ equation
   // beyond the limit.
   der(integral) = if not closed_loop then 0.0 elseif u > V_s_max and e > 0.0 then 0.0 elseif u < -V_s_max and e < 0.0 then 0.0 else e;
 
-  // Eq. (13), times J, with the current in place of the voltage and the back-EMF
+  // Eq. (13) with the current in place of the voltage and the back-EMF
   i = (V_s - K_T*omega)/R;
   drive = K_T*i - b*omega - m*g*r*sin(theta) + d;
   // sgn(0) is set-valued: at rest friction balances the drive up to c
   friction = if omega > 0.0 then c elseif omega < 0.0 then -c elseif drive > c then c elseif drive < -c then -c else drive;
-  J*omega_dot = drive - friction;
+  omega_dot = (drive - friction)/J;
   der(theta) = omega;
   der(omega) = omega_dot;
 end VibrationMotor;

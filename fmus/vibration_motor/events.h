@@ -16,7 +16,7 @@ enum { STATE_COUNT = 3, INDICATOR_COUNT = 3 };
 #define VOLTAGE_MARGIN 1e-12 /* V */
 /* Saturation ends this part of V_s_max below the limit. Conditional integration alone would
  * switch without end where the integral pushes the command out of the limits and the speed back. */
-#define HYSTERESIS 1e-3
+#define HYSTERESIS 1e-4
 
 /* Positive while the friction mode holds: still turning that way, or still held. */
 static inline double indicator_friction(const Motor *s) {

@@ -17,6 +17,7 @@ from fmus.variables import TIME_REFERENCE, load_table
 
 OUTPUTS = ("theta", "omega", "omega_dot", "V_s", "i")
 OK, ERROR = 0, 3
+REFERENCE = {"time": TIME_REFERENCE} | {v.name: v.reference for v in load_table().variables}
 
 
 class Rig:
@@ -63,8 +64,7 @@ class Instance:
         self.fmi = fmi
         self.library = ctypes.CDLL(str(library))
         self.messages: list[str] = []
-        self.reference = {v.name: v.reference for v in load_table().variables}
-        self.reference["time"] = TIME_REFERENCE
+        self.reference = REFERENCE
         name, text = b"instance", token.encode()
         if fmi == 2:
             log = fmi2CallbackLoggerTYPE(lambda *a: self.messages.append(a[4].decode()))
@@ -221,12 +221,16 @@ def rig(extracted: str) -> Iterator[Callable[..., Rig]]:
         each.fmu.fmi3FreeInstance(each.fmu.component)
 
 
+@pytest.fixture(scope="session")
+def token() -> str:
+    return instantiation_token(load_table())
+
+
 @pytest.fixture
-def instance(library: Path) -> Iterator[Callable[..., Instance]]:
+def instance(library: Path, token: str) -> Iterator[Callable[..., Instance]]:
     instances: list[Instance] = []
 
-    def make(fmi: int = 3, model_exchange: bool = False, token: str | None = None) -> Instance:
-        token = instantiation_token(load_table()) if token is None else token
+    def make(fmi: int = 3, model_exchange: bool = False, token: str = token) -> Instance:
         instances.append(Instance(library, token, fmi, model_exchange))
         return instances[-1]
 

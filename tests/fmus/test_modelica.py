@@ -1,0 +1,127 @@
+"""The C right-hand side and Jacobian against VibrationMotor.mo, as rumoca and CasADi read it.
+
+rumoca's `casadi-ode` target takes neither events nor algebraic variables nor start values that are
+parameters; `flatten` removes them by substitution, which changes no right-hand side.
+"""
+
+import ctypes
+import re
+
+import casadi
+import numpy as np
+import pytest
+import rumoca
+
+from fmus.variables import SOURCES, load_table
+
+INPUTS = ("omega_des", "d", "omega_noise", "V_in")
+STATES = ("theta", "omega", "integral")
+DERIVATIVES = ("der(theta)", "omega_dot", "der(integral)")
+SPECIFICATION = (SOURCES / "VibrationMotor.mo").read_text("utf-8")
+
+
+def flatten(source: str, closed_loop: bool) -> str:
+    """The model with every algebraic variable put in its place, in the wanted loop."""
+    source = re.sub(r"//.*", "", source).replace(
+        "Boolean closed_loop = true", f"Boolean closed_loop = {str(closed_loop).lower()}"
+    )
+    source = re.sub(r"\(start = [\w.]+, fixed = true\)", "", source)
+    declarations, equations = source.split("\nequation\n")
+    right_sides = {}
+    for equation in equations.split("end VibrationMotor")[0].split(";"):
+        if equation.strip():
+            left, right = equation.strip().split(" = ", 1)
+            right_sides[left] = f"(noEvent({right}))" if right.startswith("if ") else f"({right})"
+    algebraic = [name for name in right_sides if not name.startswith("der(")]
+    for name in algebraic:
+        declarations = re.sub(rf'\n\s*(output )?Real {name} "[^"]*";', "", declarations)
+    names = re.compile(rf"\b({'|'.join(algebraic)})\b")
+    lines = []
+    for left, right in right_sides.items():
+        if left.startswith("der("):
+            flat = right
+            while names.search(flat):
+                flat = names.sub(lambda match: right_sides[match.group()], flat)
+            lines.append(f"  {left} = {flat};")
+    return declarations + "\nequation\n" + "\n".join(lines) + "\nend VibrationMotor;\n"
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["closed-loop", "open-loop"])
+def specification(request):
+    source = flatten(SPECIFICATION, request.param)
+    model = rumoca.Session().loads(source, model="VibrationMotor").to_casadi()
+    assert tuple(model.state_names) == STATES
+    assert tuple(model.input_names) == INPUTS
+    x, u = casadi.SX.sym("x", 3), casadi.SX.sym("u", 4)
+    p = casadi.SX.sym("p", len(model.parameter_names))
+    rates = model.rhs(0.0, x, u, p)
+    jacobian = casadi.jacobian(rates, casadi.vertcat(u, x))
+    return request.param, model, casadi.Function("f", [x, u, p], [rates, jacobian])
+
+
+def test_specification_is_valid_modelica_with_the_same_names_and_defaults():
+    model = rumoca.Session().loads(SPECIFICATION, model="VibrationMotor")
+    table = load_table()
+    assert [v.name for v in table.group("input")] == list(INPUTS)
+    for variable in table.group("parameter"):
+        if variable.name != "step_size":  # of the integration, not of the model
+            assert model.parameters[variable.name].value == variable.start, variable.name
+            declaration = rf"Real {variable.name} = [^\"]*\"{re.escape(variable.description)}"
+            assert re.search(declaration, SPECIFICATION), variable.name
+    for variable in table.group("output"):
+        assert re.search(rf"output Real {variable.name}\b", SPECIFICATION)
+
+
+def random_points(count: int):
+    """Parameters about those of Table II, states and inputs over the whole range of use."""
+    generator = np.random.default_rng(13)
+    defaults = {v.name: float(v.start or 0.0) for v in load_table().group("parameter")}
+    del defaults["step_size"]
+    for k in range(count):
+        parameters = {n: v * generator.uniform(0.5, 2.0) for n, v in defaults.items()}
+        speed = 0.0 if k % 5 == 0 else generator.uniform(-6000.0, 6000.0)
+        states = [generator.uniform(-10.0, 1e4), speed, generator.uniform(-100.0, 100.0)]
+        inputs = [generator.uniform(-6000.0, 6000.0), generator.uniform(-3e-5, 3e-5)]
+        inputs += [generator.uniform(-50.0, 50.0), generator.uniform(-4.0, 4.0)]
+        if k % 3 == 0:  # near the speed that is asked for: within the limits
+            inputs[0] = speed + generator.uniform(-100.0, 100.0)
+            states[2] = generator.uniform(-20.0, 20.0)
+        yield parameters, states, inputs
+
+
+def test_right_hand_side_and_jacobian_are_those_of_the_specification(specification, instance):
+    closed_loop, model, evaluate = specification
+    limited = stuck = 0
+    for parameters, states, inputs in random_points(300):
+        values = parameters | dict(zip(INPUTS, inputs, strict=True)) | {"omega_start": states[1]}
+        motor = instance(3, True).start(closed_loop=closed_loop, **values)
+        motor.call("EnterContinuousTimeMode")
+        motor.call("SetContinuousStates", (ctypes.c_double * 3)(*states), ctypes.c_size_t(3))
+        motor.call("EnterEventMode")
+        motor.update_discrete_states()
+        ordered = [parameters.get(name, float(closed_loop)) for name in model.parameter_names]
+        rates, jacobian = (np.array(a) for a in evaluate(states, inputs, ordered))
+        limited += abs(motor.get("u")[0]) > values["V_s_max"]
+        stuck += states[1] == 0.0 and rates[1, 0] == 0.0
+
+        # Both round: relative to the largest term, which may cancel, errors of some 1e-16.
+        terms = parameters["V_s_max"] * parameters["K_T"] / parameters["R"] / parameters["J"]
+        assert motor.get(*DERIVATIVES) == pytest.approx(rates[:, 0], rel=1e-12, abs=1e-12 * terms)
+        if states[1] != 0.0:  # at rest the specification has no derivative by the speed
+            assert own_jacobian(motor) == pytest.approx(jacobian, rel=1e-10, abs=1e-12 * terms)
+        motor.free()
+    assert limited > 30, limited
+    assert stuck > 3, stuck
+
+
+def own_jacobian(motor) -> np.ndarray:
+    unknowns = (ctypes.c_uint32 * 3)(*motor.references(*DERIVATIVES))
+    knowns = (ctypes.c_uint32 * 7)(*motor.references(*INPUTS, *STATES))
+    three, seven, room = ctypes.c_size_t(3), ctypes.c_size_t(7), (ctypes.c_double * 3)()
+    columns = []
+    for row in np.eye(7):
+        seed = (ctypes.c_double * 7)(*row)
+        arguments = (unknowns, three, knowns, seven, seed, seven, room, three)
+        assert motor.call("GetDirectionalDerivative", *arguments) == 0
+        columns.append(list(room))
+    return np.array(columns).T
