@@ -90,8 +90,8 @@ def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: floa
 
 
 @kernel
-def turned(omega: Vector, params: BodyParams, moment: Vector) -> Vector:
-    """Angular velocity after dt without contacts: Eq. (2), I ω̇ + ω × I ω = n, body frame.
+def spun(omega: Vector, params: BodyParams) -> Vector:
+    """Angular velocity after dt without any moment: I ω̇ + ω × I ω = 0 of Eq. (2), body frame.
 
     Implicit midpoint rule; two fixed-point iterations leave an error of (|ω| dt)³, which is below
     rounding for any speed a robot reaches.
@@ -101,8 +101,8 @@ def turned(omega: Vector, params: BodyParams, moment: Vector) -> Vector:
     after = omega
     for _ in range(2):
         spin = (inertia[0] * middle[0], inertia[1] * middle[1], inertia[2] * middle[2])
-        # Eq. (2)
-        rate = plus(moment, -1.0, cross(middle, spin))
+        # Eq. (2), left side
+        rate = cross(spin, middle)
         after = (
             omega[0] + dt * inverse[0] * rate[0],
             omega[1] + dt * inverse[1] * rate[1],
@@ -170,7 +170,16 @@ def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vect
         dt * params.inverse_mass,
         force,
     )
-    free_omega = turned(omega, params, moment)
+    spun_omega = spun(omega, params)
+    inverse = params.inverse_inertia
+    free_omega = (
+        spun_omega[0] + dt * inverse[0] * moment[0],
+        spun_omega[1] + dt * inverse[1] * moment[1],
+        spun_omega[2] + dt * inverse[2] * moment[2],
+    )
+    # What a free body turns by: the mean of before and after, which with the Cayley map of
+    # `rotated` keeps the angular momentum. Moments and impulses act before the turn.
+    half_spin = plus(omega, -1.0, spun_omega)
 
     normal = world_from_body[2]
     least_a = allowed_approach(position[2] + dot(normal, contact.a), params.inverse_dt)
@@ -194,7 +203,8 @@ def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vect
         velocity, params.inverse_mass, to_world(world_from_body, plus(total, dt, force))
     )
     position = plus(position, dt, velocity)
-    orientation = rotated(orientation, plus((0.0, 0.0, 0.0), dt, omega))
+    turning = plus(omega, 0.5, half_spin)
+    orientation = rotated(orientation, (dt * turning[0], dt * turning[1], dt * turning[2]))
 
     state[0], state[1], state[2] = position
     state[3], state[4], state[5], state[6] = orientation
