@@ -135,6 +135,23 @@ class SteeringParams(NamedTuple):
     ] = 0.01
 
 
+class Fig3Params(NamedTuple):
+    """1-DOF platform that gives the motion printed in Fig. 3; the paper states none of these."""
+
+    M: Annotated[float, Quantity("kg", "Table I", "platform mass")] = 0.1
+    m: Annotated[
+        float,
+        Quantity("kg", "assumed: its weight keeps the platform on the floor", "eccentric mass"),
+    ] = 0.002
+    r: Annotated[
+        float, Quantity("m", "assumed: 9.9 m/s² on the platform at that speed", "eccentricity")
+    ] = 0.0109
+    mu: Annotated[float, Quantity("1", "assumed: read off Fig. 3", "Coulomb friction")] = 0.5
+    omega: Annotated[
+        float, Quantity("rad/s", "assumed: read off Fig. 3, 29.5 ms per turn", "motor speed")
+    ] = 213.0
+
+
 class Fig7Params(NamedTuple):
     """Operating point of Fig. 7 (open- and closed-loop response of one motor)."""
 
@@ -150,6 +167,7 @@ TABLE_I = RobotParams()
 SPEED_NOISE = NoiseParams()
 TIMING = TimingParams()
 STEERING = SteeringParams()
+FIG_3 = Fig3Params()
 FIG_7 = Fig7Params()
 
 

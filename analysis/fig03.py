@@ -1,0 +1,119 @@
+"""`python -m analysis.fig03`: Fig. 3, motion of the 1-DOF platform, from `cosim.platform`."""
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from analysis.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, FigureError, save, use_style
+from cosim.errors import run_command
+
+COMMAND = "python -m cosim.platform"
+TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}
+
+
+@dataclass(frozen=True)
+class Fig03:
+    """Draw Fig. 3: position over cycles of the motor, and one cycle's net displacement.
+
+    The platform that looks like the printed figure stands above the robot of Tables I and II. The
+    right column shows why there is a net displacement: driving force against available friction.
+    """
+
+    results: Path = Path("runs/platform.npz")
+    """Result file of `python -m cosim.platform`."""
+    out: Path = Path("figures/fig03.png")
+    """Figure to write; PNG and PDF are written beside each other."""
+
+
+def load(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of a result file of `cosim.platform`.
+
+    Raises:
+        FigureError: there is no such file, or it is of another kind.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = dict(file)
+    except FileNotFoundError:
+        raise FigureError(f"{path}: no such result file; run `{COMMAND}` first") from None
+    except (ValueError, EOFError, zipfile.BadZipFile):
+        arrays = {}
+    if not all(f"{name}_position_m" in arrays for name in TITLES):
+        raise FigureError(f"{path}: not a result of `{COMMAND}`; write one with --out")
+    return arrays
+
+
+def _unit(amplitude_m: float) -> tuple[float, str]:
+    return (1e3, "mm") if amplitude_m >= 1e-4 else (1e6, "µm")
+
+
+def _draw_cycles(axes: Axes, data: dict[str, np.ndarray], scale: float, unit: str) -> None:
+    axes.plot(1e3 * data["time_s"], scale * data["position_m"], color=BLUE)
+    axes.set_xlabel("time in ms")
+    axes.set_ylabel(f"position y in {unit}")
+
+
+def _draw_cycle(axes: Axes, data: dict[str, np.ndarray], scale: float, unit: str) -> None:
+    """The last cycle of the file: there the motion repeats itself."""
+    turns = data["theta_rad"] / (2.0 * np.pi)
+    first = int(np.searchsorted(turns, round(turns[-1]) - 1.0))
+    y = scale * (data["position_m"][first:] - data["position_m"][first])
+    angle = 360.0 * (turns[first:] - turns[first])
+    axes.plot(angle, y, color=BLUE)
+    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    axes.axhline(y[-1], color=GREY, linewidth=0.6)
+    arrow: dict[str, Any] = {"arrowstyle": "<->", "color": VERMILION, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (340.0, y[-1]), (340.0, 0.0), arrowprops=arrow)
+    step = scale * float(data["net_displacement_m"])
+    axes.annotate(
+        f"{step:.3g} {unit}", (330.0, y[-1] / 2.0), color=VERMILION, ha="right", va="center"
+    )
+    axes.set_xlabel("θ in degrees")
+    axes.set_xticks([0, 90, 180, 270, 360])
+    axes.set_ylabel(f"position y in {unit}")
+
+
+def _draw_forces(axes: Axes, data: dict[str, np.ndarray]) -> None:
+    turn = data["theta_rad"] <= 2.0 * np.pi
+    angle = np.rad2deg(data["theta_rad"][turn])
+    limit = data["friction_limit_n"][turn]
+    axes.plot(angle, data["driving_force_n"][turn], color=BLACK, label="driving force")
+    axes.fill_between(angle, -limit, limit, color=GREY, alpha=0.3, lw=0, label="friction holds")
+    axes.set_xlabel("θ in degrees")
+    axes.set_xticks([0, 90, 180, 270, 360])
+    axes.set_ylabel("force in N")
+    axes.set_ylim(top=1.9 * float(data["driving_force_n"].max()))  # room for the legend
+    axes.legend(loc="upper right")
+
+
+def draw(arrays: dict[str, np.ndarray]) -> Figure:
+    """The figure of a result file's arrays."""
+    figure, grid = plt.subplots(2, 3, figsize=(WIDTH_IN, 4.4))
+    for row, (name, title) in zip(grid, TITLES.items(), strict=True):
+        data = {k.removeprefix(f"{name}_"): v for k, v in arrays.items() if k.startswith(name)}
+        scale, unit = _unit(float(data["net_displacement_m"]))
+        _draw_cycles(row[0], data, scale, unit)
+        _draw_cycle(row[1], data, scale, unit)
+        _draw_forces(row[2], data)
+        omega, mu = float(data["omega_rad_s"]), float(data["mu"])
+        row[0].set_title(f"{title}: ω = {omega:.0f} rad/s, µ = {mu:g}", loc="left")
+    return figure
+
+
+def main() -> None:
+    """Command line."""
+    options = tyro.cli(Fig03)
+    use_style()
+    figure = draw(load(options.results))
+    print("figure: " + ", ".join(str(path) for path in save(figure, options.out)))
+
+
+if __name__ == "__main__":
+    run_command(main)
