@@ -1,0 +1,203 @@
+"""Random sequences of calls against the binary: no crash, and every refusal is a clean status.
+
+A refused call says why, and leaves the serialised state as it was, byte by byte.
+"""
+
+import ctypes
+import math
+
+import pytest
+from hypothesis import Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
+
+OK, ERROR = 0, 3
+FAST_EXAMPLES, ALL_EXAMPLES, CALLS_EACH = 300, 10_000, 25
+
+SPECIAL = [0.0, -0.0, 1.0, -1.0, 1e-300, 1e300, -1e300, math.inf, -math.inf, math.nan, 1e-9]
+values = st.one_of(st.sampled_from(SPECIAL), st.floats(-1e4, 1e4), st.floats(1e-12, 1e-2))
+references = st.one_of(st.integers(0, 45), st.sampled_from([2**31, 2**32 - 1]))
+lists = st.lists(references, max_size=6)
+PLAIN = {
+    2: ["ExitInitializationMode", "Terminate", "Reset", "EnterEventMode", "EnterInitializationMode",
+        "EnterContinuousTimeMode", "CancelStep"],
+    3: ["ExitInitializationMode", "Terminate", "Reset", "EnterEventMode", "EnterStepMode",
+        "EnterContinuousTimeMode", "EnterConfigurationMode", "ExitConfigurationMode",
+        "EvaluateDiscreteStates"],
+}  # fmt: skip
+ARRAYS = {
+    2: ["GetContinuousStates", "SetContinuousStates", "GetDerivatives", "GetEventIndicators",
+        "GetNominalsOfContinuousStates"],
+    3: ["GetContinuousStates", "SetContinuousStates", "GetContinuousStateDerivatives",
+        "GetEventIndicators", "GetNominalsOfContinuousStates"],
+}  # fmt: skip
+
+
+def machine(instance) -> type[RuleBasedStateMachine]:
+    """State machine that drives instances made by the fixture of that name."""
+
+    class Importer(RuleBasedStateMachine):
+        @initialize(fmi=st.sampled_from([2, 3]), exchange=st.booleans(), ahead=st.integers(0, 3))
+        def make(self, fmi, exchange, ahead):
+            self.fmi = fmi
+            self.motor = instance(fmi, exchange)
+            # Most of what can go wrong is beyond the start of the life cycle.
+            if ahead:
+                self.motor.start(omega_des=700.0)
+            if ahead > 1:
+                self.motor.call("EnterContinuousTimeMode")
+
+        def teardown(self):
+            self.motor.free()
+
+        def judge(self, call):
+            before, said = self.motor.save(), len(self.motor.messages)
+            status = call()
+            assert status in {OK, ERROR}
+            if status == ERROR:
+                assert len(self.motor.messages) > said
+                assert ": " in self.motor.messages[-1]
+                assert self.motor.save() == before
+            return status
+
+        @rule(name=st.integers(0, 8))
+        def plain(self, name):
+            names = PLAIN[self.fmi]
+            self.judge(lambda: self.motor.call(names[name % len(names)]))
+
+        @rule(start=values, stop=st.one_of(st.none(), values))
+        def initialise(self, start, stop):
+            # FMI 2 has two calls for it, the first of which may do its part.
+            if self.fmi == 3:
+                self.judge(lambda: self.motor.enter_initialization(start, stop))
+            else:
+                arguments = (0, 0.0, start, int(stop is not None), stop or 0.0)
+                self.judge(lambda: self.motor.call("SetupExperiment", *arguments))
+
+        @rule(reference=references, value=values)
+        def set_float(self, reference, value):
+            array, count = (ctypes.c_uint32 * 1)(reference), ctypes.c_size_t(1)
+            room, tail = (ctypes.c_double * 1)(value), [count] if self.fmi == 3 else []
+            name = "SetFloat64" if self.fmi == 3 else "SetReal"
+            self.judge(lambda: self.motor.call(name, array, count, room, *tail))
+
+        @rule(
+            option=st.sampled_from(["closed_loop", "solver", "J", "omega"]),
+            value=st.integers(-3, 4),
+        )
+        def set_option(self, option, value):
+            self.judge(lambda: self.motor.set(**{option: value}))
+            self.judge(lambda: self.motor.set(**{option: bool(value)}))
+
+        @rule(wanted=lists, null=st.booleans())
+        def get(self, wanted, null):
+            room = None if null else (ctypes.c_double * len(wanted))()
+            self.judge(lambda: self.motor.get_status(wanted, room))
+
+        @rule(
+            steps=st.sampled_from([0.3, 1.0, 2.0, 7.5, 20.0]),
+            off=st.sampled_from([0.0, 0.0, 0.4, 3.0]),
+        )
+        def step(self, steps, off):
+            h, time_s = self.now()
+            if self.judge(lambda: self.motor.do_step(time_s + off * h, steps * h)) == OK:
+                assert all(map(math.isfinite, self.motor.get("theta", "omega", "omega_dot", "i")))
+
+        @rule(time_s=values, step_s=st.sampled_from(SPECIAL[3:]))
+        def bad_step(self, time_s, step_s):
+            if not 0.0 < step_s < 1.0:
+                self.judge(lambda: self.motor.do_step(time_s, step_s))
+
+        def now(self):
+            # Readable from Initialization Mode on; before that nothing has been stepped.
+            room = (ctypes.c_double * 2)()
+            status = self.motor.get_status(self.motor.references("step_size", "time"), room)
+            return (room[0], room[1]) if status == OK else (1e-5, 0.0)
+
+        @rule(name=st.integers(0, 4), count=st.integers(0, 4), content=values, null=st.booleans())
+        def array(self, name, count, content, null):
+            room = None if null else (ctypes.c_double * count)(*[content] * count)
+            names = ARRAYS[self.fmi]
+            self.judge(lambda: self.motor.call(names[name], room, ctypes.c_size_t(count)))
+
+        @rule(time_s=values)
+        def set_time(self, time_s):
+            self.judge(lambda: self.motor.call("SetTime", time_s))
+
+        @rule()
+        def update(self):
+            if self.fmi == 3:
+                room = (ctypes.c_double * 6)()
+                pointers = [ctypes.byref(room, 8 * k) for k in range(6)]
+                self.judge(lambda: self.motor.call("UpdateDiscreteStates", *pointers))
+            else:
+                room = (ctypes.c_double * 8)()
+                self.judge(lambda: self.motor.call("NewDiscreteStates", room))
+
+        @rule(unknowns=lists, knowns=lists, adjoint=st.booleans())
+        def derivative(self, unknowns, knowns, adjoint):
+            size = ctypes.c_size_t
+            u, k = (
+                (ctypes.c_uint32 * len(unknowns))(*unknowns),
+                (ctypes.c_uint32 * len(knowns))(*knowns),
+            )
+            nu, nk = size(len(unknowns)), size(len(knowns))
+            seed, out = (ctypes.c_double * 6)(*[1.0] * 6), (ctypes.c_double * 6)()
+            if self.fmi == 2:
+                arguments = ("GetDirectionalDerivative", u, nu, k, nk, seed, out)
+            elif adjoint:
+                arguments = ("GetAdjointDerivative", u, nu, k, nk, seed, nu, out, nk)
+            else:
+                arguments = ("GetDirectionalDerivative", u, nu, k, nk, seed, nk, out, nu)
+            self.judge(lambda: self.motor.call(*arguments))
+
+        @rule(wanted=lists, order=st.integers(-1, 2))
+        def output_derivative(self, wanted, order):
+            n, count = len(wanted), ctypes.c_size_t(len(wanted))
+            arguments = [(ctypes.c_uint32 * n)(*wanted), count, (ctypes.c_int32 * n)(*[order] * n)]
+            arguments += [(ctypes.c_double * n)()] + ([count] if self.fmi == 3 else [])
+            name = "GetOutputDerivatives" if self.fmi == 3 else "GetRealOutputDerivatives"
+            self.judge(lambda: self.motor.call(name, *arguments))
+
+        @rule(at=st.integers(0, 400), value=st.integers(0, 255), cut=st.integers(0, 3))
+        def load_damaged(self, at, value, cut):
+            content = bytearray(self.motor.save())
+            content[at % len(content)] = value
+            content = bytes(content[: len(content) - cut])
+            saved = self.motor.save()
+            self.judge(lambda: self.motor.load(content))
+            self.judge(lambda: self.motor.load(saved))
+
+        @rule()
+        def null_pointers(self):
+            names = {
+                2: ("GetFMUstate", "SetFMUstate", "DeSerializeFMUstate"),
+                3: ("GetFMUState", "SetFMUState", "DeserializeFMUState"),
+            }
+            for name in names[self.fmi]:
+                self.judge(lambda name=name: self.motor.call(name, *[ctypes.c_void_p()] * 3))
+
+    return Importer
+
+
+def fuzz(instance, examples: int) -> None:
+    run_state_machine_as_test(
+        machine(instance),
+        settings=settings(
+            max_examples=examples,
+            stateful_step_count=CALLS_EACH,
+            deadline=None,
+            database=None,
+            derandomize=True,
+            phases=[Phase.generate],
+        ),
+    )
+
+
+def test_random_call_sequences(instance):
+    fuzz(instance, FAST_EXAMPLES)
+
+
+@pytest.mark.slow
+def test_ten_thousand_random_call_sequences(instance):
+    fuzz(instance, ALL_EXAMPLES)
