@@ -3,6 +3,11 @@
 import os
 
 import pytest
+from hypothesis import settings
+
+# First calls compile kernels: no deadline. The same examples every time: no surprises in CI.
+settings.register_profile("minirobots", deadline=None, derandomize=True)
+settings.load_profile("minirobots")
 
 
 @pytest.fixture(scope="session", autouse=True)
