@@ -33,11 +33,12 @@ class Options:
     """Motor FMU (FMI 3.0) to step. Left out: the project's own, which alone has an inlined twin
     with the same bits."""
 
-    exchanges: int = 200_000
+    exchanges: int = 20_000
     """Exchanges per round and compiled driver; fmpy makes a fiftieth of them."""
 
-    rounds: int = 15
-    """Rounds; the drivers take turns and the fastest round of each counts."""
+    rounds: int = 200
+    """Rounds; the drivers take turns, and the fastest round of each counts: short and many, so that
+    another process on the machine spoils some rounds and not the result."""
 
     json: bool = False
     """End with one JSON object instead of a table."""

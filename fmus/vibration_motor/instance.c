@@ -124,7 +124,7 @@ void instance_exit_initialization(Instance *instance) {
 static Status check_step(const Instance *instance, const char *function, double time,
                          double step_size) {
     const Motor *motor = &instance->now.motor;
-    if (!(step_size > 0.0) || !(step_size / motor->step_size <= MOST_STEPS))
+    if (!(step_size > 0.0) || !(step_size <= MOST_STEPS * motor->step_size))
         return fail(instance, function,
                     "the communication step is %g s; give a positive one of at most %g s",
                     step_size, MOST_STEPS * motor->step_size);
