@@ -1,7 +1,7 @@
 """The parameters of one co-simulation together, checked against each other."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from cosim.errors import UserError
 from cosim.params import (
@@ -35,6 +35,9 @@ class CoSimConfig:
         noise: of the speed measurement.
         timing: clock, decisions and limits.
         steering: speeds and gains.
+        order: of the coupling within a communication step; see `cosim.master`.
+        reaction: whether the motors feel the acceleration of the body (the paper neglects it).
+        on_collision: whether two robots that touch end the episode or push each other on.
 
     Raises:
         ConfigError: a parameter is out of range, or a period is no multiple of the one below it.
@@ -45,6 +48,9 @@ class CoSimConfig:
     noise: NoiseParams = SPEED_NOISE
     timing: TimingParams = TIMING
     steering: SteeringParams = STEERING
+    order: Literal["gauss-seidel", "jacobi"] = "gauss-seidel"
+    reaction: bool = False
+    on_collision: Literal["end", "continue"] = "end"
 
     def __post_init__(self) -> None:
         for record in (self.robot, self.motor, self.noise, self.timing, self.steering):
@@ -54,13 +60,17 @@ class CoSimConfig:
         for record, names in (
             (self.robot, ("mass_kg", "diameter_m", "height_m", "com_height_m", "foot_radius_m")),
             (self.motor, ("J", "R", "g")),
-            (self.timing, ("dt_s", "control_period_s", "rl_step_s", "episode_limit_s")),
+            (self.timing, ("dt_s", "communication_step_s", "control_period_s", "rl_step_s")),
             (self.steering, ("lookahead_m",)),
         ):
             for name in names:
                 if getattr(record, name) == 0.0:
                     raise ConfigError(f"{name} must be positive")
-        whole_ratio("control_period_s", self.timing.control_period_s, "dt_s", self.timing.dt_s)
+        step_s = self.timing.communication_step_s
+        whole_ratio("communication_step_s", step_s, "dt_s", self.timing.dt_s)
+        whole_ratio(
+            "control_period_s", self.timing.control_period_s, "communication_step_s", step_s
+        )
         whole_ratio(
             "rl_step_s", self.timing.rl_step_s, "control_period_s", self.timing.control_period_s
         )
@@ -75,8 +85,13 @@ class CoSimConfig:
                 )
 
     @property
+    def ticks_per_step(self) -> int:
+        """Ticks of dt per communication step."""
+        return round(self.timing.communication_step_s / self.timing.dt_s)
+
+    @property
     def ticks_per_period(self) -> int:
-        """Communication steps per control period."""
+        """Ticks of dt per control period."""
         return round(self.timing.control_period_s / self.timing.dt_s)
 
     @property
@@ -91,10 +106,18 @@ class CoSimConfig:
 
     def table(self) -> dict[str, dict[str, Any]]:
         """Value, unit, source and description of every parameter, by its name."""
+        options = {
+            "order": (self.order, "coupling within a communication step"),
+            "reaction": (self.reaction, "whether motors feel the body's acceleration"),
+            "on_collision": (self.on_collision, "what a contact between robots does"),
+        }
         return {
             name: {"value": value} | quantity._asdict()
             for record in (self.robot, self.motor, self.noise, self.timing, self.steering)
             for name, (value, quantity) in describe(record).items()
+        } | {
+            name: {"value": value, "unit": "", "source": "option", "description": text}
+            for name, (value, text) in options.items()
         }
 
 

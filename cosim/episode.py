@@ -8,41 +8,35 @@ the cells. Nothing here learns or records.
 
 import math
 from collections.abc import Callable
-from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from cosim.adaptive import AdaptiveDriver
 from cosim.body import body_params, standing_state
+from cosim.collision import PairParams
 from cosim.config import CoSimConfig
 from cosim.features import (
     DIRECTION_COUNT,
     DIRECTIONS,
-    LARGE,
     Observation,
-    distance_class,
-    distance_thresholds,
-    gradient_sign,
 )
-from cosim.fmu import MotorFmu
+from cosim.fmu import Motor, MotorFmu
 from cosim.forces import motor_mounts
-from cosim.master import DRIVERS
+from cosim.master import CompiledDriver, Driver, ReferenceDriver
+from cosim.observing import cells_of, nearest_squared, observe
 from cosim.params import TABLE_II
-from cosim.plant import (
-    COLLISION,
-    OUT_OF_BOARD,
-    Plant,
-    RawSamples,
-    Samples,
-    new_raw_samples,
-    new_samples,
-    new_state,
-)
-from cosim.rotation import heading
+from cosim.plant import COLLISION, OUT_OF_BOARD, Plant
 from cosim.scenario import Cell, Scenario
+from cosim.signals import RawSamples, Samples, new_raw_samples, new_samples, new_state
 from cosim.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
 
+DRIVERS: dict[str, Callable[[list[Motor]], Driver]] = {
+    "compiled": CompiledDriver,
+    "reference": ReferenceDriver,
+    "adaptive": AdaptiveDriver,
+}
 OUTCOMES = ("success", "collision", "out_of_board", "timeout")
 # Positions this far apart in time make the path length: shorter ones would add up the vibration.
 PATH_SAMPLING_S = 0.1
@@ -109,17 +103,21 @@ class CoSimulation:
         self._fmu = MotorFmu(motor_fmu)
         self._driver_class = DRIVERS[driver]
         self._driver: Any = None
-        self._thresholds = distance_thresholds(scenario)
-        robot, motor, timing = self.config.robot, self.config.motor, self.config.timing
+        config = self.config
         width, height = scenario.size_m
         self._plant = Plant(
-            body_params(robot, motor, timing.dt_s),
-            *motor_mounts(robot, motor),
-            self.config.steering,
-            robot.diameter_m,
+            body_params(config.robot, config.motor, config.timing.dt_s),
+            *motor_mounts(config.robot, config.motor),
+            config.steering,
+            PairParams(config.robot.diameter_m, config.robot.mu_robots),
+            config.on_collision == "end",
             width,
             height,
-            self.config.ticks_per_period,
+            config.ticks_per_period,
+            config.ticks_per_step,
+            config.order == "jacobi",
+            config.reaction,
+            config.timing.exchange_tolerance_rad,
         )
 
     def compile(self) -> None:
@@ -164,7 +162,7 @@ class CoSimulation:
         self._arrived = np.zeros(n, dtype=bool)
         self._moving_since = np.zeros(n)
         self._action = np.full(n, -1)
-        self._squared_at_decision = self._squared_distances(self._cells())
+        self._squared_at_decision = nearest_squared(self._cells())
         self._path_positions = [self._state.bodies[:, :2].copy()]
         self.path_length_m = np.zeros(n)
         self.outcome = ""
@@ -240,7 +238,7 @@ class CoSimulation:
         commands, cells = self._state.commands, self._cells()
         late = self.time_s - self._moving_since >= self.config.timing.move_limit_s
         decided = ~self._arrived & ((commands[:, MODE] == HOLD) | late)
-        squared = self._squared_distances(cells)
+        squared = nearest_squared(cells)
         for robot in np.flatnonzero(decided):
             cell = cells[robot] + DIRECTIONS[action[robot]]
             commands[robot, [GOAL_X, GOAL_Y]] = self.scenario.centre_m((cell[0], cell[1]))
@@ -264,31 +262,10 @@ class CoSimulation:
         return np.ascontiguousarray(held.reshape(periods, self.scenario.robots, len(MOTOR_NAMES)))
 
     def _cells(self) -> np.ndarray:
-        return np.floor(self._state.bodies[:, :2] / self.scenario.cell_m).astype(np.int64)
-
-    def _squared_distances(self, cells: np.ndarray) -> np.ndarray:
-        """Squared distance in cells² of each robot to the nearest other, shape (N,)."""
-        squared = ((cells[:, None] - cells[None]) ** 2).sum(axis=2)
-        np.fill_diagonal(squared, np.iinfo(np.int64).max)
-        return squared.min(axis=1)
+        return cells_of(self._state.bodies, self.scenario)
 
     def _observe(self) -> Observation:
-        cells = self._cells()
-        squared = self._squared_distances(cells)
-        alone = self.scenario.robots == 1
-        angles = [heading(tuple(body[3:7])) for body in self._state.bodies]
-        sector = 2.0 * math.pi / DIRECTION_COUNT
-        return Observation(
-            cells,
-            np.array([LARGE if alone else distance_class(s, self._thresholds) for s in squared]),
-            np.array(
-                [
-                    gradient_sign(s, p)
-                    for s, p in zip(squared, self._squared_at_decision, strict=True)
-                ]
-            ),
-            np.round(np.array(angles) / sector).astype(np.int64) % DIRECTION_COUNT,
-        )
+        return observe(self._state.bodies, self.scenario, self._squared_at_decision)
 
     def _judge(self, event: int) -> str:
         if event == COLLISION:
@@ -304,16 +281,6 @@ class CoSimulation:
         for position in samples.position[every - 1 :: every, :, :2]:
             self.path_length_m += np.linalg.norm(position - self._path_positions[-1], axis=1)
             self._path_positions.append(position)
-
-
-def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:
-    """Start cells drawn uniformly, again while any two robots would touch."""
-    contact = distance_thresholds(scenario).contact
-    while True:
-        starts = tuple(cells[rng.integers(len(cells))] for cells in scenario.starts)
-        pairs = combinations(starts, 2)
-        if all((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 > contact for a, b in pairs):
-            return starts
 
 
 def run_episode(

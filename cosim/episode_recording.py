@@ -14,21 +14,13 @@ import rerun as rr
 
 from cosim.blueprint import episode_blueprint, robot_names
 from cosim.config import CoSimConfig
-from cosim.contact import foot_positions
 from cosim.episode import Step
 from cosim.features import DIRECTION_COUNT, GRADIENT_SIGNS
-from cosim.plant import Samples
 from cosim.recording import Recording, properties, scalars, simulated
 from cosim.scenario import Scenario
+from cosim.scene import EIGHT, LIGHT, SERIES, palette, write_scene
+from cosim.signals import Samples
 
-# Okabe–Ito, safe for colour-blind readers; one per robot.
-ROBOT_COLOURS = np.array([0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF], dtype=np.uint32)
-_GREY, _LIGHT, _INK = 0x888888FF, 0x88888840, 0x222222FF
-_SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of the signals within one plot
-_EIGHT = [
-    *(0x0072B2FF, 0x56B4E9FF, 0x009E73FF, 0xF0E442FF),
-    *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
-]
 # A row costs 35 bytes whatever it holds: only what changes within a motor turn is written faster.
 SLOW_PERIOD_S = 0.02
 TRAIL_PERIOD_S = 0.5
@@ -89,7 +81,7 @@ class EpisodeRecorder:
             path, recording_id, episode_blueprint(scenario.robots, scenario.size_m)
         )
         self.file.stream.send_property("episode", properties(facts))
-        self._write_scene(scenario)
+        write_scene(self.file, scenario, config.robot)
         self._write_styles()
         self.file.static(
             "/info/run", rr.TextDocument(_run_document(facts, config), media_type="text/markdown")
@@ -232,82 +224,6 @@ class EpisodeRecorder:
         index = simulated(np.array([time_s]), np.array([rl_step]))
         self.file.columns("/log", index, rr.TextLog.columns(text=[text], level=["INFO"]))
 
-    def _write_scene(self, scenario: Scenario) -> None:
-        width, height = scenario.size_m
-        cell = scenario.cell_m
-        lines = [[(x * cell, 0, 0), (x * cell, height, 0)] for x in range(scenario.columns + 1)]
-        lines += [[(0, y * cell, 0), (width, y * cell, 0)] for y in range(scenario.rows + 1)]
-        file = self.file
-        file.static("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        file.static("/world/board", rr.LineStrips3D(lines, colors=_LIGHT, radii=0.0001))
-        left, bottom, right, top = scenario.zone
-        zone = np.array([left, bottom, right + 1, top + 1]) * cell
-        centre = [(zone[0] + zone[2]) / 2, (zone[1] + zone[3]) / 2, 0.0]
-        half = [(zone[2] - zone[0]) / 2, (zone[3] - zone[1]) / 2, 0.0]
-        file.static("/world/zone", rr.Boxes3D(centers=[centre], half_sizes=[half], colors=_GREY))
-        colours = [int(ROBOT_COLOURS[i % len(ROBOT_COLOURS)]) for i in range(scenario.robots)]
-        file.static(
-            "/world/targets",
-            rr.Boxes3D(
-                centers=[(*scenario.centre_m(target), 0.0) for target in scenario.targets],
-                half_sizes=[(cell / 2, cell / 2, 0.0002)] * scenario.robots,
-                colors=_palette(colours),
-                fill_mode="solid",
-                labels=[f"target {name}" for name in self._names],
-            ),
-        )
-        for name, colour in zip(self._names, colours, strict=True):
-            self._write_robot(name, colour)
-
-    def _write_robot(self, name: str, colour: int) -> None:
-        robot = self._config.robot
-        file, base = self.file, f"/world/{name}/robot"
-        middle = robot.height_m / 2.0 - robot.com_height_m
-        file.static(
-            f"{base}/body",
-            rr.Cylinders3D(
-                lengths=[robot.height_m],
-                radii=[robot.diameter_m / 2.0],
-                centers=[(0.0, 0.0, middle)],
-                colors=[colour],
-                fill_mode="transparentfillmajorwireframe",
-                labels=[name],
-            ),
-        )
-        file.static(f"{base}/feet", rr.Points3D(foot_positions(robot), radii=0.001, colors=_INK))
-        z = robot.motor_axis_height_m - robot.com_height_m
-        file.static(
-            f"{base}/motors",
-            rr.Cylinders3D(
-                lengths=[robot.motor_length_m] * 2,
-                radii=[robot.motor_diameter_m / 2.0] * 2,
-                centers=[(0.0, side * robot.motor_radius_m, z) for side in (1.0, -1.0)],
-                rotation_axis_angles=[rr.RotationAxisAngle((1, 0, 0), degrees=90)] * 2,
-                colors=_INK,
-                fill_mode="solid",
-            ),
-        )
-        top = robot.height_m - robot.com_height_m
-        file.static(
-            f"{base}/heading",
-            rr.Arrows3D(
-                origins=[(0.0, 0.0, top)],
-                vectors=[(robot.diameter_m / 2.0, 0.0, 0.0)],
-                colors=colour,
-                radii=0.001,
-            ),
-        )
-        feet = foot_positions(robot)
-        file.static(
-            f"{base}/contact",
-            rr.Arrows3D.from_fields(
-                origins=feet, colors=np.array(_SERIES[1:2] * 3, dtype=np.uint32), radii=[0.0005] * 3
-            ),
-        )
-        file.static(
-            f"/world/{name}/trail", rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
-        )
-
     def _write_styles(self) -> None:
         for name in self._names:
             series = {f"/sim/{name}/{path}": names for path, names in _SIM_SERIES.items()}
@@ -316,13 +232,13 @@ class EpisodeRecorder:
             series[f"/rl/{name}/cell"] = ("x", "y")
             series[f"/rl/{name}/q_s"] = DIRECTION_NAMES
             for entity, names in series.items():
-                colours = _SERIES if len(names) <= len(_SERIES) else _EIGHT
+                colours = SERIES if len(names) <= len(SERIES) else EIGHT
                 self.file.static(
                     entity,
                     # The default, averaging, would flatten a vibration to nothing.
                     rr.SeriesLines(
                         names=names,
-                        colors=_palette(colours[: len(names)]),
+                        colors=palette(colours[: len(names)]),
                         aggregation_policy="MinMax",
                     ),
                 )
@@ -331,7 +247,7 @@ class EpisodeRecorder:
                 rr.StateConfiguration(
                     values=[*DIRECTION_NAMES, _ARRIVED],
                     labels=[*DIRECTION_NAMES, _ARRIVED],
-                    colors=_palette([*_EIGHT, _LIGHT]),
+                    colors=palette([*EIGHT, LIGHT]),
                 ),
             )
             self.file.static(
@@ -339,14 +255,9 @@ class EpisodeRecorder:
                 rr.StateConfiguration(
                     values=list(GRADIENT_SIGNS),
                     labels=list(GRADIENT_SIGNS),
-                    colors=_palette(_SERIES),
+                    colors=palette(SERIES),
                 ),
             )
-
-
-def _palette(colours: list[int]) -> np.ndarray:
-    """Colours as Rerun takes them without doubt, 0xRRGGBBAA."""
-    return np.array(colours, dtype=np.uint32)
 
 
 def _run_document(facts: dict[str, Any], config: CoSimConfig) -> str:
@@ -355,7 +266,7 @@ def _run_document(facts: dict[str, Any], config: CoSimConfig) -> str:
     lines += [f"| {key} | {value} |" for key, value in facts.items()]
     lines += ["", "# Parameters", "", "| name | value | unit | meaning | source |", "|-|-|-|-|-|"]
     lines += [
-        f"| {name} | {row['value']:g} | {row['unit']} | {row['description']} | {row['source']} |"
+        f"| {name} | {row['value']} | {row['unit']} | {row['description']} | {row['source']} |"
         for name, row in config.table().items()
     ]
     return "\n".join(lines)

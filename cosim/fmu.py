@@ -159,10 +159,10 @@ class Motor:
         with self._named_errors(tick * dt_s, "refuses its inputs"):
             self.slave.setFloat64(self.fmu.inputs, values)
 
-    def step(self, tick: int, dt_s: float) -> None:
-        """Step from `tick` over one communication step; raises FmuError naming its time."""
+    def step(self, tick: int, count: int, dt_s: float) -> None:
+        """Step from `tick` over `count` ticks; raises FmuError naming the time."""
         with self._named_errors(tick * dt_s, "failed"):
-            _, terminate, early_return, _ = self.slave.doStep(tick * dt_s, dt_s)
+            _, terminate, early_return, _ = self.slave.doStep(tick * dt_s, count * dt_s)
         if terminate or early_return:
             raise self.error(tick * dt_s, "asked to stop")
 
@@ -175,6 +175,22 @@ class Motor:
         """Values of ELECTRICAL; raises FmuError naming the time of `tick`."""
         with self._named_errors(tick * dt_s, "has no outputs"):
             return self.slave.getFloat64(self.fmu.electrical)
+
+    @property
+    def can_roll_back(self) -> bool:
+        """Whether the FMU can save and restore its state."""
+        interface = self.fmu.description.coSimulation
+        return interface is not None and bool(interface.canGetAndSetFMUstate)
+
+    @contextlib.contextmanager
+    def rolled_back(self) -> Iterator[None]:
+        """On leaving, the instance is where it was on entering; needs `can_roll_back`."""
+        saved = self.slave.getFMUState()
+        try:
+            yield
+        finally:
+            self.slave.setFMUState(saved)
+            self.slave.freeFMUState(saved)
 
     @contextlib.contextmanager
     def _named_errors(self, time_s: float, what: str) -> Iterator[None]:

@@ -1,6 +1,6 @@
 """How kernels are compiled: numba, cached on disk, without the interpreter lock.
 
-The cache folder is named by a hash of every source file of the project's packages. numba itself
+The cache folder is named by a hash of every source file that kernels draw on. numba itself
 only looks at the file of the outermost kernel, and would run stale code after a change in another.
 """
 
@@ -16,7 +16,7 @@ from cosim.storage import cache_dir
 
 Kernel = TypeVar("Kernel", bound=Callable)
 
-_PACKAGES = ("cosim", "agent", "analysis")
+_PACKAGES = ("cosim", "agent")
 
 
 def _source_digest() -> str:

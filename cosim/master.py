@@ -1,13 +1,15 @@
 """The co-simulation master: couples motor FMUs to the rigid bodies, tick by tick.
 
-Order per tick (Gauss–Seidel): every motor steps from t to t + dt with the inputs of t, then every
-body with the motors' outputs at t + dt. Inputs change once per control period. Time is an integer
-tick count. Two drivers: `CompiledDriver` calls the FMU's C functions from machine code,
-`ReferenceDriver` goes through fmpy's Python classes; both give the same bits.
+A communication step is one or more ticks of dt. Every motor steps over it with the inputs of its
+start, then every body does, tick by tick, with the motors' outputs of its end (Gauss–Seidel) or
+of its start (Jacobi). Inputs change once per control period, with the reaction of the body after
+every step. Time is an integer tick count.
+
+Two drivers: `CompiledDriver` calls the FMU's C functions from machine code, `ReferenceDriver` goes
+through fmpy's Python classes; both give the same bits.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,14 +19,14 @@ from cosim.jit import kernel
 from cosim.plant import (
     RUNNING,
     Plant,
-    RawSamples,
-    Samples,
-    State,
     begin_period,
+    begin_step,
     end_period,
+    react,
     sample_tick,
     step_bodies,
 )
+from cosim.signals import RawSamples, Samples, State
 
 
 class Progress(NamedTuple):
@@ -85,27 +87,44 @@ class ReferenceDriver:
         first_tick: int,
     ) -> Progress:
         """See `Driver.advance`."""
-        shape = state.inputs.shape[:2]
-        slots = [(motor, np.unravel_index(i, shape)) for i, motor in enumerate(self.motors)]
-        dt, tick = plant.body.dt, 0
+        dt, tick, slots = plant.body.dt, 0, self._slots(state)
         for period in range(len(noise)):
             begin_period(plant, state, noise[period])
             for motor, slot in slots:
                 motor.set_inputs(state.inputs[slot], first_tick + tick, dt)
-            for _ in range(plant.ticks_per_period):
-                for motor, slot in slots:
-                    motor.step(first_tick + tick, dt)
-                    state.outputs[slot] = motor.outputs(first_tick + tick, dt)
-                step_bodies(plant, state)
-                if tick < len(raw.omega):
-                    sample_tick(plant, state, raw, tick)
-                tick += 1
+            end = tick + plant.ticks_per_period
+            while tick < end:
+                tick += self._step(plant, state, raw, first_tick, tick, end)
             for motor, slot in slots:
                 state.electrical[slot] = motor.electrical(first_tick + tick, dt)
             event = end_period(plant, state, samples, period)
             if event != RUNNING:
                 return Progress(period + 1, event)
         return Progress(len(noise), RUNNING)
+
+    def _slots(self, state: State) -> list[tuple[Motor, Any]]:
+        """Each motor with its place (robot, motor) in the arrays of the state."""
+        shape = state.inputs.shape[:2]
+        return [(motor, np.unravel_index(i, shape)) for i, motor in enumerate(self.motors)]
+
+    def _step(
+        self, plant: Plant, state: State, raw: RawSamples, first_tick: int, tick: int, end: int
+    ) -> int:
+        """One communication step from `tick`; returns the ticks it took."""
+        dt, count = plant.body.dt, plant.ticks_per_step
+        begin_step(plant, state)
+        for motor, slot in self._slots(state):
+            motor.step(first_tick + tick, count, dt)
+            state.outputs[slot] = motor.outputs(first_tick + tick, dt)
+        for k in range(count):
+            step_bodies(plant, state, k)
+            if tick + k < len(raw.omega):
+                sample_tick(plant, state, raw, tick + k)
+        if plant.reaction:
+            react(plant, state)
+            for motor, slot in self._slots(state):
+                motor.set_inputs(state.inputs[slot], first_tick + tick, dt)
+        return count
 
 
 class Calls(NamedTuple):
@@ -178,24 +197,26 @@ def run_periods(
     electrical_references, electrical_count = calls.electrical.ctypes.data, 2
     inputs, outputs = state.inputs.ctypes.data, state.outputs.ctypes.data
     electrical = state.electrical.ctypes.data
-    dt = plant.body.dt
+    dt, count = plant.body.dt, plant.ticks_per_step
     tick = 0
     for period in range(noise.shape[0]):
         begin_period(plant, state, noise[period])
-        for motor in range(motors):
-            status = exchange_float64(
-                set_inputs,
-                calls.instances[motor],
-                input_references,
-                input_count,
-                inputs + motor * input_count * 8,
-            )
-            if status > FMI_WARNING:
-                return tick, RUNNING, motor, status
-        for _ in range(plant.ticks_per_period):
+        fresh_inputs = True
+        for _ in range(plant.ticks_per_period // count):
+            begin_step(plant, state)
             for motor in range(motors):
                 instance = calls.instances[motor]
-                status = do_step(step, instance, (first_tick + tick) * dt, dt)
+                if fresh_inputs:
+                    status = exchange_float64(
+                        set_inputs,
+                        instance,
+                        input_references,
+                        input_count,
+                        inputs + motor * input_count * 8,
+                    )
+                    if status > FMI_WARNING:
+                        return tick, RUNNING, motor, status
+                status = do_step(step, instance, (first_tick + tick) * dt, count * dt)
                 if status > FMI_WARNING:
                     return tick, RUNNING, motor, status
                 status = exchange_float64(
@@ -207,10 +228,14 @@ def run_periods(
                 )
                 if status > FMI_WARNING:
                     return tick, RUNNING, motor, status
-            step_bodies(plant, state)
-            if tick < raw.omega.shape[0]:
-                sample_tick(plant, state, raw, tick)
-            tick += 1
+            for k in range(count):
+                step_bodies(plant, state, k)
+                if tick < raw.omega.shape[0]:
+                    sample_tick(plant, state, raw, tick)
+                tick += 1
+            fresh_inputs = plant.reaction
+            if plant.reaction:
+                react(plant, state)
         for motor in range(motors):
             status = exchange_float64(
                 get_values,
@@ -225,9 +250,3 @@ def run_periods(
         if event != RUNNING:
             return period + 1, event, 0, FMI_OK
     return noise.shape[0], RUNNING, 0, FMI_OK
-
-
-DRIVERS: dict[str, Callable[[list[Motor]], Driver]] = {
-    "compiled": CompiledDriver,
-    "reference": ReferenceDriver,
-}

@@ -69,6 +69,10 @@ class RobotParams(NamedTuple):
         float,
         Quantity("1", "assumed: 0.1 to 0.4 in the literature", "Coulomb friction of the feet"),
     ] = 0.15
+    mu_robots: Annotated[
+        float,
+        Quantity("1", "assumed: as for the feet", "Coulomb friction between robots that touch"),
+    ] = 0.15
 
 
 class NoiseParams(NamedTuple):
@@ -88,6 +92,14 @@ class TimingParams(NamedTuple):
     """Clock of the co-simulation; every slower period is an integer multiple of `dt_s`."""
 
     dt_s: Annotated[float, Quantity("s", "Section V", "integration and communication step")] = 1e-5
+    communication_step_s: Annotated[
+        float,
+        Quantity("s", "assumed: every integration step", "time between exchanges with the FMUs"),
+    ] = 1e-5
+    exchange_tolerance_rad: Annotated[
+        float,
+        Quantity("rad", "assumed: 1e-3 of the force", "bound on the interpolation of motor angles"),
+    ] = 1e-3
     control_period_s: Annotated[
         float, Quantity("s", "assumed: 1 kHz on-board controller", "steering period")
     ] = 1e-3

@@ -10,15 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.body import STATE_SIZE, BodyParams, step_body
+from cosim.body import BodyParams, step_body
+from cosim.collision import PairParams, find_near_pairs, push_apart
 from cosim.forces import MotorMount, motor_wrench
 from cosim.jit import kernel
 from cosim.params import SteeringParams
-from cosim.rotation import heading
-from cosim.steering import COMMAND_SIZE, HEADING_ERROR, MODE, steer
+from cosim.rotation import heading, rotation_matrix, to_body
+from cosim.signals import FEET, MOTORS, RawSamples, Samples, State
+from cosim.steering import HEADING_ERROR, MODE, steer
+from cosim.trig import sine_cosine
 
-MOTORS = 2  # D, E
-FEET = 3  # A, B, C
 RUNNING, COLLISION, OUT_OF_BOARD = 0, 1, 2
 
 
@@ -29,110 +30,31 @@ class Plant(NamedTuple):
         body: equations of motion of every robot.
         mount_d, mount_e: motors D and E.
         steering: gains and speeds.
-        diameter: robots closer than this (centres, m) collide.
+        pair: contact between robots.
+        end_on_collision: whether a contact between robots is a COLLISION that ends the run.
         board_x, board_y: extent of the board in m, its corner at the origin.
-        ticks_per_period: communication steps per control period.
+        ticks_per_period: ticks of dt per control period.
+        ticks_per_step: ticks of dt per communication step with the FMUs.
+        jacobi: bodies see the motors' outputs of the start of a step (extrapolated), not of its
+            end (interpolated).
+        reaction: whether the motors feel the acceleration of the body.
+        exchange_tolerance: bound on the error of interpolated motor angles in rad, for drivers
+            that choose the communication step.
     """
 
     body: BodyParams
     mount_d: MotorMount
     mount_e: MotorMount
     steering: SteeringParams
-    diameter: float
+    pair: PairParams
+    end_on_collision: bool
     board_x: float
     board_y: float
     ticks_per_period: int
-
-
-class State(NamedTuple):
-    """Variables of the coupled system; float64 arrays for N robots.
-
-    Attributes:
-        bodies: (N, STATE_SIZE), layout in cosim.body.
-        commands: (N, COMMAND_SIZE), layout in cosim.steering.
-        inputs: (N, 2, 3) omega_des, omega_noise, d of motors D and E.
-        outputs: (N, 2, 3) theta, omega, omega_dot.
-        electrical: (N, 2, 2) V_s, i.
-        normal_peak: (N, 3) largest normal impulse of each foot in this control period, N s.
-        friction_peak: (N, 3) largest friction impulse, squared, N² s².
-        lifted: (N,) ticks of this period in which a foot carried nothing.
-    """
-
-    bodies: np.ndarray
-    commands: np.ndarray
-    inputs: np.ndarray
-    outputs: np.ndarray
-    electrical: np.ndarray
-    normal_peak: np.ndarray
-    friction_peak: np.ndarray
-    lifted: np.ndarray
-
-
-class Samples(NamedTuple):
-    """Signals sampled at the end of each of n control periods; float64, SI units.
-
-    Attributes:
-        omega, omega_des, theta, voltage, current: (n, N, 2), motors D and E.
-        position: (n, N, 3) centre of mass in the world.
-        quaternion: (n, N, 4) world from body, (w, x, y, z).
-        velocity: (n, N, 3) in the world.
-        yaw_rate: (n, N).
-        normal_max, friction_max: (n, N, 3) largest forces of feet A, B, C in the period, N.
-        lifted_share: (n, N) share of the period in which a foot carried nothing.
-        heading_error: (n, N), rad.
-        mode: (n, N) of the steering.
-    """
-
-    omega: np.ndarray
-    omega_des: np.ndarray
-    theta: np.ndarray
-    voltage: np.ndarray
-    current: np.ndarray
-    position: np.ndarray
-    quaternion: np.ndarray
-    velocity: np.ndarray
-    yaw_rate: np.ndarray
-    normal_max: np.ndarray
-    friction_max: np.ndarray
-    lifted_share: np.ndarray
-    heading_error: np.ndarray
-    mode: np.ndarray
-
-
-class RawSamples(NamedTuple):
-    """Signals at every tick of a short burst of m ticks; float64, SI units.
-
-    Attributes:
-        omega: (m, N, 2), motors D and E.
-        position: (m, N, 3) of the centre of mass.
-        normal: (m, N, 3) normal forces of A, B, C in N.
-        friction: (m, N, 6) friction forces, x and y in the body frame of A, B, C in N.
-    """
-
-    omega: np.ndarray
-    position: np.ndarray
-    normal: np.ndarray
-    friction: np.ndarray
-
-
-def new_state(robots: int) -> State:
-    """Zero state of N robots."""
-    n = robots
-    shapes = [(STATE_SIZE,), (COMMAND_SIZE,), (MOTORS, 3), (MOTORS, 3), (MOTORS, 2), (FEET,)]
-    return State(*(np.zeros((n, *shape)) for shape in [*shapes, (FEET,), ()]))
-
-
-def new_samples(periods: int, robots: int) -> Samples:
-    """Room for the samples of `periods` control periods."""
-    motors, feet = (MOTORS,), (FEET,)
-    shapes = [motors] * 5 + [(3,), (4,), (3,), (), feet, feet, (), (), ()]
-    return Samples(*(np.zeros((periods, robots, *shape)) for shape in shapes))
-
-
-def new_raw_samples(ticks: int, robots: int) -> RawSamples:
-    """Room for a burst of `ticks` ticks."""
-    shapes = [(MOTORS,), (3,), (FEET,), (2 * FEET,)]
-    return RawSamples(*(np.zeros((ticks, robots, *shape)) for shape in shapes))
+    ticks_per_step: int
+    jacobi: bool
+    reaction: bool
+    exchange_tolerance: float
 
 
 @kernel
@@ -154,15 +76,54 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray) -> None:
         state.normal_peak[robot] = 0.0
         state.friction_peak[robot] = 0.0
         state.lifted[robot] = 0.0
+        state.touching[robot] = 0.0
+    state.near_count[0] = find_near_pairs(state.bodies, plant.pair, state.near)
 
 
 @kernel
-def step_bodies(plant: Plant, state: State) -> None:
-    """Move every robot by one tick with the forces of its motors at the end of the tick."""
+def begin_step(plant: Plant, state: State) -> None:
+    """Keep what both sides know at the start of a communication step, if it will be needed."""
+    if plant.jacobi or plant.ticks_per_step > 1:
+        state.held[:] = state.outputs
+    if plant.reaction:
+        state.held_velocities[:] = state.bodies[:, 7:13]
+
+
+@kernel
+def exchanged(
+    plant: Plant, state: State, robot: int, motor: int, tick: int
+) -> tuple[float, float, float]:
+    """Output (θ, ω, ω̇) of a motor as the body sees it at the end of a tick of the step."""
+    held, new = state.held[robot, motor], state.outputs[robot, motor]
+    if plant.jacobi:
+        tau = (tick + 1) * plant.body.dt
+        omega = held[1] + held[2] * tau
+        return held[0] + 0.5 * (held[1] + omega) * tau, omega, held[2]
+    if plant.ticks_per_step == 1:
+        return new[0], new[1], new[2]
+    share = (tick + 1) / plant.ticks_per_step
+    return (
+        held[0] + share * (new[0] - held[0]),
+        held[1] + share * (new[1] - held[1]),
+        held[2] + share * (new[2] - held[2]),
+    )
+
+
+@kernel
+def step_bodies(plant: Plant, state: State, tick: int) -> None:
+    """Move every robot by one tick with the forces of its motors at the end of the tick.
+
+    Args:
+        plant: constants.
+        state: variables; the bodies move.
+        tick: of the communication step, from 0.
+    """
     for robot in range(state.bodies.shape[0]):
-        body, out = state.bodies[robot], state.outputs[robot]
-        d = motor_wrench(plant.mount_d, out[0, 0], out[0, 1], out[0, 2])
-        e = motor_wrench(plant.mount_e, out[1, 0], out[1, 1], out[1, 2])
+        body = state.bodies[robot]
+        theta_d, omega_d, omega_dot_d = exchanged(plant, state, robot, 0, tick)
+        theta_e, omega_e, omega_dot_e = exchanged(plant, state, robot, 1, tick)
+        d = motor_wrench(plant.mount_d, theta_d, omega_d, omega_dot_d)
+        e = motor_wrench(plant.mount_e, theta_e, omega_e, omega_dot_e)
         force = (d[0] + e[0], 0.0, d[1] + e[1])
         step_body(body, plant.body, force, (d[2] + e[2], d[3] + e[3], d[4] + e[4]))
         lifted = 0.0
@@ -175,6 +136,37 @@ def step_bodies(plant: Plant, state: State) -> None:
             if normal == 0.0:
                 lifted = 1.0
         state.lifted[robot] += lifted
+    for k in range(state.near_count[0]):
+        i, j = state.near[k]
+        if push_apart(state.bodies[i], state.bodies[j], plant.pair, plant.body) > 0.0:
+            state.touching[i] += 1.0
+            state.touching[j] += 1.0
+
+
+@kernel
+def react(plant: Plant, state: State) -> None:
+    """Put the torque that the body's acceleration exerts on each eccentric mass into input d.
+
+    With the mass at r (−sin φ sin θ, −cos θ) from the shaft, the torque −m a · ∂position/∂θ of the
+    acceleration a of the motor's mount, averaged over the communication step. Eq. (13) has only
+    the weight's, which is the same with a = (0, 0, g).
+    """
+    rate = 1.0 / (plant.ticks_per_step * plant.body.dt)
+    for robot in range(state.bodies.shape[0]):
+        body, held = state.bodies[robot], state.held_velocities[robot]
+        matrix = rotation_matrix((body[3], body[4], body[5], body[6]))
+        ax, _, az = to_body(
+            matrix,
+            ((body[7] - held[0]) * rate, (body[8] - held[1]) * rate, (body[9] - held[2]) * rate),
+        )
+        wx, wy, wz = body[10] - held[3], body[11] - held[4], body[12] - held[5]
+        for motor in range(MOTORS):
+            mount = plant.mount_d if motor == 0 else plant.mount_e
+            s, c = sine_cosine(state.outputs[robot, motor, 0])
+            mount_x = ax + rate * (wy * mount.z - wz * mount.y)
+            mount_z = az + rate * wx * mount.y
+            torque = mount.m * mount.r * (mount.sin_phi * c * mount_x - s * mount_z)
+            state.inputs[robot, motor, 2] = torque
 
 
 @kernel
@@ -218,12 +210,9 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
         samples.lifted_share[row, robot] = state.lifted[robot] / plant.ticks_per_period
         samples.heading_error[row, robot] = state.commands[robot, HEADING_ERROR]
         samples.mode[row, robot] = state.commands[robot, MODE]
+        samples.touching_share[row, robot] = state.touching[robot] / plant.ticks_per_period
         if not (0.0 <= body[0] <= plant.board_x and 0.0 <= body[1] <= plant.board_y):
             event = OUT_OF_BOARD
-    for robot in range(robots):
-        for other in range(robot):
-            dx = state.bodies[robot, 0] - state.bodies[other, 0]
-            dy = state.bodies[robot, 1] - state.bodies[other, 1]
-            if dx * dx + dy * dy <= plant.diameter * plant.diameter:
-                event = COLLISION
+    if plant.end_on_collision and state.touching.any():
+        event = COLLISION
     return event

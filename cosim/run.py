@@ -3,27 +3,24 @@
 import importlib.metadata
 import json
 import platform
-import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from agent import training
-from agent.cosim_reward import step_reward
 from agent.policy import Policy
 from agent.qlearning import LearningConfig
 from agent.store import trained_policy
 from agent.training_recording import write_training
+from cosim.batch import Batch, EpisodeResult
 from cosim.config import ConfigError, CoSimConfig
-from cosim.episode import CoSimulation, Step, draw_starts, run_episode
-from cosim.episode_recording import EpisodeRecorder
+from cosim.episode import CoSimulation
 from cosim.errors import run_command
 from cosim.params import SPEED_NOISE, STEERING, TABLE_I, TIMING
 from cosim.scenario import Scenario, find_scenario
@@ -62,11 +59,22 @@ class Run:
     """Train even if the cache has a policy of this configuration."""
     record: bool = True
     """Write recordings; --no-record leaves only summary.json and the policy."""
-    driver: Literal["compiled", "reference"] = "compiled"
-    """How the master reaches the FMUs: compiled code, or fmpy's Python classes (some 100 times
-    slower, the same bits)."""
+    jobs: int = 1
+    """Episodes to co-simulate at the same time, in threads; the results do not depend on it."""
+    driver: Literal["compiled", "reference", "adaptive"] = "compiled"
+    """How the master reaches the FMUs: compiled code, fmpy's Python classes (some 100 times slower,
+    the same bits), or fmpy with a communication step that adapts by rolling the FMUs back."""
     dt: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.dt_s
-    """Integration and communication step in s."""
+    """Integration step of the bodies in s."""
+    communication_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    """Time between exchanges with the FMUs in s, a whole multiple of dt; by default dt."""
+    order: Literal["gauss-seidel", "jacobi"] = "gauss-seidel"
+    """Whether bodies see the motors' outputs of the end (interpolated) or of the start
+    (extrapolated) of a communication step."""
+    reaction: bool = False
+    """Let the motors feel the acceleration of the body, which the paper neglects."""
+    on_collision: Literal["end", "continue"] = "end"
+    """What happens when two robots touch: the episode ends, or they push each other on."""
     mu: float = TABLE_I.mu
     """Coulomb friction coefficient of the feet (useful: 0.1 to 0.4)."""
     noise: float = SPEED_NOISE.relative_amplitude
@@ -77,7 +85,7 @@ class Run:
     """Simulated time in s after which an episode ends as a time-out."""
 
     def __post_init__(self) -> None:
-        for name in ("episodes", "train_episodes"):
+        for name in ("episodes", "train_episodes", "jobs"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"--{name.replace('_', '-')} must be at least 1")
         if self.seed < 0:
@@ -92,22 +100,16 @@ class Run:
         return CoSimConfig(
             robot=TABLE_I._replace(mu=self.mu),
             noise=SPEED_NOISE._replace(relative_amplitude=self.noise),
-            timing=TIMING._replace(dt_s=self.dt, episode_limit_s=self.time_limit),
+            timing=TIMING._replace(
+                dt_s=self.dt,
+                communication_step_s=self.communication_step or self.dt,
+                episode_limit_s=self.time_limit,
+            ),
             steering=STEERING._replace(drive_speed_rad_s=self.speed, turn_speed_rad_s=self.speed),
+            order=self.order,
+            reaction=self.reaction,
+            on_collision=self.on_collision,
         )
-
-
-@dataclass(frozen=True)
-class EpisodeResult:
-    """One episode as `summary.json` lists it."""
-
-    outcome: str
-    path_length_cm: float
-    sim_time_s: float
-    realtime_factor: float
-    recording: str | None
-    starts: tuple[tuple[int, int], ...] = field(default=())
-    path_length_cm_by_robot: tuple[float, ...] = field(default=())
 
 
 def run(options: Run, console: Console) -> tuple[list[EpisodeResult], Path]:
@@ -136,10 +138,15 @@ def run(options: Run, console: Console) -> tuple[list[EpisodeResult], Path]:
     if options.record and log is not None:
         write_training(out / "training.rrd", policy, log, facts)
 
+    batch = Batch(scenario, fmu, config, options.driver, options.seed, policy, out, facts)
     results: list[EpisodeResult] = []
-    for episode in range(options.episodes):
-        results.append(_episode(options, system, policy, episode, out, facts, console))
-        _write_summary(out / "summary.json", options, config, facts, results)
+    try:
+        for result in batch.run(range(options.episodes), options.jobs, options.record, console):
+            results.append(result)
+            _write_summary(out / "summary.json", config, facts, results)
+    except KeyboardInterrupt:
+        console.print(f"what was simulated so far is in {out}/", soft_wrap=True)
+        raise
     return results, out
 
 
@@ -171,64 +178,6 @@ def _policy(
     return policy, log
 
 
-def _episode(
-    options: Run,
-    system: CoSimulation,
-    policy: Policy,
-    episode: int,
-    out: Path,
-    facts: dict[str, Any],
-    console: Console,
-) -> EpisodeResult:
-    start_seed, noise_seed = np.random.SeedSequence(options.seed, spawn_key=(episode,)).spawn(2)
-    starts = draw_starts(system.scenario, np.random.default_rng(start_seed))
-    path = out / "episodes" / f"ep_{episode:03d}.rrd"
-    recorder = None
-    if options.record:
-        identity = f"{system.scenario.name}-{options.seed}-{episode}"
-        facts = facts | {"episode": episode, "starts": starts}
-        recorder = EpisodeRecorder(path, system.scenario, system.config, identity, facts)
-    began = time.perf_counter()
-    with Progress(
-        TextColumn("[progress.description]{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[state]}"),
-        TimeElapsedColumn(),
-        console=console,
-        disable=not console.is_terminal,
-    ) as bar:
-        task = bar.add_task(f"episode {episode}", total=None, state="")
-
-        def observe(step: Step) -> None:
-            if recorder is not None:
-                reward = step_reward(policy.process, step, system.arrived)
-                recorder.write(step, policy.q_values(step.before), reward)
-            factor = system.time_s / (time.perf_counter() - began)
-            state = f"{system.time_s:.0f} s simulated, {factor:.1f} × real time {step.outcome}"
-            bar.update(task, state=state)
-
-        try:
-            run_episode(system, policy, starts, noise_seed, observe)
-        except KeyboardInterrupt:
-            if recorder is not None:
-                console.print(f"interrupted at {system.time_s:.0f} s; recorded so far: {path}")
-            raise
-        finally:
-            if recorder is not None:
-                recorder.file.close()
-            system.close()
-    by_robot = tuple(float(round(100.0 * length, 6)) for length in system.path_length_m)
-    return EpisodeResult(
-        outcome=system.outcome,
-        path_length_cm=float(np.mean(by_robot)),
-        sim_time_s=round(system.time_s, 9),
-        realtime_factor=system.time_s / (time.perf_counter() - began),
-        recording=str(path.relative_to(out)) if recorder is not None else None,
-        starts=starts,
-        path_length_cm_by_robot=by_robot,
-    )
-
-
 def _facts(options: Run, scenario: Scenario, fmu: Path) -> dict[str, Any]:
     """What identifies a run, for summaries and recordings; the same for equal runs."""
     versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
@@ -245,7 +194,6 @@ def _facts(options: Run, scenario: Scenario, fmu: Path) -> dict[str, Any]:
 
 def _write_summary(
     path: Path,
-    options: Run,
     config: CoSimConfig,
     facts: dict[str, Any],
     results: list[EpisodeResult],

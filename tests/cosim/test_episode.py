@@ -1,11 +1,14 @@
 """RL steps over the dynamics: actions end at cell centres, observations are the cells'."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from cosim.config import ConfigError, CoSimConfig
-from cosim.episode import CoSimulation, draw_starts, run_episode
+from cosim.episode import CoSimulation, run_episode
 from cosim.features import LARGE, MEDIUM
+from cosim.observing import draw_starts
 from cosim.params import TABLE_I, TIMING
 from cosim.scenario import Scenario, find_scenario
 
@@ -32,7 +35,7 @@ def test_robots_reach_their_targets(short):
 
 
 def test_robots_stop_at_the_centres(short):
-    system, steps = short
+    _, steps = short
     for robot, target in enumerate(SHORT.targets):
         final = steps[-1].samples.position[-1, robot, :2]
         assert final == pytest.approx(SHORT.centre_m(target), abs=2e-3)
@@ -43,14 +46,14 @@ def test_action_stays_in_force_until_the_centre(short):
     decisions = np.array([step.decided for step in steps])
     assert decisions[0].all()
     assert 0 < decisions[1:].sum() < decisions[1:].size / 2
-    for before, after in zip(steps, steps[1:], strict=False):
+    for before, after in pairwise(steps):
         kept = ~after.decided & (after.action >= 0)
         assert np.array_equal(before.action[kept], after.action[kept])
 
 
 def test_signals_are_contiguous_in_time(short):
     _, steps = short
-    for before, after in zip(steps, steps[1:], strict=False):
+    for before, after in pairwise(steps):
         assert after.first_tick - before.first_tick == 200_000
         assert len(before.samples.omega) == 2000
         jump = after.samples.position[0] - before.samples.position[-1]
@@ -73,6 +76,7 @@ def test_friction_stays_in_the_cone(short):
 def test_leaving_the_board_ends_the_episode(motor_fmu):
     system = CoSimulation(SHORT, motor_fmu)
     system.reset(((29, 29), (0, 0)), np.random.SeedSequence(0))
+    step = system.advance(np.array([EAST, NORTH]))
     while not system.outcome:
         step = system.advance(np.array([EAST, NORTH]))
     assert system.outcome == "out_of_board"
@@ -119,7 +123,8 @@ def test_starts_never_touch():
 @pytest.mark.parametrize(
     ("timing", "message"),
     [
-        ({"dt_s": 3e-5}, "control_period_s = 0.001 s is no whole multiple of dt_s"),
+        ({"dt_s": 3e-5}, "communication_step_s = 1e-05 s is no whole multiple of dt_s"),
+        ({"communication_step_s": 3e-5}, "control_period_s = 0.001 s is no whole multiple"),
         ({"rl_step_s": 0.0015}, "rl_step_s = 0.0015 s is no whole multiple"),
         ({"dt_s": 0.0}, "dt_s must be positive"),
     ],

@@ -25,7 +25,7 @@ def test_instance_runs_from_its_defaults(motor_fmu):
     motor = MotorFmu(motor_fmu).instantiate("m")
     motor.set_inputs(np.array([700.0, 0.0, 0.0]), 0, 1e-5)
     for tick in range(3):
-        motor.step(tick, 1e-5)
+        motor.step(tick, 1, 1e-5)
     theta, omega, omega_dot = motor.outputs(3, 1e-5)
     voltage, current = motor.electrical(3, 1e-5)
     assert theta > 0.0

@@ -13,15 +13,15 @@ import pytest
 BRIEF = ("--train-episodes", "20000", "--time-limit", "4")
 
 
-def command(*arguments: str | Path) -> list[str]:
+def command(*arguments: str | Path | int) -> list[str]:
     return [sys.executable, "-m", "cosim.run", *map(str, arguments)]
 
 
-def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+def run(*arguments: str | Path | int) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command(*arguments), capture_output=True, text=True, check=False)
 
 
-def rrd(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+def rrd(*arguments: str | Path) -> subprocess.CompletedProcess[bytes]:
     rerun = Path(sys.executable).with_name("rerun")
     return subprocess.run([rerun, "rrd", *map(str, arguments)], capture_output=True, check=False)
 
@@ -110,6 +110,17 @@ def test_policy_of_another_scenario_is_refused(runs, tmp_path):
     again = run("--policy", policy, "--out", tmp_path / "y", *BRIEF, "--no-record")
     assert again.returncode == 0, again.stderr
     assert not list((tmp_path / "y").rglob("*.rrd"))
+
+
+def test_threads_do_not_change_the_results(runs, tmp_path):
+    policy = ("--policy", runs / "a" / "policy.npz", "--episodes", 2, "--time-limit", 4)
+    for name, jobs in (("serial", 1), ("parallel", 2)):
+        done = run("--out", tmp_path / name, "--jobs", jobs, *policy)
+        assert done.returncode == 0, done.stderr
+    assert summary_of(tmp_path / "serial") == summary_of(tmp_path / "parallel")
+    for episode in ("ep_000.rrd", "ep_001.rrd"):
+        files = [tmp_path / name / "episodes" / episode for name in ("serial", "parallel")]
+        assert rrd("compare", "--unordered", *files).returncode == 0
 
 
 def test_interrupt_keeps_the_recording(tmp_path, runs):
