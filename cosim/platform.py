@@ -5,8 +5,10 @@ are exact up to the root that ends a stroke. Not the robot: that is `cosim.body`
 predicts wherever all feet slide alike. `python -m cosim.platform` writes results for Fig. 3.
 """
 
+import itertools
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -21,8 +23,10 @@ from cosim.params import FIG_3, TABLE_I, TABLE_II, Fig3Params, MotorParams, Robo
 from cosim.storage import replacing
 from cosim.stroke import Stroke, distance, next_stroke
 
-# Cycles until a motion that never sticks repeats itself; each cycle shrinks the difference.
-SETTLING_CYCLES = 100
+# Two angles a turn apart by this much in rad are the same: each cycle shrinks the difference.
+REPEAT_TOLERANCE = 1e-12
+# More strokes than a turn can hold: one each way.
+CYCLE_STROKES = 4
 
 
 class PlatformError(UserError):
@@ -99,19 +103,24 @@ def _slip_ratio(platform: Platform, omega_rad_s: float) -> float:
     return (slip_speed(platform) / omega_rad_s) ** 2
 
 
+def _strokes(alpha: float, s: float) -> Iterator[Stroke]:
+    """Strokes from rest at θ = 0, without end unless nothing slips."""
+    theta = 0.0
+    while s < 1.0:
+        stroke = next_stroke(alpha, s, theta)
+        yield stroke
+        theta = stroke.stop
+
+
 def strokes(platform: Platform, omega_rad_s: float, cycles: int) -> list[Stroke]:
-    """Strokes of the first turns of the motor, from rest at θ = 0.
+    """Strokes that begin in the first turns of the motor, from rest at θ = 0.
 
     Raises:
         PlatformError: see `net_speed`.
     """
     s, alpha = _slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
-    found: list[Stroke] = []
-    theta = 0.0
-    while s < 1.0 and theta < 2.0 * math.pi * cycles:
-        found.append(next_stroke(alpha, s, theta))
-        theta = found[-1].stop
-    return found
+    end = 2.0 * math.pi * cycles
+    return list(itertools.takewhile(lambda stroke: stroke.start < end, _strokes(alpha, s)))
 
 
 def _length(platform: Platform) -> float:
@@ -141,13 +150,17 @@ def net_displacement(platform: Platform, omega_rad_s: float) -> float:
         PlatformError: see `net_speed`.
     """
     s, alpha = _slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
-    found = strokes(platform, omega_rad_s, SETTLING_CYCLES)
-    # The last stroke, and those before it that began less than a turn earlier.
-    return _length(platform) * sum(
-        distance(stroke.direction, alpha, s, stroke.start, stroke.stop)
-        for stroke in found
-        if stroke.start > found[-1].start - 1.99 * math.pi
-    )
+    turn = 2.0 * math.pi
+    found: list[Stroke] = []
+    for stroke in _strokes(alpha, s):
+        # A stroke that begins a turn after another closes the cycle of those between.
+        for i, before in enumerate(found):
+            if abs(stroke.start - turn - before.start) < REPEAT_TOLERANCE:
+                return _length(platform) * sum(
+                    distance(one.direction, alpha, s, one.start, one.stop) for one in found[i:]
+                )
+        found = [*found[-CYCLE_STROKES:], stroke]
+    return 0.0
 
 
 def net_speed(platform: Platform, omega_rad_s: float) -> float:
@@ -192,8 +205,8 @@ class PlatformRun:
     """Print the results as one JSON object on the last line."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.cycles <= SETTLING_CYCLES:
-            raise PlatformError(f"--cycles {self.cycles}: choose 1 to {SETTLING_CYCLES}")
+        if not 1 <= self.cycles <= MAX_CYCLES:
+            raise PlatformError(f"--cycles {self.cycles}: choose 1 to {MAX_CYCLES}")
         if self.mu <= 0.0:
             raise PlatformError(f"--mu {self.mu:g}: choose a friction coefficient above 0")
 
@@ -201,6 +214,7 @@ class PlatformRun:
 TABLE_MU = (0.1, 0.15, 0.2, 0.3, 0.4)
 TABLE_OMEGA = (700.0, 800.0, 900.0, 1000.0, 1100.0)
 POINTS_PER_CYCLE = 720
+MAX_CYCLES = 100
 
 
 def _motion(name: str, platform: Platform, omega: float, cycles: int) -> dict[str, np.ndarray]:
@@ -240,7 +254,10 @@ def main() -> None:
     print("net speed in mm/s (motor speed in rad/s)")
     print("    mu  omega_c omega_net" + "".join(f"{omega:8.0f}" for omega in TABLE_OMEGA))
     for mu, (slip, drift), row in zip(TABLE_MU, thresholds, speeds, strict=True):
-        print(f"{mu:6.2f} {slip:8.1f} {drift:9.1f}" + "".join(f"{1e3 * v:8.3f}" for v in row))
+        print(
+            f"{mu:6.2f} {slip:8.1f} {drift:9.1f}"
+            + "".join(f"{round(1e3 * v, 3) + 0.0:8.3f}" for v in row)
+        )
     for name in ("paper", "table_ii"):
         step = 1e6 * float(arrays[f"{name}_net_displacement_m"])
         print(f"{name}: {step:.2f} um per turn at {float(arrays[f'{name}_omega_rad_s']):g} rad/s")

@@ -147,12 +147,15 @@ def mean_motion(
         drive: motor speeds and angles.
         dt_s: step in s.
         settle_s: time before the averages begin, s.
-        duration_s: time over which they are taken, s.
+        duration_s: time over which they are taken, s, rounded to whole turns of the faster motor:
+            within a turn the robot moves to and fro by more than it gains.
     """
     constants = rig(robot, motor, dt_s)
     state = standing_state(robot, 0.0, 0.0, 0.0)
     means = np.empty(len(MeanMotion._fields))
-    settle, duration = round(settle_s / dt_s), round(duration_s / dt_s)
+    turn_s = 2.0 * math.pi / max(abs(drive.omega_d), abs(drive.omega_e))
+    settle = round(settle_s / dt_s)
+    duration = round(max(1, round(duration_s / turn_s)) * turn_s / dt_s)
     if settle:
         drive_body(state, constants, drive, 0, settle, means)
     drive_body(state, constants, drive, settle, duration, means)
