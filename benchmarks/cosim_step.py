@@ -1,0 +1,179 @@
+"""`python benchmarks/cosim_step.py [--json]`: what a co-simulated second costs, and beside what.
+
+All figures come from one run of this script. Compute-bound work is timed by the processor time of
+its one thread, and the best of several rounds counts: other work on the machine can only make a
+round longer. Recording, which has threads of its own, is timed by the wall clock.
+docs/performance.md explains what bounds the figures.
+"""
+
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import tyro
+
+from cosim.body import standing_state
+from cosim.config import CoSimConfig
+from cosim.episode import CoSimulation
+from cosim.episode_recording import EpisodeRecorder
+from cosim.mjcf import robots_mjcf
+from cosim.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.prescribed import Drive, rig, trace_body
+from cosim.scenario import Scenario
+from fmus.build import cached_fmu
+
+SPEED = STEERING.drive_speed_rad_s
+NORTH, SOUTH = 2, 6
+
+
+@dataclass(frozen=True)
+class Options:
+    """Measure the co-simulation's speed and print ratios from one run."""
+
+    rounds: int = 10
+    """Rounds of every measurement; the best counts."""
+    json: bool = False
+    """Print one JSON object as the last line."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Results; names as in the JSON output.
+
+    Attributes:
+        realtime_factor: two robots, four motor FMUs, compiled driver, recording off.
+        ratio_to_reference: compiled driver to the driver through fmpy's Python classes.
+        ratio_to_mujoco: MuJoCo's time for two bodies without motors to ours with motors.
+        body_step_ns: one robot and tick, motor forces at prescribed speed included.
+        tick_ns: two robots and four FMUs.
+        recording_overhead: additional wall-clock time of the default recording, as a share.
+        cost_per_robot_16_to_1: time per robot with sixteen robots over that with one.
+    """
+
+    realtime_factor: float
+    ratio_to_reference: float
+    ratio_to_mujoco: float
+    body_step_ns: float
+    tick_ns: float
+    recording_overhead: float
+    cost_per_robot_16_to_1: float
+
+
+def best_s(
+    work: Callable[[], object], rounds: int, clock: Callable[[], float] = time.thread_time
+) -> float:
+    """Shortest time of some calls by the given clock, in s."""
+    times = []
+    for _ in range(rounds):
+        began = clock()
+        work()
+        times.append(clock() - began)
+    return min(times)
+
+
+def driving(robots: int, driver: str = "compiled", rl_step_s: float = 2.0) -> CoSimulation:
+    """Robots on a lattice of 7 cm, about to drive."""
+    side = max(2, int(np.ceil(np.sqrt(robots))))
+    cells = [(3 + 7 * (k % side), 3 + 7 * (k // side)) for k in range(robots)]
+    board = 7 * side + 7
+    scenario = Scenario(
+        "lattice", "", tuple(cells), tuple((c,) for c in cells), columns=board, rows=board
+    )
+    config = CoSimConfig(timing=TIMING._replace(rl_step_s=rl_step_s, episode_limit_s=1e9))
+    system = CoSimulation(scenario, cached_fmu(), config, driver)
+    system.compile()
+    system.reset(tuple(cells), np.random.SeedSequence(0))
+    return system
+
+
+def advance_s(system: CoSimulation, rounds: int) -> float:
+    """Best time of one RL step in which every robot drives."""
+    action = np.full(system.scenario.robots, NORTH)
+    return best_s(lambda: system.advance(action), rounds)
+
+
+def body_step_s(rounds: int, ticks: int = 200_000) -> float:
+    """One robot and tick with motors at prescribed speed, without FMUs, in s."""
+    constants = rig(TABLE_I, TABLE_II, TIMING.dt_s)
+    drive = Drive(-SPEED, SPEED, 0.0, 1.0)
+    state = standing_state(TABLE_I, 0.0, 0.0, 0.0)
+    trace = np.empty((1, len(state)))
+    trace_body(state, constants, drive, 1, trace)
+    return best_s(lambda: trace_body(state, constants, drive, ticks, trace), rounds) / ticks
+
+
+def mujoco_step_s(rounds: int, ticks: int = 20_000) -> float:
+    """Two bodies on three feet each, without motors, in MuJoCo's own loop, in s."""
+    text = robots_mjcf(TABLE_I, TABLE_II, [(0.0, 0.0), (0.1, 0.0)], TIMING.dt_s)
+    engine: Any = mujoco  # its names come from a compiled module without stubs
+    model = engine.MjModel.from_xml_string(text)
+    data = engine.MjData(model)
+    engine.mj_step(model, data, nstep=ticks)
+    return best_s(lambda: engine.mj_step(model, data, nstep=ticks), rounds) / ticks
+
+
+def recording_overhead(rounds: int, steps: int = 5) -> float:
+    """Additional time of the default recording, as a share of the time without."""
+    system = driving(2)
+    action = np.array([NORTH, NORTH])
+    values, reward = np.zeros((2, 8)), np.zeros(2)
+
+    def run(path: Path | None) -> None:
+        system.reset(tuple(c[0] for c in system.scenario.starts), np.random.SeedSequence(0))
+        if path is None:
+            for _ in range(steps):
+                system.advance(action)
+            return
+        with EpisodeRecorder(
+            path, system.scenario, system.config, "benchmark", {"seed": 0}
+        ) as recorder:
+            for _ in range(steps):
+                recorder.write(system.advance(action), values, reward)
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "episode.rrd"
+        plain, recorded = [], []
+        for _ in range(rounds):  # in turn, so that both meet the same machine
+            plain.append(best_s(lambda: run(None), 1, time.perf_counter))
+            recorded.append(best_s(lambda: run(path), 1, time.perf_counter))
+    return min(recorded) / min(plain) - 1.0
+
+
+def measure(rounds: int) -> Figures:
+    """All figures."""
+    pair_s = advance_s(driving(2), rounds)
+    reference_step_s = 0.02
+    reference = driving(2, "reference", reference_step_s)
+    reference_factor = reference_step_s / advance_s(reference, rounds)
+    one_s, sixteen_s = (advance_s(driving(n), rounds) / n for n in (1, 16))
+    factor = TIMING.rl_step_s / pair_s
+    tick_s = TIMING.dt_s / factor
+    return Figures(
+        realtime_factor=factor,
+        ratio_to_reference=factor / reference_factor,
+        ratio_to_mujoco=mujoco_step_s(rounds) / tick_s,
+        body_step_ns=1e9 * body_step_s(rounds),
+        tick_ns=1e9 * tick_s,
+        recording_overhead=recording_overhead(max(3, rounds // 2)),
+        cost_per_robot_16_to_1=sixteen_s / one_s,
+    )
+
+
+def main() -> None:
+    """Command line; see `Options`."""
+    options = tyro.cli(Options, config=(tyro.conf.FlagCreatePairsOff,))
+    figures = measure(options.rounds)
+    for name, value in asdict(figures).items():
+        print(f"{name:24} {value:8.3g}")
+    if options.json:
+        print(json.dumps(asdict(figures)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,187 @@
+"""Recordings: complete files, the right numbers in them, and honest failures."""
+
+import shutil
+import subprocess
+import sys
+from collections import namedtuple
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from cosim.blueprint import episode_blueprint
+from cosim.config import CoSimConfig
+from cosim.episode import CoSimulation
+from cosim.episode_recording import EpisodeRecorder
+from cosim.fmu import FmuError
+from cosim.recording import Recording, RecordingError, properties, scalars, simulated
+from cosim.scenario import Scenario
+
+SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
+SOUTH, NORTH = 6, 2
+STEPS = 2
+
+
+def verified(path: Path) -> bool:
+    rerun = Path(sys.executable).with_name("rerun")
+    done = subprocess.run([rerun, "rrd", "verify", path], capture_output=True, check=False)
+    return done.returncode == 0
+
+
+def rows(path: Path, entity: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s and values of a scalar entity, in the order of time."""
+    times, values = [], []
+    for chunk in RrdReader(str(path)).stream():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path != entity or "sim_time" not in batch.schema.names:
+            continue
+        column = next(n for n in batch.schema.names if n.endswith("Scalars:scalars"))
+        times.append(batch.column("sim_time").to_numpy(zero_copy_only=False))
+        values.append(np.stack(batch.column(column).to_pylist()))
+    order = np.argsort(time := np.concatenate(times).astype("int64") * 1e-9)
+    return time[order], np.concatenate(values)[order]
+
+
+@pytest.fixture(scope="module")
+def recorded(motor_fmu, tmp_path_factory):
+    """Two RL steps and their recording."""
+    path = tmp_path_factory.mktemp("recording") / "episode.rrd"
+    system = CoSimulation(SCENARIO, motor_fmu)
+    system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
+    steps = []
+    with EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder:
+        for number in range(STEPS):
+            steps.append(system.advance(np.array([SOUTH, NORTH])))
+            reward = np.array([-1.5, np.nan]) if number == 1 else np.full(2, np.nan)
+            recorder.write(steps[-1], np.arange(16.0).reshape(2, 8), reward)
+    return path, steps
+
+
+def test_file_is_complete(recorded):
+    path, _ = recorded
+    assert verified(path)
+    assert not path.with_name("episode.rrd.part").exists()
+
+
+def test_motor_signals_are_the_simulated_ones(recorded):
+    path, steps = recorded
+    for signal in ("omega", "voltage"):
+        for robot, name in enumerate(("r1", "r2")):
+            time_s, values = rows(path, f"/sim/{name}/motors/{signal}")
+            simulated = np.concatenate([getattr(s.samples, signal)[:, robot] for s in steps])
+            assert np.array_equal(values, simulated)
+            assert time_s == pytest.approx(1e-3 * np.arange(1, len(values) + 1), abs=1e-9)
+
+
+def test_contact_forces_are_maxima_of_blocks(recorded):
+    path, steps = recorded
+    _, values = rows(path, "/sim/r1/contact/normal_max")
+    every = np.concatenate([step.samples.normal_max[:, 0] for step in steps])
+    assert np.array_equal(values, every.reshape(len(values), -1, 3).max(axis=1))
+
+
+def test_bursts_hold_every_tick(recorded):
+    path, steps = recorded
+    time_s, values = rows(path, "/raw/r2/normal")
+    assert np.array_equal(values, np.concatenate([step.raw.normal[:, 1] for step in steps]))
+    burst = len(steps[0].raw.normal)
+    assert np.diff(time_s[:burst]) == pytest.approx(1e-5)
+    assert time_s[burst] == pytest.approx(2.0 + 1e-5)
+
+
+def test_rewards_add_up_to_the_return(recorded):
+    path, _ = recorded
+    assert rows(path, "/rl/r1/reward")[1].ravel() == pytest.approx([-1.5])
+    assert rows(path, "/rl/r1/return")[1].ravel() == pytest.approx([-1.5])
+    assert rows(path, "/rl/r2/q_s")[1][0] == pytest.approx(np.arange(8.0, 16.0))
+
+
+def test_every_path_of_the_blueprint_is_recorded(recorded):
+    path, _ = recorded
+    entities = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
+    views = blueprint_paths()
+    assert len(views) > 20
+    missing = {p for p in views if not any(e == p or e.startswith(p + "/") for e in entities)}
+    assert not missing
+
+
+def blueprint_paths() -> set[str]:
+    """Entity paths that the views of the episode blueprint show."""
+    found = set()
+
+    def visit(part) -> None:
+        if hasattr(part, "contents") and hasattr(part, "origin"):
+            names = part.contents if isinstance(part.contents, list) else [part.origin]
+            found.update(names)
+        else:
+            for child in part.contents:
+                visit(child)
+
+    visit(episode_blueprint(2, SCENARIO.size_m).root_container)
+    return found
+
+
+def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatch):
+    path = tmp_path / "failed.rrd"
+    system = CoSimulation(SCENARIO, motor_fmu)
+    system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
+    with (
+        pytest.raises(FmuError, match=r"instance r1\.D, at 2\.00000 s"),
+        EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder,
+    ):
+        step = system.advance(np.array([SOUTH, NORTH]))
+        recorder.write(step, np.zeros((2, 8)), np.full(2, np.nan))
+        monkeypatch.setattr(system, "_draw_noise", lambda periods: np.full((periods, 2, 2), np.nan))
+        system.advance(np.array([SOUTH, NORTH]))
+    assert verified(path)
+    assert len(rows(path, "/sim/r1/motors/omega")[0]) == 2000
+
+
+def test_full_disk_is_told_before_data_is_lost(tmp_path, monkeypatch):
+    path = tmp_path / "full.rrd"
+    with Recording(path, "test", episode_blueprint(1, SCENARIO.size_m)) as file:
+        file.columns("/sim/r1/heading", simulated(np.array([1.0])), scalars(np.array([0.5])))
+        usage = namedtuple("usage", "total used free")
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 1000))
+        with pytest.raises(RecordingError, match="free some space"):
+            file.check_space()
+    assert verified(path)
+
+
+def test_unwritable_folder_is_named():
+    with pytest.raises(OSError, match="/proc"):
+        Recording(Path("/proc/none/x.rrd"), "test", episode_blueprint(1, SCENARIO.size_m))
+
+
+def test_data_of_a_killed_writer_survives(tmp_path):
+    path = tmp_path / "killed.rrd"
+    script = (
+        "import os, numpy as np; from pathlib import Path;"
+        "from cosim.blueprint import episode_blueprint;"
+        "from cosim.recording import Recording, scalars, simulated;"
+        f"file = Recording(Path({str(path)!r}), 'x', episode_blueprint(1, (0.3, 0.3)));"
+        "file.columns('/sim/r1/heading', simulated(np.arange(5.0)), scalars(np.arange(5.0)));"
+        "file.flush(); os.kill(os.getpid(), 9)"
+    )
+    subprocess.run([sys.executable, "-c", script], check=False)
+    part = path.with_name("killed.rrd.part")
+    assert rows(part, "/sim/r1/heading")[1].ravel() == pytest.approx(np.arange(5.0))
+
+
+def test_run_page_lists_every_parameter_with_its_source(recorded):
+    path, _ = recorded
+    text = ""
+    for chunk in RrdReader(str(path)).stream():
+        if chunk.entity_path == "/info/run":
+            batch = chunk.to_record_batch()
+            column = next(n for n in batch.schema.names if n.endswith("TextDocument:text"))
+            text = batch.column(column).to_pylist()[0][0]
+    for name, row in CoSimConfig().table().items():
+        assert f"| {name} |" in text
+        assert row["source"] in text
+
+
+def test_properties_keep_numbers_and_spell_out_the_rest():
+    assert isinstance(properties({"seed": 3, "starts": ((1, 2),)}), rr.AnyValues)
