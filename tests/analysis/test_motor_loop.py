@@ -1,0 +1,114 @@
+"""The speed loop: transfer functions against hand calculation, and the FMU against both."""
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+
+from analysis.motor_loop import figures_of_merit, measured_response, speed_loop
+from analysis.motor_test import MotorTest, MotorTestError, read, record, simulate
+from cosim.params import FIG_7, TABLE_II
+
+# The held sine is 4e-5 smaller than the sine it stands for, and the FMU integrates with RK4.
+SAME_AMPLITUDE, SAME_PHASE_DEG = 1e-4, 0.02
+
+
+def test_poles_are_the_roots_of_the_characteristic_polynomial():
+    p = TABLE_II
+    # J R s² + (b R + K_T² + K_T K_p) s + K_T K_i = 0
+    polynomial = [p.J * p.R, p.b * p.R + p.K_T**2 + p.K_T * p.K_p, p.K_T * p.K_i]
+    expected = sorted(np.roots(polynomial).real, reverse=True)
+    assert figures_of_merit(speed_loop()).poles_rad_s == pytest.approx(expected, rel=1e-9)
+
+
+def test_margins_are_those_of_the_loop_at_its_crossover():
+    loop = speed_loop()
+    merit = figures_of_merit(loop)
+    at_crossover = loop.open(1j * merit.crossover_rad_s)
+    assert abs(at_crossover) == pytest.approx(1.0, rel=1e-6)
+    phase = math.degrees(np.angle(at_crossover))
+    assert merit.phase_margin_deg == pytest.approx(180.0 + phase, abs=1e-3)
+    assert merit.gain_margin == math.inf
+    assert abs(loop.closed(1j * merit.bandwidth_rad_s)) == pytest.approx(10 ** (-3 / 20), rel=1e-2)
+    assert merit.bandwidth_rad_s > 30.0 * merit.open_bandwidth_rad_s
+
+
+def test_loop_rejects_a_steady_disturbance_that_the_motor_alone_does_not():
+    loop = speed_loop()
+    alone = abs(control.dcgain(loop.plant)) * TABLE_II.R / TABLE_II.K_T * FIG_7.d
+    assert alone == pytest.approx(65.2, abs=0.2)
+    assert abs(control.dcgain(loop.disturbance)) * FIG_7.d < 1e-9
+
+
+def test_fmu_has_the_frequency_response_of_the_theory():
+    frequencies = np.array([30.0, 190.0, 1000.0])
+    ratio = measured_response(frequencies) / speed_loop().closed(1j * frequencies)
+    assert np.abs(ratio) == pytest.approx(1.0, abs=SAME_AMPLITUDE)
+    assert np.rad2deg(np.angle(ratio)) == pytest.approx(0.0, abs=SAME_PHASE_DEG)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(MotorTest(out=tmp_path_factory.mktemp("motor") / "test.rrd"))
+
+
+def test_recording_holds_what_was_simulated(recording):
+    responses = read(recording)
+    for loop, response in responses.items():
+        for name, simulated, held in zip(
+            response._fields, simulate(MotorTest(), loop), response, strict=True
+        ):
+            tolerance = 1e-9 if name == "time_s" else 0.0  # Rerun counts time in whole ns
+            assert np.abs(simulated - held).max() <= tolerance, (loop, name)
+
+
+def test_recording_shows_fig_7(recording):
+    responses = read(recording)
+    thirds = {loop: np.array_split(r.omega, 3) for loop, r in responses.items()}
+    free, driven, braked = (third[-200:].mean() for third in thirds["open_loop"])
+    assert (free, driven, braked) == pytest.approx((700.0, 765.0, 634.5), abs=3.0)
+    assert [third[-200:].mean() for third in thirds["closed_loop"]] == pytest.approx(
+        [FIG_7.omega_des] * 3, abs=2.5
+    )
+    assert np.abs(responses["closed_loop"].voltage).max() == TABLE_II.V_s_max
+
+
+def test_the_same_test_gives_the_same_recording(recording, tmp_path):
+    again = record(MotorTest(out=tmp_path / "again.rrd"))
+    run = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "compare", "--unordered", recording, again],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+
+
+def test_figures_are_drawn_from_the_recording(recording, tmp_path):
+    for module, options in (("fig07", ["--recording", str(recording)]), ("motor_loop", [])):
+        out = tmp_path / f"{module}.png"
+        run = subprocess.run(
+            [sys.executable, "-m", f"analysis.{module}", *options, "--out", str(out)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert run.returncode == 0, run.stderr
+        assert str(out) in run.stdout
+        assert out.read_bytes().startswith(b"\x89PNG")
+        assert out.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+    assert "phase 91.2°" in run.stdout
+
+
+def test_what_is_no_motor_test_is_refused_in_one_sentence(tmp_path):
+    broken = tmp_path / "broken.rrd"
+    broken.write_text("not a recording")
+    for path in (broken, tmp_path / "missing.rrd"):
+        with pytest.raises(MotorTestError, match=r"analysis\.motor_test"):
+            read(path)
+    with pytest.raises(MotorTestError, match="cannot be tested"):
+        simulate(MotorTest(fmu=broken), "open_loop")
