@@ -80,11 +80,34 @@ def draw(responses: dict[str, Response]) -> Figure:
     return figure
 
 
+def summary(responses: dict[str, Response]) -> list[str]:
+    """Rise times, speeds before and under the disturbance, and saturation, in words."""
+    lines = []
+    for loop, share in (("open_loop", 0.632), ("closed_loop", 0.9), ("closed_loop", 0.98)):
+        response = responses[loop]
+        after_s = response.time_s[np.argmax(response.omega > share * response.omega_des)]
+        lines.append(
+            f"{loop.replace('_', ' ')}: {100 * share:g} % of the set point {after_s:.3f} s"
+        )
+    for loop in LOOPS:
+        # A tenth of a second holds many turns: the ripple averages out.
+        ends = [third[-100:].mean() for third in np.array_split(responses[loop].omega, 3)]
+        speeds = ", ".join(f"{end:.1f}" for end in ends)
+        lines.append(f"{loop.replace('_', ' ')}: {speeds} rad/s without, with and against d")
+    closed = responses["closed_loop"]
+    saturated_s = closed.time_s[np.abs(closed.voltage) >= TABLE_II.V_s_max].max(initial=0.0)
+    highest = np.abs(closed.voltage).max()
+    lines.append(f"closed loop: at most {highest:g} V, saturated until {saturated_s:.3f} s")
+    return lines
+
+
 def main() -> None:
     """Command line."""
     options = tyro.cli(Fig07, prog="python -m analysis.fig07")
     use_style()
-    figure = draw(read(options.recording))
+    responses = read(options.recording)
+    figure = draw(responses)
+    print("\n".join(summary(responses)))
     print("figure: " + ", ".join(str(path) for path in save(figure, options.out)))
 
 
