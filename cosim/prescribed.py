@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.body import BodyParams, body_params, standing_state, step_body
+from cosim.contact import CONTACT_TOLERANCE
 from cosim.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.jit import kernel
 from cosim.params import MotorParams, RobotParams
@@ -61,9 +62,15 @@ class MeanMotion(NamedTuple):
     airborne_share: float
 
 
-def rig(robot: RobotParams, motor: MotorParams, dt_s: float) -> Rig:
-    """Constants of a robot with its motors D and E for steps of dt_s."""
-    return Rig(body_params(robot, motor, dt_s), *motor_mounts(robot, motor))
+def rig(
+    robot: RobotParams,
+    motor: MotorParams,
+    dt_s: float,
+    *,
+    tolerance: float = CONTACT_TOLERANCE,
+) -> Rig:
+    """Constants of a robot with its motors D and E; arguments as of `cosim.body.body_params`."""
+    return Rig(body_params(robot, motor, dt_s, tolerance=tolerance), *motor_mounts(robot, motor))
 
 
 @kernel
@@ -138,6 +145,7 @@ def mean_motion(
     dt_s: float,
     settle_s: float = 0.5,
     duration_s: float = 2.0,
+    tolerance: float = CONTACT_TOLERANCE,
 ) -> MeanMotion:
     """Mean velocity and yaw rate of a robot that starts at rest with its motors at full speed.
 
@@ -149,8 +157,9 @@ def mean_motion(
         settle_s: time before the averages begin, s.
         duration_s: time over which they are taken, s, rounded to whole turns of the faster motor:
             within a turn the robot moves to and fro by more than it gains.
+        tolerance: of the contact sweeps, see `cosim.body.body_params`.
     """
-    constants = rig(robot, motor, dt_s)
+    constants = rig(robot, motor, dt_s, tolerance=tolerance)
     state = standing_state(robot, 0.0, 0.0, 0.0)
     means = np.empty(len(MeanMotion._fields))
     turn_s = 2.0 * math.pi / max(abs(drive.omega_d), abs(drive.omega_e))
