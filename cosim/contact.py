@@ -24,7 +24,7 @@ GAP_CORRECTION = 0.1
 
 # Sweeps end when impulses change by less than this share of weight·dt: in smooth sliding the warm
 # start needs one sweep, after a foot lands or sticks some ten. Mean speeds stay within 0.3 % of
-# converged contacts, drive speeds within 0.1 % (tests/cosim/test_body.py).
+# converged contacts (benchmarks/convergence.py).
 CONTACT_TOLERANCE = 0.01
 MAX_SWEEPS = 50
 
