@@ -136,7 +136,13 @@ def sprung_means(drive: Drive, duration_s: float) -> tuple[float, float, float]:
 def assert_close(
     ours: tuple[float, float, float], theirs: tuple[float, float, float], tolerance: float
 ) -> None:
-    """Velocities and yaw rate relative to themselves; below 0.05 mm/s and 0.1 °/s all is zero."""
+    """Velocities and yaw rate relative to themselves; below 0.05 mm/s and 0.1 °/s all is zero.
+
+    The numbers printed stand in docs/physics.md (`pytest -rP`).
+    """
+    for motion in (ours, theirs):
+        speeds = [f"{1e3 * v:.3f}" for v in motion[:2]]
+        print(f"{', '.join(speeds)} mm/s, {math.degrees(motion[2]):.3f} deg/s")
     speed = math.hypot(theirs[0], theirs[1])
     assert math.dist(ours[:2], theirs[:2]) < tolerance * speed + 5e-5
     assert ours[2] == pytest.approx(theirs[2], rel=tolerance, abs=math.radians(0.1))
