@@ -110,7 +110,7 @@ def least_foot_force(omega: float) -> float:
     weight = TABLE_I.mass_kg * TABLE_II.g
     radius, height = TABLE_I.foot_radius_m, TABLE_I.com_height_m
     least = math.inf
-    for theta in 2.0 * math.pi * (turns + np.linspace(0.0, 1.0, 20_000)):
+    for theta in 2.0 * math.pi * (turns + np.linspace(0.0, 1.0, 4_000)):
         sense = math.copysign(1.0, omega)
         d = motor_wrench(mounts[0], -sense * theta, -omega, 0.0)
         e = motor_wrench(mounts[1], sense * theta, omega, 0.0)
