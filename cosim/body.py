@@ -18,7 +18,7 @@ from cosim.contact import (
     contact_params,
     gradient_step,
 )
-from cosim.jit import kernel
+from cosim.jit import inlined
 from cosim.params import MotorParams, RobotParams, cylinder_inertia
 from cosim.rotation import Vector, cross, dot, plus, rotated, rotation_matrix, to_body, to_world
 
@@ -89,7 +89,7 @@ def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: floa
     return state
 
 
-@kernel
+@inlined
 def spun(omega: Vector, params: BodyParams) -> Vector:
     """Angular velocity after dt without any moment: I ω̇ + ω × I ω = 0 of Eq. (2), body frame.
 
@@ -116,7 +116,7 @@ def spun(omega: Vector, params: BodyParams) -> Vector:
     return after
 
 
-@kernel
+@inlined
 def with_impulses(
     velocity: Vector,
     omega: Vector,
@@ -144,7 +144,7 @@ def with_impulses(
     return plus(velocity, params.inverse_mass, total), omega, total
 
 
-@kernel
+@inlined
 def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vector) -> None:
     """Advance one robot by dt, in place (Eq. 2).
 

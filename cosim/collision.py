@@ -12,7 +12,7 @@ import numpy as np
 
 from cosim.body import BodyParams
 from cosim.contact import allowed_approach
-from cosim.jit import kernel
+from cosim.jit import inlined
 
 # Pairs within this distance of contact are checked every tick, the others once per control period:
 # robots slower than 1 m/s cannot close it within 1 ms.
@@ -31,7 +31,7 @@ class PairParams(NamedTuple):
     mu: float
 
 
-@kernel
+@inlined
 def find_near_pairs(bodies: np.ndarray, pair: PairParams, near: np.ndarray) -> int:
     """Write the pairs of robots close enough to touch soon.
 
@@ -54,7 +54,7 @@ def find_near_pairs(bodies: np.ndarray, pair: PairParams, near: np.ndarray) -> i
     return count
 
 
-@kernel
+@inlined
 def push_apart(a: np.ndarray, b: np.ndarray, pair: PairParams, params: BodyParams) -> float:
     """Apply the contact impulse between two robots, in place.
 

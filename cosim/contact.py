@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.jit import kernel
+from cosim.jit import inlined
 from cosim.params import RobotParams, cylinder_inertia
 from cosim.rotation import Vector, dot, plus
 
@@ -99,7 +99,7 @@ def contact_params(robot: RobotParams, tolerance: float) -> ContactParams:
     )
 
 
-@kernel
+@inlined
 def allowed_approach(gap: float, inverse_dt: float) -> float:
     """Least normal speed in m/s of a foot at that gap (m): it may close the gap, not pass it."""
     if gap > 0.0:
@@ -107,7 +107,7 @@ def allowed_approach(gap: float, inverse_dt: float) -> float:
     return -GAP_CORRECTION * gap * inverse_dt
 
 
-@kernel
+@inlined
 def gradient_step(
     impulse: Impulse,
     velocity: Vector,

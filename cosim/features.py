@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.jit import kernel
+from cosim.jit import inlined
 from cosim.scenario import Scenario
 
 NEAR, MEDIUM, LARGE = 0, 1, 2
@@ -39,7 +39,7 @@ def distance_thresholds(scenario: Scenario) -> DistanceThresholds:
     return DistanceThresholds(*(math.floor((s * diameter_cells) ** 2 + 1e-9) for s in scales))
 
 
-@kernel
+@inlined
 def distance_class(squared_distance: int, thresholds: DistanceThresholds) -> int:
     """Eq. (9): NEAR, MEDIUM or LARGE; contact distances count as NEAR."""
     if squared_distance <= thresholds.near:
@@ -49,7 +49,7 @@ def distance_class(squared_distance: int, thresholds: DistanceThresholds) -> int
     return LARGE
 
 
-@kernel
+@inlined
 def gradient_sign(squared_distance: int, previous: int) -> int:
     """Eq. (10): sign(distance(t) − distance(t−1)) as −1, 0 or 1."""
     return int(squared_distance > previous) - int(squared_distance < previous)

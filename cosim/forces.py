@@ -5,7 +5,7 @@ Angles θ grow from the hanging position. Kernels are stateless and take scalars
 
 from typing import NamedTuple
 
-from cosim.jit import kernel
+from cosim.jit import inlined
 from cosim.params import MotorParams, RobotParams
 from cosim.trig import sine_cosine
 
@@ -42,7 +42,7 @@ def motor_mounts(robot: RobotParams, motor: MotorParams) -> tuple[MotorMount, Mo
     return mounts[0], mounts[1]
 
 
-@kernel
+@inlined
 def platform_force(m: float, r: float, g: float, theta: float, omega: float) -> tuple[float, float]:
     """Eq. (1): forces (f_OY, f_OZ) in N of one eccentric mass at constant speed."""
     s, c = sine_cosine(theta)
@@ -52,7 +52,7 @@ def platform_force(m: float, r: float, g: float, theta: float, omega: float) -> 
     return f_oy, f_oz
 
 
-@kernel
+@inlined
 def motor_force(
     mount: MotorMount, theta: float, omega: float, omega_dot: float
 ) -> tuple[float, float, float]:
@@ -70,7 +70,7 @@ def motor_force(
     return f_x, f_z, n_y
 
 
-@kernel
+@inlined
 def motor_wrench(
     mount: MotorMount, theta: float, omega: float, omega_dot: float
 ) -> tuple[float, float, float, float, float]:

@@ -33,3 +33,13 @@ config.CACHE_DIR = str(cache_dir("kernels") / _source_digest())  # pyright: igno
 def kernel(function: Kernel) -> Kernel:
     """Compile a function with numba: IEEE arithmetic, no fastmath, releasing the lock."""
     return cast(Kernel, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def inlined(function: Kernel) -> Kernel:
+    """Compile a function into its callers.
+
+    For inner functions: numba passes a record of arrays field by field, and a call that is not
+    inlined costs more than most of the work in it.
+    """
+    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function)
+    return cast(Kernel, compiled)

@@ -13,7 +13,7 @@ import numpy as np
 from cosim.body import BodyParams, step_body
 from cosim.collision import PairParams, find_near_pairs, push_apart
 from cosim.forces import MotorMount, motor_wrench
-from cosim.jit import kernel
+from cosim.jit import inlined
 from cosim.params import SteeringParams
 from cosim.rotation import heading, rotation_matrix, to_body
 from cosim.signals import FEET, MOTORS, RawSamples, Samples, State
@@ -57,7 +57,7 @@ class Plant(NamedTuple):
     exchange_tolerance: float
 
 
-@kernel
+@inlined
 def begin_period(plant: Plant, state: State, noise: np.ndarray) -> None:
     """Steer every robot and put the motors' inputs in place.
 
@@ -80,7 +80,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray) -> None:
     state.near_count[0] = find_near_pairs(state.bodies, plant.pair, state.near)
 
 
-@kernel
+@inlined
 def begin_step(plant: Plant, state: State) -> None:
     """Keep what both sides know at the start of a communication step, if it will be needed."""
     if plant.jacobi or plant.ticks_per_step > 1:
@@ -89,27 +89,31 @@ def begin_step(plant: Plant, state: State) -> None:
         state.held_velocities[:] = state.bodies[:, 7:13]
 
 
-@kernel
+@inlined
 def exchanged(
     plant: Plant, state: State, robot: int, motor: int, tick: int
 ) -> tuple[float, float, float]:
     """Output (θ, ω, ω̇) of a motor as the body sees it at the end of a tick of the step."""
-    held, new = state.held[robot, motor], state.outputs[robot, motor]
+    outputs, held = state.outputs, state.held
     if plant.jacobi:
         tau = (tick + 1) * plant.body.dt
-        omega = held[1] + held[2] * tau
-        return held[0] + 0.5 * (held[1] + omega) * tau, omega, held[2]
+        omega_0, omega_dot_0 = held[robot, motor, 1], held[robot, motor, 2]
+        omega = omega_0 + omega_dot_0 * tau
+        return held[robot, motor, 0] + 0.5 * (omega_0 + omega) * tau, omega, omega_dot_0
+    theta = outputs[robot, motor, 0]
+    omega = outputs[robot, motor, 1]
+    omega_dot = outputs[robot, motor, 2]
     if plant.ticks_per_step == 1:
-        return new[0], new[1], new[2]
+        return theta, omega, omega_dot
     share = (tick + 1) / plant.ticks_per_step
     return (
-        held[0] + share * (new[0] - held[0]),
-        held[1] + share * (new[1] - held[1]),
-        held[2] + share * (new[2] - held[2]),
+        held[robot, motor, 0] + share * (theta - held[robot, motor, 0]),
+        held[robot, motor, 1] + share * (omega - held[robot, motor, 1]),
+        held[robot, motor, 2] + share * (omega_dot - held[robot, motor, 2]),
     )
 
 
-@kernel
+@inlined
 def step_bodies(plant: Plant, state: State, tick: int) -> None:
     """Move every robot by one tick with the forces of its motors at the end of the tick.
 
@@ -143,7 +147,7 @@ def step_bodies(plant: Plant, state: State, tick: int) -> None:
             state.touching[j] += 1.0
 
 
-@kernel
+@inlined
 def react(plant: Plant, state: State) -> None:
     """Put the torque that the body's acceleration exerts on each eccentric mass into input d.
 
@@ -169,7 +173,7 @@ def react(plant: Plant, state: State) -> None:
             state.inputs[robot, motor, 2] = torque
 
 
-@kernel
+@inlined
 def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
     """Write one tick of a burst."""
     for robot in range(state.bodies.shape[0]):
@@ -184,7 +188,7 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
                 raw.friction[row, robot, 2 * foot + axis] = impulse / plant.body.dt
 
 
-@kernel
+@inlined
 def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
     """Sample the end of a control period; returns RUNNING, COLLISION or OUT_OF_BOARD."""
     robots = state.bodies.shape[0]

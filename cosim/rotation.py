@@ -5,20 +5,20 @@ A quaternion (w, x, y, z) and its matrix turn body-frame components into world-f
 
 import math
 
-from cosim.jit import kernel
+from cosim.jit import inlined
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 
 
-@kernel
+@inlined
 def dot(a: Vector, b: Vector) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@kernel
+@inlined
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product."""
     return (
@@ -28,13 +28,13 @@ def cross(a: Vector, b: Vector) -> Vector:
     )
 
 
-@kernel
+@inlined
 def plus(a: Vector, scale: float, b: Vector) -> Vector:
     """The sum a + scale·b."""
     return a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2]
 
 
-@kernel
+@inlined
 def rotation_matrix(q: Quaternion) -> Matrix:
     """Rotation matrix world_from_body, row by row, of a unit quaternion."""
     w, x, y, z = q
@@ -45,13 +45,13 @@ def rotation_matrix(q: Quaternion) -> Matrix:
     )
 
 
-@kernel
+@inlined
 def to_world(m: Matrix, v: Vector) -> Vector:
     """World-frame components of a body-frame vector."""
     return dot(m[0], v), dot(m[1], v), dot(m[2], v)
 
 
-@kernel
+@inlined
 def to_body(m: Matrix, v: Vector) -> Vector:
     """Body-frame components of a world-frame vector."""
     return (
@@ -61,7 +61,7 @@ def to_body(m: Matrix, v: Vector) -> Vector:
     )
 
 
-@kernel
+@inlined
 def rotated(q: Quaternion, r: Vector) -> Quaternion:
     """Quaternion after the body-frame rotation with Cayley vector r = ω dt.
 
@@ -79,14 +79,14 @@ def rotated(q: Quaternion, r: Vector) -> Quaternion:
     return nw * scale, nx * scale, ny * scale, nz * scale
 
 
-@kernel
+@inlined
 def heading(q: Quaternion) -> float:
     """Angle in rad, in [−π, π], from the world's x axis to the body's x axis seen from above."""
     w, x, y, z = q
     return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
 
 
-@kernel
+@inlined
 def wrapped(angle: float) -> float:
     """The angle in rad brought into [−π, π)."""
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)

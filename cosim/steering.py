@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from cosim.jit import kernel
+from cosim.jit import inlined
 from cosim.params import SteeringParams
 from cosim.rotation import wrapped
 
@@ -26,7 +26,7 @@ HEADING_ERROR = 5  # rad, for inspection
 COMMAND_SIZE = 6
 
 
-@kernel
+@inlined
 def steer(
     command: np.ndarray, x: float, y: float, heading: float, params: SteeringParams
 ) -> tuple[float, float]:

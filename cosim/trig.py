@@ -6,7 +6,9 @@ Three-part Cody–Waite reduction to [−π/4, π/4] and the minimax polynomials
 
 import math
 
-from cosim.jit import kernel
+import numpy as np
+
+from cosim.jit import inlined
 
 # π/2 in three parts; products of the first two with a quadrant number below 2²⁴ are exact.
 _HALF_PI = (1.57079625129699707031250, 7.54978941586159635335e-8, 5.3903029534742383827e-15)
@@ -29,10 +31,11 @@ _C = (
 )
 
 
-@kernel
+@inlined
 def sine_cosine(x: float) -> tuple[float, float]:
     """(sin x, cos x) for |x| up to some 1e6 rad."""
-    quadrant = math.floor(x * _TWO_OVER_PI + 0.5)
+    # numpy's floor stays a float; math's would go through an integer and back.
+    quadrant = np.floor(x * _TWO_OVER_PI + 0.5)
     y = ((x - quadrant * _HALF_PI[0]) - quadrant * _HALF_PI[1]) - quadrant * _HALF_PI[2]
     z = y * y
     sine = _S[0] + z * (_S[1] + z * (_S[2] + z * (_S[3] + z * (_S[4] + z * _S[5]))))
