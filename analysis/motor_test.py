@@ -167,7 +167,14 @@ def _blueprint() -> rrb.Blueprint:
             ("disturbance", "disturbance torque N m"),
         )
     ]
-    return rrb.Blueprint(rrb.Vertical(*views), rrb.TimePanel(timeline="sim_time"), auto_views=False)
+    return rrb.Blueprint(
+        rrb.Vertical(*views),
+        rrb.TimePanel(timeline="sim_time", state="collapsed"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_layout=False,
+        auto_views=False,
+    )
 
 
 def read(path: Path) -> dict[str, Response]:
