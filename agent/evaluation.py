@@ -4,12 +4,13 @@ Deterministic and exhaustive, nothing is sampled: the process without slip, the 
 ties broken by the least rotation. Statistics over several policies are in `agent.statistics`.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from agent.grid import (
+    ALONE,
     COLUMN_COUNT,
     MOVING,
     OUTCOMES,
@@ -26,8 +27,9 @@ from agent.grid import (
 )
 from agent.process import Process
 from cosim.errors import UserError
+from cosim.jit import kernel
 
-MAX_STARTS = 50_000_000
+MAX_STARTS = 5_000_000
 INITIAL_DIRECTION = 0  # assumed: robots first face +x; it matters for exact ties only
 
 _SQRT_2 = np.sqrt(2.0)
@@ -65,19 +67,7 @@ def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if values.size else float("nan")
 
 
-@njit(cache=True)
-def _combination(process: Process, index: int, cells: np.ndarray) -> None:
-    """Start cells of combination `index`; the last robot's start varies fastest."""
-    for i in range(cells.shape[0] - 1, -1, -1):
-        first = process.start_offsets[i]
-        count = process.start_offsets[i + 1] - first
-        k = first + index % count
-        index //= count
-        cells[i, 0] = process.start_cells[k, 0]
-        cells[i, 1] = process.start_cells[k, 1]
-
-
-@njit(cache=True, nogil=True)
+@kernel
 def _evaluate(
     process: Process,
     values: np.ndarray,
@@ -85,20 +75,15 @@ def _evaluate(
     outcomes: np.ndarray,
     path_cells: np.ndarray,
     steps: np.ndarray,
-) -> int:
-    """Run all combinations of starts; returns how many were free of contact (rows written)."""
+) -> None:
+    """Run a greedy episode from each of the starts; see `Evaluation` for the arrays written."""
     n = values.shape[0]
     world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
-    cells = np.empty((n, 2), dtype=np.int64)
     facing = np.empty(n, dtype=np.int64)
     rewards = np.empty(n, dtype=np.float32)
-    row = 0
-    for index in range(outcomes.shape[0]):
-        _combination(process, index, cells)
-        if not place(process, world, cells):
-            continue
+    for row in range(starts.shape[0]):
+        place(process, world, starts[row])
         facing[:] = INITIAL_DIRECTION
-        starts[row] = cells
         path_cells[row] = 0.0
         steps[row] = 0
         outcome = RUNNING
@@ -118,35 +103,46 @@ def _evaluate(
             if outcome == RUNNING and step == process.step_limit:
                 outcome = TIMEOUT
         outcomes[row] = outcome
-        row += 1
-    return row
 
 
-def start_combinations(process: Process) -> int:
-    """Number of combinations of start cells, touching ones included."""
-    return int(np.prod(np.diff(process.start_offsets)))
-
-
-def evaluate(process: Process, values: np.ndarray) -> Evaluation:
-    """Greedy episodes from every combination of start cells.
-
-    Args:
-        process: the decision process; its slip probability is ignored.
-        values: (N, states, 8) float32, `Policy.values`.
+def all_starts(process: Process) -> np.ndarray:
+    """(K, N, 2) int64, every combination of start cells in which no robots touch.
 
     Raises:
         UserError: there are more combinations than `MAX_STARTS`.
     """
-    combinations = start_combinations(process)
+    combinations = int(np.prod(np.diff(process.start_offsets)))
     if combinations > MAX_STARTS:
         raise UserError(
             f"{combinations:,} combinations of starts are too many to evaluate exactly; "
             "give the scenario fewer start cells"
         )
-    n = values.shape[0]
-    starts = np.empty((combinations, n, 2), dtype=np.int64)
-    outcome = np.empty(combinations, dtype=np.int8)
-    path_cells = np.empty((combinations, n))
-    steps = np.empty((combinations, n), dtype=np.int64)
-    rows = _evaluate(process, values, starts, outcome, path_cells, steps)
-    return Evaluation(starts[:rows], outcome[:rows], path_cells[:rows], steps[:rows])
+    cells = [
+        process.start_cells[first:last] for first, last in itertools.pairwise(process.start_offsets)
+    ]
+    index = np.indices([len(c) for c in cells]).reshape(len(cells), -1)
+    starts = np.stack([c[k] for c, k in zip(cells, index, strict=True)], axis=1)
+    offsets = starts[:, :, None, :] - starts[:, None, :, :]
+    squared = (offsets**2).sum(axis=-1)
+    squared[:, np.arange(len(cells)), np.arange(len(cells))] = ALONE
+    return starts[(squared > process.thresholds.contact).all(axis=(1, 2))]
+
+
+def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = None) -> Evaluation:
+    """Greedy episodes from every combination of start cells, or from those given.
+
+    Args:
+        process: the decision process; its slip probability is ignored.
+        values: (N, states, 8) float32, `Policy.values`.
+        starts: (K, N, 2) int64, out of contact; by default `all_starts`.
+
+    Raises:
+        UserError: see `all_starts`.
+    """
+    if starts is None:
+        starts = all_starts(process)
+    outcome = np.empty(len(starts), dtype=np.int8)
+    path_cells = np.empty(starts.shape[:2])
+    steps = np.empty(starts.shape[:2], dtype=np.int64)
+    _evaluate(process, values, starts, outcome, path_cells, steps)
+    return Evaluation(starts, outcome, path_cells, steps)

@@ -6,11 +6,11 @@ columns are named below; `agent.process.Process` describes the board.
 """
 
 import numpy as np
-from numba import njit
 
 from agent.process import FREE, GOAL, OUTSIDE, Process
 from agent.rng import PROBABILITY_SHIFT, next_index, next_word
 from cosim.features import DIRECTIONS, distance_class, gradient_sign
+from cosim.jit import inlined
 
 # Columns of a world.
 X, Y = 0, 1  # cell
@@ -29,7 +29,7 @@ OUTCOMES = ("running", "success", "collision", "out_of_board", "timeout")
 ALONE = 1 << 40  # beyond every distance on a board
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def _look_around(process: Process, world: np.ndarray, i: int) -> None:
     """Update what robot i sees of the nearest other robot (of the first, if several are)."""
     nearest = ALONE
@@ -51,7 +51,7 @@ def _look_around(process: Process, world: np.ndarray, i: int) -> None:
     world[i, BEARING] = bearing
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def place(process: Process, world: np.ndarray, cells: np.ndarray) -> bool:
     """Put the robots on their start cells, (N, 2) int64; False if two of them touch."""
     n = len(process.start_offsets) - 1
@@ -69,7 +69,7 @@ def place(process: Process, world: np.ndarray, cells: np.ndarray) -> bool:
     return free
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def place_randomly(
     process: Process, world: np.ndarray, cells: np.ndarray, random: np.ndarray
 ) -> None:
@@ -91,7 +91,7 @@ def place_randomly(
             return
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def slipped(process: Process, action: int, random: np.ndarray) -> int:
     """The direction executed for an action: itself, or with the slip probability a neighbour."""
     word = next_word(random)
@@ -101,8 +101,8 @@ def slipped(process: Process, action: int, random: np.ndarray) -> int:
     return action
 
 
-@njit(cache=True, forceinline=True)
-def _touched_on_the_way(world: np.ndarray, i: int, j: int, contact: int) -> bool:
+@inlined
+def touched_on_the_way(world: np.ndarray, i: int, j: int, contact: int) -> bool:
     """Whether two robots came into contact within their last straight, simultaneous moves."""
     # relative start p and move v; |p + v t|² is least at t = −p·v/|v|²
     vx = world[j, VX] - world[i, VX]
@@ -116,7 +116,7 @@ def _touched_on_the_way(world: np.ndarray, i: int, j: int, contact: int) -> bool
     return (px * px + py * py) * speed - along * along <= contact * speed
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.ndarray) -> int:
     """Move all robots that are still moving by one cell at once.
 
@@ -149,7 +149,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
         touched = nearest <= contact
         if process.swept:
             for j in range(n):
-                touched |= j != i and _touched_on_the_way(world, i, j, contact)
+                touched |= j != i and touched_on_the_way(world, i, j, contact)
         if world[i, STATUS] != MOVING:
             rewards[i] = np.float32(0.0)
             arrived += 1
@@ -178,7 +178,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
     return outcome
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def state_index(process: Process, world: np.ndarray, i: int) -> np.uint64:
     """Row of robot i's table for what it sees: its cell, Eq. (9), Eq. (10), the bearing."""
     strides = process.strides
@@ -192,7 +192,7 @@ def state_index(process: Process, world: np.ndarray, i: int) -> np.uint64:
     )
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def least_rotation_argmax(values: np.ndarray, facing: int) -> int:
     """Greedy direction of Eq. (6), (8,) values; ties go to the least rotation from `facing`."""
     best = values[facing]

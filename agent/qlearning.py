@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from agent.grid import (
     COLUMN_COUNT,
@@ -29,6 +28,7 @@ from agent.process import Process
 from agent.rng import PROBABILITY_SHIFT, next_word, probability_threshold, seeded_state
 from cosim.errors import UserError
 from cosim.features import DIRECTION_COUNT
+from cosim.jit import inlined, kernel
 
 KERNEL_VERSION = 1  # raise it when a change alters the bits of a trained table
 
@@ -197,7 +197,7 @@ def initial_state(
     )
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def _best(values: np.ndarray) -> tuple[int, np.float32]:
     """Index of the largest of eight values, the lowest of equals (Eq. 6), and that value."""
     # a tournament of three rounds instead of a chain of seven comparisons: it is what limits speed
@@ -210,7 +210,7 @@ def _best(values: np.ndarray) -> tuple[int, np.float32]:
     return (c, vc) if vc > va else (a, va)
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def _best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
     """The same over the sum of the two tables of double Q-learning."""
     action = 0
@@ -223,7 +223,7 @@ def _best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
     return action
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _run_episodes(
     process: Process,
     learning: Learning,

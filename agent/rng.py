@@ -5,7 +5,8 @@ uint64, so that a checkpoint can keep it and a resumed run goes on with the next
 """
 
 import numpy as np
-from numba import njit
+
+from cosim.jit import inlined
 
 # Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014), as in Java 8.
 _GOLDEN_GAMMA = np.uint64(0x9E3779B97F4A7C15)
@@ -29,7 +30,7 @@ def probability_threshold(probability: float) -> np.uint64:
     return np.uint64(round(probability * 2**PROBABILITY_BITS))
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def next_word(state: np.ndarray) -> np.uint64:
     """The next 64 random bits; advances `state`."""
     state[0] += _GOLDEN_GAMMA
@@ -39,7 +40,7 @@ def next_word(state: np.ndarray) -> np.uint64:
     return z ^ (z >> _SHIFT_3)
 
 
-@njit(cache=True, forceinline=True)
+@inlined
 def next_index(state: np.ndarray, count: int) -> np.int64:
     """A uniform index in [0, count) for count < 2^32 (bias below count/2^32); advances `state`."""
     return np.int64(((next_word(state) >> _HALF) * np.uint64(count)) >> _HALF)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.evaluation import evaluate
+from agent.evaluation import all_starts, evaluate
 from agent.process import Process
 from agent.qlearning import (
     EPISODES,
@@ -26,6 +26,8 @@ from agent.qlearning import (
 )
 from cosim.storage import replacing
 
+# Learning curves evaluate all starts up to this many, and evenly spaced ones if there are more.
+MAX_CURVE_STARTS = 5_000
 CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
 
 
@@ -59,7 +61,7 @@ class TrainingLog(NamedTuple):
         returns: (K, N) mean undiscounted return of each robot.
         epsilon: (K,) exploration probability.
         greedy_episode: (G,) int64, episodes done at each greedy evaluation.
-        greedy_success: (G,) exact success rate over all starts.
+        greedy_success: (G,) exact success rate over all starts (see `MAX_CURVE_STARTS`).
         greedy_path_length_cm: (G,) mean over robots and successful starts.
         greedy_steps: (G,) moves, the same mean.
     """
@@ -118,6 +120,8 @@ def run_training(
     """
     learning = build_learning(config)
     evaluations = greedy_episodes(config)
+    starts = all_starts(process)
+    starts = starts[:: -(-len(starts) // MAX_CURVE_STARTS)]
     while state.episode < config.episodes:
         until = min(config.episodes, (state.episode // CHUNK_EPISODES + 1) * CHUNK_EPISODES)
         due = np.searchsorted(evaluations, state.episode, side="right")
@@ -126,7 +130,8 @@ def run_training(
         before = state.episode
         advance(process, learning, state, until)
         if until in evaluations:
-            result = evaluate(process, state.q.mean(axis=0) if len(state.q) > 1 else state.q[0])
+            values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
+            result = evaluate(process, values, starts)
             state.greedy[due] = (
                 result.rate("success"),
                 result.mean_path_cells(),

@@ -1,22 +1,17 @@
+from pathlib import Path
+
 import pytest
-
-from agent.process import ProcessConfig, build_process
-from agent.qlearning import LearningConfig
-from cosim.scenario import find_scenario
+from numba.core import config
 
 
-@pytest.fixture(scope="session")
-def pair_process():
-    """The decision process of scenario 2 as the paper reads here."""
-    return build_process(find_scenario("2"), ProcessConfig())
-
-
-@pytest.fixture(scope="session")
-def short_learning():
-    """Section V on a small budget: the same schedule, 20 000 episodes."""
-    return LearningConfig(episodes=20_000, epsilon_episodes=20, greedy_points=4)
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
+@pytest.fixture
+def fresh_cache(tmp_path, monkeypatch):
+    """A cache of policies and bounds of this test's own."""
     monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def cache_of_workers(monkeypatch):
+    """Other processes find the kernels that this one has compiled, instead of compiling again."""
+    folder = Path(config.CACHE_DIR)  # pyright: ignore[reportAttributeAccessIssue]
+    monkeypatch.setenv("MINIROBOTS_CACHE", str(folder.parents[1]))

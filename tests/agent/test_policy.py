@@ -14,6 +14,8 @@ from agent.store import trained_policy
 from cosim.features import Observation
 from cosim.scenario import Scenario, find_scenario
 
+pytestmark = pytest.mark.usefixtures("fresh_cache")
+
 
 def small_scenario():
     return Scenario(

@@ -9,6 +9,8 @@ from agent.qlearning import LearningConfig
 from agent.store import LOG_FILE, trained_policy
 from cosim.scenario import find_scenario
 
+pytestmark = pytest.mark.usefixtures("fresh_cache")
+
 SHORT = LearningConfig(episodes=5000, epsilon_episodes=10, greedy_points=5)
 
 

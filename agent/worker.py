@@ -1,0 +1,131 @@
+"""One training run as a worker computes it: its task, its checkpoint, its progress.
+
+Workers may be other processes or machines; folders of runs and what is written into them at the
+end are in `agent.runs`, the learning itself is in `agent.training`.
+"""
+
+import io
+import time
+import zipfile
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agent.policy import Policy, PolicyConfig
+from agent.process import build_process
+from agent.qlearning import TrainingState, initial_state
+from agent.store import config_digest
+from agent.training import Progress, TrainingLog, run_training, training_log
+from cosim.storage import replacing
+
+CHECKPOINT_FILE = "checkpoint.npz"
+PROGRESS_FILE = ".progress"
+
+_ARRAYS = tuple(f.name for f in fields(TrainingState) if f.type is np.ndarray)
+
+
+class RunTask(NamedTuple):
+    """One run, as a worker gets it.
+
+    Attributes:
+        config: of the run.
+        run: number of the run in its experiment.
+        out: folder of the experiment.
+        runs: number of runs in the experiment.
+        checkpoint_episodes: episodes between two checkpoints.
+    """
+
+    config: PolicyConfig
+    run: int
+    out: Path
+    runs: int
+    checkpoint_episodes: int
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the run."""
+        return self.out / f"run_{self.run:03d}"
+
+
+def train_run(task: RunTask) -> tuple[Policy, TrainingLog, float]:
+    """Train one run, from its checkpoint if it has one.
+
+    A worker on another machine may not see the experiment's folder: then it keeps no checkpoints
+    and shows no progress, and the result is the same.
+    """
+    began = time.perf_counter()
+    config = task.config
+    process = build_process(config.scenario, config.process)
+    state = initial_state(process, config.learning, config.seed.sequence())
+    shared = task.folder.is_dir()
+    checkpoint_path = task.folder / CHECKPOINT_FILE
+    if shared:
+        state = load_checkpoint(checkpoint_path, config, state) or state
+    run_training(
+        process,
+        config.learning,
+        state,
+        progress=_progress_writer(task) if shared else None,
+        checkpoint=(lambda s: save_checkpoint(checkpoint_path, config, s)) if shared else None,
+        checkpoint_episodes=task.checkpoint_episodes,
+    )
+    log = training_log(config.learning, state, config.scenario.cell_m)
+    return Policy.of_training(config, state), log, time.perf_counter() - began
+
+
+def save_checkpoint(path: Path, config: PolicyConfig, state: TrainingState) -> None:
+    """Write a training state, whole or not at all."""
+    numbers = {"episode": state.episode, "agent_steps": state.agent_steps}
+    arrays = {name: getattr(state, name) for name in _ARRAYS}
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, config=config_digest(config), **numbers, **arrays)
+
+
+def load_checkpoint(path: Path, config: PolicyConfig, fresh: TrainingState) -> TrainingState | None:
+    """Read a training state; None if there is none of this configuration, or it is damaged.
+
+    Args:
+        path: of the checkpoint.
+        config: of the run.
+        fresh: the run's initial state, whose shapes the checkpoint must have.
+    """
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            arrays = {name: file[name] for name in _ARRAYS}
+            numbers: dict[str, Any] = {n: int(file[n]) for n in ("episode", "agent_steps")}
+            known = str(file["config"]) == config_digest(config)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    fits = all(
+        (a.shape, a.dtype) == (getattr(fresh, n).shape, getattr(fresh, n).dtype)
+        for n, a in arrays.items()
+    )
+    return TrainingState(**arrays, **numbers) if known and fits else None
+
+
+def _progress_writer(task: RunTask) -> Callable[[Progress], None]:
+    """Puts a run's progress where `read_progress` of another process finds it."""
+    rows = np.memmap(
+        task.out / PROGRESS_FILE, dtype=float, mode="r+", shape=(task.runs, len(Progress._fields))
+    )
+
+    def write(progress: Progress) -> None:
+        rows[task.run] = progress
+
+    return write
+
+
+def clear_progress(out: Path, runs: int) -> None:
+    """Make the file that workers write their progress to."""
+    np.zeros((runs, len(Progress._fields))).tofile(out / PROGRESS_FILE)
+
+
+def read_progress(out: Path) -> np.ndarray:
+    """(runs, 4) float64, the last `Progress` of every run going on; empty if there is none."""
+    try:
+        return np.fromfile(out / PROGRESS_FILE).reshape(-1, len(Progress._fields))
+    except OSError:
+        return np.empty((0, len(Progress._fields)))

@@ -1,0 +1,40 @@
+"""Settings files are read, and wrong fields are named."""
+
+import pytest
+
+from agent.process import ProcessConfig
+from agent.qlearning import LearningConfig
+from agent.settings import SettingsError, read_settings
+
+
+def test_given_fields_override_defaults(tmp_path):
+    path = tmp_path / "s.toml"
+    path.write_text(
+        '[process]\nfeatures = ["x", "y"]\ncollision = "swept"\n[learning]\neta = 0.5\n'
+    )
+    process, learning = read_settings(path)
+    assert process == ProcessConfig(features=("x", "y"), collision="swept")
+    assert learning == LearningConfig(eta=0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[proces]\n", "unknown table 'proces'"),
+        ("[process]\nslip = 1\n", "unknown field process.slip"),
+        ('[learning]\neta = "big"\n', "learning.eta: Expected float, got str"),
+        ("[learning]\neta = 2.0\n", "eta = 2.0 is not allowed"),
+        ('[process]\nfeatures = ["q"]\n', r"process.features\[0\]"),
+        ("[process\n", "not a TOML file"),
+    ],
+)
+def test_wrong_files_are_refused(tmp_path, text, message):
+    path = tmp_path / "s.toml"
+    path.write_text(text)
+    with pytest.raises(SettingsError, match=message):
+        read_settings(path)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(SettingsError, match="no such settings file"):
+        read_settings(tmp_path / "none.toml")

@@ -1,0 +1,91 @@
+"""Sweeps on every backend give the same bits, also when a worker is killed in the middle."""
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from agent import sweep as sweep_module
+from agent.process import ProcessConfig
+from agent.qlearning import LearningConfig
+from agent.runs import Experiment
+from agent.sweep import SweepError, sweep
+from agent.worker import RunTask, train_run
+from cosim.scenario import find_scenario
+
+pytestmark = pytest.mark.usefixtures("cache_of_workers")
+
+EXPERIMENT = Experiment(
+    find_scenario("2"), ProcessConfig(), LearningConfig(episodes=2000, greedy_points=1), 3, 4
+)
+
+
+class Fragile(NamedTuple):
+    """A run whose worker is killed the first time it gets there."""
+
+    task: RunTask
+    marker: Path
+
+
+def die_once_and_train(fragile):
+    if fragile.task.run == 1 and not fragile.marker.exists():
+        fragile.marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return train_run(fragile.task)
+
+
+def fragile_tasks(folder):
+    return [
+        Fragile(RunTask(config, k, folder / "none", 4, 1000), folder / "marker")
+        for k, config in enumerate(EXPERIMENT.configs())
+    ]
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("expected")
+    return [train_run(f.task)[0].q for f in fragile_tasks(folder)]
+
+
+@pytest.mark.parametrize("backend", ["loky", "dask", "ray"])
+def test_killed_worker_is_replaced_and_no_bit_changes(backend, expected, tmp_path):
+    results = dict(sweep(die_once_and_train, fragile_tasks(tmp_path), jobs=2, backend=backend))
+    assert (tmp_path / "marker").exists()
+    assert sorted(results) == [0, 1, 2, 3]
+    for k, q in enumerate(expected):
+        assert np.array_equal(results[k][0].q, q)
+
+
+def test_threads_and_one_job_give_the_same_bits(expected, tmp_path):
+    tasks = [f.task for f in fragile_tasks(tmp_path)]
+    for jobs in (1, 2):
+        results = dict(sweep(train_run, tasks, jobs=jobs, backend="threading"))
+        assert all(np.array_equal(results[k][0].q, q) for k, q in enumerate(expected))
+
+
+def sleep_or_die(k):
+    if k == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.05)
+    return k
+
+
+def test_a_task_that_always_kills_its_worker_ends_the_sweep(monkeypatch):
+    monkeypatch.setattr(sweep_module, "ATTEMPTS", 2)
+    with pytest.raises(SweepError, match="workers died 2 times"):
+        list(sweep(sleep_or_die, range(3), jobs=2))
+
+
+def test_errors_of_a_task_are_not_retried():
+    with pytest.raises(ZeroDivisionError):
+        list(sweep(lambda k: 1 // k, [0, 1], jobs=2))
+
+
+def test_a_cluster_that_is_not_there_is_refused(monkeypatch):
+    monkeypatch.setattr(sweep_module, "CONNECT_TIMEOUT_S", 0.5)
+    with pytest.raises(SweepError, match="no Dask scheduler"):
+        list(sweep(abs, [1, 2], jobs=2, backend="dask", address="tcp://127.0.0.1:9"))

@@ -1,0 +1,166 @@
+"""The training and evaluation commands: folders, resuming after a kill, messages."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from agent import evaluate, train
+from agent.training import TrainingLog
+from agent.worker import CHECKPOINT_FILE, load_checkpoint
+from cosim.errors import run_command
+
+SHORT = ("--learning.episodes", "4000", "--learning.epsilon-episodes", "10")
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """Run a command as its module's `__main__` does; its exit status, output and errors."""
+
+    def run(module, *arguments):
+        monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
+        status = 0
+        try:
+            run_command(module.main)
+        except SystemExit as end:
+            status = end.code
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return run
+
+
+def spawn(out, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", "agent.train", *arguments, "--jobs", "1", "--out", out],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def arrays(path):
+    with np.load(path) as file:
+        return {name: file[name] for name in file.files}
+
+
+def same_files(a, b):
+    for name in ("policy.npz", "training.npz"):
+        left, right = arrays(a / name), arrays(b / name)
+        assert left.keys() == right.keys()
+        for key in left:
+            equal_nan = left[key].dtype.kind == "f"
+            assert np.array_equal(left[key], right[key], equal_nan=equal_nan), (name, key)
+
+
+def test_train_then_evaluate(command, tmp_path):
+    out = tmp_path / "out"
+    options = ("--scenario", "2", "--runs", 2, "--out", out, "--jobs", 1, *SHORT)
+    status, output, _ = command(train, *options, "--json")
+    assert status == 0
+    summary = json.loads(output.splitlines()[-1])
+    assert summary == json.loads((out / "summary.json").read_text())
+    assert {p.name for p in (out / "run_001").iterdir()} == {
+        "policy.npz", "policy.json", "training.npz", "training.rrd",
+    }  # fmt: skip
+    assert TrainingLog.load(out / "run_001" / "training.npz").episode[-1] == 4000
+    status, output, _ = command(evaluate, out, "--json")
+    assert status == 0
+    report = json.loads(output.splitlines()[-1])
+    for ours, theirs in zip(report["policies"], summary["policies"], strict=True):
+        assert ours | {"policy": ""} == theirs | {"policy": ""}
+        rates = [ours[k] for k in ("success", "collision", "out_of_board", "timeout")]
+        assert sum(rates) == pytest.approx(1.0)
+        assert ours["failing_starts"] == round((1 - ours["success"]) * 900)
+        assert len(ours["failures"]) == ours["failing_starts"]
+    means = [p["success"] for p in report["policies"]]
+    assert report["over_policies"]["2"]["success"]["mean"] == pytest.approx(np.mean(means))
+    status, _, errors = command(train, *options)
+    assert status == 2
+    assert "add --resume" in errors
+    status, _, errors = command(train, *options, "--resume", "--seed", 1)
+    assert status == 2
+    assert "another configuration" in errors
+    before = (out / "run_000" / "policy.npz").stat().st_mtime_ns
+    assert command(train, *options, "--resume")[0] == 0
+    assert (out / "run_000" / "policy.npz").stat().st_mtime_ns == before
+
+
+@pytest.mark.usefixtures("cache_of_workers")
+def test_a_killed_command_resumes_bit_identically(command, tmp_path):
+    options = (
+        "--scenario", "1a", "--runs", "2",
+        "--learning.episodes", "600000", "--checkpoint-episodes", "50000",
+    )  # fmt: skip
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert command(train, *options, "--jobs", 1, "--out", whole)[0] == 0
+    process = spawn(killed, *options)
+    try:
+        checkpoints = [killed / f"run_00{k}" / CHECKPOINT_FILE for k in range(2)]
+        while not any(path.exists() for path in checkpoints):
+            assert process.poll() is None, "it ended before it could be killed"
+            time.sleep(0.001)
+        os.kill(process.pid, signal.SIGKILL)
+    finally:
+        process.communicate()
+    assert not (killed / "summary.json").exists()
+    assert command(train, *options, "--jobs", 1, "--out", killed, "--resume")[0] == 0
+    for run in ("run_000", "run_001"):
+        same_files(whole / run, killed / run)
+        assert not (killed / run / CHECKPOINT_FILE).exists()
+
+
+@pytest.mark.usefixtures("cache_of_workers")
+def test_interrupt_ends_with_status_130_and_leaves_a_folder_to_resume(tmp_path):
+    process = spawn(tmp_path, "--scenario", "4")
+    while not (tmp_path / "run_000").exists():
+        time.sleep(0.01)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert (tmp_path / "experiment.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--scenario", "9"), "unknown scenario"),
+        (("--learning.eta", "3"), "eta = 3.0"),
+        (("--runs", "0"), "--runs"),
+        (("--config", "none.toml"), "no such settings file"),
+    ],
+)
+def test_wrong_options_end_with_one_sentence(command, arguments, message, tmp_path):
+    status, _, errors = command(train, "--out", tmp_path / "o", *arguments)
+    assert status == 2
+    assert message in errors
+    assert errors.count("\n") == 1
+
+
+def test_options_override_the_settings_file(tmp_path):
+    path = tmp_path / "s.toml"
+    path.write_text("[learning]\neta = 0.5\ngamma = 0.5\n[process]\nstep_limit = 7\n")
+    options = train.parse(["--config", str(path), "--learning.gamma", "0.25"])
+    assert (options.learning.eta, options.learning.gamma) == (0.5, 0.25)
+    assert options.process.step_limit == 7
+
+
+def test_evaluate_refuses_what_is_no_policy(command, tmp_path):
+    (tmp_path / "policy.npz").write_bytes(b"x")
+    for path, message in [(tmp_path / "policy.npz", "damaged"), (tmp_path, "no run_")]:
+        status, _, errors = command(evaluate, path)
+        assert status == 2
+        assert message in errors
+
+
+def test_broken_checkpoints_start_afresh(tmp_path):
+    path = tmp_path / "checkpoint.npz"
+    path.write_bytes(b"PK broken")
+    assert load_checkpoint(path, None, None) is None  # pyright: ignore[reportArgumentType]
