@@ -204,6 +204,7 @@ class CoSimulation:
         )
         self._tick += done * self.config.ticks_per_period
         samples = Samples(*(signal[:done] for signal in samples))
+        raw = RawSamples(*(signal[: done * self.config.ticks_per_period] for signal in raw))
         self._measure_path(samples)
 
         completed = was_moving & (state.commands[:, MODE] == HOLD)

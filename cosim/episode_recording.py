@@ -15,8 +15,8 @@ import rerun as rr
 from cosim.blueprint import episode_blueprint, robot_names
 from cosim.config import CoSimConfig
 from cosim.episode import Step
-from cosim.features import DIRECTION_COUNT, GRADIENT_SIGNS
-from cosim.recording import Recording, properties, scalars, simulated
+from cosim.features import DIRECTION_COUNT, GRADIENT_SIGNS, Observation
+from cosim.recording import Recording, properties, simulated
 from cosim.scenario import Scenario
 from cosim.scene import EIGHT, LIGHT, SERIES, palette, write_scene
 from cosim.signals import Samples
@@ -24,6 +24,7 @@ from cosim.signals import Samples
 # A row costs 35 bytes whatever it holds: only what changes within a motor turn is written faster.
 SLOW_PERIOD_S = 0.02
 TRAIL_PERIOD_S = 0.5
+_FLUSH_STEPS = 4  # RL steps between writes: what a killed process can lose
 _METRES_PER_NEWTON = 0.03
 DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
 _ARRIVED = "at target"
@@ -116,20 +117,20 @@ class EpisodeRecorder:
             self._write_signals(name, robot, step.samples, time_s, every)
             for signal in _RAW_SERIES:
                 values = getattr(step.raw, signal)[:, robot]
-                entity = f"/raw/{name}/{signal}"
-                self.file.columns(entity, simulated(raw_time_s), scalars(values))
+                self.file.scalars(f"/raw/{name}/{signal}", raw_time_s, values)
             self._write_poses(name, robot, step.samples, time_s, every)
             self._write_decision(name, robot, step, q_values[robot], start_s)
             self._write_outcome(name, robot, step, reward[robot], float(time_s[-1]))
         if step.outcome:
             self._log(f"episode ends: {step.outcome}", step.number, float(time_s[-1]))
-        self.file.flush()
+        if step.number % _FLUSH_STEPS == _FLUSH_STEPS - 1:
+            self.file.flush()
 
     def _write_signals(
         self, name: str, robot: int, samples: Samples, time_s: np.ndarray, every: int
     ) -> None:
         def send(signal: str, values: np.ndarray, times: np.ndarray) -> None:
-            self.file.columns(f"/sim/{name}/{signal}", simulated(times), scalars(values))
+            self.file.scalars(f"/sim/{name}/{signal}", times, values)
 
         blocks = len(time_s) // every
         slow = slice(every - 1, blocks * every, every)
@@ -157,10 +158,11 @@ class EpisodeRecorder:
         self, name: str, robot: int, samples: Samples, time_s: np.ndarray, every: int
     ) -> None:
         slow = slice(every - 1, None, every)
+        if len(time_s) < every:
+            return
         index = simulated(time_s[slow])
-        quaternion = np.roll(
-            samples.quaternion[slow, robot], -1, axis=1
-        )  # Rerun wants (x, y, z, w)
+        # Rerun wants (x, y, z, w).
+        quaternion = np.roll(samples.quaternion[slow, robot], -1, axis=1)
         self.file.columns(
             f"/world/{name}/robot",
             index,
@@ -185,40 +187,45 @@ class EpisodeRecorder:
         self, name: str, robot: int, step: Step, q_values: np.ndarray, time_s: float
     ) -> None:
         index = simulated(np.array([time_s]), np.array([step.number]))
-        self._write_observation(name, robot, step.before, index)
+        self._write_observation(name, robot, step.before, step.number, time_s)
         action = int(step.action[robot])
         state = DIRECTION_NAMES[action] if action >= 0 else _ARRIVED
         self.file.columns(f"/rl/{name}/action", index, rr.StateChange.columns(state=[state]))
-        self.file.columns(f"/rl/{name}/q_s", index, scalars(q_values[None]))
+        self._rl(name, "q_s", step.number, time_s, q_values)
         if step.decided[robot]:
             x, y = step.before.cells[robot]
             self._log(f"{name} in cell ({x}, {y}) heads for {state}", step.number, time_s)
 
     def _write_observation(
-        self, name: str, robot: int, observation: Any, index: list[rr.TimeColumn]
+        self, name: str, robot: int, observation: Observation, rl_step: int, time_s: float
     ) -> None:
-        self.file.columns(f"/rl/{name}/cell", index, scalars(observation.cells[robot][None]))
+        self._rl(name, "cell", rl_step, time_s, observation.cells[robot])
         if len(self._names) > 1:
             distances = np.linalg.norm(observation.cells - observation.cells[robot], axis=1)
-            nearest = np.delete(distances, robot).min()
-            self.file.columns(f"/rl/{name}/distance", index, scalars(np.array([[nearest]])))
+            self._rl(name, "distance", rl_step, time_s, np.delete(distances, robot).min())
         sign = GRADIENT_SIGNS[int(observation.gradient_sign[robot]) + 1]
+        index = simulated(np.array([time_s]), np.array([rl_step]))
         self.file.columns(f"/rl/{name}/gradient", index, rr.StateChange.columns(state=[sign]))
 
     def _write_outcome(
         self, name: str, robot: int, step: Step, reward: float, time_s: float
     ) -> None:
-        index = simulated(np.array([time_s]), np.array([step.number]))
         if step.outcome:
-            self._write_observation(name, robot, step.after, index)
+            self._write_observation(name, robot, step.after, step.number, time_s)
         if np.isnan(reward):
             return
         self._return[robot] += reward
-        self.file.columns(f"/rl/{name}/reward", index, scalars(np.array([[reward]])))
-        self.file.columns(f"/rl/{name}/return", index, scalars(self._return[robot].reshape(1, 1)))
+        self._rl(name, "reward", step.number, time_s, reward)
+        self._rl(name, "return", step.number, time_s, self._return[robot])
         x, y = step.after.cells[robot]
         text = f"{name} ends its move in cell ({x}, {y}), reward {reward:.2f}"
         self._log(text, step.number, time_s)
+
+    def _rl(self, name: str, signal: str, rl_step: int, time_s: float, values: Any) -> None:
+        """One row below /rl, on both timelines."""
+        row = np.atleast_1d(np.asarray(values, dtype=np.float64))[None]
+        times, steps = np.array([time_s]), np.array([rl_step])
+        self.file.scalars(f"/rl/{name}/{signal}", times, row, steps)
 
     def _log(self, text: str, rl_step: int, time_s: float) -> None:
         index = simulated(np.array([time_s]), np.array([rl_step]))

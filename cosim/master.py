@@ -22,11 +22,12 @@ from cosim.plant import (
     begin_period,
     begin_step,
     end_period,
+    push_pairs,
     react,
     sample_tick,
-    step_bodies,
+    step_robot,
 )
-from cosim.signals import RawSamples, Samples, State
+from cosim.signals import MOTORS, RawSamples, Samples, State
 
 
 class Progress(NamedTuple):
@@ -117,7 +118,9 @@ class ReferenceDriver:
             motor.step(first_tick + tick, count, dt)
             state.outputs[slot] = motor.outputs(first_tick + tick, dt)
         for k in range(count):
-            step_bodies(plant, state, k)
+            for robot in range(len(state.bodies)):
+                step_robot(plant, state, robot, k)
+            push_pairs(plant, state)
             if tick + k < len(raw.omega):
                 sample_tick(plant, state, raw, tick + k)
         if plant.reaction:
@@ -190,7 +193,7 @@ def run_periods(
         Periods completed, event, and of a failed call the motor's index and the fmi3Status; after
         a failure the first number is the tick of the failure, counted from `first_tick`.
     """
-    motors = calls.instances.shape[0]
+    robots, motors = state.bodies.shape[0], calls.instances.shape[0]
     set_inputs, get_values, step = calls.set_float64, calls.get_float64, calls.do_step
     input_references, input_count = calls.inputs.ctypes.data, calls.inputs.shape[0]
     output_references, output_count = calls.outputs.ctypes.data, calls.outputs.shape[0]
@@ -204,32 +207,38 @@ def run_periods(
         fresh_inputs = True
         for _ in range(plant.ticks_per_period // count):
             begin_step(plant, state)
-            for motor in range(motors):
-                instance = calls.instances[motor]
-                if fresh_inputs:
-                    status = exchange_float64(
-                        set_inputs,
-                        instance,
-                        input_references,
-                        input_count,
-                        inputs + motor * input_count * 8,
-                    )
-                    if status > FMI_WARNING:
-                        return tick, RUNNING, motor, status
-                status = do_step(step, instance, (first_tick + tick) * dt, count * dt)
-                if status > FMI_WARNING:
-                    return tick, RUNNING, motor, status
-                status = exchange_float64(
-                    get_values,
-                    instance,
-                    output_references,
-                    output_count,
-                    outputs + motor * output_count * 8,
-                )
-                if status > FMI_WARNING:
-                    return tick, RUNNING, motor, status
             for k in range(count):
-                step_bodies(plant, state, k)
+                for robot in range(robots):
+                    # A robot's motors just before its body: the processor then works on several
+                    # robots at once. No motor sees a body before the next step, so order is free.
+                    for motor in range(MOTORS * robot, MOTORS * (robot + 1)):
+                        if k > 0:
+                            break
+                        instance = calls.instances[motor]
+                        if fresh_inputs:
+                            status = exchange_float64(
+                                set_inputs,
+                                instance,
+                                input_references,
+                                input_count,
+                                inputs + motor * input_count * 8,
+                            )
+                            if status > FMI_WARNING:
+                                return tick, RUNNING, motor, status
+                        status = do_step(step, instance, (first_tick + tick) * dt, count * dt)
+                        if status > FMI_WARNING:
+                            return tick, RUNNING, motor, status
+                        status = exchange_float64(
+                            get_values,
+                            instance,
+                            output_references,
+                            output_count,
+                            outputs + motor * output_count * 8,
+                        )
+                        if status > FMI_WARNING:
+                            return tick, RUNNING, motor, status
+                    step_robot(plant, state, robot, k)
+                push_pairs(plant, state)
                 if tick < raw.omega.shape[0]:
                     sample_tick(plant, state, raw, tick)
                 tick += 1

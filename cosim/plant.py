@@ -114,32 +114,37 @@ def exchanged(
 
 
 @inlined
-def step_bodies(plant: Plant, state: State, tick: int) -> None:
-    """Move every robot by one tick with the forces of its motors at the end of the tick.
+def step_robot(plant: Plant, state: State, robot: int, tick: int) -> None:
+    """Move one robot by one tick with the forces of its motors at the end of the tick.
 
     Args:
         plant: constants.
-        state: variables; the bodies move.
+        state: variables; the robot's body moves.
+        robot: index.
         tick: of the communication step, from 0.
     """
-    for robot in range(state.bodies.shape[0]):
-        body = state.bodies[robot]
-        theta_d, omega_d, omega_dot_d = exchanged(plant, state, robot, 0, tick)
-        theta_e, omega_e, omega_dot_e = exchanged(plant, state, robot, 1, tick)
-        d = motor_wrench(plant.mount_d, theta_d, omega_d, omega_dot_d)
-        e = motor_wrench(plant.mount_e, theta_e, omega_e, omega_dot_e)
-        force = (d[0] + e[0], 0.0, d[1] + e[1])
-        step_body(body, plant.body, force, (d[2] + e[2], d[3] + e[3], d[4] + e[4]))
-        lifted = 0.0
-        for foot in range(FEET):
-            normal = body[13 + foot]
-            qx, qy, qz = body[16 + 3 * foot], body[17 + 3 * foot], body[18 + 3 * foot]
-            friction = qx * qx + qy * qy + qz * qz
-            state.normal_peak[robot, foot] = max(state.normal_peak[robot, foot], normal)
-            state.friction_peak[robot, foot] = max(state.friction_peak[robot, foot], friction)
-            if normal == 0.0:
-                lifted = 1.0
-        state.lifted[robot] += lifted
+    body = state.bodies[robot]
+    theta_d, omega_d, omega_dot_d = exchanged(plant, state, robot, 0, tick)
+    theta_e, omega_e, omega_dot_e = exchanged(plant, state, robot, 1, tick)
+    d = motor_wrench(plant.mount_d, theta_d, omega_d, omega_dot_d)
+    e = motor_wrench(plant.mount_e, theta_e, omega_e, omega_dot_e)
+    force = (d[0] + e[0], 0.0, d[1] + e[1])
+    step_body(body, plant.body, force, (d[2] + e[2], d[3] + e[3], d[4] + e[4]))
+    lifted = 0.0
+    for foot in range(FEET):
+        normal = body[13 + foot]
+        qx, qy, qz = body[16 + 3 * foot], body[17 + 3 * foot], body[18 + 3 * foot]
+        friction = qx * qx + qy * qy + qz * qz
+        state.normal_peak[robot, foot] = max(state.normal_peak[robot, foot], normal)
+        state.friction_peak[robot, foot] = max(state.friction_peak[robot, foot], friction)
+        if normal == 0.0:
+            lifted = 1.0
+    state.lifted[robot] += lifted
+
+
+@inlined
+def push_pairs(plant: Plant, state: State) -> None:
+    """Apply the contact impulses between robots at the end of a tick."""
     for k in range(state.near_count[0]):
         i, j = state.near[k]
         if push_apart(state.bodies[i], state.bodies[j], plant.pair, plant.body) > 0.0:
