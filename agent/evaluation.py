@@ -30,7 +30,7 @@ from cosim.errors import UserError
 from cosim.jit import kernel
 
 MAX_STARTS = 5_000_000
-INITIAL_DIRECTION = 0  # assumed: robots first face +x; it matters for exact ties only
+UP, DOWN = 2, 6  # directions
 
 _SQRT_2 = np.sqrt(2.0)
 
@@ -81,9 +81,12 @@ def _evaluate(
     world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
     facing = np.empty(n, dtype=np.int64)
     rewards = np.empty(n, dtype=np.float32)
+    rows = process.terrain.shape[2] - 2
     for row in range(starts.shape[0]):
         place(process, world, starts[row])
-        facing[:] = INITIAL_DIRECTION
+        for i in range(n):
+            # assumed, as in the co-simulation: set down facing the middle; matters for ties only
+            facing[i] = UP if 2 * starts[row, i, 1] < rows else DOWN
         path_cells[row] = 0.0
         steps[row] = 0
         outcome = RUNNING

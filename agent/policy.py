@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from agent.grid import least_rotation_argmax
-from agent.process import Process, ProcessConfig, build_process
+from agent.process import Process, ProcessConfig, build_process, nearest_bearings
 from agent.qlearning import KERNEL_VERSION, LearningConfig, TrainingState
 from cosim.errors import UserError
 from cosim.features import DIRECTION_COUNT, Observation
@@ -113,7 +113,7 @@ class Policy:
             + cells[:, 1] * strides[1]
             + np.asarray(observation.distance_class) * strides[2]
             + (np.asarray(observation.gradient_sign) + 1) * strides[3]
-            + self._bearings(cells) * strides[4]
+            + nearest_bearings(process, cells) * strides[4]
         )
 
     def q_values(self, observation: Observation) -> np.ndarray:
@@ -128,15 +128,6 @@ class Policy:
         """
         rows = zip(self.q_values(observation), observation.direction, strict=True)
         return np.array([least_rotation_argmax(v, int(f)) for v, f in rows], dtype=np.int64)
-
-    def _bearings(self, cells: np.ndarray) -> np.ndarray:
-        if len(cells) == 1:
-            return np.zeros(1, dtype=np.int64)
-        offsets = cells[None, :, :] - cells[:, None, :]
-        squared = (offsets**2).sum(axis=2)
-        np.fill_diagonal(squared, np.iinfo(np.int64).max)
-        nearest = offsets[np.arange(len(cells)), squared.argmin(axis=1)]
-        return self.process.bearings[nearest[:, 0], nearest[:, 1]].astype(np.int64)
 
     def save(self, path: Path) -> None:
         """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.

@@ -210,8 +210,11 @@ def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
     return reward
 
 
-def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...], int]:
-    """Strides of the state index and the number of states; a feature not used has stride 0."""
+def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
+    """Number of values of each feature in use, in the order of the state index.
+
+    A lone robot sees nobody: it has x and y only.
+    """
     sizes = {
         "x": scenario.columns,
         "y": scenario.rows,
@@ -219,15 +222,18 @@ def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...]
         "g": len(GRADIENT_SIGNS),
         "b": DIRECTION_COUNT,
     }
-    strides = [0] * len(sizes)
+    seen = {"x", "y"} if scenario.robots == 1 else set(sizes)
+    return {name: sizes[name] for name in sizes if name in config.features and name in seen}
+
+
+def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...], int]:
+    """Strides of the state index and the number of states; a feature not used has stride 0."""
+    strides: dict[str, int] = dict.fromkeys(("x", "y", "d", "g", "b"), 0)
     states = 1
-    for position in reversed(range(len(sizes))):
-        name = tuple(sizes)[position]
-        lone_and_blind = scenario.robots == 1 and name not in {"x", "y"}
-        if name in config.features and not lone_and_blind:
-            strides[position] = states
-            states *= sizes[name]
-    return tuple(strides), states
+    for name, size in reversed(feature_sizes(scenario, config).items()):
+        strides[name] = states
+        states *= size
+    return tuple(strides.values()), states
 
 
 def _bearings(scenario: Scenario) -> np.ndarray:
@@ -239,3 +245,19 @@ def _bearings(scenario: Scenario) -> np.ndarray:
     )
     turns = np.arctan2(dy[None, :], dx[:, None]) / (2.0 * np.pi / DIRECTION_COUNT)
     return np.rint(turns).astype(np.int64).astype(np.uint8) % DIRECTION_COUNT
+
+
+def nearest_bearings(process: Process, cells: np.ndarray) -> np.ndarray:
+    """(N,) int64, direction index of each robot's nearest other one (the first, if several are).
+
+    Args:
+        process: for its table of bearings.
+        cells: (N, 2) int64, cells of the robots.
+    """
+    if len(cells) == 1:
+        return np.zeros(1, dtype=np.int64)
+    offsets = cells[None, :, :] - cells[:, None, :]
+    squared = (offsets**2).sum(axis=2)
+    np.fill_diagonal(squared, np.iinfo(np.int64).max)
+    nearest = offsets[np.arange(len(cells)), squared.argmin(axis=1)]
+    return process.bearings[nearest[:, 0], nearest[:, 1]].astype(np.int64)

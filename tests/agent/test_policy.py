@@ -52,7 +52,7 @@ def test_acting_on_observations_repeats_the_exact_evaluation(policy):
     for k in range(len(result.outcome)):
         world = np.zeros((2, grid.COLUMN_COUNT), dtype=np.int64)
         grid.place(process, world, result.starts[k])
-        facing = np.zeros(2, dtype=np.int64)
+        facing = np.where(2 * result.starts[k, :, 1] < 12, 2, 6)
         rewards = np.empty(2, dtype=np.float32)
         outcome = grid.RUNNING
         steps = 0

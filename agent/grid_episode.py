@@ -1,0 +1,187 @@
+"""One episode of the decision process, as environments step it: the kernels of `agent.grid`.
+
+`Episode` is what environments need of a world; this module has the grid, `agent.cosim_episode`
+the full co-simulation. Spaces, agents' names and pictures are the environments'.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+from agent.grid import (
+    BEARING,
+    CLASS,
+    COLUMN_COUNT,
+    MOVING,
+    RUNNING,
+    SIGN,
+    STATUS,
+    TIMEOUT,
+    VX,
+    VY,
+    X,
+    Y,
+    move,
+    place,
+    place_randomly,
+    slipped,
+)
+from agent.process import Process, ProcessConfig, build_process, feature_sizes
+from agent.rng import seeded_state
+from cosim.errors import UserError
+from cosim.scenario import Scenario
+
+FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING}
+
+
+class StartsError(UserError, ValueError):
+    """Start cells that cannot be used; the message says which."""
+
+
+class Episode(Protocol):
+    """A world with N robots in which episodes are played.
+
+    Attributes:
+        scenario: board, targets and start cells.
+        sizes: number of values of each feature that a robot observes.
+        outcome: RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD or TIMEOUT of `agent.grid`.
+        rewards: (N,) float64, rewards of the last step.
+    """
+
+    scenario: Scenario
+    sizes: tuple[int, ...]
+    outcome: int
+    rewards: np.ndarray
+
+    @property
+    def status(self) -> np.ndarray:
+        """(N,) int64, MOVING, ARRIVED, LEFT or HIT of `agent.grid`."""
+        ...
+
+    def seed(self, seed: int) -> None:
+        """Seed everything random."""
+        ...
+
+    def reset(self, starts: np.ndarray | None) -> None:
+        """Begin an episode from (N, 2) start cells, drawn if None."""
+        ...
+
+    def step(self, actions: np.ndarray) -> None:
+        """Let every robot that moves take its (N,) action."""
+        ...
+
+    def observation(self) -> np.ndarray:
+        """(N, features) int64, what each robot sees, every feature counted from 0."""
+        ...
+
+    def path_length_cm(self) -> np.ndarray:
+        """(N,) float64, way of each robot since the start."""
+        ...
+
+    def positions_m(self) -> np.ndarray:
+        """(N, 2) float64, robots' centres in the board's frame."""
+        ...
+
+    def close(self) -> None:
+        """Free what the episode holds."""
+        ...
+
+
+class GridEpisode:
+    """An episode on the grid, see `Episode`.
+
+    Raises:
+        ScenarioError: the scenario cannot be used with these readings.
+    """
+
+    def __init__(self, scenario: Scenario, config: ProcessConfig | None = None) -> None:
+        config = config or ProcessConfig()
+        self.scenario = scenario
+        self.process = build_process(scenario, config)
+        sizes = feature_sizes(scenario, config)
+        self.sizes = tuple(sizes.values())
+        self._columns = [FEATURE_COLUMNS[name] for name in sizes]
+        self._first = np.array([-1 if name == "g" else 0 for name in sizes])
+        self._last = self._first + np.array(self.sizes) - 1
+        n = scenario.robots
+        self.world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
+        self.rewards = np.zeros(n)
+        self.outcome = RUNNING
+        self._cells = np.zeros((n, 2), dtype=np.int64)
+        self._float_rewards = np.zeros(n, dtype=np.float32)
+        self._slips = config.slip_probability > 0.0
+        self.seed(0)
+
+    @property
+    def status(self) -> np.ndarray:
+        """(N,) int64, status of each robot."""
+        return self.world[:, STATUS]
+
+    def seed(self, seed: int) -> None:
+        """Seed the generator of start cells and slips."""
+        self._random = seeded_state(seed)
+
+    def reset(self, starts: np.ndarray | None) -> None:
+        """Begin an episode.
+
+        Raises:
+            StartsError: start cells are off the board, blocked or in contact.
+        """
+        if starts is None:
+            place_randomly(self.process, self.world, self._cells, self._random)
+        else:
+            place_checked(self.process, self.world, starts)
+        self.outcome = RUNNING
+        self.rewards[:] = 0.0
+        self._steps = 0
+        self._path_cells = np.zeros(len(self.world))
+
+    def step(self, actions: np.ndarray) -> None:
+        """One move of every robot that moves."""
+        moving = self.world[:, STATUS] == MOVING
+        executed = np.array(actions, dtype=np.int64)
+        if self._slips:
+            for i in np.flatnonzero(moving):
+                executed[i] = slipped(self.process, executed[i], self._random)
+        outcome = move(self.process, self.world, executed, self._float_rewards)
+        self._steps += 1
+        if outcome == RUNNING and self._steps == self.process.step_limit:
+            outcome = TIMEOUT
+        self.outcome = outcome
+        self.rewards[:] = self._float_rewards
+        self._path_cells += np.linalg.norm(self.world[:, [VX, VY]], axis=1)
+
+    def observation(self) -> np.ndarray:
+        """(N, features) int64; a robot that left the board seems to be at its edge."""
+        seen = np.clip(self.world[:, self._columns], self._first, self._last)
+        return seen - self._first
+
+    def path_length_cm(self) -> np.ndarray:
+        """(N,) float64."""
+        return 100.0 * self.scenario.cell_m * self._path_cells
+
+    def positions_m(self) -> np.ndarray:
+        """(N, 2) float64, centres of the robots' cells."""
+        return (self.world[:, [X, Y]] + 0.5) * self.scenario.cell_m
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+
+def place_checked(process: Process, world: np.ndarray, starts: np.ndarray) -> None:
+    """Put robots on the start cells that a user gave.
+
+    Raises:
+        StartsError: they are not (N, 2), off the board, blocked or in contact.
+    """
+    cells = np.asarray(starts, dtype=np.int64)
+    columns, rows = (size - 2 for size in process.terrain.shape[1:])
+    if cells.shape != (len(world), 2):
+        raise StartsError(f"starts of shape {cells.shape}; give one cell [x, y] per robot")
+    if (cells < 0).any() or (cells >= (columns, rows)).any():
+        raise StartsError(f"starts {cells.tolist()} are off the {columns} x {rows} board")
+    terrain = process.terrain[np.arange(len(world)), cells[:, 0] + 1, cells[:, 1] + 1]
+    if terrain.any():
+        raise StartsError(f"starts {cells.tolist()} are on an obstacle or on the robot's target")
+    if not place(process, world, cells):
+        raise StartsError(f"starts {cells.tolist()} let robots touch; move them further apart")

@@ -1,0 +1,286 @@
+"""Environments: the process of the kernels, and the rules of Gymnasium and PettingZoo."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+from agent import envs, grid
+from agent.grid_episode import StartsError
+from agent.parallel_env import NavigationParallelEnv
+from agent.policy import Policy
+from agent.process import ProcessConfig, build_process
+from agent.rng import seeded_state
+from agent.store import trained_policy
+from agent.vector_env import NavigationVectorEnv
+from cosim.errors import UserError
+from cosim.scenario import find_scenario
+
+IDS = ("MiniRobots/SingleA-v0", "MiniRobots/SingleB-v0")
+
+
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("mode", [None, "ansi", "rgb_array"])
+def test_gymnasium_accepts_the_environments(name, mode):
+    env = gym.make(name, render_mode=mode)
+    check_env(env.unwrapped)
+    env.close()
+
+
+def kernel_episode(process, seed, actions):
+    """Rewards, outcomes and worlds of an episode stepped by the kernels alone."""
+    n = process.terrain.shape[0]
+    world = np.zeros((n, grid.COLUMN_COUNT), dtype=np.int64)
+    rewards = np.empty(n, dtype=np.float32)
+    cells = np.empty((n, 2), dtype=np.int64)
+    random = seeded_state(seed)
+    grid.place_randomly(process, world, cells, random)
+    for action in actions:
+        executed = np.array(action, dtype=np.int64)
+        for i in range(n):
+            if world[i, grid.STATUS] == grid.MOVING and process.slip_threshold > 0:
+                executed[i] = grid.slipped(process, executed[i], random)
+        outcome = grid.move(process, world, executed, rewards)
+        yield outcome, rewards.copy(), world.copy()
+        if outcome != grid.RUNNING:
+            return
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.3])
+@pytest.mark.parametrize("seed", range(5))
+def test_gymnasium_steps_the_kernels_process(seed, slip):
+    config = ProcessConfig(slip_probability=slip)
+    process = build_process(find_scenario("1b"), config)
+    actions = np.random.default_rng(seed).integers(8, size=(200, 1))
+    env = gym.make("MiniRobots/SingleB-v0", process=config)
+    env.reset(seed=seed)
+    for action, (outcome, rewards, world) in zip(
+        actions, kernel_episode(process, seed, actions), strict=False
+    ):
+        seen, reward, terminated, truncated, info = env.step(action[0])
+        assert reward == rewards[0]
+        assert info["outcome"] == grid.OUTCOMES[outcome]
+        assert terminated == (outcome != grid.RUNNING)
+        assert not truncated
+        if not terminated:
+            assert seen.tolist() == world[0, [grid.X, grid.Y]].tolist()
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.3])
+def test_pettingzoo_steps_the_kernels_process(slip):
+    config = ProcessConfig(slip_probability=slip, features=("x", "y", "d", "g", "b"))
+    process = build_process(find_scenario("4"), config)
+    env = envs.parallel_env("4", config)
+    steps = 0
+    for seed in range(20):
+        env.reset(seed=seed)
+        moving = np.ones(2, dtype=bool)
+        # robot 1 comes down, robot 2 goes up, both at random: they meet, leave or go on for long
+        actions = np.random.default_rng(seed).integers(3, size=(60, 2)) + np.array([5, 1])
+        for action, (outcome, rewards, world) in zip(
+            actions, kernel_episode(process, seed, actions), strict=False
+        ):
+            joint = {agent: action[int(agent[-1]) - 1] for agent in env.agents}
+            observations, got, terminations, truncations, infos = env.step(joint)
+            steps += 1
+            for k in np.flatnonzero(moving):
+                agent = f"robot_{k + 1}"
+                assert got[agent] == rewards[k]
+                still = world[k, grid.STATUS] == grid.MOVING
+                assert terminations[agent] == (not still)
+                assert truncations[agent] == (still and outcome != grid.RUNNING)
+                assert infos[agent]["outcome"] == grid.OUTCOMES[outcome]
+                if outcome == grid.RUNNING:
+                    row = np.ravel_multi_index(tuple(observations[agent]), env.episode.sizes)
+                    assert row == grid.state_index(process, world, int(k))
+            moving = world[:, grid.STATUS] == grid.MOVING
+        assert not env.agents
+    assert steps > 100
+
+
+def test_a_trained_policy_reaches_the_targets_in_the_environment():
+    policy, _, _ = trained_policy(find_scenario("2"))
+    env = envs.parallel_env("2")
+    tables: Policy = policy
+    for seed in range(5):
+        observations, infos = env.reset(seed=seed)
+        total = dict.fromkeys(env.possible_agents, 0.0)
+        while env.agents:
+            actions = {
+                agent: int(tables.values[int(agent[-1]) - 1, row(env, seen)].argmax())
+                for agent, seen in observations.items()
+            }
+            observations, rewards, _, _, infos_now = env.step(actions)
+            infos |= infos_now
+            for agent, reward in rewards.items():
+                total[agent] += reward
+        assert all(value > 0.0 for value in total.values())
+        assert any(info["is_success"] for info in infos.values())
+        assert all(10.0 < info["path_length"] < 40.0 for info in infos.values())
+
+
+def row(env, seen):
+    return np.ravel_multi_index(tuple(seen), env.episode.sizes)
+
+
+@pytest.mark.parametrize("scenario", ["2", "4"])
+def test_pettingzoo_accepts_the_environment(scenario):
+    parallel_api_test(envs.parallel_env(scenario), num_cycles=300)
+    parallel_seed_test(lambda: envs.parallel_env(scenario), num_cycles=100)
+
+
+def test_partner_of_a_failed_robot_is_truncated():
+    env = envs.parallel_env("2")
+    env.reset(options={"starts": [[0, 29], [5, 5]]})
+    _, rewards, terminations, truncations, infos = env.step({"robot_1": 4, "robot_2": 0})
+    assert rewards == {"robot_1": -100.0, "robot_2": -1.0}
+    assert terminations == {"robot_1": True, "robot_2": False}
+    assert truncations == {"robot_1": False, "robot_2": True}
+    assert infos["robot_2"]["outcome"] == "out_of_board"
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.2])
+def test_native_vector_environment_is_the_synchronous_one_bit_for_bit(slip):
+    config = ProcessConfig(slip_probability=slip, step_limit=20)
+    native = gym.make_vec("MiniRobots/SingleB-v0", num_envs=6, process=config)
+    assert isinstance(native.unwrapped, NavigationVectorEnv)
+    plain = SyncVectorEnv(
+        [lambda: envs.NavigationEnv("1b", config)] * 6, autoreset_mode=AutoresetMode.NEXT_STEP
+    )
+    assert native.observation_space == plain.observation_space
+    assert native.action_space == plain.action_space
+    actions = np.random.default_rng(0).integers(8, size=(300, 6))
+    outcomes = set()
+    compare(native.reset(seed=5), plain.reset(seed=5))
+    for action in actions:
+        compare(native.step(action), plain.step(action))
+        outcomes |= {*native.unwrapped._infos()["outcome"]}
+    assert outcomes >= {"running", "out_of_board", "timeout"}
+    native.close()
+    plain.close()
+
+
+def compare(ours, theirs):
+    for a, b in zip(ours, theirs, strict=True):
+        if not isinstance(a, dict):
+            assert np.array_equal(a, b)
+            assert a.dtype == b.dtype
+            continue
+        assert a.keys() == b.keys()
+        for name in a:
+            assert np.array_equal(a[name], b[name]), name
+
+
+def test_vector_environment_restarts_some_and_takes_starts():
+    env = NavigationVectorEnv(3, "1a")
+    cells = np.array([[[4, 4]], [[5, 5]], [[6, 6]]])
+    seen, _ = env.reset(options={"starts": cells})
+    assert seen.tolist() == [[4, 4], [5, 5], [6, 6]]
+    env.step(np.array([0, 0, 0]))
+    seen, _ = env.reset(options={"starts": cells, "reset_mask": np.array([True, False, False])})
+    assert seen.tolist() == [[4, 4], [6, 5], [7, 6]]
+    wrapped = gym.wrappers.vector.RecordEpisodeStatistics(NavigationVectorEnv(2, "1a"))
+    wrapped.reset(seed=0)
+    for _ in range(50):
+        _, _, _, _, info = wrapped.step(wrapped.action_space.sample())
+        if "episode" in info:
+            return
+    raise AssertionError("no episode ended")
+
+
+def test_step_limit_truncates():
+    env = gym.make("MiniRobots/SingleA-v0", process=ProcessConfig(step_limit=2))
+    env.reset(options={"starts": [[5, 5]]})
+    assert env.step(0)[2:4] == (False, False)
+    _, _, terminated, truncated, info = env.step(0)
+    assert (terminated, truncated) == (False, True)
+    assert info == {"outcome": "timeout", "is_success": False, "path_length": pytest.approx(2.0)}
+
+
+def test_flatten_state_counts_as_the_tables_do():
+    env = envs.FlattenState(envs.NavigationEnv("1a"))
+    state, _ = env.reset(options={"starts": [[7, 3]]})
+    assert state == 7 * 30 + 3
+    assert env.observation_space == gym.spaces.Discrete(900)
+
+
+@pytest.mark.parametrize(
+    ("starts", "message"),
+    [
+        ([[40, 0], [0, 0]], "off the 30 x 30 board"),
+        ([[15, 18], [0, 0]], "target"),
+        ([[3, 3], [4, 4]], "touch"),
+        ([[3, 3]], "one cell"),
+    ],
+)
+def test_unusable_starts_are_refused(starts, message):
+    with pytest.raises(StartsError, match=message):
+        envs.parallel_env("2").reset(options={"starts": starts})
+
+
+def test_pairs_are_no_gymnasium_environment():
+    with pytest.raises(UserError, match="parallel_env"):
+        envs.NavigationEnv("2")
+    with pytest.raises(UserError, match="not one"):
+        NavigationVectorEnv(2, "2")
+
+
+def test_pictures_show_robots_targets_and_zone():
+    env = envs.parallel_env("2", render_mode="ansi")
+    env.reset(options={"starts": [[0, 29], [3, 0]]})
+    lines = env.render().splitlines()
+    assert [len(line) for line in lines] == [30] * 30
+    assert lines[0][0] == "1"
+    assert lines[29][3] == "2"
+    assert lines[29 - 18][15] == "a"
+    assert lines[29 - 12][15] == "b"
+    assert sum(line.count(":") for line in lines) == 47
+    env = envs.parallel_env("2", render_mode="rgb_array")
+    env.reset(options={"starts": [[5, 29], [3, 0]]})
+    picture = env.render()
+    assert picture.shape == (360, 360, 3)
+    scale = 12
+    top_left = picture[: 4 * scale, 2 * scale : 9 * scale].reshape(-1, 3)
+    assert len(np.unique(top_left, axis=0)) > 2
+    assert (picture[11 * scale + 5, 15 * scale + 5] == (0, 114, 178)).all()
+
+
+def test_cosim_has_the_same_interface():
+    env = gym.make("MiniRobots/CoSim-v0", render_mode="rgb_array")
+    check_env(env.unwrapped, skip_render_check=True)
+    first = rollout(env, [6] * 4)
+    assert first == rollout(env, [6] * 4)
+    cells = [seen for seen, _ in first]
+    assert cells[0] == [15, 29]
+    # a cell takes some steps of 2 s and is paid with −1 in the step in which the robot gets there
+    rewards = [reward for _, reward in first]
+    assert set(rewards) == {0.0, -1.0}
+    assert cells[-1][0] == 15
+    assert 1 <= rewards.count(-1.0) <= 29 - cells[-1][1] + 1
+    picture = env.render()
+    assert isinstance(picture, np.ndarray)
+    assert picture.shape == (360, 360, 3)
+    env.close()
+
+
+def rollout(env, actions):
+    seen, _ = env.reset(seed=3, options={"starts": [[15, 29]]})
+    rows = [(seen.tolist(), 0.0)]
+    for action in actions:
+        seen, reward, _, _, info = env.step(action)
+        rows.append((seen.tolist(), reward))
+        assert info["path_length"] > 0.1
+    return rows
+
+
+def test_cosim_pair_is_a_parallel_environment():
+    env = envs.parallel_env("2", cosim=True)
+    assert isinstance(env, NavigationParallelEnv)
+    observations, _ = env.reset(seed=0, options={"starts": [[15, 29], [15, 0]]})
+    assert observations["robot_1"].tolist() == [15, 29, 2, 1]
+    _, rewards, terminations, _, _ = env.step({"robot_1": 6, "robot_2": 2})
+    assert set(rewards) == {"robot_1", "robot_2"}
+    assert not any(terminations.values())
+    env.close()
