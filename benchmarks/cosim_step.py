@@ -118,7 +118,7 @@ def mujoco_step_s(rounds: int, ticks: int = 20_000) -> float:
     return best_s(lambda: engine.mj_step(model, data, nstep=ticks), rounds) / ticks
 
 
-def recording_overhead(rounds: int, steps: int = 5) -> float:
+def recording_overhead(rounds: int, steps: int = 30) -> float:
     """Additional time of the default recording, as a share of the time without."""
     system = driving(2)
     action = np.array([NORTH, NORTH])
@@ -160,7 +160,7 @@ def measure(rounds: int) -> Figures:
         ratio_to_mujoco=mujoco_step_s(rounds) / tick_s,
         body_step_ns=1e9 * body_step_s(rounds),
         tick_ns=1e9 * tick_s,
-        recording_overhead=recording_overhead(max(3, rounds // 2)),
+        recording_overhead=recording_overhead(max(3, rounds // 3)),
         cost_per_robot_16_to_1=sixteen_s / one_s,
     )
 

@@ -42,7 +42,6 @@ class Recording:
         self.path = path
         self._part = path.with_name(path.name + ".part")
         self._complete = True
-        self._pending: dict[str, list[tuple[np.ndarray, np.ndarray | None, np.ndarray]]] = {}
         path.parent.mkdir(parents=True, exist_ok=True)
         self.check_space()
         self.stream = rr.RecordingStream(
@@ -79,20 +78,6 @@ class Recording:
         """Send the rows of one entity, one per time."""
         self.stream.send_columns(entity, times, columns)
 
-    def scalars(
-        self,
-        entity: str,
-        time_s: np.ndarray,
-        values: np.ndarray,
-        rl_step: np.ndarray | None = None,
-    ) -> None:
-        """Add rows of a scalar (n,) or vector (n, k) signal; they leave with the next flush.
-
-        Few long chunks are written, stored and read several times faster than many short ones.
-        """
-        if len(time_s):
-            self._pending.setdefault(entity, []).append((time_s, rl_step, values))
-
     def flush(self) -> None:
         """Write out what was logged so far.
 
@@ -100,13 +85,6 @@ class Recording:
             RecordingError: it did not reach the disk in time; the file is left as it is, for
                 disconnecting after such an error would wait for ever.
         """
-        for entity, parts in self._pending.items():
-            times, steps, values = zip(*parts, strict=True)
-            rl_step = None if steps[0] is None else np.concatenate(steps)
-            self.columns(
-                entity, simulated(np.concatenate(times), rl_step), scalars(np.concatenate(values))
-            )
-        self._pending.clear()
         try:
             self.stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         except Exception as error:
