@@ -1,0 +1,138 @@
+"""Times training: numba against plain C, against a Gymnasium loop, and against the paper.
+
+    uv run python -m benchmarks.training [--json] [--all]
+
+Everything is timed in one run on one core, alternating, so that the ratios hold on a busy machine.
+"""
+
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import tyro
+
+import agent.envs
+from agent.process import ProcessConfig, build_process
+from agent.qlearning import LearningConfig, TrainingState, advance, build_learning, initial_state
+from agent.runs import Experiment, train_runs
+from benchmarks.qlearning_c import build_reference, reference_state, train_reference
+from cosim.errors import run_command
+from cosim.scenario import BUILT_IN, find_scenario
+
+PAPER_S = 600.0  # "execution time about 10 min", Section V
+GYMNASIUM_STEPS = 50_000
+SECTION_V = LearningConfig()
+
+
+@dataclass(frozen=True)
+class Options:
+    """Time the training of scenario 4 over Section V's 5 000 000 episodes."""
+
+    repeats: int = 3
+    """Timed trainings of each kind; the fastest counts."""
+    all: bool = False
+    """Also time 20 runs of each of the five scenarios on all cores (a few minutes)."""
+    json: bool = False
+    """Print a JSON object as the last line of output."""
+
+
+def fastest(
+    trainings: dict[str, Callable[[], TrainingState]], repeats: int
+) -> dict[str, tuple[float, int]]:
+    """Least seconds and the agent steps of each training, taken in turn."""
+    best: dict[str, tuple[float, int]] = {}
+    for _ in range(repeats):
+        for name, train in trainings.items():
+            began = time.perf_counter()
+            state = train()
+            seconds = time.perf_counter() - began
+            if name not in best or seconds < best[name][0]:
+                best[name] = seconds, state.agent_steps
+    return best
+
+
+def gymnasium_steps_per_s() -> float:
+    """Steps per second of the loop that one writes with Gymnasium, numpy and a Q table."""
+    assert agent.envs  # its import registers the ids
+    env = agent.envs.FlattenState(gym.make("MiniRobots/SingleA-v0"))
+    q = np.zeros((900, 8), dtype=np.float32)
+    random = np.random.default_rng(0)
+    state, _ = env.reset(seed=0)
+    began = time.perf_counter()
+    for _ in range(GYMNASIUM_STEPS):
+        explore = random.random() < SECTION_V.epsilon
+        action = random.integers(8) if explore else q[state].argmax()
+        after, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward) + (0.0 if terminated else SECTION_V.gamma * q[after].max())
+        # Eq. (7)
+        q[state, action] += SECTION_V.eta * (target - q[state, action])
+        state = env.reset()[0] if terminated or truncated else after
+    return GYMNASIUM_STEPS / (time.perf_counter() - began)
+
+
+def measure(options: Options) -> dict[str, float]:
+    """All figures by name."""
+    scenario, learning = find_scenario("4"), build_learning(SECTION_V)
+    process = build_process(scenario, ProcessConfig())
+
+    def numba() -> TrainingState:
+        state = initial_state(process, SECTION_V, 0)
+        advance(process, learning, state, SECTION_V.episodes)
+        return state
+
+    with tempfile.TemporaryDirectory() as folder:
+        library = build_reference(Path(folder))
+
+        def plain_c() -> TrainingState:
+            state = reference_state(scenario, initial_state(process, SECTION_V, 0).random)
+            train_reference(library, scenario, learning, state, SECTION_V.episodes)
+            return state
+
+        advance(process, learning, initial_state(process, SECTION_V, 0), 10)  # compile
+        best = fastest({"numba": numba, "c": plain_c}, options.repeats)
+    gymnasium = max(gymnasium_steps_per_s() for _ in range(options.repeats))
+    seconds, steps = best["numba"]
+    figures = {
+        "seconds_5e6": seconds,
+        "agent_steps_per_s": steps / seconds,
+        "seconds_5e6_c": best["c"][0],
+        "ratio_numba_to_c": seconds / best["c"][0],
+        "gymnasium_steps_per_s": gymnasium,
+        "ratio_to_gymnasium": steps / seconds / gymnasium,
+        "ratio_to_paper": PAPER_S / seconds,
+    }
+    if options.all:
+        figures["seconds_five_scenarios_20_runs"] = seconds_of_all()
+    return figures
+
+
+def seconds_of_all() -> float:
+    """Seconds for 20 runs of each built-in scenario on all cores, policies saved."""
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for name, scenario in BUILT_IN.items():
+            experiment = Experiment(scenario, ProcessConfig(), SECTION_V, seed=0, runs=20)
+            for _ in train_runs(experiment, Path(folder) / name, backend="threading"):
+                pass
+    return time.perf_counter() - began
+
+
+def main() -> None:
+    """Command line; see `Options`."""
+    options = tyro.cli(
+        Options, prog="python -m benchmarks.training", config=(tyro.conf.FlagCreatePairsOff,)
+    )
+    figures = measure(options)
+    for name, value in figures.items():
+        print(f"{name:32s} {value:16,.2f}")
+    if options.json:
+        print(json.dumps(figures))
+
+
+if __name__ == "__main__":
+    run_command(main)
