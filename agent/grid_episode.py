@@ -4,6 +4,7 @@
 the full co-simulation. Spaces, agents' names and pictures are the environments'.
 """
 
+import math
 from typing import Protocol
 
 import numpy as np
@@ -32,6 +33,8 @@ from cosim.errors import UserError
 from cosim.scenario import Scenario
 
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING}
+
+_LENGTHS = (0.0, 1.0, math.sqrt(2.0))  # of a move over so many rows and columns
 
 
 class StartsError(UserError, ValueError):
@@ -100,9 +103,11 @@ class GridEpisode:
         self.process = build_process(scenario, config)
         sizes = feature_sizes(scenario, config)
         self.sizes = tuple(sizes.values())
-        self._columns = [FEATURE_COLUMNS[name] for name in sizes]
-        self._first = np.array([-1 if name == "g" else 0 for name in sizes])
-        self._last = self._first + np.array(self.sizes) - 1
+        # column of a world, what is added to count from 0, and the largest value
+        self._features = [
+            (FEATURE_COLUMNS[name], 1 if name == "g" else 0, size - 1)
+            for name, size in sizes.items()
+        ]
         n = scenario.robots
         self.world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
         self.rewards = np.zeros(n)
@@ -134,14 +139,13 @@ class GridEpisode:
         self.outcome = RUNNING
         self.rewards[:] = 0.0
         self._steps = 0
-        self._path_cells = np.zeros(len(self.world))
+        self._path_cells = [0.0] * len(self.world)
 
     def step(self, actions: np.ndarray) -> None:
         """One move of every robot that moves."""
-        moving = self.world[:, STATUS] == MOVING
         executed = np.array(actions, dtype=np.int64)
         if self._slips:
-            for i in np.flatnonzero(moving):
+            for i in np.flatnonzero(self.world[:, STATUS] == MOVING):
                 executed[i] = slipped(self.process, executed[i], self._random)
         outcome = move(self.process, self.world, executed, self._float_rewards)
         self._steps += 1
@@ -149,16 +153,21 @@ class GridEpisode:
             outcome = TIMEOUT
         self.outcome = outcome
         self.rewards[:] = self._float_rewards
-        self._path_cells += np.linalg.norm(self.world[:, [VX, VY]], axis=1)
+        for i, row in enumerate(self.world.tolist()):
+            # plain numbers: for a robot or two numpy would take longer than the move itself
+            self._path_cells[i] += _LENGTHS[abs(row[VX]) + abs(row[VY])]
 
     def observation(self) -> np.ndarray:
         """(N, features) int64; a robot that left the board seems to be at its edge."""
-        seen = np.clip(self.world[:, self._columns], self._first, self._last)
-        return seen - self._first
+        rows = [
+            [min(max(row[column] + shift, 0), last) for column, shift, last in self._features]
+            for row in self.world.tolist()
+        ]
+        return np.array(rows, dtype=np.int64)
 
     def path_length_cm(self) -> np.ndarray:
         """(N,) float64."""
-        return 100.0 * self.scenario.cell_m * self._path_cells
+        return 100.0 * self.scenario.cell_m * np.array(self._path_cells)
 
     def positions_m(self) -> np.ndarray:
         """(N, 2) float64, centres of the robots' cells."""

@@ -82,7 +82,7 @@ def train(options: Train, console: Console) -> dict[str, Any]:
     out = options.out or Path("runs") / name
     results: list[RunResult] = []
     began = time.perf_counter()
-    with progress_bar(out, experiment, results, console):
+    with progress_bar(out, experiment, results, console, label=f"scenario {scenario.name}"):
         for result in train_runs(
             experiment,
             out,
@@ -104,9 +104,22 @@ def train(options: Train, console: Console) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def progress_bar(
-    out: Path, experiment: Experiment, results: list[RunResult], console: Console
+    out: Path,
+    experiment: Experiment,
+    results: list[RunResult],
+    console: Console,
+    *,
+    label: str = "training",
 ) -> Iterator[None]:
-    """A bar over all runs with mean success and exploration; none without a terminal."""
+    """A bar over all runs with mean success and exploration; none without a terminal.
+
+    Args:
+        out: folder of the runs, whose workers' progress is shown.
+        experiment: what is trained.
+        results: finished runs, as the caller collects them.
+        console: to draw on.
+        label: what the bar is called.
+    """
     total = experiment.runs * experiment.learning.episodes
     bar = Progress(
         TextColumn("[progress.description]{task.description}"),
@@ -116,7 +129,7 @@ def progress_bar(
         console=console,
         disable=not console.is_terminal,
     )
-    task = bar.add_task(f"training {experiment.scenario.name}", total=total, state="")
+    task = bar.add_task(label, total=total, state="")
     finished = threading.Event()
 
     def poll() -> None:
