@@ -22,6 +22,7 @@ from cosim.body import standing_state
 from cosim.config import CoSimConfig
 from cosim.episode import CoSimulation
 from cosim.episode_recording import EpisodeRecorder
+from cosim.errors import run_command
 from cosim.mjcf import robots_mjcf
 from cosim.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.prescribed import Drive, rig, trace_body
@@ -176,4 +177,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main)

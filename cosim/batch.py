@@ -38,6 +38,7 @@ class EpisodeResult:
         recording: its path relative to the output folder, None if there is none.
         starts: start cell of each robot.
         path_length_cm_by_robot: of each robot.
+        contact_time_s: time in which any two robots touched.
     """
 
     outcome: str
@@ -47,6 +48,7 @@ class EpisodeResult:
     recording: str | None
     starts: tuple[Cell, ...]
     path_length_cm_by_robot: tuple[float, ...]
+    contact_time_s: float
 
 
 @dataclass(frozen=True)
@@ -147,4 +149,5 @@ class Batch:
             recording=str(path.relative_to(self.out)) if record else None,
             starts=starts,
             path_length_cm_by_robot=by_robot,
+            contact_time_s=round(system.contact_time_s, 9),
         )

@@ -86,6 +86,7 @@ class CoSimulation:
         outcome: of the episode, "" before its end.
         time_s: simulated time.
         path_length_m: (N,) way of each robot's centre.
+        contact_time_s: time in which any two robots touched.
 
     Raises:
         FmuError: the FMU cannot be loaded or lacks a part of the motor interface.
@@ -165,6 +166,7 @@ class CoSimulation:
         self._squared_at_decision = nearest_squared(self._cells())
         self._path_positions = [self._state.bodies[:, :2].copy()]
         self.path_length_m = np.zeros(n)
+        self.contact_time_s = 0.0
         self.outcome = ""
         self._observation = self._observe()
         return self._observation
@@ -206,6 +208,8 @@ class CoSimulation:
         samples = Samples(*(signal[:done] for signal in samples))
         raw = RawSamples(*(signal[: done * self.config.ticks_per_period] for signal in raw))
         self._measure_path(samples)
+        touched = samples.touching_share.max(axis=1, initial=0.0).sum()
+        self.contact_time_s += float(touched) * self.config.timing.control_period_s
 
         completed = was_moving & (state.commands[:, MODE] == HOLD)
         at_target = (self._cells() == np.array(self.scenario.targets)).all(axis=1)

@@ -152,6 +152,7 @@ class EpisodeRecorder:
             "contact/normal_max": by_block("normal_max").max(axis=1),
             "contact/friction_max": by_block("friction_max").max(axis=1),
             "contact/lifted_share": by_block("lifted_share").mean(axis=1),
+            "contact/touching_share": by_block("touching_share").mean(axis=1),
         }.items():
             self._send(f"/sim/{name}/{path}", slow_s, values)
 

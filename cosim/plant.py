@@ -205,6 +205,7 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
             samples.theta[row, robot, motor] = state.outputs[robot, motor, 0]
             samples.omega[row, robot, motor] = state.outputs[robot, motor, 1]
             samples.omega_des[row, robot, motor] = state.inputs[robot, motor, 0]
+            samples.disturbance[row, robot, motor] = state.inputs[robot, motor, 2]
             samples.voltage[row, robot, motor] = state.electrical[robot, motor, 0]
             samples.current[row, robot, motor] = state.electrical[robot, motor, 1]
         samples.position[row, robot] = body[0:3]

@@ -24,6 +24,7 @@ SIM_SERIES = {
     "contact/normal_max": ("A", "B", "C"),
     "contact/friction_max": ("A", "B", "C"),
     "contact/lifted_share": ("share",),
+    "contact/touching_share": ("share",),
 }
 RAW_SERIES = {
     "omega": ("D", "E"),

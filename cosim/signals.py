@@ -53,6 +53,7 @@ class Samples(NamedTuple):
 
     Attributes:
         omega, omega_des, theta, voltage, current: (n, N, 2), motors D and E.
+        disturbance: (n, N, 2) torque of input d in N m.
         position: (n, N, 3) centre of mass in the world.
         quaternion: (n, N, 4) world from body, (w, x, y, z).
         velocity: (n, N, 3) in the world.
@@ -69,6 +70,7 @@ class Samples(NamedTuple):
     theta: np.ndarray
     voltage: np.ndarray
     current: np.ndarray
+    disturbance: np.ndarray
     position: np.ndarray
     quaternion: np.ndarray
     velocity: np.ndarray
@@ -109,7 +111,7 @@ def new_state(robots: int) -> State:
 def new_samples(periods: int, robots: int) -> Samples:
     """Room for the samples of `periods` control periods."""
     motors, feet = (MOTORS,), (FEET,)
-    shapes = [motors] * 5 + [(3,), (4,), (3,), (), feet, feet, (), (), (), ()]
+    shapes = [motors] * 6 + [(3,), (4,), (3,), (), feet, feet, (), (), (), ()]
     return Samples(*(np.zeros((periods, robots, *shape)) for shape in shapes))
 
 

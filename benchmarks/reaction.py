@@ -1,0 +1,97 @@
+"""`python benchmarks/reaction.py [--json]`: how much the paper neglects of the body's reaction.
+
+Drives one robot straight with and without `reaction` (the torque that the body's acceleration
+exerts on each eccentric mass) and compares torques, motor speeds and drive speeds. No noise, so
+that the difference is the reaction's alone.
+"""
+
+import json
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import tyro
+
+from cosim.config import CoSimConfig
+from cosim.episode import CoSimulation
+from cosim.errors import run_command
+from cosim.params import SPEED_NOISE, TABLE_II
+from cosim.scenario import Scenario
+from fmus.build import cached_fmu
+
+NORTH = 2
+SETTLED = 500  # control periods after which the motors run steadily
+
+
+@dataclass(frozen=True)
+class Options:
+    """Measure the size of the body's reaction on the motors."""
+
+    steps: int = 5
+    """RL steps of 2 s to drive."""
+    json: bool = False
+    """Print one JSON object as the last line."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Results; names as in the JSON output.
+
+    Attributes:
+        torque_rms_over_coulomb: effective value of the reaction torque over the Coulomb torque c.
+        torque_max_over_coulomb: its largest value over c.
+        motor_speed_change_rad_s: change of the mean motor speed.
+        ripple_without_rad_s, ripple_with_rad_s: standard deviation of the motor speed.
+        drive_speed_change: relative change of the way driven.
+    """
+
+    torque_rms_over_coulomb: float
+    torque_max_over_coulomb: float
+    motor_speed_change_rad_s: float
+    ripple_without_rad_s: float
+    ripple_with_rad_s: float
+    drive_speed_change: float
+
+
+def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Motor speeds (n, 2) in rad/s, reaction torques (n, 2) in N m, and way in m."""
+    scenario = Scenario("lane", "", ((15, 29),), (((15, 10),),))
+    config = CoSimConfig(noise=SPEED_NOISE._replace(relative_amplitude=0.0), reaction=reaction)
+    system = CoSimulation(scenario, cached_fmu(), config)
+    system.reset(((15, 10),), np.random.SeedSequence(0))
+    omega, torque = [], []
+    for _ in range(steps):
+        step = system.advance(np.array([NORTH]))
+        driving = step.samples.omega_des[:, 0, 0] != 0.0
+        omega.append(step.samples.omega[driving, 0][SETTLED:])
+        torque.append(step.samples.disturbance[driving, 0][SETTLED:])
+    way = float(system.path_length_m[0])
+    system.close()
+    return np.abs(np.concatenate(omega)), np.concatenate(torque), way
+
+
+def measure(steps: int) -> Figures:
+    """All figures."""
+    omega_without, _, way_without = drive(False, steps)
+    omega_with, torque, way_with = drive(True, steps)
+    return Figures(
+        torque_rms_over_coulomb=float(np.sqrt((torque**2).mean()) / TABLE_II.c),
+        torque_max_over_coulomb=float(np.abs(torque).max() / TABLE_II.c),
+        motor_speed_change_rad_s=float(omega_with.mean() - omega_without.mean()),
+        ripple_without_rad_s=float(omega_without.std()),
+        ripple_with_rad_s=float(omega_with.std()),
+        drive_speed_change=way_with / way_without - 1.0,
+    )
+
+
+def main() -> None:
+    """Command line; see `Options`."""
+    options = tyro.cli(Options, config=(tyro.conf.FlagCreatePairsOff,))
+    figures = measure(options.steps)
+    for name, value in asdict(figures).items():
+        print(f"{name:26} {value:9.4g}")
+    if options.json:
+        print(json.dumps(asdict(figures)))
+
+
+if __name__ == "__main__":
+    run_command(main)

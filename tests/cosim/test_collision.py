@@ -1,0 +1,142 @@
+"""Robots against robots: momentum, friction, rigidity; three robots in one episode."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim.body import ANGULAR_VELOCITY, VELOCITY, body_params, standing_state
+from cosim.collision import NEAR_M, PairParams, find_near_pairs, push_apart
+from cosim.config import CoSimConfig
+from cosim.episode import CoSimulation
+from cosim.jit import kernel
+from cosim.params import TABLE_I, TABLE_II, TIMING
+from cosim.scenario import Scenario
+
+PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots)
+BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)
+RADIUS = TABLE_I.diameter_m / 2.0
+speeds = st.floats(-0.02, 0.02)
+spins = st.floats(-1.0, 1.0)
+
+
+@kernel
+def push(a: np.ndarray, b: np.ndarray) -> float:
+    return push_apart(a, b, PAIR, BODY)
+
+
+@kernel
+def near_pairs(bodies: np.ndarray, near: np.ndarray) -> int:
+    return find_near_pairs(bodies, PAIR, near)
+
+
+def touching_pair(angle, velocity_a, velocity_b, spin_a, spin_b, gap=0.0):
+    a = standing_state(TABLE_I, 0.1, 0.1, 0.0)
+    distance = TABLE_I.diameter_m + gap
+    b = standing_state(TABLE_I, 0.1 + distance * np.cos(angle), 0.1 + distance * np.sin(angle), 0.0)
+    a[VELOCITY][:2], b[VELOCITY][:2] = velocity_a, velocity_b
+    a[ANGULAR_VELOCITY][2], b[ANGULAR_VELOCITY][2] = spin_a, spin_b
+    return a, b
+
+
+def angular_momentum(*bodies):
+    """About the world's origin, z, in N m s."""
+    total = 0.0
+    for body in bodies:
+        orbit = body[0] * body[8] - body[1] * body[7]
+        total += TABLE_I.mass_kg * orbit + BODY.inertia[2] * body[12]
+    return total
+
+
+def kinetic_energy(*bodies):
+    return sum(
+        0.5 * TABLE_I.mass_kg * (b[VELOCITY] ** 2).sum() + 0.5 * BODY.inertia[2] * b[12] ** 2
+        for b in bodies
+    )
+
+
+@given(st.floats(0.0, 6.28), st.tuples(speeds, speeds), st.tuples(speeds, speeds), spins, spins)
+def test_contact_keeps_momenta_and_never_adds_energy(angle, va, vb, spin_a, spin_b):
+    a, b = touching_pair(angle, va, vb, spin_a, spin_b)
+    linear = a[VELOCITY] + b[VELOCITY]
+    angular, energy = angular_momentum(a, b), kinetic_energy(a, b)
+    normal = np.array([np.cos(angle), np.sin(angle)])
+    before = b[VELOCITY][:2] - a[VELOCITY][:2]
+    impulse = push(a, b)
+    assert a[VELOCITY] + b[VELOCITY] == pytest.approx(linear, abs=1e-16)
+    assert angular_momentum(a, b) == pytest.approx(angular, abs=1e-16)
+    assert kinetic_energy(a, b) <= energy + 1e-18
+    change = b[VELOCITY][:2] - a[VELOCITY][:2] - before
+    pushed = change @ normal * TABLE_I.mass_kg / 2.0
+    rubbed = np.hypot(*change) ** 2 * (TABLE_I.mass_kg / 2.0) ** 2 - pushed**2
+    assert pushed == pytest.approx(impulse, abs=1e-15)
+    assert rubbed <= (PAIR.mu * impulse) ** 2 * (1.0 + 1e-9) + 1e-24
+
+
+def test_head_on_contact_is_inelastic():
+    a, b = touching_pair(0.0, (0.01, 0.0), (-0.01, 0.0), 0.0, 0.0)
+    impulse = push(a, b)
+    assert impulse == pytest.approx(0.01 * TABLE_I.mass_kg)
+    assert a[VELOCITY] == pytest.approx(0.0, abs=1e-11)
+    assert b[VELOCITY] == pytest.approx(0.0, abs=1e-11)
+
+
+def test_robots_apart_are_left_alone():
+    a, b = touching_pair(0.0, (0.01, 0.0), (-0.01, 0.0), 0.0, 0.0, gap=1e-4)
+    before = a.copy(), b.copy()
+    assert push(a, b) == 0.0
+    assert np.array_equal(a, before[0])
+    assert np.array_equal(b, before[1])
+
+
+def test_rubbing_robots_spin_each_other():
+    """A spinning robot turns the other one the opposite way, like a pair of gears."""
+    a, b = touching_pair(0.0, (0.01, 0.0), (0.0, 0.0), 1.0, 0.0)
+    push(a, b)
+    assert a[12] < 1.0
+    assert b[12] < 0.0
+    assert b[8] > 0.0
+
+
+def test_near_pairs_are_those_in_reach():
+    d = TABLE_I.diameter_m
+    bodies = np.zeros((3, 25))
+    bodies[:, 0] = 0.0, d + 0.9 * NEAR_M, 2.0 * d + 2.0 * NEAR_M
+    near = np.zeros((3, 2), dtype=np.int64)
+    assert near_pairs(bodies, near) == 1
+    assert near[0].tolist() == [1, 0]
+
+
+@pytest.fixture(scope="module")
+def collision_course():
+    """Three robots, two of them heading for each other."""
+    starts = (((5, 5),), ((11, 5),), ((25, 5),))
+    return Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts)
+
+
+def drive_together(scenario, motor_fmu, **changes):
+    system = CoSimulation(scenario, motor_fmu, CoSimConfig(**changes))
+    system.reset(tuple(cells[0] for cells in scenario.starts), np.random.SeedSequence(0))
+    east, north, west = 0, 2, 4
+    steps = []
+    while not system.outcome and len(steps) < 12:
+        steps.append(system.advance(np.array([east, west, north])))
+    system.close()
+    return system, steps
+
+
+def test_collision_of_three_is_reported(collision_course, motor_fmu):
+    system, steps = drive_together(collision_course, motor_fmu)
+    assert system.outcome == "collision"
+    position = steps[-1].samples.position[-1, :, :2]
+    assert np.linalg.norm(position[0] - position[1]) == pytest.approx(0.05, abs=5e-6)
+
+
+def test_robots_that_go_on_push_but_never_overlap(collision_course, motor_fmu):
+    system, steps = drive_together(collision_course, motor_fmu, on_collision="continue")
+    assert system.outcome != "collision"
+    assert system.contact_time_s > 0.0
+    position = np.concatenate([step.samples.position for step in steps])[..., :2]
+    for i, j in ((0, 1), (1, 2), (0, 2)):
+        distance = np.linalg.norm(position[:, i] - position[:, j], axis=1)
+        assert distance.min() > TABLE_I.diameter_m - 1e-6
