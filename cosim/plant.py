@@ -73,8 +73,9 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray) -> None:
         inputs = state.inputs[robot]
         inputs[0, 0], inputs[1, 0] = omega_d, omega_e
         inputs[0, 1], inputs[1, 1] = noise[robot, 0], noise[robot, 1]
-        state.normal_peak[robot] = 0.0
-        state.friction_peak[robot] = 0.0
+        for foot in range(FEET):
+            state.normal_peak[robot, foot] = 0.0
+            state.friction_peak[robot, foot] = 0.0
         state.lifted[robot] = 0.0
         state.touching[robot] = 0.0
     state.near_count[0] = find_near_pairs(state.bodies, plant.pair, state.near)
@@ -83,10 +84,16 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray) -> None:
 @inlined
 def begin_step(plant: Plant, state: State) -> None:
     """Keep what both sides know at the start of a communication step, if it will be needed."""
-    if plant.jacobi or plant.ticks_per_step > 1:
-        state.held[:] = state.outputs
-    if plant.reaction:
-        state.held_velocities[:] = state.bodies[:, 7:13]
+    # Element by element, here and below: numba takes longer to compile one slice assignment than
+    # all of this module.
+    for robot in range(state.bodies.shape[0]):
+        if plant.jacobi or plant.ticks_per_step > 1:
+            for motor in range(MOTORS):
+                for k in range(3):
+                    state.held[robot, motor, k] = state.outputs[robot, motor, k]
+        if plant.reaction:
+            for k in range(6):
+                state.held_velocities[robot, k] = state.bodies[robot, 7 + k]
 
 
 @inlined
@@ -146,7 +153,7 @@ def step_robot(plant: Plant, state: State, robot: int, tick: int) -> None:
 def push_pairs(plant: Plant, state: State) -> None:
     """Apply the contact impulses between robots at the end of a tick."""
     for k in range(state.near_count[0]):
-        i, j = state.near[k]
+        i, j = state.near[k, 0], state.near[k, 1]
         if push_apart(state.bodies[i], state.bodies[j], plant.pair, plant.body) > 0.0:
             state.touching[i] += 1.0
             state.touching[j] += 1.0
@@ -183,7 +190,8 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
     """Write one tick of a burst."""
     for robot in range(state.bodies.shape[0]):
         body = state.bodies[robot]
-        raw.position[row, robot] = body[0:3]
+        for axis in range(3):
+            raw.position[row, robot, axis] = body[axis]
         for motor in range(MOTORS):
             raw.omega[row, robot, motor] = state.outputs[robot, motor, 1]
         for foot in range(FEET):
@@ -208,9 +216,11 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
             samples.disturbance[row, robot, motor] = state.inputs[robot, motor, 2]
             samples.voltage[row, robot, motor] = state.electrical[robot, motor, 0]
             samples.current[row, robot, motor] = state.electrical[robot, motor, 1]
-        samples.position[row, robot] = body[0:3]
-        samples.quaternion[row, robot] = body[3:7]
-        samples.velocity[row, robot] = body[7:10]
+        for axis in range(3):
+            samples.position[row, robot, axis] = body[axis]
+            samples.velocity[row, robot, axis] = body[7 + axis]
+        for k in range(4):
+            samples.quaternion[row, robot, k] = body[3 + k]
         samples.yaw_rate[row, robot] = body[12]
         for foot in range(FEET):
             samples.normal_max[row, robot, foot] = state.normal_peak[robot, foot] / dt
@@ -223,6 +233,7 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
         samples.touching_share[row, robot] = state.touching[robot] / plant.ticks_per_period
         if not (0.0 <= body[0] <= plant.board_x and 0.0 <= body[1] <= plant.board_y):
             event = OUT_OF_BOARD
-    if plant.end_on_collision and state.touching.any():
-        event = COLLISION
+    for robot in range(robots):
+        if plant.end_on_collision and state.touching[robot] > 0.0:
+            event = COLLISION
     return event
