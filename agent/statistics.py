@@ -66,6 +66,8 @@ def bootstrap_interval(values: np.ndarray, seed: int = 0) -> np.ndarray:
     Returns:
         (2, points) float64, lower and upper ends.
     """
+    if not values.size:
+        return np.empty((2, values.shape[1]))
     random = np.random.default_rng(seed)
     n = len(values)
     # resampling n runs with replacement is a multinomial count of each
