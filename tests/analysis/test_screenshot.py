@@ -1,0 +1,45 @@
+"""The default recordings in the real viewer, headless: every view draws without a complaint."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from analysis.screenshot import ViewerError, screenshot, shrink
+
+MAX_LOAD_S = 3.0 * 5.0  # the goal is 3 s on an idle machine
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    """A short run of the main command."""
+    out = tmp_path_factory.mktemp("viewer") / "run"
+    brief = ("--train-episodes", "20000", "--time-limit", "4", "--out", str(out))
+    subprocess.run([sys.executable, "-m", "cosim.run", *brief], check=True, capture_output=True)
+    return out
+
+
+@pytest.mark.viewer
+@pytest.mark.parametrize(
+    ("recording", "views", "time_s"),
+    [("episodes/ep_000.rrd", 40, 3.0), ("training.rrd", 10, None)],
+)
+def test_recording_opens_without_a_complaint(run_folder, tmp_path, recording, views, time_s):
+    picture = tmp_path / "picture.png"
+    report = screenshot(run_folder / recording, picture, time_s)
+    assert len(report.views) == views
+    assert [(name, faults) for name, faults in report.views if faults] == []
+    assert report.warnings == []
+    assert report.load_s < MAX_LOAD_S
+    shrink(picture, 640)
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("L"))
+    assert pixels.shape == (360, 640)
+    assert pixels.std() > 10.0  # not blank
+
+
+def test_missing_recording_is_named(tmp_path):
+    with pytest.raises(ViewerError, match=r"nothing\.rrd does not exist"):
+        screenshot(tmp_path / "nothing.rrd", tmp_path / "a.png")
