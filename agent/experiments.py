@@ -88,7 +88,8 @@ EXPERIMENTS: dict[Name, dict[str, Variant]] = {
         ),
         "diagonal": Variant("diagonals cost √2", _HARDEST, ProcessConfig(diagonal_cost=2.0**0.5)),
         "slip": Variant("slip 0.2", _HARDEST, ProcessConfig(slip_probability=0.2)),
-        "limit": Variant("step limit 60", _HARDEST, ProcessConfig(step_limit=60)),
+        "limit200": Variant("step limit 200", _HARDEST, ProcessConfig(step_limit=200)),
+        "limit60": Variant("step limit 60", _HARDEST, ProcessConfig(step_limit=60)),
         "eta": Variant("η = 0.001", _HARDEST, learning=LearningConfig(eta=0.001)),
         "linear": Variant("ε linear", _HARDEST, learning=LearningConfig(schedule="linear")),
         "double_q": Variant(

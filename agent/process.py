@@ -52,8 +52,9 @@ class ProcessConfig:
     """Update of a robot whose partner failed: as ever (assumed), -L as well, or none."""
     slip_probability: float = 0.0
     """Probability of moving 45 degrees left or right of the action while learning (assumed 0)."""
-    step_limit: int = 200
-    """Moves after which an episode is cut, counted as a failure (assumed; none in the paper)."""
+    step_limit: int = 1000
+    """Moves after which an episode is cut, counted as a failure (assumed; none in the paper).
+    A low limit keeps robots that circle from unlearning it: 200 costs success in scenario 4."""
 
     def __post_init__(self) -> None:
         checks = {

@@ -10,7 +10,7 @@
 #define SIZE 30
 #define ACTIONS 8
 #define STATES (SIZE * SIZE * 9)
-#define LIMIT 200   /* moves per episode */
+#define LIMIT 1000  /* moves per episode */
 #define CONTACT 25  /* cells^2 */
 #define NEAR 36
 #define MEDIUM 100
