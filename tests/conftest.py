@@ -5,6 +5,8 @@ import os
 import pytest
 from hypothesis import settings
 
+from cosim.storage import cache_dir
+
 # First calls compile kernels: no deadline. The same examples every time: no surprises in CI.
 settings.register_profile("minirobots", deadline=None, derandomize=True)
 settings.load_profile("minirobots")
@@ -12,10 +14,12 @@ settings.load_profile("minirobots")
 
 @pytest.fixture(scope="session", autouse=True)
 def session_cache(tmp_path_factory):
-    """Policies and FMUs of the tests; kernels keep the cache chosen at import."""
+    """Policies and FMUs of the tests; compiled kernels are shared with the user's cache."""
     if "MINIROBOTS_CACHE" in os.environ:
         yield
         return
-    os.environ["MINIROBOTS_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+    kernels, folder = cache_dir("kernels"), tmp_path_factory.mktemp("cache")
+    (folder / "kernels").symlink_to(kernels, target_is_directory=True)
+    os.environ["MINIROBOTS_CACHE"] = str(folder)
     yield
     del os.environ["MINIROBOTS_CACHE"]
