@@ -102,9 +102,9 @@ def _backend(
 
 @contextlib.contextmanager
 def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], ...]]:
-    if address is None:
-        # workers of this machine share this environment: nothing to pack and send below `uv run`
-        os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
+    # workers have the project installed, as docs/cluster.md asks: below `uv run` Ray would pack it
+    # and make an environment anew for every worker
+    os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     try:
         import ray  # noqa: PLC0415 - optional
         from ray.exceptions import RayActorError, WorkerCrashedError  # noqa: PLC0415
