@@ -50,7 +50,8 @@ def draw_examples(boards: list[list[tuple[Policy, list[Example]]]]) -> Figure:
             for example in found:
                 draw_paths(axes, scenario, example.cells)
             reached = sum(example.outcome == "success" for example in found)
-            axes.set_title(f"{scenario.name}: {reached} of {len(found)} reached", loc="left")
+            ends = found[0].outcome if len(found) == 1 else f"{reached} of {len(found)} reached"
+            axes.set_title(f"{scenario.name}: {ends}", loc="left")
         axes_row[0].set_ylabel("y in cm")
     for axes_row in grid[:-1]:
         for axes in axes_row:
