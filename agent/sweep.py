@@ -114,7 +114,8 @@ def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], 
     try:
         if address is None:
             cores = joblib.cpu_count() if jobs < 0 else jobs
-            ray.init(num_cpus=cores, include_dashboard=False, log_to_driver=False)
+            # "local": never a cluster that happens to run on this machine
+            ray.init("local", num_cpus=cores, include_dashboard=False, log_to_driver=False)
         else:
             ray.init(address=address, log_to_driver=False)
     except ConnectionError as error:

@@ -1,7 +1,6 @@
 """The main command as its users meet it: results, refusals, interrupts, repeatability."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -9,6 +8,12 @@ import time
 from pathlib import Path
 
 import pytest
+
+from agent.policy import PolicyConfig, Seed
+from agent.process import ProcessConfig
+from agent.qlearning import LearningConfig
+from agent.store import policy_folder
+from cosim.scenario import find_scenario
 
 BRIEF = ("--train-episodes", "20000", "--time-limit", "4")
 
@@ -76,8 +81,16 @@ def test_equal_seeds_give_equal_recordings(runs, name):
 
 
 def test_trained_policy_is_found_again(runs):
-    folders = list((Path(os.environ["MINIROBOTS_CACHE"]) / "policies").glob("2-*"))
-    assert len(folders) == 2  # seeds 3 and 4
+    """The second run of one configuration has left the policy of the first alone."""
+    learning = LearningConfig(episodes=20_000)
+    folders = [
+        policy_folder(PolicyConfig(find_scenario("2"), ProcessConfig(), learning, Seed.of(seed)))
+        for seed in (3, 4)
+    ]
+    written = [(folder / "policy.npz").stat().st_mtime for folder in folders]
+    summaries = {name: (runs / name / "summary.json").stat().st_mtime for name in "abc"}
+    assert written[0] < summaries["a"]
+    assert summaries["b"] < written[1] < summaries["c"]
 
 
 @pytest.mark.parametrize(
