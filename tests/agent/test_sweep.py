@@ -17,8 +17,6 @@ from agent.sweep import SweepError, sweep
 from agent.worker import RunTask, train_run
 from cosim.scenario import find_scenario
 
-pytestmark = pytest.mark.usefixtures("cache_of_workers")
-
 EXPERIMENT = Experiment(
     find_scenario("2"), ProcessConfig(), LearningConfig(episodes=2000, greedy_points=1), 3, 4
 )

