@@ -98,14 +98,15 @@ def report_of(policies: Iterable[tuple[str, Policy]]) -> dict[str, Any]:
             }
         )
     over_policies = {
-        scenario: {name: _statistics([m[name] for m in group]) for name in group[0]}
+        scenario: {name: statistics_of(m[name] for m in group) for name in group[0]}
         for scenario, group in by_scenario.items()
     }
     return {"schema_version": 1, "policies": rows, "over_policies": over_policies}
 
 
-def _statistics(values: list[float]) -> dict[str, float | None]:
-    return _null_for_nan(summarise(np.array(values))._asdict())
+def statistics_of(values: Iterable[float]) -> dict[str, float | None]:
+    """`agent.statistics.Statistics` by name, where NaN is None, as JSON has it."""
+    return _null_for_nan(summarise(np.array(list(values)))._asdict())
 
 
 def _null_for_nan(values: dict[str, float]) -> dict[str, float | None]:

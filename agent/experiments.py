@@ -5,6 +5,7 @@ all variants share their seeds. Figures are drawn from the results by `analysis`
 """
 
 import json
+import math
 import time
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -15,7 +16,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from agent.evaluate import report_of
+from agent.evaluate import report_of, statistics_of
 from agent.process import Feature, ProcessConfig
 from agent.qlearning import LearningConfig
 from agent.runs import Experiment, RunResult, train_runs
@@ -97,6 +98,9 @@ EXPERIMENTS: dict[Name, dict[str, Variant]] = {
         ),
     },
 }
+
+# The variant that the others are compared with, run by run (same seed, same run).
+REFERENCES: dict[Name, str] = {"fig10": "c1.5", "features": "xydg", "readings": "as_read"}
 
 
 @dataclass(frozen=True)
@@ -180,10 +184,33 @@ def run_experiment(options: Experiments, console: Console) -> dict[str, Any]:
         "seconds": time.perf_counter() - began,
         "out": str(out),
         "variants": variants,
+        "differences": _differences(variants, REFERENCES.get(options.experiment)),
     }
     with replacing(out / RESULTS_FILE) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     return content
+
+
+def _differences(variants: dict[str, Any], reference: str | None) -> dict[str, Any]:
+    """Statistics of each variant's runs minus the reference's runs of the same seeds."""
+    if reference is None:
+        return {}
+    base = variants[reference]["runs"]
+    return {
+        name: {
+            measure: statistics_of(
+                _minus(run[measure], other[measure])
+                for run, other in zip(variant["runs"], base, strict=True)
+            )
+            for measure in ("success", "path_length_cm", "steps")
+        }
+        for name, variant in variants.items()
+        if name != reference
+    }
+
+
+def _minus(a: float | None, b: float | None) -> float:
+    return math.nan if a is None or b is None else a - b
 
 
 def show(content: dict[str, Any], console: Console) -> None:
@@ -201,6 +228,17 @@ def show(content: dict[str, Any], console: Console) -> None:
         ]
         table.add_row(variant["label"], *cells)
     console.print(table)
+    if content["differences"]:
+        reference = content["variants"][REFERENCES[content["experiment"]]]["label"]
+        table = Table(f"minus {reference}, run by run", "success", "path length in cm", "moves")
+        for name, measures in content["differences"].items():
+            cells = [
+                _interval(measures["success"], 100.0, 2, " %"),
+                _interval(measures["path_length_cm"], 1.0, 2, ""),
+                _interval(measures["steps"], 1.0, 2, ""),
+            ]
+            table.add_row(content["variants"][name]["label"], *cells)
+        console.print(table)
     console.print(
         f"{content['seconds']:.0f} s; results in {content['out']}/: {RESULTS_FILE}, runs by variant"
     )

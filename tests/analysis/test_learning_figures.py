@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from agent.evaluation import evaluate
-from agent.experiments import EXPERIMENTS, Experiments, main, run_experiment
+from agent.experiments import EXPERIMENTS, Experiments, main, run_experiment, show
 from analysis import fig05, fig08, fig09, fig10, fig11, fig12
 from analysis.board import ROBOT_COLOURS
 from analysis.learning import (
@@ -148,6 +148,17 @@ def test_experiments_resume_and_print_json(results, monkeypatch, capsys):
     content = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert content["variants"] == before["variants"]
     assert content["variants"]["1b"]["over_runs"]["success"]["runs"] == 2
+
+
+def test_variants_are_compared_run_by_run(results, capsys):
+    content = json.loads((results / "fig10" / "results.json").read_text())
+    runs = {name: variant["runs"] for name, variant in content["variants"].items()}
+    pairs = zip(runs["c5"], runs["c1.5"], strict=True)
+    expected = np.mean([a["success"] - b["success"] for a, b in pairs])
+    assert content["differences"]["c5"]["success"]["mean"] == pytest.approx(expected)
+    assert "c1.5" not in content["differences"]
+    show(content, Console())
+    assert "minus c = 1.5, run by run" in capsys.readouterr().out
 
 
 def test_every_experiment_changes_one_thing_of_the_default():
