@@ -1,10 +1,12 @@
 """How kernels are compiled: numba, cached on disk, without the interpreter lock.
 
-The cache folder is named by a hash of every source file that kernels draw on. numba itself
-only looks at the file of the outermost kernel, and would run stale code after a change in another.
+The cache folder is named by a hash of every source file that kernels draw on: the modules that
+import this one, and all that they import. numba itself only looks at the file of the outermost
+kernel, and would run stale code after a change in another.
 """
 
 import hashlib
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar, cast
@@ -17,12 +19,33 @@ from cosim.storage import cache_dir
 Kernel = TypeVar("Kernel", bound=Callable)
 
 _PACKAGES = ("cosim", "agent")
+_IMPORT = re.compile(r"^ *(?:from|import) +([\w.]+)", re.MULTILINE)
+
+
+def _imported_files(path: Path, root: Path) -> set[Path]:
+    """Files of this project that a module imports directly."""
+    # lines instead of a syntax tree, which would take longer than all other imports of a start
+    files = (root / f"{name.replace('.', '/')}.py" for name in _IMPORT.findall(path.read_text("utf-8")))
+    return {file for file in files if file.is_file()}
+
+
+def _kernel_sources(root: Path) -> list[Path]:
+    """Modules with kernels, and what they import, directly or not."""
+    files = [file for package in _PACKAGES for file in (root / package).rglob("*.py")]
+    imports = {file: _imported_files(file, root) for file in files}
+    waiting = [file for file in files if Path(__file__) in imports[file]]
+    found: set[Path] = set()
+    while waiting:
+        file = waiting.pop()
+        if file not in found:
+            found.add(file)
+            waiting += imports.get(file, ())
+    return sorted(found)
 
 
 def _source_digest() -> str:
-    root = Path(__file__).parents[1]
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(p for package in _PACKAGES for p in (root / package).rglob("*.py")):
+    for path in _kernel_sources(Path(__file__).parents[1]):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
