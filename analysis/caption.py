@@ -1,0 +1,63 @@
+"""What stands below a figure: the paper's claim and our number, in a file beside the pictures."""
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from analysis.style import FigureError
+from cosim.storage import replacing
+
+
+@dataclass(frozen=True)
+class Caption:
+    """Caption of a figure; numbers in it are computed from the data drawn.
+
+    Attributes:
+        figure: name of the figure, that of its files.
+        title: what it shows.
+        claim: what the paper says or shows; empty if the paper has no such figure.
+        ours: what we find, one sentence each.
+        numbers: the numbers in `ours` by name, unit suffixes in the names.
+        inputs: results it was drawn from, below the results folder.
+    """
+
+    figure: str
+    title: str
+    claim: str
+    ours: tuple[str, ...]
+    numbers: dict[str, Any] = field(default_factory=dict)
+    inputs: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """The caption in words, for a page."""
+        claim = f" The paper: {self.claim}" if self.claim else ""
+        return f"{self.title}.{claim} Here: {' '.join(self.ours)}"
+
+
+def write_caption(caption: Caption, folder: Path) -> Path:
+    """Write `<figure>.json` and return its path."""
+    path = folder / f"{caption.figure}.json"
+    with replacing(path) as temporary:
+        text = json.dumps(asdict(caption), indent=1, ensure_ascii=False, allow_nan=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return path
+
+
+def read_caption(folder: Path, figure: str) -> Caption:
+    """The caption of a figure that `python -m analysis.figures` wrote.
+
+    Raises:
+        FigureError: there is none, or it is damaged.
+    """
+    path = folder / f"{figure}.json"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        for name in ("ours", "inputs"):
+            content[name] = tuple(content[name])
+        return Caption(**content)
+    except (FileNotFoundError, ValueError, KeyError, TypeError):
+        raise FigureError(
+            f"{path}: no caption of a figure; draw it with `python -m analysis.figures {figure} "
+            f"--out {folder}`"
+        ) from None

@@ -1,0 +1,38 @@
+"""The layout of results: every figure's inputs are defined, and every command exists."""
+
+import importlib.util
+
+import pytest
+
+from analysis.results import FIGURES, RESULTS, missing, recordings
+
+
+def test_figures_are_drawn_from_defined_results():
+    assert {name for names in FIGURES.values() for name in names} <= RESULTS.keys()
+    locations = [result.path for result in RESULTS.values()]
+    assert len(set(locations)) == len(locations)
+
+
+@pytest.mark.parametrize("name", ["platform", "motor_test", "fig08", "episodes_4"])
+def test_commands_exist_and_name_the_place(name, tmp_path):
+    result = RESULTS[name]
+    assert importlib.util.find_spec(result.module) is not None
+    assert result.command(tmp_path).endswith(f"--out {tmp_path / result.path}")
+    assert result.argv(tmp_path)[:2] == ["-m", result.module]
+
+
+def test_what_is_missing_is_what_has_no_proof(tmp_path):
+    assert missing("fig05", tmp_path) == []
+    assert [r.name for r in missing("path_ratio", tmp_path)] == ["fig08", "fig11"]
+    proof = RESULTS["fig08"].proof_in(tmp_path)
+    proof.parent.mkdir(parents=True)
+    proof.write_text("{}")
+    assert [r.name for r in missing("path_ratio", tmp_path)] == ["fig11"]
+
+
+def test_recordings_are_found_in_order(tmp_path):
+    folder = tmp_path / "episodes" / "2" / "episodes"
+    folder.mkdir(parents=True)
+    for name in ("ep_001.rrd", "ep_000.rrd", "ep_002.rrd.part"):
+        (folder / name).touch()
+    assert [path.name for path in recordings("2", tmp_path)] == ["ep_000.rrd", "ep_001.rrd"]
