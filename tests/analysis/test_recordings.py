@@ -1,0 +1,184 @@
+"""Recordings read back: whole, cut, and left by a killed writer; and what is said of them."""
+
+import json
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+from analysis import inspect
+from analysis.findings import find, intervals, sliding
+from analysis.recordings import _moves, read_episode, unit
+from analysis.rrd import RecordingReadError, Signal, Texts, read_rrd
+from cosim.params import TABLE_II, TIMING
+
+
+@pytest.fixture(scope="module")
+def episode(recording):
+    return read_episode(recording)
+
+
+def test_episode_says_what_was_run(episode, run_folder):
+    summary = json.loads((run_folder / "summary.json").read_text())
+    (result,) = summary["episodes"]
+    assert episode.complete
+    assert episode.outcome == result["outcome"] == "timeout"
+    assert episode.duration_s == result["sim_time_s"] == 8.0
+    assert episode.robots == ("r1", "r2")
+    assert episode.facts["seed"] == summary["seed"]
+    assert [list(start) for start in episode.facts["starts"]] == result["starts"]
+    assert episode.facts["versions"] == summary["versions"]
+    values = {name: parameter.value for name, parameter in episode.parameters.items()}
+    assert values == summary["parameters"]
+    assert episode.parameters["V_s_max"].unit == "V"
+    assert episode.parameter("V_s_max") == TABLE_II.V_s_max
+
+
+def test_signals_are_arrays_in_order_of_time(episode):
+    omega = episode.signal("/sim/r1/motors/omega")
+    assert omega.components == ("D", "E")
+    assert omega.values.shape == (8000, 2)
+    assert omega.time_s == pytest.approx(TIMING.control_period_s * np.arange(1, 8001), abs=1e-9)
+    raw = episode.signal("/raw/r2/omega")
+    assert np.diff(raw.time_s).min() == pytest.approx(TIMING.dt_s, abs=1e-9)
+    for path, signal in episode.signals.items():
+        assert (np.diff(signal.time_s) >= 0.0).all(), path
+        assert len(signal.time_s) == len(signal.values), path
+
+
+def test_signals_agree_with_each_other(episode):
+    """Burst and control-period samples at the same times are the same numbers."""
+    slow, raw = (episode.signal(f"/{rate}/r1/{name}") for rate, name in
+                 (("sim", "motors/omega"), ("raw", "omega")))  # fmt: skip
+    _, i, j = np.intersect1d(
+        np.round(1e9 * slow.time_s), np.round(1e9 * raw.time_s), return_indices=True
+    )
+    assert len(i) >= 4 * round(TIMING.burst_s / TIMING.control_period_s)
+    np.testing.assert_array_equal(slow.values[i], raw.values[j])
+    position = episode.signal("/world/r1/robot:translation")
+    assert position.values[-1, 2] == pytest.approx(0.015, abs=1e-3)
+
+
+def test_units_are_known_of_every_signal_beside_the_scene(episode):
+    assert unit("/sim/r1/motors/omega") == "rad/s"
+    assert unit("/sim/r1/something_new") == ""
+    plotted = [path for path in episode.signals if path.startswith(("/sim/", "/raw/"))]
+    assert [path for path in plotted if not unit(path)] == []
+
+
+def test_missing_signals_and_parameters_are_named(episode):
+    with pytest.raises(RecordingReadError, match="has no signal /sim/r9/position"):
+        episode.signal("/sim/r9/position")
+    with pytest.raises(RecordingReadError, match="does not say its parameter nothing"):
+        episode.parameter("nothing")
+
+
+def test_recording_of_a_killed_run_is_read(killed_recording):
+    episode = read_episode(killed_recording)
+    assert not episode.complete
+    assert episode.outcome == ""
+    assert episode.duration_s >= TIMING.rl_step_s
+    assert len(episode.signal("/sim/r1/motors/omega").time_s) >= 2000
+
+
+def test_recording_cut_in_the_middle_is_read(recording, episode, tmp_path):
+    cut = tmp_path / "cut.rrd"
+    shutil.copy(recording, cut)
+    with cut.open("r+b") as file:
+        file.truncate(int(0.8 * recording.stat().st_size))
+    part = read_episode(cut)
+    assert not part.complete
+    assert part.path == cut
+    assert part.recording_id == episode.recording_id
+    whole = episode.signal("/raw/r1/omega")
+    held = part.signal("/raw/r1/omega")
+    assert 0 < len(held.time_s) <= len(whole.time_s)
+    np.testing.assert_array_equal(held.values, whole.values[: len(held.values)])
+
+
+def test_what_is_no_episode_is_refused_in_one_sentence(tmp_path, run_folder):
+    with pytest.raises(RecordingReadError, match=r"does not exist; name an \.rrd file"):
+        read_episode(tmp_path / "none.rrd")
+    (tmp_path / "left.rrd.part").touch()
+    with pytest.raises(RecordingReadError, match=r"its writer left .*left\.rrd\.part"):
+        read_episode(tmp_path / "left.rrd")
+    for content in (b"", b"text", b"RRF2 and then nothing of use"):
+        broken = tmp_path / "broken.rrd"
+        broken.write_bytes(content)
+        with pytest.raises(RecordingReadError, match="no Rerun recording that can be read"):
+            read_episode(broken)
+    with pytest.raises(RecordingReadError, match="holds no episode"):
+        read_episode(run_folder / "training.rrd")
+
+
+def test_other_recordings_are_read_too(run_folder):
+    data = read_rrd(run_folder / "training.rrd")
+    assert data.complete
+    assert data.signals == {}  # nothing there is on the timeline of simulated time
+
+
+def test_moves_end_time_out_or_are_cut_off():
+    log = Texts(
+        np.array([0.0, 0.0, 4.0, 4.0, 44.0, 46.0]),
+        (
+            "r1 in (0, 29) heads for 0°",
+            "r2 in (16, 0) heads for 45°",
+            "r1 ends its move in (1, 29), reward -1.00",
+            "r1 in (1, 29) heads for 90°",
+            "r1 in (1, 29) heads for 45°",
+            "r2 ends its move in (17, 1), reward -1.00",
+        ),
+    )
+    first, second, third = _moves("r1", log, 50.0)
+    assert (first.start_s, first.end_s, first.direction, first.ended) == (0.0, 4.0, "0°", True)
+    assert not first.timed_out
+    assert second.timed_out
+    assert third.last
+    assert not third.timed_out
+    (only,) = _moves("r2", log, 50.0)
+    assert only.ended
+
+
+def test_intervals_are_first_and_last_index():
+    mask = np.array([True, False, True, True, False, True])
+    assert intervals(mask).tolist() == [[0, 0], [2, 3], [5, 5]]
+    assert intervals(np.zeros(3, dtype=bool)).tolist() == []
+
+
+def test_feet_at_the_friction_limit_slide():
+    time_s = np.zeros(2)
+    normal = Signal(time_s, np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 1.0]]), ())
+    friction = Signal(time_s, np.array([[0.09, 0.12, 0.1, 0, 0, 0], [0, 0.3, 0, 0, 0, 0.15]]), ())
+    expected = [[True, False, False], [True, False, True]]
+    assert sliding(friction, normal, 0.15).tolist() == expected
+
+
+def test_findings_say_when_and_what(episode):
+    findings = {(finding.kind, finding.where): finding for finding in find(episode)}
+    voltage = episode.signal("/sim/r1/motors/voltage")
+    share = float((np.abs(voltage.values[:, 0]) >= TABLE_II.V_s_max).mean())
+    saturation = findings["voltage saturation", "r1 D"]
+    assert saturation.numbers["share"] == share > 0.0  # the motors start from rest
+    assert saturation.time_s is not None
+    assert saturation.time_s < 0.1
+    assert 0.0 < findings["slipping", "r1"].numbers["share"] < 1.0
+    assert not any(kind in {"near miss", "collision"} for kind, _ in findings)
+
+
+def test_inspect_prints_a_page_and_json(recording, killed_recording, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["inspect", str(recording), "--parameters", "--json"])
+    inspect.main()
+    page = capsys.readouterr().out
+    content = json.loads(page.splitlines()[-1])
+    assert content["outcome"] == "timeout"
+    assert content["robots"]["r1"]["moves"] >= 1
+    row = next(r for r in content["signals"] if r["signal"] == "/sim/r1/motors/omega")
+    assert (row["component"], row["unit"], row["samples"], row["period_s"]) == (
+        "D", "rad/s", 8000, 0.001,
+    )  # fmt: skip
+    for text in ("outcome timeout", "voltage saturation", "V_s_max", "motors/omega_des"):
+        assert text in page
+    monkeypatch.setattr(sys, "argv", ["inspect", str(killed_recording)])
+    inspect.main()
+    assert "its writer was stopped" in capsys.readouterr().out
