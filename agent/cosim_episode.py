@@ -95,7 +95,7 @@ class CoSimEpisode:
 
     def path_length_cm(self) -> np.ndarray:
         """(N,) float64."""
-        return 100.0 * self._system.path_length_m
+        return 100.0 * self._system.measures.path_length_m
 
     def positions_m(self) -> np.ndarray:
         """(N, 2) float64."""

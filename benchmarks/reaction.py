@@ -64,7 +64,7 @@ def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
         driving = step.samples.omega_des[:, 0, 0] != 0.0
         omega.append(step.samples.omega[driving, 0][SETTLED:])
         torque.append(step.samples.disturbance[driving, 0][SETTLED:])
-    way = float(system.path_length_m[0])
+    way = float(system.measures.path_length_m[0])
     system.close()
     return np.abs(np.concatenate(omega)), np.concatenate(torque), way
 

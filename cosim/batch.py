@@ -8,8 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,38 +16,13 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from agent.cosim_reward import step_reward
 from agent.policy import Policy
 from cosim.config import CoSimConfig
-from cosim.episode import CoSimulation, Step, run_episode
+from cosim.episode import CoSimulation, Step
 from cosim.episode_recording import EpisodeRecorder
 from cosim.observing import draw_starts
-from cosim.scenario import Cell, Scenario
-
-
-@dataclass(frozen=True)
-class EpisodeResult:
-    """One episode as `summary.json` lists it.
-
-    Attributes:
-        outcome: success, collision, out_of_board or timeout.
-        path_length_cm: mean over the robots.
-        sim_time_s: simulated time.
-        realtime_factor: simulated time over wall-clock time, recording included.
-        recording: its path relative to the output folder, None if there is none.
-        starts: start cell of each robot.
-        path_length_cm_by_robot: of each robot.
-        contact_time_s: time in which any two robots touched.
-    """
-
-    outcome: str
-    path_length_cm: float
-    sim_time_s: float
-    realtime_factor: float
-    recording: str | None
-    starts: tuple[Cell, ...]
-    path_length_cm_by_robot: tuple[float, ...]
-    contact_time_s: float
+from cosim.rollout import EpisodeResult, roll_out
+from cosim.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -119,35 +93,17 @@ class Batch:
         path = self.out / "episodes" / f"ep_{episode:03d}.rrd"
         system = CoSimulation(self.scenario, self.fmu, self.config, self.driver)
         began = time.perf_counter()
-        with ExitStack() as stack:
-            stack.callback(system.close)
-            recorder = None
-            if record:
-                identity = f"{self.scenario.name}-{self.seed}-{episode}"
-                facts = self.facts | {"episode": episode, "starts": starts}
-                recorder = stack.enter_context(
-                    EpisodeRecorder(path, self.scenario, self.config, identity, facts)
-                )
 
-            def observe(step: Step) -> None:
-                if stop.is_set():
-                    raise KeyboardInterrupt
-                if recorder is not None:
-                    reward = step_reward(self.policy.process, step, system.arrived)
-                    recorder.write(step, self.policy.q_values(step.before), reward)
-                factor = system.time_s / (time.perf_counter() - began)
-                show(f"{system.time_s:.0f} s simulated, {factor:.1f} × real time {step.outcome}")
+        def watch(step: Step) -> None:
+            if stop.is_set():
+                raise KeyboardInterrupt
+            factor = system.time_s / (time.perf_counter() - began)
+            show(f"{system.time_s:.0f} s simulated, {factor:.1f} × real time {step.outcome}")
 
-            run_episode(system, self.policy, starts, noise_seed, observe)
-        wall_s = time.perf_counter() - began
-        by_robot = tuple(float(round(100.0 * length, 6)) for length in system.path_length_m)
-        return EpisodeResult(
-            outcome=system.outcome,
-            path_length_cm=float(np.mean(by_robot)),
-            sim_time_s=round(system.time_s, 9),
-            realtime_factor=system.time_s / wall_s,
-            recording=str(path.relative_to(self.out)) if record else None,
-            starts=starts,
-            path_length_cm_by_robot=by_robot,
-            contact_time_s=round(system.contact_time_s, 9),
-        )
+        if not record:
+            return roll_out(system, self.policy, starts, noise_seed, None, watch)
+        identity = f"{self.scenario.name}-{self.seed}-{episode}"
+        facts = self.facts | {"episode": episode, "starts": starts}
+        with EpisodeRecorder(path, self.scenario, self.config, identity, facts) as recorder:
+            result = roll_out(system, self.policy, starts, noise_seed, recorder, watch)
+        return replace(result, recording=str(path.relative_to(self.out)))

@@ -25,6 +25,7 @@ from cosim.features import (
 from cosim.fmu import Motor, MotorFmu
 from cosim.forces import motor_mounts
 from cosim.master import CompiledDriver, Driver, ReferenceDriver
+from cosim.measures import Measures
 from cosim.observing import cells_of, nearest_squared, observe
 from cosim.params import TABLE_II
 from cosim.plant import COLLISION, OUT_OF_BOARD, Plant
@@ -38,8 +39,6 @@ DRIVERS: dict[str, Callable[[list[Motor]], Driver]] = {
     "adaptive": AdaptiveDriver,
 }
 OUTCOMES = ("success", "collision", "out_of_board", "timeout")
-# Positions this far apart in time make the path length: shorter ones would add up the vibration.
-PATH_SAMPLING_S = 0.1
 MOTOR_NAMES = ("D", "E")
 
 
@@ -85,8 +84,7 @@ class CoSimulation:
         scenario, config: as given.
         outcome: of the episode, "" before its end.
         time_s: simulated time.
-        path_length_m: (N,) way of each robot's centre.
-        contact_time_s: time in which any two robots touched.
+        measures: of the episode so far.
 
     Raises:
         FmuError: the FMU cannot be loaded or lacks a part of the motor interface.
@@ -164,9 +162,7 @@ class CoSimulation:
         self._moving_since = np.zeros(n)
         self._action = np.full(n, -1)
         self._squared_at_decision = nearest_squared(self._cells())
-        self._path_positions = [self._state.bodies[:, :2].copy()]
-        self.path_length_m = np.zeros(n)
-        self.contact_time_s = 0.0
+        self.measures = Measures(self._state.bodies[:, :2], self.config.timing.control_period_s)
         self.outcome = ""
         self._observation = self._observe()
         return self._observation
@@ -207,9 +203,7 @@ class CoSimulation:
         self._tick += done * self.config.ticks_per_period
         samples = Samples(*(signal[:done] for signal in samples))
         raw = RawSamples(*(signal[: done * self.config.ticks_per_period] for signal in raw))
-        self._measure_path(samples)
-        touched = samples.touching_share.max(axis=1, initial=0.0).sum()
-        self.contact_time_s += float(touched) * self.config.timing.control_period_s
+        self.measures.add(samples)
 
         completed = was_moving & (state.commands[:, MODE] == HOLD)
         at_target = (self._cells() == np.array(self.scenario.targets)).all(axis=1)
@@ -280,12 +274,6 @@ class CoSimulation:
         if self._arrived.all():
             return "success"
         return "timeout" if self.time_s >= self.config.timing.episode_limit_s else ""
-
-    def _measure_path(self, samples: Samples) -> None:
-        every = max(1, round(PATH_SAMPLING_S / self.config.timing.control_period_s))
-        for position in samples.position[every - 1 :: every, :, :2]:
-            self.path_length_m += np.linalg.norm(position - self._path_positions[-1], axis=1)
-            self._path_positions.append(position)
 
 
 def run_episode(

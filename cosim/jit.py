@@ -5,8 +5,6 @@ import this one, and all that they import. numba itself only looks at the file o
 kernel, and would run stale code after a change in another.
 """
 
-import hashlib
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar, cast
@@ -14,43 +12,22 @@ from typing import TypeVar, cast
 import numba
 from numba.core import config
 
+from cosim.sources import ROOT, imported_files, source_digest, with_imports
 from cosim.storage import cache_dir
 
 Kernel = TypeVar("Kernel", bound=Callable)
 
 _PACKAGES = ("cosim", "agent")
-_IMPORT = re.compile(r"^ *(?:from|import) +([\w.]+)", re.MULTILINE)
 
 
-def _imported_files(path: Path, root: Path) -> set[Path]:
-    """Files of this project that a module imports directly."""
-    # lines instead of a syntax tree, which would take longer than all other imports of a start
-    files = (root / f"{name.replace('.', '/')}.py" for name in _IMPORT.findall(path.read_text("utf-8")))
-    return {file for file in files if file.is_file()}
-
-
-def _kernel_sources(root: Path) -> list[Path]:
+def _kernel_sources() -> list[Path]:
     """Modules with kernels, and what they import, directly or not."""
-    files = [file for package in _PACKAGES for file in (root / package).rglob("*.py")]
-    imports = {file: _imported_files(file, root) for file in files}
-    waiting = [file for file in files if Path(__file__) in imports[file]]
-    found: set[Path] = set()
-    while waiting:
-        file = waiting.pop()
-        if file not in found:
-            found.add(file)
-            waiting += imports.get(file, ())
-    return sorted(found)
+    files = [file for package in _PACKAGES for file in (ROOT / package).rglob("*.py")]
+    return with_imports(file for file in files if Path(__file__) in imported_files(file))
 
 
-def _source_digest() -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
-    for path in _kernel_sources(Path(__file__).parents[1]):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-config.CACHE_DIR = str(cache_dir("kernels") / _source_digest())  # pyright: ignore[reportAttributeAccessIssue]
+_DIGEST = source_digest(_kernel_sources(), numba.__version__)
+config.CACHE_DIR = str(cache_dir("kernels") / _DIGEST)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def kernel(function: Kernel) -> Kernel:

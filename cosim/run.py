@@ -18,11 +18,12 @@ from agent.policy import Policy
 from agent.qlearning import LearningConfig
 from agent.store import trained_policy
 from agent.training_recording import write_training
-from cosim.batch import Batch, EpisodeResult
+from cosim.batch import Batch
 from cosim.config import ConfigError, CoSimConfig
 from cosim.episode import CoSimulation
 from cosim.errors import run_command
 from cosim.params import SPEED_NOISE, STEERING, TABLE_I, TIMING
+from cosim.rollout import EpisodeResult
 from cosim.scenario import Scenario, find_scenario
 from cosim.storage import replacing
 from fmus.build import cached_fmu

@@ -135,7 +135,7 @@ def test_collision_of_three_is_reported(collision_course, motor_fmu):
 def test_robots_that_go_on_push_but_never_overlap(collision_course, motor_fmu):
     system, steps = drive_together(collision_course, motor_fmu, on_collision="continue")
     assert system.outcome != "collision"
-    assert system.contact_time_s > 0.0
+    assert system.measures.contact_time_s > 0.0
     position = np.concatenate([step.samples.position for step in steps])[..., :2]
     for i, j in ((0, 1), (1, 2), (0, 2)):
         distance = np.linalg.norm(position[:, i] - position[:, j], axis=1)

@@ -31,7 +31,7 @@ def test_robots_reach_their_targets(short):
     assert system.outcome == "success"
     assert steps[-1].outcome == "success"
     assert steps[-1].after.cells.tolist() == [[15, 27], [15, 2]]
-    assert system.path_length_m == pytest.approx(0.02, abs=0.001)
+    assert system.measures.path_length_m == pytest.approx(0.02, abs=0.001)
 
 
 def test_robots_stop_at_the_centres(short):

@@ -1,0 +1,103 @@
+"""Measures along an episode, against what can be computed by hand or at every tick."""
+
+import numpy as np
+import pytest
+
+from cosim.fmu import MotorFmu
+from cosim.measures import PATH_SAMPLING_S, Measures
+from cosim.params import SPEED_NOISE, STEERING, TIMING
+from cosim.signals import Samples, new_samples
+
+PERIOD_S = 1e-3
+
+
+def samples_of(positions: np.ndarray, voltage: float = 0.0, current: float = 0.0) -> Samples:
+    samples = new_samples(len(positions), positions.shape[1])
+    samples.position[:, :, :2] = positions
+    samples.voltage[:] = voltage
+    samples.current[:] = current
+    return samples
+
+
+def circles(radii: tuple[float, ...], periods: int) -> np.ndarray:
+    """One turn of each robot around its own centre, centres 20 cm apart on a line."""
+    angle = 2.0 * np.pi * np.arange(1, periods + 1) / periods
+    ways = [
+        np.stack([0.2 * k + r * np.cos(angle), r * np.sin(angle)], axis=1)
+        for k, r in enumerate(radii)
+    ]
+    return np.stack(ways, axis=1)
+
+
+def test_path_length_of_a_circle():
+    positions = circles((0.05, 0.02), 10_000)
+    measures = Measures(positions[-1], PERIOD_S)
+    for part in np.split(positions, 5):
+        measures.add(samples_of(part))
+    chord = 2.0 * np.sin(np.pi * PATH_SAMPLING_S / 10.0)
+    assert measures.path_length_m == pytest.approx([0.05 * 100 * chord, 0.02 * 100 * chord])
+
+
+def test_vibration_is_no_way():
+    still = np.zeros((10_000, 1, 2))
+    shaking = (
+        still + 1e-4 * np.sin(2.0 * np.pi * 150.0 * PERIOD_S * np.arange(10_000))[:, None, None]
+    )
+    measures = Measures(still[0], PERIOD_S)
+    measures.add(samples_of(shaking))
+    assert measures.path_length_m[0] < 1e-3
+    assert np.abs(np.diff(shaking[:, 0, 0])).sum() > 0.5
+
+
+def test_smallest_distance_of_any_pair_and_of_the_start():
+    positions = circles((0.03, 0.0, 0.01), 1000)
+    measures = Measures(positions[-1], PERIOD_S)
+    measures.add(samples_of(positions))
+    assert measures.min_distance_m == pytest.approx(0.17)
+    near = Measures(np.array([[0.0, 0.0], [0.06, 0.08]]), PERIOD_S)
+    assert near.min_distance_m == pytest.approx(0.1)
+    near.add(samples_of(positions[:, :2]))
+    assert near.min_distance_m == pytest.approx(0.1)
+    assert Measures(np.zeros((1, 2)), PERIOD_S).min_distance_m == float("inf")
+
+
+def test_energy_is_what_is_drawn():
+    rest = np.zeros((2000, 1, 2))
+    measures = Measures(rest[0], PERIOD_S)
+    measures.add(samples_of(rest, voltage=-2.0, current=-0.1))
+    measures.add(samples_of(rest, voltage=0.5, current=-0.01))
+    # two motors, 2 s each
+    assert measures.energy_j == pytest.approx([2 * 2.0 * 0.2])
+    assert measures.regenerated_j == pytest.approx([2 * 2.0 * 0.005])
+
+
+def test_contact_time_counts_shares_of_periods():
+    samples = samples_of(np.zeros((10, 2, 2)))
+    samples.touching_share[3:5] = 1.0
+    samples.touching_share[5] = 0.25
+    measures = Measures(np.zeros((2, 2)), PERIOD_S)
+    measures.add(samples)
+    assert measures.contact_time_s == pytest.approx(2.25e-3)
+
+
+def test_energy_at_the_control_period_is_nearly_that_of_every_tick(motor_fmu):
+    """A real motor under noise: the ends of control periods miss some per cent, never add any."""
+    motor = MotorFmu(motor_fmu).instantiate("m")
+    dt, ticks = TIMING.dt_s, round(TIMING.control_period_s / TIMING.dt_s)
+    noise = np.random.default_rng(0).uniform(-1.0, 1.0, 300)
+    noise *= SPEED_NOISE.relative_amplitude * STEERING.drive_speed_rad_s
+    samples, at_ticks = new_samples(len(noise), 1), 0.0
+    for period, value in enumerate(noise):
+        tick = period * ticks
+        motor.set_inputs(np.array([STEERING.drive_speed_rad_s, value, 0.0]), tick, dt)
+        for k in range(ticks):
+            motor.step(tick + k, 1, dt)
+            voltage, current = motor.electrical(tick + k + 1, dt)
+            at_ticks += max(voltage * current, 0.0) * dt
+            # the last tick of the period stays
+            samples.voltage[period, 0, 0], samples.current[period, 0, 0] = voltage, current
+    motor.close()
+    measures = Measures(np.zeros((1, 2)), TIMING.control_period_s)
+    measures.add(samples)
+    assert 0.94 * at_ticks < measures.energy_j[0] < at_ticks
+    assert measures.regenerated_j[0] < 0.01 * measures.energy_j[0]
