@@ -1,0 +1,128 @@
+"""What a report shows besides tables: figures and recordings, placed in the report's folder.
+
+Finds what a results folder has; how it looks is the business of `analysis/templates`.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from analysis.caption import Caption, read_caption
+from analysis.report_tables import ReportError, read_json
+from analysis.results import FIGURES, RESULTS, missing
+from analysis.style import FORMATS, FigureError
+from cosim.scenario import BUILT_IN
+from cosim.storage import replacing
+
+
+class Picture(NamedTuple):
+    """A figure on the page.
+
+    Attributes:
+        caption: the paper's claim and our numbers.
+        png, pdf: relative to the page.
+    """
+
+    caption: Caption
+    png: str
+    pdf: str
+
+
+class Watchable(NamedTuple):
+    """A recorded episode on the page.
+
+    Attributes:
+        name: scenario and number, as `--episode` takes it.
+        file: recording, relative to the page.
+        outcome: of the episode, in words.
+        path_length_cm: mean over the robots.
+        sim_time_s: how long it lasted.
+        megabytes: size of the recording.
+        robots: their number.
+    """
+
+    name: str
+    file: str
+    outcome: str
+    path_length_cm: float
+    sim_time_s: float
+    megabytes: float
+    robots: int
+
+
+def place(source: Path, target: Path) -> Path:
+    """Have a file under another name too; a second name of the same file where that is possible."""
+    with replacing(target) as temporary:
+        temporary.unlink()
+        try:
+            os.link(source, temporary)
+        except OSError:  # another file system, or one without hard links
+            shutil.copyfile(source, temporary)
+    return target
+
+
+def pictures(figures: Path, out: Path) -> Iterator[Picture]:
+    """Figures that have been drawn, in the paper's order."""
+    for name in FIGURES:
+        try:
+            caption = read_caption(figures, name)
+        except FigureError:
+            continue
+        files = [f"figures/{name}{ending}" for ending in FORMATS]
+        for file in files:
+            place(figures / Path(file).name, out / file)
+        yield Picture(caption, *files)
+
+
+def not_drawn(figures: Path, results: Path) -> dict[str, list[str]]:
+    """Figures that have not been drawn, with the commands that make them."""
+    commands = {}
+    for name in FIGURES:
+        if not (figures / f"{name}.json").is_file():
+            needed = [result.command(Path("results")) for result in missing(name, results)]
+            drawing = f"python -m analysis.figures {name} --results results --out figures"
+            commands[name] = [*needed, drawing]
+    return commands
+
+
+def episodes(results: Path, out: Path) -> Iterator[Watchable]:
+    """Recorded episodes in the order of the scenarios.
+
+    Raises:
+        ReportError: a summary is damaged.
+    """
+    for name, scenario in BUILT_IN.items():
+        result = RESULTS[f"episodes_{name}"]
+        summary = read_json(result.proof_in(results)) or {"episodes": []}
+        for number, episode in enumerate(summary["episodes"]):
+            recording = result.location(results) / (episode["recording"] or "")
+            if not recording.is_file():
+                continue
+            file = f"recordings/{name}-{number}.rrd"
+            place(recording, out / file)
+            yield Watchable(
+                name=f"{name}/{number}",
+                file=file,
+                outcome=episode["outcome"].replace("_", " "),
+                path_length_cm=episode["path_length_cm"],
+                sim_time_s=episode["sim_time_s"],
+                megabytes=recording.stat().st_size / 1e6,
+                robots=scenario.robots,
+            )
+
+
+def chosen(found: list[Watchable], name: str | None) -> Watchable | None:
+    """The episode to open first: a success of a pair rather than another; None if there is none.
+
+    Raises:
+        ReportError: there is no episode of that name.
+    """
+    if name is None:
+        return max(found, key=lambda e: (e.outcome == "success", e.robots), default=None)
+    for episode in found:
+        if episode.name == name:
+            return episode
+    known = ", ".join(episode.name for episode in found) or "none"
+    raise ReportError(f"--episode {name}: no such recording; choose one of: {known}")

@@ -1,0 +1,170 @@
+"""The report from results made in the small: what it says, what it refuses, and in a browser."""
+
+import io
+import re
+import shutil
+import threading
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import sync_playwright
+from rich.console import Console
+
+from agent.experiments import Experiments, run_experiment
+from analysis import fig05
+from analysis.caption import Caption, write_caption
+from analysis.report import Report, write_report
+from analysis.report_tables import ReportError, interval
+from analysis.results import FIGURES
+from analysis.serve import address, server
+from analysis.style import save
+from cosim.run import Run, run
+from cosim.scenario import BUILT_IN
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+# Drawn by the processor: machines that test have no graphics card.
+ARGUMENTS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+)
+HOSTILE = "<script>alert('claim')</script>"
+LOAD_TIMEOUT_MS = 120_000
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    """Results of two tiny runs and a short episode, one figure, and the report of them."""
+    base = tmp_path_factory.mktemp("reproduction")
+    console = Console(stderr=True)
+    folder = base / "results" / "experiments" / "fig08"
+    run_experiment(Experiments("fig08", runs=2, episodes=3000, out=folder, jobs=1), console)
+    episodes = base / "results" / "episodes" / "1a"
+    run(Run("1a", train_episodes=3000, time_limit=4.0, out=episodes), console)
+    save(fig05.draw(list(BUILT_IN.values())), base / "figures" / "fig05.png")
+    plt.close("all")
+    write_caption(Caption("fig05", "The boards", HOSTILE, ("Five of them.",)), base / "figures")
+    write_report(Report(base / "results", base / "report"))
+    return base
+
+
+def test_page_shows_what_there_is_and_names_the_rest(base):
+    page = (base / "report" / "index.html").read_text(encoding="utf-8")
+    assert HOSTILE not in page
+    assert "&lt;script&gt;alert" in page
+    assert "Five of them." in page
+    for label in ("scenario 1a", "scenario 1b"):
+        assert label in page
+    assert "--runs 2 --episodes 3000 --seed 0" in page
+    assert "1a/0" in page
+    for figure in FIGURES:
+        assert (f"python -m analysis.figures {figure} " in page) == (figure != "fig05")
+
+
+def test_all_that_the_page_links_to_is_there(base):
+    page = (base / "report" / "index.html").read_text(encoding="utf-8")
+    links = re.findall(r'(?:href|src)="([^"#][^"]*)"', page)
+    files = {link for link in links if not link.startswith("data:")}
+    assert len(files) >= 4
+    for link in files:
+        for file in link.split("?url=../"):
+            assert (base / "report" / file).is_file()
+            assert ":" not in file  # nothing from another machine
+
+
+def test_episode_can_be_chosen(base, tmp_path):
+    options = Report(base / "results", tmp_path / "report", base / "figures", episode="1a/0")
+    assert "recordings/1a-0.rrd" in write_report(options).read_text(encoding="utf-8")
+    options = Report(base / "results", tmp_path / "report", base / "figures", episode="4/7")
+    with pytest.raises(ReportError, match="--episode 4/7: no such recording; choose one of: 1a/0"):
+        write_report(options)
+
+
+def test_empty_and_damaged_results(base, tmp_path):
+    with pytest.raises(ReportError, match="nothing: no such folder"):
+        write_report(Report(tmp_path / "nothing", tmp_path / "report"))
+    empty = tmp_path / "results"
+    empty.mkdir()
+    page = write_report(Report(empty, tmp_path / "report")).read_text(encoding="utf-8")
+    assert "No episode has been recorded" in page
+    assert "No experiment has been run" in page
+    results = empty / "experiments" / "fig08" / "results.json"
+    results.parent.mkdir(parents=True)
+    results.write_text("{")
+    with pytest.raises(ReportError, match=r"results\.json: damaged"):
+        write_report(Report(empty, tmp_path / "report"))
+
+
+def test_intervals_in_words():
+    row = {"mean": 0.5, "low": 0.25, "high": 0.75}
+    assert interval(row, 100.0, 1, " %") == "50.0 % [25.0, 75.0]"
+    assert interval({"mean": -1.0, "low": None, "high": None}) == "-1.00"
+    assert interval({"mean": None, "low": None, "high": None}) == "–"
+
+
+@pytest.fixture
+def site(base):
+    """Address of the served report."""
+    with server(base / "report") as serving:
+        thread = threading.Thread(target=serving.serve_forever)
+        thread.start()
+        yield address(serving)
+        serving.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def browser():
+    program = next(filter(None, map(shutil.which, CHROMIUM)))
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+@pytest.mark.browser
+def test_viewer_in_the_page_shows_the_episode(site, browser):
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.set_default_timeout(LOAD_TIMEOUT_MS)
+    errors, foreign = [], []
+    page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda asked: None if asked.url.startswith(site) else foreign.append(asked))
+    page.goto(site)
+    canvas = page.frame_locator("iframe[name=viewer]").locator("canvas")
+    canvas.scroll_into_view_if_needed()
+    page.frame_locator("iframe[name=viewer]").locator("#state").wait_for(state="hidden")
+    # The empty viewer has a few hundred shades of grey; plots and robots have hue.
+    coloured = 0.0
+    for _ in range(10):
+        page.wait_for_timeout(3000)
+        picture = Image.open(io.BytesIO(canvas.screenshot())).convert("HSV")
+        coloured = float((np.asarray(picture)[:, :, 1] > 100).mean())
+        if coloured > 0.01:
+            break
+    assert coloured > 0.01
+    assert errors == []
+    assert foreign == []
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_page_fits_a_phone(site, browser, scheme):
+    page = browser.new_page(viewport={"width": 390, "height": 844}, color_scheme=scheme)
+    errors = []
+    page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+    page.goto(site)
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    # The viewer is not loaded there.
+    assert page.evaluate("performance.getEntriesByType('resource').length") <= 1
+    text, ground = (
+        page.evaluate(f"getComputedStyle(document.body).{name}")
+        for name in ("color", "backgroundColor")
+    )
+    brightness = [sum(map(int, re.findall(r"\d+", colour)[:3])) for colour in (text, ground)]
+    assert (brightness[0] < brightness[1]) == (scheme == "light")
+    assert abs(brightness[0] - brightness[1]) > 450
+    assert errors == []
