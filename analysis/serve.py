@@ -79,8 +79,8 @@ def main() -> None:
     """Command line; see `Serve`."""
     options = tyro.cli(Serve, prog="python -m analysis.serve")
     with server(options.folder, options.port) as serving:
-        print(f"report: {address(serving)} (Ctrl-C ends it)", flush=True)
         try:
+            print(f"report: {address(serving)} (Ctrl-C ends it)", flush=True)
             serving.serve_forever()
         except KeyboardInterrupt:
             print()  # the intended end, after the terminal's ^C
