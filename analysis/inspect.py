@@ -13,8 +13,8 @@ from rich.table import Table
 from analysis.findings import find
 from analysis.recordings import Episode, read_episode, unit
 from analysis.rrd import Signal
-from cosim.episode import PATH_SAMPLING_S
 from cosim.errors import run_command
+from cosim.measures import PATH_SAMPLING_S
 
 # Facts shown first; the others follow.
 _FIRST_FACTS = ("scenario", "title", "episode", "seed", "starts")
