@@ -67,7 +67,12 @@ def failures(result: Evaluation) -> list[dict[str, Any]]:
     ]
 
 
-def _expand(paths: tuple[Path, ...]) -> list[Path]:
+def policy_files(paths: tuple[Path, ...]) -> list[Path]:
+    """The policies among files and folders of runs that a user named.
+
+    Raises:
+        UserError: a folder without runs, or nothing named.
+    """
     found: list[Path] = []
     for path in paths:
         inside = policy_paths(path) if path.is_dir() else [path]
@@ -155,7 +160,7 @@ def main() -> None:
     options = tyro.cli(
         Evaluate, prog="python -m agent.evaluate", config=(tyro.conf.FlagCreatePairsOff,)
     )
-    paths = _expand(options.policies)
+    paths = policy_files(options.policies)
     result = report_of((str(path), Policy.load(path)) for path in paths)
     show(result, Console())
     if options.json:

@@ -1,8 +1,6 @@
 """`python -m cosim.run`: train, co-simulate, record. The composition root of the project."""
 
-import importlib.metadata
 import json
-import platform
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -25,11 +23,11 @@ from cosim.errors import run_command
 from cosim.params import SPEED_NOISE, STEERING, TABLE_I, TIMING
 from cosim.rollout import EpisodeResult
 from cosim.scenario import Scenario, find_scenario
+from cosim.sources import versions
 from cosim.storage import replacing
 from fmus.build import cached_fmu
 
 SUMMARY_SCHEMA_VERSION = 1
-_PACKAGES = ("minirobots", "fmpy", "numba", "numpy", "rerun-sdk")
 
 
 @dataclass(frozen=True)
@@ -181,7 +179,6 @@ def _policy(
 
 def _facts(options: Run, scenario: Scenario, fmu: Path) -> dict[str, Any]:
     """What identifies a run, for summaries and recordings; the same for equal runs."""
-    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return {
         "scenario": scenario.name,
         "title": scenario.title,
@@ -189,7 +186,7 @@ def _facts(options: Run, scenario: Scenario, fmu: Path) -> dict[str, Any]:
         "driver": options.driver,
         "motor_fmu": fmu.name,
         "train_episodes": options.train_episodes,
-        "versions": versions | {"python": platform.python_version()},
+        "versions": versions(),
     }
 
 

@@ -1,10 +1,13 @@
-"""Which code a result depends on: source files that a module imports, and their hash.
+"""Which code a result depends on: source files that a module imports, their hash, and versions.
 
-For caches and stored results that must not outlive the code that made them. Only this project's
-packages; versions of libraries are not looked at.
+For caches and stored results that must not outlive the code that made them. Hashes are of this
+project's files only; versions of libraries are named, not hashed.
 """
 
+import ast
 import hashlib
+import importlib.metadata
+import platform
 import re
 from collections.abc import Iterable
 from functools import cache
@@ -12,6 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
+_PACKAGES = ("minirobots", "fmpy", "numba", "numpy", "rerun-sdk")
 _IMPORT = re.compile(r"^ *(?:from|import) +([\w.]+)", re.MULTILINE)
 
 
@@ -42,3 +46,22 @@ def source_digest(files: Iterable[Path], *further: str) -> str:
     for path in files:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def code_digest(files: Iterable[Path]) -> str:
+    """Hash (16 hex digits) of what the files do: comments, docstrings and layout do not matter."""
+    digest = hashlib.sha256()
+    for path in files:
+        tree = ast.parse(path.read_bytes())
+        for node in ast.walk(tree):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+                documented = ast.get_docstring(node) is not None
+                del node.body[: int(documented)]
+        digest.update(ast.dump(tree).encode())
+    return digest.hexdigest()[:16]
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package, of Python and of the libraries that results depend on."""
+    packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return packages | {"python": platform.python_version()}

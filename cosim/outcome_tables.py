@@ -1,0 +1,65 @@
+"""Statistics of `cosim.outcomes` as text: in tables for the terminal, and one by one."""
+
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from cosim.episode import OUTCOMES
+
+_LISTED_FAILURES = 10
+
+
+def show(report: dict[str, Any], console: Console) -> None:
+    """Print a report as tables: outcomes, measures, the first failing starts."""
+    outcomes = Table("policy", "scenario", "episodes", title="outcomes with 95 % intervals")
+    measures = Table("policy", "scenario", title="means of successes, and closest approach")
+    for name in OUTCOMES:
+        outcomes.add_column(name.replace("_", " "))
+    for title in ("path", "× grid path", "min distance", "simulated", "energy"):
+        measures.add_column(title)
+    for row in report["policies"]:
+        outcomes.add_row(
+            row["policy"],
+            row["scenario"],
+            f"{row['episodes']} of {row['starts']}",
+            *(rate_text(row, name) for name in OUTCOMES),
+        )
+        measures.add_row(
+            row["policy"],
+            row["scenario"],
+            text(row["path_length_cm"], "{:.1f} cm"),
+            ratio_text(row),
+            text(row["min_distance_cm"], "{:.2f} cm"),
+            text(row["sim_time_s"], "{:.0f} s"),
+            text(row["energy_j"], "{:.1f} J"),
+        )
+    console.print(outcomes)
+    console.print(measures)
+    for row in report["policies"]:
+        for failure in row["failures"][:_LISTED_FAILURES]:
+            starts = " ".join(f"({x}, {y})" for x, y in failure["starts"])
+            console.print(f"{row['policy']}: {failure['outcome']} from {starts}", soft_wrap=True)
+        more = row["failing_starts"] - _LISTED_FAILURES
+        if more > 0:
+            console.print(f"{row['policy']}: {more} more failing starts (--json lists all)")
+
+
+def text(value: float | None, form: str) -> str:
+    """A number in a format, a dash where there is none."""
+    return "–" if value is None else form.format(value)
+
+
+def rate_text(row: dict[str, Any], name: str) -> str:
+    """A rate of `cosim.outcomes.summary` with its interval, in per cent."""
+    if row[name] is None:
+        return "–"
+    return f"{row[name]:.1%} [{100 * row[f'{name}_low']:.1f}, {100 * row[f'{name}_high']:.1f}]"
+
+
+def ratio_text(row: dict[str, Any]) -> str:
+    """The ratio to the grid's way of `cosim.outcomes.summary` with its interval."""
+    name = "path_ratio_to_grid"
+    if row[name] is None:
+        return "–"
+    return f"{row[name]:.3f} [{row[f'{name}_low']:.3f}, {row[f'{name}_high']:.3f}]"

@@ -1,0 +1,194 @@
+"""Evaluation in the co-simulation: real short episodes, kept, continued, counted and recorded."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from agent.policy import Policy, PolicyConfig, Seed
+from agent.process import ProcessConfig
+from agent.qlearning import LearningConfig
+from agent.store import train_policy
+from cosim.config import ConfigError, CoSimConfig
+from cosim.errors import UserError
+from cosim.evaluate import Evaluate, evaluate, report_of
+from cosim.evaluation import Case
+from cosim.outcomes import rate, summary
+from cosim.params import TABLE_I
+from cosim.result_file import ResultFile, ResultFileError
+from cosim.rollout import EpisodeResult
+from cosim.scenario import Scenario
+
+# Targets one cell away, straight ahead: an episode takes some simulated seconds.
+NEAR = Scenario(
+    "near",
+    "",
+    ((3, 6), (10, 6)),
+    (((3, 7), (3, 8)), ((10, 5), (10, 4))),
+    columns=14,
+    rows=14,
+    zone=(0, 0, 0, 0),
+)
+QUIET = Console(quiet=True)
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    config = PolicyConfig(NEAR, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
+    return train_policy(config)[0]
+
+
+@pytest.fixture(scope="module")
+def policy_file(policy, tmp_path_factory):
+    path = tmp_path_factory.mktemp("policy") / "policy.npz"
+    policy.save(path)
+    return path
+
+
+def run(policy_file, out, **options):
+    given = replace(Evaluate(policies=(policy_file,), out=out, recordings=0), **options)
+    evaluated = evaluate(given, QUIET)
+    return evaluated[0], report_of(evaluated, given)
+
+
+def without_wall_clock(results: dict[int, EpisodeResult]) -> dict[int, EpisodeResult]:
+    return {k: replace(r, realtime_factor=1.0, recording=None) for k, r in results.items()}
+
+
+@pytest.fixture(scope="module")
+def whole(policy_file, tmp_path_factory):
+    """All four starts, two at a time, one success recorded."""
+    out = tmp_path_factory.mktemp("whole")
+    return run(policy_file, out, starts="all", jobs=2, recordings=1)
+
+
+def test_report_counts_every_start(whole):
+    evaluated, report = whole
+    (row,) = report["policies"]
+    assert (row["episodes"], row["starts"], row["scenario"]) == (4, 4, "near")
+    assert (row["success"], row["success_high"]) == (1.0, 1.0)
+    assert row["success_low"] == pytest.approx(0.5101, abs=1e-4)
+    assert row["collision"] == row["timeout"] == row["out_of_board"] == 0.0
+    assert row["path_length_cm"] == pytest.approx(1.5, abs=0.2)
+    assert row["path_ratio_to_grid"] == pytest.approx(1.0, abs=0.15)
+    assert row["min_distance_cm"] == pytest.approx(7.07, abs=0.3)
+    assert 0.0 < row["energy_j"] < 10.0
+    assert row["failures"] == []
+    assert len({r.starts for r in evaluated.results().values()}) == 4
+
+
+def test_jobs_and_interruptions_change_nothing(whole, policy_file, tmp_path):
+    evaluated, _ = whole
+    first, _ = run(policy_file, tmp_path, starts="2", jobs=1)
+    assert len(first.results()) == 2
+    kept = first.file.path.read_bytes()
+    # a process killed while it wrote a third result
+    first.file.path.write_bytes(kept + b'{"index": 3, "outc')
+    second, _ = run(policy_file, tmp_path, starts="all", jobs=1)
+    assert second.file.path.read_bytes().startswith(kept + b'{"index": ')
+    assert without_wall_clock(second.results()) == without_wall_clock(evaluated.results())
+    written = second.file.path.read_bytes()
+    run(policy_file, tmp_path, starts="all", jobs=1)
+    assert second.file.path.read_bytes() == written
+
+
+def test_success_is_recorded(whole):
+    evaluated, report = whole
+    (path,) = report["policies"][0]["recordings"]
+    (index,) = evaluated.recordings
+    assert path.endswith(f"{index:06d}-success.rrd")
+    assert evaluated.recordings[index].stat().st_size > 100_000
+
+
+def test_failure_is_listed_and_recorded(policy_file, tmp_path):
+    _, report = run(policy_file, tmp_path, starts="1", time_limit=2.0, recordings=1)
+    (row,) = report["policies"]
+    assert (row["success"], row["timeout"], row["failing_starts"]) == (0.0, 1.0, 1)
+    assert row["path_length_cm"] is row["path_ratio_to_grid"] is None
+    (failure,) = row["failures"]
+    assert failure["outcome"] == "timeout"
+    assert failure["recording"] == row["recordings"][0]
+
+
+def test_samples_are_seeded_and_nested(policy, motor_fmu):
+    case = Case(policy, CoSimConfig(), motor_fmu, 0)
+    assert sorted(case.sample(None)) == [0, 1, 2, 3]
+    assert case.sample(2) == case.sample(None)[:2]
+    others = {tuple(Case(policy, CoSimConfig(), motor_fmu, k).sample(None)) for k in range(9)}
+    assert len(others) > 1
+    with pytest.raises(UserError, match="scenario near has only 4 starts, not 5"):
+        case.sample(5)
+
+
+def test_every_configuration_has_its_own_file(policy, motor_fmu, tmp_path):
+    case = Case(policy, CoSimConfig(), motor_fmu, 0)
+    slippery = CoSimConfig(robot=TABLE_I._replace(mu=0.1))
+    other_policy = replace(policy, q=policy.q + 1.0)
+    others = [
+        replace(case, config=slippery),
+        replace(case, seed=1),
+        replace(case, policy=other_policy),
+    ]
+    files = [ResultFile(tmp_path, c) for c in (case, *others)]
+    assert len({file.path for file in files}) == 4
+    files[0].path.replace(files[1].path)
+    with pytest.raises(ResultFileError, match="holds results of another configuration"):
+        ResultFile(tmp_path, others[0])
+    files[2].path.write_bytes(files[2].path.read_bytes() + b'{"index": 1}\n')
+    with pytest.raises(ResultFileError, match="line 2 is damaged"):
+        ResultFile(tmp_path, others[1])
+
+
+@pytest.mark.parametrize(
+    ("count", "episodes", "low", "high"),
+    [(0, 30, 0.0, 0.11351), (30, 30, 0.88649, 1.0), (95, 100, 0.88825, 0.97846)],
+)
+def test_wilson_interval(count, episodes, low, high):
+    assert rate(count, episodes) == pytest.approx((count / episodes, low, high), abs=1e-5)
+
+
+def test_no_episode_gives_no_numbers(policy, motor_fmu):
+    values = summary(Case(policy, CoSimConfig(), motor_fmu, 0), {})
+    assert values.pop("episodes") == 0
+    assert set(values.values()) == {None}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"starts": "many"}, "--starts many is neither 'all' nor a positive number"),
+        ({"starts": "0"}, "--starts 0 is neither"),
+        ({"jobs": 0}, "--jobs must be at least 1"),
+        ({"recordings": -1}, "--recordings must not be negative"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(ConfigError, match=message):
+        Evaluate(policies=(), **options)
+
+
+def command(*arguments) -> subprocess.CompletedProcess[str]:
+    line = [sys.executable, "-m", "cosim.evaluate", *map(str, arguments)]
+    return subprocess.run(line, capture_output=True, text=True, check=False)
+
+
+def test_command_prints_json_last(whole, policy_file):
+    evaluated, report = whole
+    out = evaluated.file.path.parent
+    done = command(
+        policy_file, "--starts", "all", "--out", out, "--recordings", 1, "--json"
+    )  # everything is there already
+    assert done.returncode == 0, done.stderr
+    assert "outcomes with 95 % intervals" in done.stdout
+    assert json.loads(done.stdout.splitlines()[-1]) == json.loads(json.dumps(report))
+
+
+def test_policy_of_another_scenario_is_refused(policy_file, tmp_path):
+    done = command(policy_file, "--scenario", "4", "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "was trained on scenario near" in done.stderr
+    assert not (tmp_path / "out").exists()
