@@ -32,7 +32,7 @@ from cosim.prescribed import Drive, Rig, drive_wrench, rig, trace_body
 from cosim.scenario import Scenario
 from fmus.build import cached_fmu
 
-SPEED = STEERING.drive_speed_rad_s
+SPEED = STEERING.forward_speed_rad_s
 NORTH = 2
 SHORT_S = 0.5  # simulated time of a round: short and many, so that some meet an idle machine
 

@@ -61,7 +61,7 @@ class CoSimConfig:
             (self.robot, ("mass_kg", "diameter_m", "height_m", "com_height_m", "foot_radius_m")),
             (self.motor, ("J", "R", "g")),
             (self.timing, ("dt_s", "communication_step_s", "control_period_s", "rl_step_s")),
-            (self.steering, ("lookahead_m",)),
+            (self.steering, ("lookahead_m", "least_lookahead_m")),
         ):
             for name in names:
                 if getattr(record, name) == 0.0:
@@ -76,7 +76,12 @@ class CoSimConfig:
         )
         whole_ratio("hold_s", self.noise.hold_s, "control_period_s", self.timing.control_period_s)
         limit = lift_off_speed(self.robot, self.motor)
-        for name in ("drive_speed_rad_s", "turn_speed_rad_s"):
+        for name in (
+            "forward_speed_rad_s",
+            "backward_speed_rad_s",
+            "turn_speed_rad_s",
+            "max_speed_rad_s",
+        ):
             speed = getattr(self.steering, name)
             if speed >= limit:
                 raise ConfigError(

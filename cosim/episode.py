@@ -252,7 +252,7 @@ class CoSimulation:
     def _draw_noise(self, periods: int) -> np.ndarray:
         """Speed noise of one RL step, shape (periods, N, 2), rad/s (Section V)."""
         hold = self.config.periods_per_noise_value
-        amplitude = self.config.noise.relative_amplitude * self.config.steering.drive_speed_rad_s
+        amplitude = self.config.noise.relative_amplitude * self.config.steering.forward_speed_rad_s
         values = np.stack(
             [r.uniform(-amplitude, amplitude, math.ceil(periods / hold)) for r in self._noise],
             axis=1,

@@ -118,33 +118,51 @@ class TimingParams(NamedTuple):
 
 
 class SteeringParams(NamedTuple):
-    """Heading and line control that turn a commanded direction into motor set points."""
+    """Heading and line control that turn a commanded direction into motor set points.
 
-    drive_speed_rad_s: Annotated[
+    See docs/steering.md for what the assumed values were measured against.
+    """
+
+    forward_speed_rad_s: Annotated[
         float,
-        Quantity("rad/s", "assumed: below lift-off at 1151", "motor speed while driving"),
-    ] = 950.0
+        Quantity("rad/s", "assumed: 3.9 mm/s at μ = 0.15", "motor speed while driving forwards"),
+    ] = 1002.0
+    backward_speed_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed: 3.9 mm/s at μ = 0.15", "motor speed while driving backwards"),
+    ] = 1032.0
     turn_speed_rad_s: Annotated[
         float,
-        Quantity("rad/s", "assumed: as for driving", "motor speed while turning on the spot"),
-    ] = 950.0
+        Quantity("rad/s", "assumed: 0.2 rad/s at μ = 0.15", "motor speed while turning"),
+    ] = 1025.0
+    max_speed_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed: no hop under noise", "bound on motor speeds while driving"),
+    ] = 1090.0
+    dither_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed", "alternating speed difference that averages motor phases"),
+    ] = 20.0
     turned_rad: Annotated[
         float, Quantity("rad", "assumed", "heading error below which turning ends")
-    ] = 0.05
+    ] = 0.15
     turn_again_rad: Annotated[
         float, Quantity("rad", "assumed", "heading error above which driving becomes turning")
     ] = 0.35
     heading_gain_1_s: Annotated[
         float,
         Quantity("1/s", "assumed", "speed difference of the motors per heading error"),
-    ] = 600.0
+    ] = 4000.0
     max_difference_rad_s: Annotated[
         float,
-        Quantity("rad/s", "assumed: keeps motors below lift-off", "bound on that difference"),
-    ] = 150.0
+        Quantity("rad/s", "assumed: half of it is free of loss", "bound on that difference"),
+    ] = 100.0
     lookahead_m: Annotated[
         float, Quantity("m", "assumed: one cell", "distance over which a lateral error is closed")
     ] = 0.01
+    least_lookahead_m: Annotated[
+        float, Quantity("m", "assumed", "the same close to the end of the line")
+    ] = 0.004
 
 
 class Fig3Params(NamedTuple):

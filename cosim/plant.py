@@ -66,10 +66,13 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray) -> None:
         state: variables; commands and inputs change.
         noise: (N, 2) speed measurement noise of this period, rad/s.
     """
+    period_s = plant.ticks_per_period * plant.body.dt
     for robot in range(state.bodies.shape[0]):
         body = state.bodies[robot]
         angle = heading((body[3], body[4], body[5], body[6]))
-        omega_d, omega_e = steer(state.commands[robot], body[0], body[1], angle, plant.steering)
+        omega_d, omega_e = steer(
+            state.commands[robot], body[0], body[1], angle, period_s, plant.steering
+        )
         inputs = state.inputs[robot]
         inputs[0, 0], inputs[1, 0] = omega_d, omega_e
         inputs[0, 1], inputs[1, 1] = noise[robot, 0], noise[robot, 1]

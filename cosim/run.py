@@ -78,7 +78,7 @@ class Run:
     """Coulomb friction coefficient of the feet (useful: 0.1 to 0.4)."""
     noise: float = SPEED_NOISE.relative_amplitude
     """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
-    speed: Annotated[float, tyro.conf.arg(metavar="RAD_S")] = STEERING.drive_speed_rad_s
+    speed: Annotated[float, tyro.conf.arg(metavar="RAD_S")] = STEERING.forward_speed_rad_s
     """Motor speed while driving and turning, in rad/s; the robot hops above 1151."""
     time_limit: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.episode_limit_s
     """Simulated time in s after which an episode ends as a time-out."""
@@ -104,7 +104,11 @@ class Run:
                 communication_step_s=self.communication_step or self.dt,
                 episode_limit_s=self.time_limit,
             ),
-            steering=STEERING._replace(drive_speed_rad_s=self.speed, turn_speed_rad_s=self.speed),
+            steering=STEERING._replace(
+                forward_speed_rad_s=self.speed,
+                backward_speed_rad_s=self.speed,
+                turn_speed_rad_s=self.speed,
+            ),
             order=self.order,
             reaction=self.reaction,
             on_collision=self.on_collision,

@@ -135,7 +135,7 @@ def test_times_that_do_not_divide_are_refused(timing, message):
 
 
 def test_hopping_speed_is_refused():
-    steering = CoSimConfig().steering._replace(drive_speed_rad_s=1200.0)
+    steering = CoSimConfig().steering._replace(forward_speed_rad_s=1200.0)
     with pytest.raises(ConfigError, match="would make the robot hop"):
         CoSimConfig(steering=steering)
 
