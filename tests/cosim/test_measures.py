@@ -85,11 +85,11 @@ def test_energy_at_the_control_period_is_nearly_that_of_every_tick(motor_fmu):
     motor = MotorFmu(motor_fmu).instantiate("m")
     dt, ticks = TIMING.dt_s, round(TIMING.control_period_s / TIMING.dt_s)
     noise = np.random.default_rng(0).uniform(-1.0, 1.0, 300)
-    noise *= SPEED_NOISE.relative_amplitude * STEERING.drive_speed_rad_s
+    noise *= SPEED_NOISE.relative_amplitude * STEERING.forward_speed_rad_s
     samples, at_ticks = new_samples(len(noise), 1), 0.0
     for period, value in enumerate(noise):
         tick = period * ticks
-        motor.set_inputs(np.array([STEERING.drive_speed_rad_s, value, 0.0]), tick, dt)
+        motor.set_inputs(np.array([STEERING.forward_speed_rad_s, value, 0.0]), tick, dt)
         for k in range(ticks):
             motor.step(tick + k, 1, dt)
             voltage, current = motor.electrical(tick + k + 1, dt)
