@@ -22,25 +22,37 @@ def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray
     Returns:
         (N,) float64, Eq. (8) and (11).
     """
-    reward = np.full(len(step.action), np.nan)
+    return reward_parts(process, step, arrived).sum(axis=1)
+
+
+def reward_parts(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
+    """The same by parts, (N, 3) float64: goal or failure, step, nearness of another robot."""
+    parts = np.full((len(step.action), 3), np.nan)
     goal = float(process.goal_reward)
     for robot in np.flatnonzero(step.completed):
-        moved = _move_reward(process, step.after, int(step.action[robot]), int(robot))
         # Eq. (8)
-        reward[robot] = goal if arrived[robot] else moved
+        parts[robot] = (
+            (goal, 0.0, 0.0)
+            if arrived[robot]
+            else _move_reward(process, step.after, int(step.action[robot]), int(robot))
+        )
     if step.outcome == "collision":
-        reward[step.action >= 0] = -goal
+        parts[step.action >= 0] = (-goal, 0.0, 0.0)
     if step.outcome == "out_of_board":
         columns, rows = (size - 2 for size in process.terrain.shape[1:])
         x, y = step.after.cells.T
-        reward[(x < 0) | (x >= columns) | (y < 0) | (y >= rows)] = -goal
-    return reward
+        parts[(x < 0) | (x >= columns) | (y < 0) | (y >= rows)] = (-goal, 0.0, 0.0)
+    return parts
 
 
-def _move_reward(process: Process, after: Observation, action: int, robot: int) -> float:
+def _move_reward(
+    process: Process, after: Observation, action: int, robot: int
+) -> tuple[float, float, float]:
     squared = ((after.cells - after.cells[robot]) ** 2).sum(axis=1)
     squared[robot] = np.iinfo(np.int64).max  # no robot is near itself
     limit = process.move_reward.shape[2] - 1
     approaching = int(after.gradient_sign[robot] < 0)
     # Eq. (11)
-    return float(process.move_reward[action % 2, approaching, min(int(squared.min()), limit)])
+    of_move = process.move_reward[action % 2, approaching]
+    step = float(of_move[limit])  # nearness costs nothing at the limit
+    return 0.0, step, float(of_move[min(int(squared.min()), limit)]) - step

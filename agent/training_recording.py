@@ -7,6 +7,7 @@ import numpy as np
 import rerun as rr
 from matplotlib import colormaps
 
+from agent.maps import policy_maps
 from agent.policy import Policy
 from agent.training import TrainingLog
 from cosim.blueprint import robot_names, training_blueprint
@@ -35,35 +36,12 @@ def write_training(path: Path, policy: Policy, log: TrainingLog, facts: dict[str
     with Recording(path, identity, training_blueprint(robots)) as file:
         file.stream.send_property("training", properties(facts))
         _write_curves(file, log)
+        maps = policy_maps(policy)
         for robot, name in enumerate(robot_names(robots)):
-            value, action, visits = cell_maps(policy, robot)
+            value, action, visits = maps[robot]
             _write_map(file, f"/q/{name}/value_map", value, visits > 0)
             _write_map(file, f"/q/{name}/visits", np.log10(np.maximum(visits, 1)), visits > 0)
             _write_arrows(file, f"/q/{name}/policy", action, visits > 0)
-
-
-def cell_maps(policy: Policy, robot: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a robot's table says of each cell, over the other features weighted by visits.
-
-    Returns:
-        Value max_a Q (mean over the states of the cell), greedy direction index (of the state
-        visited most) and visits, each of shape (columns, rows).
-    """
-    scenario, strides = policy.config.scenario, policy.process.strides
-    cells = scenario.columns * scenario.rows
-    x, y = np.divmod(np.arange(cells), scenario.rows)
-    base = x * strides[0] + y * strides[1]
-    # The other features have the smallest strides: a cell's states follow one another.
-    told_apart = (scenario.columns if strides[0] else 1) * (scenario.rows if strides[1] else 1)
-    states = base[:, None] + np.arange(policy.process.state_count // told_apart)
-    visits = policy.visits[robot][states].astype(np.float64)
-    best = policy.values[robot].max(axis=1)[states]
-    total = visits.sum(axis=1)
-    value = (best * visits).sum(axis=1) / np.maximum(total, 1.0)
-    usual = states[np.arange(cells), visits.argmax(axis=1)]
-    action = policy.values[robot].argmax(axis=1)[usual]
-    shape = (scenario.columns, scenario.rows)
-    return value.reshape(shape), action.reshape(shape), total.reshape(shape)
 
 
 def _write_curves(file: Recording, log: TrainingLog) -> None:

@@ -179,7 +179,7 @@ def recording_overhead(rounds: int, steps: int = 30) -> float:
     """Additional time of the default recording, as a share of the time without."""
     system = driving(2, rl_step_s=TIMING.rl_step_s)
     action = np.array([NORTH, NORTH])
-    values, reward = np.zeros((2, 8)), np.zeros(2)
+    values, reward = np.zeros((2, 8)), np.zeros((2, 3))
 
     def run(path: Path | None) -> None:
         system.reset(tuple(c[0] for c in system.scenario.starts), np.random.SeedSequence(0))

@@ -10,14 +10,16 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from agent.maps import policy_maps
 from agent.policy import Policy
 from cosim.config import CoSimConfig
+from cosim.detail import Level
 from cosim.episode import CoSimulation, Step
 from cosim.episode_recording import EpisodeRecorder
 from cosim.observing import draw_starts
@@ -36,6 +38,7 @@ class Batch:
         policy: acts, and names the process whose rewards are recorded.
         out: output folder; recordings go to `episodes/` in it.
         facts: what identifies the run, for recordings.
+        viewer: address of a running viewer that is sent what is recorded, if any.
     """
 
     scenario: Scenario
@@ -46,9 +49,14 @@ class Batch:
     policy: Policy
     out: Path
     facts: dict[str, Any]
+    viewer: str | None = None
 
     def run(
-        self, episodes: Iterable[int], jobs: int, record: bool, console: Console
+        self,
+        episodes: Iterable[int],
+        jobs: int,
+        record: Level | Literal["none"],
+        console: Console,
     ) -> Iterator[EpisodeResult]:
         """Results in the order of `episodes`, which run in `jobs` threads.
 
@@ -86,7 +94,11 @@ class Batch:
                 raise
 
     def _episode(
-        self, episode: int, record: bool, stop: threading.Event, show: Callable[[str], None]
+        self,
+        episode: int,
+        record: Level | Literal["none"],
+        stop: threading.Event,
+        show: Callable[[str], None],
     ) -> EpisodeResult:
         start_seed, noise_seed = np.random.SeedSequence(self.seed, spawn_key=(episode,)).spawn(2)
         starts = draw_starts(self.scenario, np.random.default_rng(start_seed))
@@ -100,10 +112,18 @@ class Batch:
             factor = system.time_s / (time.perf_counter() - began)
             show(f"{system.time_s:.0f} s simulated, {factor:.1f} × real time {step.outcome}")
 
-        if not record:
+        if record == "none":
             return roll_out(system, self.policy, starts, noise_seed, None, watch)
-        identity = f"{self.scenario.name}-{self.seed}-{episode}"
-        facts = self.facts | {"episode": episode, "starts": starts}
-        with EpisodeRecorder(path, self.scenario, self.config, identity, facts) as recorder:
+        recorder = EpisodeRecorder(
+            path,
+            self.scenario,
+            self.config,
+            f"{self.scenario.name}-{self.seed}-{episode}",
+            self.facts | {"episode": episode, "starts": starts},
+            level=record,
+            viewer=self.viewer,
+            policies=policy_maps(self.policy),
+        )
+        with recorder:
             result = roll_out(system, self.policy, starts, noise_seed, recorder, watch)
         return replace(result, recording=str(path.relative_to(self.out)))

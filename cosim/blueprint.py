@@ -22,14 +22,17 @@ def robot_names(robots: int) -> list[str]:
     return [f"r{robot + 1}" for robot in range(robots)]
 
 
-def episode_blueprint(robots: int, size_m: tuple[float, float]) -> rrb.Blueprint:
-    """Arena above an action timeline on the left, tabs of plots on the right.
+def episode_blueprint(
+    robots: int, size_m: tuple[float, float], *, bursts: bool = True, policies: bool = False
+) -> rrb.Blueprint:
+    """Arena above timelines of actions on the left, tabs of plots on the right.
 
     Args:
         robots: number of robots.
         size_m: width and height of the board, for the eye.
+        bursts: whether bursts at every tick are recorded.
+        policies: whether the robots' policies are drawn on the floor.
     """
-    width, height = size_m
     names = robot_names(robots)
 
     def plots(title: str, *rows: tuple[str, str], time: rrb.TimeAxis = _WHOLE_TIME) -> rrb.Grid:
@@ -46,22 +49,15 @@ def episode_blueprint(robots: int, size_m: tuple[float, float]) -> rrb.Blueprint
         ]
         return rrb.Grid(*views, grid_columns=robots, name=title)
 
-    arena = rrb.Spatial3DView(
-        origin="/world",
-        name="arena",
-        eye_controls=rrb.EyeControls3D(
-            position=(0.5 * width, -0.25 * height, 0.85 * height),
-            look_target=(0.5 * width, 0.42 * height, 0.0),
-        ),
-        line_grid=rrb.LineGrid3D(visible=False),
-    )
-    timeline = rrb.StateTimelineView(
-        origin="/",
-        contents=[f"/rl/{name}/action" for name in names],
-        name="actions",
-        time_view=_WHOLE_TIME,
-    )
-    tabs = rrb.Tabs(
+    def states(title: str, *paths: str) -> rrb.StateTimelineView:
+        return rrb.StateTimelineView(
+            origin="/",
+            contents=[f"/rl/{name}/{path}" for name in names for path in paths],
+            name=title,
+            time_view=_WHOLE_TIME,
+        )
+
+    tabs = [
         plots(
             "motors",
             ("speed rad/s", "/sim/{r}/motors/omega"),
@@ -75,43 +71,76 @@ def episode_blueprint(robots: int, size_m: tuple[float, float]) -> rrb.Blueprint
             ("heading rad", "/sim/{r}/heading"),
             ("velocity m/s", "/sim/{r}/velocity"),
             ("heading error rad", "/sim/{r}/heading_error"),
+            *([("distance to the nearest robot m", "/sim/{r}/distance_m")] * (robots > 1)),
         ),
         plots(
             "contact",
             ("largest normal force N", "/sim/{r}/contact/normal_max"),
             ("largest friction force N", "/sim/{r}/contact/friction_max"),
+            ("share of time in which a foot slides", "/sim/{r}/contact/slipping_share"),
             ("share of time with a foot in the air", "/sim/{r}/contact/lifted_share"),
         ),
-        plots(
-            "bursts at every tick",
-            ("speed rad/s", "/raw/{r}/omega"),
-            ("normal force N", "/raw/{r}/normal"),
-            ("friction force N", "/raw/{r}/friction"),
-            time=_AROUND_CURSOR,
-        ),
-        plots(
-            "learning",
-            ("reward", "/rl/{r}/reward"),
-            ("return", "/rl/{r}/return"),
-            ("Q of the eight directions", "/rl/{r}/q_s"),
-            ("distance in cells", "/rl/{r}/distance"),
+        rrb.Vertical(
+            plots(
+                "plots",
+                ("Q of the eight directions", "/rl/{r}/q_s"),
+                ("reward and its parts", "/rl/{r}/reward_parts"),
+                ("return", "/rl/{r}/return"),
+                ("visited cells", "/rl/{r}/visited"),
+                *([("distance to the nearest robot in cells", "/rl/{r}/distance")] * (robots > 1)),
+            ),
+            states("greedy direction, and how the distance changed", "greedy", "gradient"),
+            row_shares=[4, 1],
+            name="learning",
         ),
         rrb.Horizontal(
             rrb.TextLogView(origin="/log", name="log"),
             rrb.TextDocumentView(origin="/info/run", name="run"),
             name="information",
         ),
-        active_tab=0,
-    )
+    ]
+    if bursts:
+        raw = plots(
+            "bursts at every tick",
+            ("speed rad/s", "/raw/{r}/omega"),
+            ("normal force N", "/raw/{r}/normal"),
+            ("friction force N", "/raw/{r}/friction"),
+            time=_AROUND_CURSOR,
+        )
+        tabs.insert(3, raw)
+    if policies:
+        floors = [_arena(f"policy · {name}", size_m, names, name) for name in names]
+        tabs.insert(-1, rrb.Grid(*floors, grid_columns=min(robots, 2), name="policies"))
+    arena = _arena("arena", size_m, names)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(arena, timeline, row_shares=[3, 1]), tabs, column_shares=[2, 3]
+            rrb.Vertical(arena, states("actions", "action"), row_shares=[3, 1]),
+            rrb.Tabs(*tabs, active_tab=0),
+            column_shares=[2, 3],
         ),
         rrb.TimePanel(timeline="sim_time", state="collapsed"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         auto_layout=False,
         auto_views=False,
+    )
+
+
+def _arena(
+    title: str, size_m: tuple[float, float], names: list[str], policy_of: str | None = None
+) -> rrb.Spatial3DView:
+    """The board from the south, with the policy of one robot on the floor or of none."""
+    width, height = size_m
+    hidden = [f"- /world/{name}/policy/**" for name in names if name != policy_of]
+    return rrb.Spatial3DView(
+        origin="/world",
+        contents=["+ /world/**", *hidden],
+        name=title,
+        eye_controls=rrb.EyeControls3D(
+            position=(0.5 * width, -0.25 * height, 0.85 * height),
+            look_target=(0.5 * width, 0.42 * height, 0.0),
+        ),
+        line_grid=rrb.LineGrid3D(visible=False),
     )
 
 

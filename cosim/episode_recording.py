@@ -1,11 +1,12 @@
 """One co-simulated episode as a Rerun recording: every signal of every RL step.
 
-Motor speeds and voltages are written at the control period (1 kHz), everything slower at 50 Hz
-(velocities and currents as means, contact forces as maxima over 20 ms), and the first 10 ms of
-every RL step at every tick. Some RL steps are written together, one chunk per entity: few long
-chunks are written, stored and read several times faster than many short ones.
+What is recorded is `cosim.series`, how often `cosim.detail`, what moves in the 3D view
+`cosim.episode_scene`, the log in words `cosim.episode_log`. Some RL steps are written together, one
+chunk per entity: few long chunks are written, stored and read several times faster than many short
+ones.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,20 +15,26 @@ import rerun as rr
 
 from cosim.blueprint import episode_blueprint, robot_names
 from cosim.config import CoSimConfig
+from cosim.detail import DETAILS, Level, periods
 from cosim.episode import Step
+from cosim.episode_log import EpisodeLog, Line
+from cosim.episode_scene import EpisodeScene
 from cosim.features import GRADIENT_SIGNS, Observation
+from cosim.floor import PolicyMap, write_floor
 from cosim.recording import Recording, properties, scalars, simulated
 from cosim.scenario import Scenario
 from cosim.scene import write_scene
-from cosim.series import ARRIVED, DIRECTION_NAMES, RAW_SERIES, write_styles
+from cosim.series import (
+    ARRIVED,
+    DIRECTION_NAMES,
+    SIGNALS,
+    block_ends,
+    reduce,
+    write_styles,
+)
 from cosim.signals import RawSamples, Samples
 
-# A row costs 35 bytes whatever it holds: only what changes within a motor turn is written faster.
-SLOW_PERIOD_S = 0.02
-TRAIL_PERIOD_S = 0.5
 _BATCH_STEPS = 5  # RL steps written together: what a killed process can lose
-_METRES_PER_NEWTON = 0.03
-_TRAIL_HEIGHT_M = 0.0005
 
 
 class _Decided(NamedTuple):
@@ -35,7 +42,7 @@ class _Decided(NamedTuple):
 
     step: Step
     q_values: np.ndarray
-    reward: np.ndarray
+    reward_parts: np.ndarray
 
 
 class EpisodeRecorder:
@@ -44,9 +51,12 @@ class EpisodeRecorder:
     Args:
         path: of the recording.
         scenario: board, targets, number of robots.
-        config: parameters.
+        config: parameters; its `burst_s` should be that of the level.
         recording_id: identity of the recording; equal runs use equal ones.
         facts: seed, versions and what else identifies the run, for the properties and `/info/run`.
+        level: how much is recorded.
+        viewer: address of a running viewer that gets the same data, if any.
+        policies: what each robot's policy says of each cell, to be drawn on the floor.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -59,20 +69,35 @@ class EpisodeRecorder:
         config: CoSimConfig,
         recording_id: str,
         facts: dict[str, Any],
+        *,
+        level: Level = "default",
+        viewer: str | None = None,
+        policies: Sequence[PolicyMap] = (),
     ) -> None:
         self._names = robot_names(scenario.robots)
-        self._config = config
-        self._every = max(1, round(SLOW_PERIOD_S / config.timing.control_period_s))
+        self._config, self._detail = config, DETAILS[level]
         self._return = np.zeros(scenario.robots)
-        self._trail: list[np.ndarray] = []
+        self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
         self._batch: list[_Decided] = []
-        blueprint = episode_blueprint(scenario.robots, scenario.size_m)
-        self.file = Recording(path, recording_id, blueprint)
-        self.file.stream.send_property("episode", properties(facts))
+        self._log = EpisodeLog(scenario, config)
+        blueprint = episode_blueprint(
+            scenario.robots,
+            scenario.size_m,
+            bursts=config.timing.burst_s > 0.0,
+            policies=bool(policies),
+        )
+        self.file = Recording(path, recording_id, blueprint, viewer)
+        self.file.stream.send_property("episode", properties(facts | {"record": level}))
         write_scene(self.file, scenario, config.robot)
         write_styles(self.file, scenario.robots)
+        for name, policy in zip(self._names, policies, strict=False):
+            write_floor(self.file, name, scenario, policy)
         page = rr.TextDocument(_run_document(facts, config), media_type="text/markdown")
         self.file.static("/info/run", page)
+        self._scenes = [
+            EpisodeScene(self.file, name, robot, scenario, config, self._detail)
+            for robot, name in enumerate(self._names)
+        ]
 
     def __enter__(self) -> "EpisodeRecorder":
         return self
@@ -81,19 +106,20 @@ class EpisodeRecorder:
         self._write_batch()
         self.file.close()
 
-    def write(self, step: Step, q_values: np.ndarray, reward: np.ndarray) -> None:
+    def write(self, step: Step, q_values: np.ndarray, reward_parts: np.ndarray) -> None:
         """Take one RL step.
 
         Args:
             step: what the co-simulation returned.
             q_values: (N, 8) action values of the observation before the step.
-            reward: (N,) reward of a move completed in the step, NaN where none was.
+            reward_parts: (N, 3) reward of a move completed in the step as the sum of
+                `cosim.series.REWARD_PARTS`, NaN where none was.
 
         Raises:
             RecordingError: the disk is full.
         """
         self.file.check_space()
-        self._batch.append(_Decided(step, q_values, reward))
+        self._batch.append(_Decided(step, q_values, reward_parts))
         if len(self._batch) == _BATCH_STEPS:
             self._write_batch()
 
@@ -107,14 +133,10 @@ class EpisodeRecorder:
         times = [s.first_tick + ticks * np.arange(1, len(s.samples.omega) + 1) for s in steps]
         time_s = dt * np.concatenate(times)
         bursts = [s.first_tick + np.arange(1, len(s.raw.omega) + 1) for s in steps]
-        raw_time_s = dt * np.concatenate(bursts)
-        trail_every = round(TRAIL_PERIOD_S / self._config.timing.control_period_s)
-        self._trail.extend(samples.position[::trail_every])
-        for robot, name in enumerate(self._names):
-            for signal in RAW_SERIES:
-                self._send(f"/raw/{name}/{signal}", raw_time_s, getattr(raw, signal)[:, robot])
-            self._write_signals(name, robot, samples, time_s)
-            self._write_scene(name, robot, samples, time_s)
+        self._write_signals(samples, time_s)
+        self._write_bursts(raw, dt * np.concatenate(bursts))
+        for robot, (name, scene) in enumerate(zip(self._names, self._scenes, strict=True)):
+            scene.write(steps, samples, time_s)
             self._write_decisions(name, robot)
             self._write_rewards(name, robot)
         self._write_log()
@@ -127,64 +149,38 @@ class EpisodeRecorder:
         if len(time_s):
             self.file.columns(entity, simulated(time_s, rl_step), scalars(values))
 
-    def _write_signals(self, name: str, robot: int, samples: Samples, time_s: np.ndarray) -> None:
-        blocks = len(time_s) // self._every
-        slow = slice(self._every - 1, blocks * self._every, self._every)
-        slow_s = time_s[slow]
+    def _write_signals(self, samples: Samples, time_s: np.ndarray) -> None:
+        timing = self._config.timing
+        if not len(time_s):
+            return
+        for signal in SIGNALS:
+            if signal.path == "distance_m" and len(self._names) == 1:
+                continue
+            rate_s = getattr(self._detail, f"{signal.rate}_s")
+            every = periods(rate_s, timing.control_period_s, timing.rl_step_s)
+            rows_s = time_s[block_ends(len(time_s), every)]
+            values = reduce(signal.of(samples), every, signal.reduced)
+            for robot, name in enumerate(self._names):
+                self._send(f"/sim/{name}/{signal.path}", rows_s, values[:, robot])
 
-        def by_block(signal: str) -> np.ndarray:
-            values = getattr(samples, signal)[: blocks * self._every, robot]
-            return values.reshape(blocks, self._every, *values.shape[1:])
-
-        w, x, y, z = samples.quaternion[slow, robot].T
-        heading = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-        fast = {"motors/omega": samples.omega, "motors/voltage": samples.voltage}
-        for path, values in fast.items():
-            self._send(f"/sim/{name}/{path}", time_s, values[:, robot])
-        for path, values in {
-            "motors/current": by_block("current").mean(axis=1),
-            "motors/omega_des": samples.omega_des[slow, robot],
-            "motors/theta": samples.theta[slow, robot],
-            "position": samples.position[slow, robot, :2],
-            "velocity": by_block("velocity")[..., :2].mean(axis=1),
-            "heading": heading,
-            "heading_error": samples.heading_error[slow, robot],
-            "contact/normal_max": by_block("normal_max").max(axis=1),
-            "contact/friction_max": by_block("friction_max").max(axis=1),
-            "contact/lifted_share": by_block("lifted_share").mean(axis=1),
-            "contact/touching_share": by_block("touching_share").mean(axis=1),
-        }.items():
-            self._send(f"/sim/{name}/{path}", slow_s, values)
-
-    def _write_scene(self, name: str, robot: int, samples: Samples, time_s: np.ndarray) -> None:
-        slow = slice(self._every - 1, None, self._every)
-        position, normal = samples.position[slow, robot], samples.normal_max[slow, robot]
-        if len(position):
-            times = simulated(time_s[slow])
-            # Rerun wants (x, y, z, w).
-            quaternion = np.roll(samples.quaternion[slow, robot], -1, axis=1)
-            pose = rr.Transform3D.columns(translation=position, quaternion=quaternion)
-            self.file.columns(f"/world/{name}/robot", times, pose)
-            arrows = np.zeros((*normal.shape, 3))
-            arrows[:, :, 2] = _METRES_PER_NEWTON * normal
-            forces = rr.Arrows3D.columns(vectors=arrows.reshape(-1, 3))
-            forces = forces.partition([normal.shape[1]] * len(normal))
-            self.file.columns(f"/world/{name}/robot/contact", times, forces)
-        trail = np.array(self._trail)[:, robot].copy()
-        trail[:, 2] = _TRAIL_HEIGHT_M
-        line = rr.LineStrips3D.columns(strips=[trail])
-        self.file.columns(f"/world/{name}/trail", simulated(time_s[-1:]), line)
+    def _write_bursts(self, raw: RawSamples, time_s: np.ndarray) -> None:
+        for path in self._detail.burst_signals:
+            for robot, name in enumerate(self._names):
+                self._send(f"/raw/{name}/{path}", time_s, getattr(raw, path)[:, robot])
 
     def _write_decisions(self, name: str, robot: int) -> None:
         """What was seen and decided at the start of each RL step, and seen at the very end."""
         times, numbers = self._starts()
         seen = [decided.step.before for decided in self._batch]
         action = [int(decided.step.action[robot]) for decided in self._batch]
-        names = [DIRECTION_NAMES[a] if a >= 0 else ARRIVED for a in action]
-        states = rr.StateChange.columns(state=names)
-        self.file.columns(f"/rl/{name}/action", simulated(times, numbers), states)
         q_values = np.array([decided.q_values[robot] for decided in self._batch])
         self._send(f"/rl/{name}/q_s", times, q_values, numbers)
+        for path, names in (
+            ("action", [DIRECTION_NAMES[a] if a >= 0 else ARRIVED for a in action]),
+            ("greedy", [DIRECTION_NAMES[k] for k in q_values.argmax(axis=1)]),
+        ):
+            states = rr.StateChange.columns(state=names)
+            self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), states)
         last = self._batch[-1].step
         if last.outcome:
             seen.append(last.after)
@@ -202,6 +198,11 @@ class EpisodeRecorder:
     ) -> None:
         cells = np.array([observation.cells for observation in seen])
         self._send(f"/rl/{name}/cell", times, cells[:, robot], numbers)
+        visited = []
+        for x, y in cells[:, robot].tolist():
+            self._visited[robot].add((x, y))
+            visited.append(len(self._visited[robot]))
+        self._send(f"/rl/{name}/visited", times, np.array(visited), numbers)
         if len(self._names) > 1:
             distances = np.linalg.norm(cells - cells[:, robot : robot + 1], axis=2)
             nearest = np.delete(distances, robot, axis=1).min(axis=1)
@@ -211,34 +212,26 @@ class EpisodeRecorder:
         self.file.columns(f"/rl/{name}/gradient", simulated(times, numbers), states)
 
     def _write_rewards(self, name: str, robot: int) -> None:
-        earned = [d for d in self._batch if not np.isnan(d.reward[robot])]
+        earned = [d for d in self._batch if not np.isnan(d.reward_parts[robot]).any()]
+        if not earned:
+            return
         times = np.array([self._end_s(d.step) for d in earned])
         numbers = np.array([d.step.number for d in earned])
-        reward = np.array([d.reward[robot] for d in earned])
+        parts = np.array([d.reward_parts[robot] for d in earned])
+        reward = parts.sum(axis=1)
         self._send(f"/rl/{name}/reward", times, reward, numbers)
+        self._send(f"/rl/{name}/reward_parts", times, parts, numbers)
         self._send(f"/rl/{name}/return", times, self._return[robot] + reward.cumsum(), numbers)
         self._return[robot] += reward.sum()
 
     def _write_log(self) -> None:
-        """Decisions, rewards and the outcome in words."""
-        rows: list[tuple[float, int, str]] = []
-        for step, _, reward in self._batch:
-            start_s, end_s = step.first_tick * self._config.timing.dt_s, self._end_s(step)
-            for robot, name in enumerate(self._names):
-                if step.decided[robot]:
-                    direction = DIRECTION_NAMES[int(step.action[robot])]
-                    where = tuple(step.before.cells[robot].tolist())
-                    rows.append((start_s, step.number, f"{name} in {where} heads for {direction}"))
-                if not np.isnan(reward[robot]):
-                    where = tuple(step.after.cells[robot].tolist())
-                    text = f"{name} ends its move in {where}, reward {reward[robot]:.2f}"
-                    rows.append((end_s, step.number, text))
-            if step.outcome:
-                rows.append((end_s, step.number, f"episode ends: {step.outcome}"))
-        if rows:
-            time_s, numbers, texts = zip(*sorted(rows), strict=True)
-            lines = rr.TextLog.columns(text=texts, level=["INFO"] * len(texts))
-            self.file.columns("/log", simulated(np.array(time_s), np.array(numbers)), lines)
+        lines: list[Line] = []
+        for step, _, parts in self._batch:
+            lines += self._log.lines(step, parts.sum(axis=1))
+        if lines:
+            time_s, numbers, levels, texts = zip(*lines, strict=True)
+            rows = rr.TextLog.columns(text=texts, level=levels)
+            self.file.columns("/log", simulated(np.array(time_s), np.array(numbers)), rows)
 
     def _starts(self) -> tuple[np.ndarray, np.ndarray]:
         """Times in s and numbers of the batch's RL steps."""

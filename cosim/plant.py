@@ -21,6 +21,8 @@ from cosim.steering import HEADING_ERROR, MODE, steer
 from cosim.trig import sine_cosine
 
 RUNNING, COLLISION, OUT_OF_BOARD = 0, 1, 2
+# Share of the squared friction limit from which a foot slides; the solver's projection rounds.
+AT_LIMIT = 1.0 - 1e-9
 
 
 class Plant(NamedTuple):
@@ -79,6 +81,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray) -> None:
         for foot in range(FEET):
             state.normal_peak[robot, foot] = 0.0
             state.friction_peak[robot, foot] = 0.0
+            state.slipping[robot, foot] = 0.0
         state.lifted[robot] = 0.0
         state.touching[robot] = 0.0
     state.near_count[0] = find_near_pairs(state.bodies, plant.pair, state.near)
@@ -147,8 +150,11 @@ def step_robot(plant: Plant, state: State, robot: int, tick: int) -> None:
         friction = qx * qx + qy * qy + qz * qz
         state.normal_peak[robot, foot] = max(state.normal_peak[robot, foot], normal)
         state.friction_peak[robot, foot] = max(state.friction_peak[robot, foot], friction)
+        limit = plant.body.contact.mu * normal
         if normal == 0.0:
             lifted = 1.0
+        elif friction >= AT_LIMIT * limit * limit:
+            state.slipping[robot, foot] += 1.0
     state.lifted[robot] += lifted
 
 
@@ -196,6 +202,7 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
         for axis in range(3):
             raw.position[row, robot, axis] = body[axis]
         for motor in range(MOTORS):
+            raw.theta[row, robot, motor] = state.outputs[robot, motor, 0]
             raw.omega[row, robot, motor] = state.outputs[robot, motor, 1]
         for foot in range(FEET):
             raw.normal[row, robot, foot] = body[13 + foot] / plant.body.dt
@@ -229,6 +236,9 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
             samples.normal_max[row, robot, foot] = state.normal_peak[robot, foot] / dt
             samples.friction_max[row, robot, foot] = (
                 math.sqrt(state.friction_peak[robot, foot]) / dt
+            )
+            samples.slipping_share[row, robot, foot] = (
+                state.slipping[robot, foot] / plant.ticks_per_period
             )
         samples.lifted_share[row, robot] = state.lifted[robot] / plant.ticks_per_period
         samples.heading_error[row, robot] = state.commands[robot, HEADING_ERROR]

@@ -1,11 +1,13 @@
 """Rerun files that are whole or say so: one `.rrd` from opening to renaming.
 
-Data goes to `<name>.rrd.part` and gets its name when it is complete. Rerun drops bad data and
-writes on a full disk without a word, so strict mode is on, free space is checked and every flush
-has a time limit. What is written, and where, is decided by the callers.
+Data goes to `<name>.rrd.part` and gets its name when it is complete, and on request to a viewer at
+the same time. Rerun drops bad data and writes on a full disk without a word, so strict mode is on,
+free space is checked and every flush has a time limit. What is written is decided by the callers,
+how a viewer is found by `cosim.live`.
 """
 
 import shutil
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,12 @@ class RecordingError(UserError):
 class Recording:
     """A recording being written; a context manager that completes it, also after an error.
 
+    Args:
+        path: of the complete file.
+        recording_id: identity of the recording.
+        blueprint: what the viewer shows when the file is opened.
+        viewer: address of a running viewer that gets the same data, if any.
+
     Attributes:
         path: of the complete file.
         stream: Rerun's recording stream.
@@ -37,18 +45,26 @@ class Recording:
         RecordingError: the folder cannot be written, or the disk is full.
     """
 
-    def __init__(self, path: Path, recording_id: str, blueprint: rrb.Blueprint) -> None:
+    def __init__(
+        self,
+        path: Path,
+        recording_id: str,
+        blueprint: rrb.Blueprint,
+        viewer: str | None = None,
+    ) -> None:
         rr.set_strict_mode(True)
         self.path = path
         self._part = path.with_name(path.name + ".part")
         self._complete = True
+        self._viewer, self._lost = viewer, False
         path.parent.mkdir(parents=True, exist_ok=True)
         self.check_space()
         self.stream = rr.RecordingStream(
             APPLICATION, recording_id=recording_id, send_properties=False
         )
+        sinks = [rr.FileSink(str(self._part))] + ([rr.GrpcSink(viewer)] if viewer else [])
         try:
-            self.stream.save(str(self._part), default_blueprint=blueprint)
+            self.stream.set_sinks(*sinks, default_blueprint=blueprint)
         except Exception as error:  # rerun raises RuntimeError whatever the cause
             raise RecordingError(
                 f"cannot write the recording {path}: {error}; choose another --out"
@@ -67,7 +83,7 @@ class Recording:
         if shutil.disk_usage(self.path.parent).free < LEAST_FREE_BYTES:
             raise RecordingError(
                 f"less than {LEAST_FREE_BYTES / 1e6:.0f} MB are free for the recording "
-                f"{self.path}; free some space or use --no-record"
+                f"{self.path}; free some space or use --record none"
             )
 
     def static(self, entity: str, *what: Any) -> None:
@@ -88,11 +104,22 @@ class Recording:
         try:
             self.stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         except Exception as error:
+            if self._viewer and "gRPC" in str(error):
+                self._lose_viewer()
+                return
             self._complete = False
             raise RecordingError(
                 f"the recording {self._part} could not be written out ({error}); free some disk "
                 "space; what it holds so far can be read"
             ) from error
+
+    def _lose_viewer(self) -> None:
+        """Say once that the viewer is gone; what follows still goes to the file."""
+        if not self._lost:
+            print(
+                f"the viewer at {self._viewer} is gone; {self.path} is written on", file=sys.stderr
+            )
+        self._lost = True
 
     def close(self) -> None:
         """Complete the file and give it its name."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.cosim_reward import step_reward
+from agent.cosim_reward import reward_parts
 from agent.policy import Policy
 from cosim.episode import CoSimulation, Step, run_episode
 from cosim.episode_recording import EpisodeRecorder
@@ -81,8 +81,8 @@ def roll_out(
     def observe(step: Step) -> None:
         watch(step)
         if recorder is not None:
-            reward = step_reward(policy.process, step, system.arrived)
-            recorder.write(step, policy.q_values(step.before), reward)
+            parts = reward_parts(policy.process, step, system.arrived)
+            recorder.write(step, policy.q_values(step.before), parts)
 
     try:
         run_episode(system, policy, starts, noise_seed, observe)

@@ -18,8 +18,10 @@ from agent.store import trained_policy
 from agent.training_recording import write_training
 from cosim.batch import Batch
 from cosim.config import ConfigError, CoSimConfig
+from cosim.detail import DETAILS
 from cosim.episode import CoSimulation
 from cosim.errors import run_command
+from cosim.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
 from cosim.params import SPEED_NOISE, STEERING, TABLE_I, TIMING
 from cosim.rollout import EpisodeResult
 from cosim.scenario import Scenario, find_scenario
@@ -56,8 +58,16 @@ class Run:
     """Motor FMU to use (FMI 3.0 Co-Simulation with the same interface) instead of the built-in."""
     retrain: bool = False
     """Train even if the cache has a policy of this configuration."""
-    record: bool = True
-    """Write recordings; --no-record leaves only summary.json and the policy."""
+    record: Literal["none", "summary", "default", "full"] = "default"
+    """How much is recorded: nothing (only summary.json and the policy are written); decisions and
+    poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at
+    1 kHz with longer bursts at every tick."""
+    live: bool = False
+    """Send what is recorded to a running Rerun viewer as well, while the episodes run."""
+    spawn: bool = False
+    """Open a Rerun viewer on this machine and send it what is recorded."""
+    viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
+    """Address of the viewer for --live and --spawn."""
     jobs: int = 1
     """Episodes to co-simulate at the same time, in threads; the results do not depend on it."""
     driver: Literal["compiled", "reference", "adaptive"] = "compiled"
@@ -89,6 +99,8 @@ class Run:
                 raise ConfigError(f"--{name.replace('_', '-')} must be at least 1")
         if self.seed < 0:
             raise ConfigError("--seed must not be negative")
+        if self.record == "none" and (self.live or self.spawn):
+            raise ConfigError("--live and --spawn show what is recorded; choose another --record")
 
     def config(self) -> CoSimConfig:
         """Parameters of the co-simulation.
@@ -103,6 +115,7 @@ class Run:
                 dt_s=self.dt,
                 communication_step_s=self.communication_step or self.dt,
                 episode_limit_s=self.time_limit,
+                burst_s=0.0 if self.record == "none" else DETAILS[self.record].burst_s,
             ),
             steering=STEERING._replace(
                 forward_speed_rad_s=self.speed,
@@ -129,6 +142,11 @@ def run(options: Run, console: Console) -> tuple[list[EpisodeResult], Path]:
         UserError: see its message.
     """
     scenario, config = find_scenario(options.scenario), options.config()
+    viewer = None
+    if options.spawn:
+        viewer = spawn_viewer(options.viewer)
+    elif options.live:
+        viewer = find_viewer(options.viewer)
     out = options.out or Path("runs") / f"{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
     with console.status("preparing the motor FMU and the kernels (some seconds the first time)"):
         fmu = options.motor_fmu or cached_fmu()
@@ -138,10 +156,10 @@ def run(options: Run, console: Console) -> tuple[list[EpisodeResult], Path]:
     facts = _facts(options, scenario, fmu)
     policy, log = _policy(options, scenario, console)
     policy.save(out / "policy.npz")
-    if options.record and log is not None:
+    if options.record != "none" and log is not None:
         write_training(out / "training.rrd", policy, log, facts)
 
-    batch = Batch(scenario, fmu, config, options.driver, options.seed, policy, out, facts)
+    batch = Batch(scenario, fmu, config, options.driver, options.seed, policy, out, facts, viewer)
     results: list[EpisodeResult] = []
     try:
         for result in batch.run(range(options.episodes), options.jobs, options.record, console):

@@ -27,6 +27,7 @@ class State(NamedTuple):
         electrical: (N, 2, 2) V_s, i.
         normal_peak: (N, 3) largest normal impulse of each foot in this control period, N s.
         friction_peak: (N, 3) largest friction impulse, squared, N² s².
+        slipping: (N, 3) ticks of this period in which each foot slid.
         lifted: (N,) ticks of this period in which a foot carried nothing.
         touching: (N,) ticks of this period in which another robot was touched.
         near: (N (N − 1) / 2, 2) int64, pairs that may touch in this period.
@@ -42,6 +43,7 @@ class State(NamedTuple):
     electrical: np.ndarray
     normal_peak: np.ndarray
     friction_peak: np.ndarray
+    slipping: np.ndarray
     lifted: np.ndarray
     touching: np.ndarray
     near: np.ndarray
@@ -59,6 +61,8 @@ class Samples(NamedTuple):
         velocity: (n, N, 3) in the world.
         yaw_rate: (n, N).
         normal_max, friction_max: (n, N, 3) largest forces of feet A, B, C in the period, N.
+        slipping_share: (n, N, 3) share of the period in which feet A, B, C slid: they carried
+            weight and friction was at its limit.
         lifted_share: (n, N) share of the period in which a foot carried nothing.
         touching_share: (n, N) share of the period in which another robot was touched.
         heading_error: (n, N), rad.
@@ -77,6 +81,7 @@ class Samples(NamedTuple):
     yaw_rate: np.ndarray
     normal_max: np.ndarray
     friction_max: np.ndarray
+    slipping_share: np.ndarray
     lifted_share: np.ndarray
     touching_share: np.ndarray
     heading_error: np.ndarray
@@ -87,13 +92,14 @@ class RawSamples(NamedTuple):
     """Signals at every tick of a short burst of m ticks; float64, SI units.
 
     Attributes:
-        omega: (m, N, 2), motors D and E.
+        omega, theta: (m, N, 2), motors D and E.
         position: (m, N, 3) of the centre of mass.
         normal: (m, N, 3) normal forces of A, B, C in N.
         friction: (m, N, 6) friction forces, x and y in the body frame of A, B, C in N.
     """
 
     omega: np.ndarray
+    theta: np.ndarray
     position: np.ndarray
     normal: np.ndarray
     friction: np.ndarray
@@ -103,7 +109,7 @@ def new_state(robots: int) -> State:
     """Zero state of N robots."""
     exchanged, feet = (MOTORS, 3), (FEET,)
     shapes = [(STATE_SIZE,), (COMMAND_SIZE,), exchanged, exchanged, exchanged, (6,), (MOTORS, 2)]
-    arrays = [np.zeros((robots, *shape)) for shape in [*shapes, feet, feet, (), ()]]
+    arrays = [np.zeros((robots, *shape)) for shape in [*shapes, feet, feet, feet, (), ()]]
     near = np.zeros((robots * (robots - 1) // 2, 2), dtype=np.int64)
     return State(*arrays, near=near, near_count=np.zeros(1, dtype=np.int64))
 
@@ -111,11 +117,11 @@ def new_state(robots: int) -> State:
 def new_samples(periods: int, robots: int) -> Samples:
     """Room for the samples of `periods` control periods."""
     motors, feet = (MOTORS,), (FEET,)
-    shapes = [motors] * 6 + [(3,), (4,), (3,), (), feet, feet, (), (), (), ()]
+    shapes = [motors] * 6 + [(3,), (4,), (3,), (), feet, feet, feet, (), (), (), ()]
     return Samples(*(np.zeros((periods, robots, *shape)) for shape in shapes))
 
 
 def new_raw_samples(ticks: int, robots: int) -> RawSamples:
     """Room for a burst of `ticks` ticks."""
-    shapes = [(MOTORS,), (3,), (FEET,), (2 * FEET,)]
+    shapes = [(MOTORS,), (MOTORS,), (3,), (FEET,), (2 * FEET,)]
     return RawSamples(*(np.zeros((ticks, robots, *shape)) for shape in shapes))

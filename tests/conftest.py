@@ -1,6 +1,7 @@
 """One cache for the whole test session, apart from the user's own."""
 
 import os
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -23,3 +24,24 @@ def session_cache(tmp_path_factory):
     os.environ["MINIROBOTS_CACHE"] = str(folder)
     yield
     del os.environ["MINIROBOTS_CACHE"]
+
+
+def _shown(part: Any, found: set[str]) -> None:
+    if hasattr(part, "contents") and hasattr(part, "origin"):
+        contents = part.contents if isinstance(part.contents, list) else [part.origin]
+        found.update(p.strip("+ ").removesuffix("/**") for p in contents if p[0] != "-")
+    else:
+        for child in part.contents:
+            _shown(child, found)
+
+
+@pytest.fixture(scope="session")
+def shown_paths():
+    """Entity paths that the views of a blueprint show."""
+
+    def paths(blueprint) -> set[str]:
+        found: set[str] = set()
+        _shown(blueprint.root_container, found)
+        return found
+
+    return paths

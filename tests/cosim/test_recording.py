@@ -13,11 +13,16 @@ from rerun.chunk import RrdReader
 
 from cosim.blueprint import episode_blueprint
 from cosim.config import CoSimConfig
+from cosim.detail import DETAILS
 from cosim.episode import CoSimulation
 from cosim.episode_recording import EpisodeRecorder
+from cosim.floor import PolicyMap
 from cosim.fmu import FmuError
+from cosim.params import TIMING
 from cosim.recording import Recording, RecordingError, properties, scalars, simulated
 from cosim.scenario import Scenario
+from cosim.series import reduce
+from cosim.signals import RawSamples
 
 SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 SOUTH, NORTH = 6, 2
@@ -54,7 +59,9 @@ def recorded(motor_fmu, tmp_path_factory):
     with EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder:
         for number in range(STEPS):
             steps.append(system.advance(np.array([SOUTH, NORTH])))
-            reward = np.array([-1.5, np.nan]) if number == 1 else np.full(2, np.nan)
+            reward = np.full((2, 3), np.nan)
+            if number == 1:
+                reward[0] = 0.0, -1.0, -0.5
             recorder.write(steps[-1], np.arange(16.0).reshape(2, 8), reward)
     return path, steps
 
@@ -82,6 +89,31 @@ def test_contact_forces_are_maxima_of_blocks(recorded):
     assert np.array_equal(values, every.reshape(len(values), -1, 3).max(axis=1))
 
 
+def test_slipping_is_friction_at_its_limit(recorded):
+    """The share of a period beside friction and normal force of the burst's ticks."""
+    path, steps = recorded
+    burst = steps[1].raw
+    friction = np.linalg.norm(burst.friction.reshape(-1, 2, 3, 2), axis=3)
+    normal, mu = burst.normal, CoSimConfig().robot.mu
+    # Friction has a small part along the body's z axis, which bursts leave out.
+    slides = (normal > 0.0) & (friction > 0.999 * mu * normal)
+    share = slides.reshape(-1, 100, 2, 3).mean(axis=1)
+    simulated = steps[1].samples.slipping_share[: len(share)]
+    assert 0.05 < simulated.mean() < 0.95
+    assert simulated == pytest.approx(share, abs=0.03)
+    _, values = rows(path, "/sim/r1/contact/slipping_share")
+    assert len(values) == 2 * 2.0 / DETAILS["default"].slow_s
+    assert values.min() >= 0.0
+    assert values.max() <= 1.0
+
+
+@pytest.mark.parametrize("how", ["mean", "max", "last"])
+def test_a_shorter_last_block_is_kept(how):
+    values = np.array([[3.0], [1.0], [2.0], [7.0], [5.0]])
+    expected = {"mean": [2.0, 6.0], "max": [3.0, 7.0], "last": [2.0, 5.0]}[how]
+    assert reduce(values, 3, how).ravel().tolist() == expected
+
+
 def test_bursts_hold_every_tick(recorded):
     path, steps = recorded
     time_s, values = rows(path, "/raw/r2/normal")
@@ -98,29 +130,26 @@ def test_rewards_add_up_to_the_return(recorded):
     assert rows(path, "/rl/r2/q_s")[1][0] == pytest.approx(np.arange(8.0, 16.0))
 
 
-def test_every_path_of_the_blueprint_is_recorded(recorded):
-    path, _ = recorded
+@pytest.mark.parametrize("level", ["summary", "default", "full"])
+def test_every_path_of_the_blueprint_is_recorded(recorded, shown_paths, tmp_path, level):
+    """Views of a missing entity stay empty without a word."""
+    _, steps = recorded
+    path = tmp_path / "episode.rrd"
+    config = CoSimConfig(timing=TIMING._replace(burst_s=DETAILS[level].burst_s))
+    maps = [PolicyMap(np.eye(30), np.eye(30, dtype=int), np.eye(30))] * 2
+    if level == "summary":
+        steps = [step._replace(raw=RawSamples(*(v[:0] for v in step.raw))) for step in steps]
+    with EpisodeRecorder(
+        path, SCENARIO, config, "test", {"seed": 0}, level=level, policies=maps
+    ) as recorder:
+        for step in steps:
+            recorder.write(step, np.zeros((2, 8)), np.zeros((2, 3)))
     entities = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
-    views = blueprint_paths()
-    assert len(views) > 20
-    missing = {p for p in views if not any(e == p or e.startswith(p + "/") for e in entities)}
+    blueprint = episode_blueprint(2, SCENARIO.size_m, bursts=level != "summary", policies=True)
+    paths = shown_paths(blueprint)
+    assert len(paths) > (20 if level == "summary" else 26)
+    missing = {p for p in paths if not any(e == p or e.startswith(p + "/") for e in entities)}
     assert not missing
-
-
-def blueprint_paths() -> set[str]:
-    """Entity paths that the views of the episode blueprint show."""
-    found = set()
-
-    def visit(part) -> None:
-        if hasattr(part, "contents") and hasattr(part, "origin"):
-            names = part.contents if isinstance(part.contents, list) else [part.origin]
-            found.update(names)
-        else:
-            for child in part.contents:
-                visit(child)
-
-    visit(episode_blueprint(2, SCENARIO.size_m).root_container)
-    return found
 
 
 def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatch):
@@ -132,7 +161,7 @@ def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatc
         EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder,
     ):
         step = system.advance(np.array([SOUTH, NORTH]))
-        recorder.write(step, np.zeros((2, 8)), np.full(2, np.nan))
+        recorder.write(step, np.zeros((2, 8)), np.full((2, 3), np.nan))
         monkeypatch.setattr(system, "_draw_noise", lambda periods: np.full((periods, 2, 2), np.nan))
         system.advance(np.array([SOUTH, NORTH]))
     assert verified(path)

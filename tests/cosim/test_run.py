@@ -120,7 +120,7 @@ def test_policy_of_another_scenario_is_refused(runs, tmp_path):
     done = run("--scenario", "4", "--policy", policy, "--out", tmp_path / "x")
     assert done.returncode == 2
     assert "was trained on scenario 2" in done.stderr
-    again = run("--policy", policy, "--out", tmp_path / "y", *BRIEF, "--no-record")
+    again = run("--policy", policy, "--out", tmp_path / "y", *BRIEF, "--record", "none")
     assert again.returncode == 0, again.stderr
     assert not list((tmp_path / "y").rglob("*.rrd"))
 

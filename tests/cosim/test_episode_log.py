@@ -1,0 +1,87 @@
+"""The log of an episode: what a user reads to see why a robot failed."""
+
+import numpy as np
+
+from cosim.config import CoSimConfig
+from cosim.episode import Step
+from cosim.episode_log import EpisodeLog
+from cosim.features import Observation
+from cosim.params import TIMING
+from cosim.scenario import Scenario
+from cosim.signals import RawSamples, new_raw_samples, new_samples
+
+SCENARIO = Scenario("pair", "", ((3, 27), (27, 2)), (((3, 2),), ((27, 27),)))
+CONFIG = CoSimConfig(timing=TIMING._replace(rl_step_s=0.01))
+NOTHING = np.full(2, np.nan)
+
+
+def step(
+    number: int = 0, outcome: str = "", decided: bool = False, touching=(), apart_m: float = 0.0499
+) -> Step:
+    """An RL step of ten periods; robots touch in the given ones, side by side on row 5."""
+    samples = new_samples(10, 2)
+    samples.position[:, 0, :2] = 0.055, 0.055
+    samples.position[:, 1, :2] = 0.055 + apart_m, 0.055
+    samples.touching_share[list(touching)] = 0.4
+    seen = Observation(np.array([(5, 5), (10, 5)]), *np.zeros((3, 2), dtype=int))
+    return Step(
+        number,
+        1000 * number,
+        seen,
+        seen,
+        np.array([0, 4]),
+        np.array([decided, False]),
+        np.zeros(2, dtype=bool),
+        samples,
+        RawSamples(*new_raw_samples(0, 2)),
+        outcome,
+    )
+
+
+def texts(log: EpisodeLog, step: Step, reward: np.ndarray = NOTHING) -> list[tuple[str, str]]:
+    return [(line.level, line.text) for line in log.lines(step, reward)]
+
+
+def test_collision_names_robots_time_and_distance():
+    log = EpisodeLog(SCENARIO, CONFIG)
+    lines = log.lines(step(outcome="collision", touching=[7, 8, 9]), np.full(2, -100.0))
+    assert [line.level for line in lines] == ["WARN", "INFO", "INFO", "ERROR"]
+    assert lines[0].time_s == 0.008
+    assert lines[0].text == ("r1 and r2 touch at 0.008 s: centres 4.99 cm apart, diameter 5.00 cm")
+    assert lines[1].text == "r1 ends its move in (5, 5), reward -100.00"
+    assert lines[-1].text == "episode ends: collision"
+
+
+def test_a_contact_that_rattles_is_told_once():
+    log = EpisodeLog(SCENARIO, CONFIG)
+    assert len(log.lines(step(0, touching=[1, 4, 6]), NOTHING)) == 1
+    assert log.lines(step(1, touching=[0, 3]), NOTHING) == []
+    assert len(log.lines(step(200, touching=[3]), NOTHING)) == 1
+
+
+def test_robots_that_touch_others_are_not_a_pair():
+    assert EpisodeLog(SCENARIO, CONFIG).lines(step(touching=[1], apart_m=0.2), NOTHING) == []
+
+
+def test_moves_are_decided_and_given_up():
+    log = EpisodeLog(SCENARIO, CONFIG)
+    heads = ("INFO", "r1 in (5, 5) heads for 0°")
+    assert texts(log, step(0, decided=True)) == [heads]
+    assert texts(log, step(1, decided=True)) == [("WARN", "r1 gives its move up after 40 s"), heads]
+
+
+def test_timeout_says_who_is_missing_and_how_far():
+    lines = texts(EpisodeLog(SCENARIO, CONFIG), step(outcome="timeout"))
+    assert lines[0] == ("WARN", "r1 has not arrived: target 22.1 cm away")
+    assert lines[-1] == ("ERROR", "episode ends: timeout")
+    assert len(lines) == 3
+
+
+def test_leaving_the_board_names_the_robot_and_the_place():
+    lost = step(outcome="out_of_board")
+    lost.samples.position[-1, 1, 0] = 0.3002
+    lines = texts(EpisodeLog(SCENARIO, CONFIG), lost)
+    assert lines == [
+        ("WARN", "r2 leaves the board at (30.02, 5.50) cm"),
+        ("ERROR", "episode ends: out_of_board"),
+    ]

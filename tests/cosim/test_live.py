@@ -1,0 +1,125 @@
+"""Recordings sent to a running viewer: a real gRPC server receives what the file holds."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from rich.console import Console
+
+from cosim.blueprint import episode_blueprint
+from cosim.config import ConfigError
+from cosim.live import DEFAULT_VIEWER, LiveError, find_viewer, spawn_viewer
+from cosim.recording import Recording, scalars, simulated
+from cosim.run import Run, run
+
+RERUN = Path(sys.executable).with_name("rerun")
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def address(port: int) -> str:
+    return f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+def rows_of(path: Path) -> dict[str, int]:
+    """Rows per entity path of a recording, without its blueprint and properties."""
+    rows: dict[str, int] = {}
+    for chunk in RrdReader(str(path)).stream():
+        if chunk.entity_path.startswith(("/sim", "/raw", "/rl", "/world", "/log", "/info")):
+            rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
+    return rows
+
+
+@pytest.fixture
+def server(tmp_path):
+    """A Rerun server that keeps what it receives: its address, its file, and how to end it."""
+    port, received = free_port(), tmp_path / "received.rrd"
+    process = subprocess.Popen(
+        [RERUN, "--save", received, "--port", str(port)],
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # `rerun` starts another process: end both
+    )
+
+    def end(how: signal.Signals = signal.SIGINT) -> None:
+        if process.poll() is None:
+            os.killpg(process.pid, how)
+            process.wait(20.0)
+
+    deadline = time.monotonic() + 30.0
+    while True:
+        try:
+            find_viewer(address(port))
+            break
+        except LiveError:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+    yield address(port), received, end
+    end(signal.SIGKILL)
+
+
+def send(recording: Recording, time_s: float) -> None:
+    recording.columns("/sim/r1/heading", simulated(np.array([time_s])), scalars(np.array([0.5])))
+    recording.flush()
+
+
+def test_run_reaches_the_viewer_and_the_file(server, tmp_path):
+    url, received, end = server
+    brief = ("--train-episodes", "20000", "--time-limit", "4", "--out", str(tmp_path / "run"))
+    live = ("--live", "--viewer", url)
+    command = [sys.executable, "-m", "cosim.run", *brief, *live]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    end()
+    written = rows_of(tmp_path / "run" / "episodes" / "ep_000.rrd")
+    assert written["/sim/r1/motors/omega"] == 4001  # and the row of its style
+    assert rows_of(received) == written
+
+
+def test_lost_viewer_does_not_lose_the_file(server, tmp_path, capfd):
+    url, _, end = server
+    path = tmp_path / "episode.rrd"
+    with Recording(path, "test", episode_blueprint(1, (0.3, 0.3)), url) as recording:
+        send(recording, 1.0)
+        end(signal.SIGKILL)
+        deadline = time.monotonic() + 20.0
+        count = 1
+        while "is gone" not in capfd.readouterr().err:
+            assert time.monotonic() < deadline
+            count += 1
+            send(recording, float(count))
+            time.sleep(0.05)
+        send(recording, 1000.0)
+    assert rows_of(path) == {"/sim/r1/heading": count + 1}
+    verify = subprocess.run([RERUN, "rrd", "verify", path], capture_output=True, check=False)
+    assert verify.returncode == 0
+
+
+@pytest.mark.parametrize("how", [find_viewer, spawn_viewer])
+@pytest.mark.parametrize("url", ["127.0.0.1:9876", "http://127.0.0.1/proxy", "rerun+http://x"])
+def test_address_that_is_none_is_named(how, url):
+    with pytest.raises(LiveError, match=DEFAULT_VIEWER.replace("+", r"\+")):
+        how(url)
+
+
+def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
+    url = address(free_port())
+    options = Run(live=True, viewer=url, out=tmp_path / "x")
+    with pytest.raises(LiveError, match="no Rerun viewer answers at"):
+        run(options, Console())
+    assert not (tmp_path / "x").exists()
+
+
+def test_nothing_recorded_cannot_be_watched():
+    with pytest.raises(ConfigError, match="choose another --record"):
+        Run(live=True, record="none")
