@@ -1,8 +1,7 @@
-"""Boards drawn from above: cells, zone, starts, targets, and the ways of robots."""
+"""Boards drawn from above: cells, zone, starts and targets."""
 
-import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Rectangle
 
 from analysis.style import BLUE, GREEN, GREY, PURPLE, VERMILION
 from cosim.scenario import Scenario
@@ -35,17 +34,6 @@ def draw_board(axes: Axes, scenario: Scenario) -> None:
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x in cm")
     axes.grid(visible=False)
     axes.spines[["right", "top"]].set_visible(True)
-
-
-def draw_paths(axes: Axes, scenario: Scenario, cells: np.ndarray) -> None:
-    """The way of each robot through cells (moves + 1, N, 2), with its disc at the start."""
-    cell_cm = 100.0 * scenario.cell_m
-    radius_cm = 50.0 * scenario.robot_diameter_m
-    for robot in range(cells.shape[1]):
-        centres = (cells[:, robot] + 0.5) * cell_cm
-        colour = robot_colour(robot)
-        axes.plot(*centres.T, color=colour, marker=".", markersize=2.5, linewidth=0.9)
-        axes.add_patch(Circle(tuple(centres[0]), radius_cm, fill=False, color=colour, alpha=0.6))
 
 
 def robot_colour(robot: int) -> str:

@@ -3,7 +3,9 @@
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from matplotlib.figure import Figure
 
 from analysis.style import FigureError
 from cosim.storage import replacing
@@ -33,6 +35,13 @@ class Caption:
         """The caption in words, for a page."""
         claim = f" The paper: {self.claim}" if self.claim else ""
         return f"{self.title}.{claim} Here: {' '.join(self.ours)}"
+
+
+class Drawing(NamedTuple):
+    """A figure that is drawn, with its caption."""
+
+    figure: Figure
+    caption: Caption
 
 
 def write_caption(caption: Caption, folder: Path) -> Path:

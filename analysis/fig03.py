@@ -1,35 +1,20 @@
-"""`python -m analysis.fig03`: Fig. 3, motion of the 1-DOF platform, from `cosim.platform`."""
+"""Fig. 3: motion of the 1-DOF platform, from a result file of `cosim.platform`."""
 
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, FigureError, save, use_style
-from cosim.errors import run_command
+from analysis.caption import Caption, Drawing
+from analysis.results import FIGURES, RESULTS
+from analysis.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, FigureError
 
 COMMAND = "python -m cosim.platform"
 TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}
-
-
-@dataclass(frozen=True)
-class Fig03:
-    """Draw Fig. 3: position over cycles of the motor, and one cycle's net displacement.
-
-    The platform that looks like the printed figure stands above the robot of Tables I and II. The
-    right column shows why there is a net displacement: driving force against available friction.
-    """
-
-    results: Path = Path("runs/platform.npz")
-    """Result file of `python -m cosim.platform`."""
-    out: Path = Path("figures/fig03.png")
-    """Figure to write; PNG and PDF are written beside each other."""
 
 
 def load(path: Path) -> dict[str, np.ndarray]:
@@ -107,13 +92,42 @@ def draw(arrays: dict[str, np.ndarray]) -> Figure:
     return figure
 
 
-def main() -> None:
-    """Command line."""
-    options = tyro.cli(Fig03)
-    use_style()
-    figure = draw(load(options.results))
-    print("figure: " + ", ".join(str(path) for path in save(figure, options.out)))
+def caption(arrays: dict[str, np.ndarray]) -> Caption:
+    """The caption of a result file's arrays."""
+    numbers = {}
+    for name in TITLES:
+        numbers[f"{name}_step_um"] = 1e6 * float(arrays[f"{name}_net_displacement_m"])
+        numbers[f"{name}_omega_rad_s"] = float(arrays[f"{name}_omega_rad_s"])
+        numbers[f"{name}_mu"] = float(arrays[f"{name}_mu"])
+    row = int(np.argmin(np.abs(arrays["table_mu"] - numbers["table_ii_mu"])))
+    slip, drift = arrays["table_slip_and_drift_speed_rad_s"][row]
+    numbers |= {"slip_speed_rad_s": float(slip), "drift_speed_rad_s": float(drift)}
+    return Caption(
+        "fig03",
+        "Motion of the 1-DOF platform over turns of the motor (left), in one turn (middle), and "
+        "driving force beside the friction that holds (right)",
+        "above a critical motor speed the platform slides, and in one turn it exhibits a net "
+        "displacement whose size depends on the motor speed.",
+        (
+            f"The platform that resembles the printed figure moves "
+            f"{numbers['paper_step_um'] / 1e3:.2f} mm a turn at "
+            f"{numbers['paper_omega_rad_s']:.0f} rad/s with assumed masses and µ = "
+            f"{numbers['paper_mu']:g}.",
+            f"The robot of Tables I and II moves {numbers['table_ii_step_um']:.1f} µm a turn at "
+            f"{numbers['table_ii_omega_rad_s']:.0f} rad/s with µ = {numbers['table_ii_mu']:g}; "
+            f"with µ = {arrays['table_mu'][row]:g} it slides above {slip:.0f} rad/s and gets "
+            f"ahead above {drift:.0f} rad/s.",
+        ),
+        numbers,
+        FIGURES["fig03"],
+    )
 
 
-if __name__ == "__main__":
-    run_command(main)
+def make(results: Path) -> Drawing:
+    """Draw the figure of a results folder.
+
+    Raises:
+        FigureError: see `load`.
+    """
+    arrays = load(RESULTS["platform"].location(results))
+    return Drawing(draw(arrays), caption(arrays))

@@ -1,26 +1,14 @@
-"""`python -m analysis.fig05`: Fig. 5, the scenarios."""
+"""Fig. 5: the scenarios, from their definitions."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import tyro
 from matplotlib.figure import Figure
 
 from analysis.board import draw_board
-from analysis.style import WIDTH_IN, save, use_style
-from cosim.errors import run_command
-from cosim.scenario import BUILT_IN, Scenario, find_scenario
-
-
-@dataclass(frozen=True)
-class Fig05:
-    """Draw Fig. 5: boards with start cells (light), targets (full colour) and the central zone."""
-
-    scenarios: tuple[str, ...] = tuple(BUILT_IN)
-    """Built-in scenarios or scenario files (.toml), one board each."""
-    out: Path = Path("figures/fig05.png")
-    """Figure to write; PNG and PDF are written beside each other."""
+from analysis.caption import Caption, Drawing
+from analysis.style import WIDTH_IN
+from cosim.scenario import BUILT_IN, Scenario
 
 
 def draw(scenarios: list[Scenario]) -> Figure:
@@ -34,13 +22,28 @@ def draw(scenarios: list[Scenario]) -> Figure:
     return figure
 
 
-def main() -> None:
-    """Command line."""
-    options = tyro.cli(Fig05, prog="python -m analysis.fig05")
-    use_style()
-    figure = draw([find_scenario(name) for name in options.scenarios])
-    print("figure: " + ", ".join(str(path) for path in save(figure, options.out)))
+def caption(scenarios: list[Scenario]) -> Caption:
+    """The caption of some scenarios."""
+    width, height = scenarios[0].size_m
+    left, bottom, right, top = scenarios[0].zone
+    starts = {s.name: [len(cells) for cells in s.starts] for s in scenarios}
+    listed = ", ".join(f"{name}: {' and '.join(map(str, n))}" for name, n in starts.items())
+    cell_cm = 100.0 * scenarios[0].cell_m
+    return Caption(
+        "fig05",
+        "Scenarios with start cells (light), targets (full colour) and the central zone (grey)",
+        "30 × 30 cm, a zone of 7 × 7 cm at the centre, targets in single cells on its border, "
+        "starts on the sides of the board.",
+        (
+            f"{100 * width:.0f} × {100 * height:.0f} cm in cells of {cell_cm:g} cm, a zone of "
+            f"{(right - left + 1) * cell_cm:g} × {(top - bottom + 1) * cell_cm:g} cm.",
+            f"Start cells of each robot, by scenario: {listed}.",
+        ),
+        {"size_cm": [100.0 * width, 100.0 * height], "cell_cm": cell_cm, "start_cells": starts},
+    )
 
 
-if __name__ == "__main__":
-    run_command(main)
+def make(results: Path) -> Drawing:
+    """Draw the built-in scenarios; no result is needed."""
+    scenarios = list(BUILT_IN.values())
+    return Drawing(draw(scenarios), caption(scenarios))

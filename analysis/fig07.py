@@ -1,36 +1,22 @@
-"""`python -m analysis.fig07`: Fig. 7, the motor in open and closed loop, from a recording."""
+"""Fig. 7: the motor in open and closed loop, from a recording of `analysis.motor_test`."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from analysis.caption import Caption, Drawing
 from analysis.motor_test import LOOPS, Response, read
-from analysis.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, save, use_style
-from cosim.errors import run_command
+from analysis.results import FIGURES, RESULTS
+from analysis.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN
 from cosim.params import TABLE_II
 
 COLOURS = {"open_loop": VERMILION, "closed_loop": BLUE}
 # What the right column shows larger: the start, in which the closed loop is at its limit.
 START_S = 0.12
-
-
-@dataclass(frozen=True)
-class Fig07:
-    """Draw Fig. 7: speed, voltage and disturbance torque of the motor in open and closed loop.
-
-    The left column shows the whole test, the right one its start. Grey marks where the closed loop
-    asks for more than the motor may have, and gets the limit.
-    """
-
-    recording: Path = Path("runs/motor_test.rrd")
-    """Recording made by `python -m analysis.motor_test`."""
-    out: Path = Path("figures/fig07.png")
-    """Figure to write; PNG and PDF are written beside each other."""
 
 
 def _draw(axes: np.ndarray, responses: dict[str, Response], until_s: float) -> None:
@@ -80,36 +66,62 @@ def draw(responses: dict[str, Response]) -> Figure:
     return figure
 
 
-def summary(responses: dict[str, Response]) -> list[str]:
-    """Rise times, speeds before and under the disturbance, and saturation, in words."""
-    lines = []
-    for loop, share in (("open_loop", 0.632), ("closed_loop", 0.9), ("closed_loop", 0.98)):
-        response = responses[loop]
-        after_s = response.time_s[np.argmax(response.omega > share * response.omega_des)]
-        lines.append(
-            f"{loop.replace('_', ' ')}: {100 * share:g} % of the set point {after_s:.3f} s"
-        )
+# Response times: to 1 − 1/e, the time constant of a first-order lag, and to nine tenths.
+SHARES = (0.632, 0.9)
+# A tenth of a second holds many turns: the ripple averages out.
+_AVERAGED = 100
+
+
+def caption(responses: dict[str, Response]) -> Caption:
+    """Response times, speeds before and under the disturbance, and saturation."""
+    numbers: dict[str, Any] = {}
     for loop in LOOPS:
-        # A tenth of a second holds many turns: the ripple averages out.
-        ends = [third[-100:].mean() for third in np.array_split(responses[loop].omega, 3)]
-        speeds = ", ".join(f"{end:.1f}" for end in ends)
-        lines.append(f"{loop.replace('_', ' ')}: {speeds} rad/s without, with and against d")
+        response = responses[loop]
+        for share in SHARES:
+            reached = response.omega > share * response.omega_des
+            if reached.any():
+                after_s = float(response.time_s[np.argmax(reached)])
+                numbers[f"{loop}_to_{100 * share:g}_percent_s"] = after_s
+        numbers[f"{loop}_speeds_rad_s"] = [
+            float(third[-_AVERAGED:].mean()) for third in np.array_split(response.omega, 3)
+        ]
     closed = responses["closed_loop"]
     saturated_s = closed.time_s[np.abs(closed.voltage) >= TABLE_II.V_s_max].max(initial=0.0)
-    highest = np.abs(closed.voltage).max()
-    lines.append(f"closed loop: at most {highest:g} V, saturated until {saturated_s:.3f} s")
-    return lines
+    numbers["closed_loop_highest_v"] = float(np.abs(closed.voltage).max())
+    numbers["closed_loop_saturated_until_s"] = float(saturated_s)
+
+    def speeds(loop: str) -> str:
+        return ", ".join(f"{value:.1f}" for value in numbers[f"{loop}_speeds_rad_s"])
+
+    times = "; ".join(
+        f"{loop.replace('_', ' ')} {numbers[key]:.3f} s to {100 * share:g} %"
+        for share in SHARES
+        for loop in LOOPS
+        if (key := f"{loop}_to_{100 * share:g}_percent_s") in numbers
+    )
+    return Caption(
+        "fig07",
+        "Speed, voltage and disturbance torque d of the motor in open and closed loop; grey: the "
+        "closed loop asks for more than the motor may have",
+        "in closed loop the desired speed is achieved despite the disturbance and the limited "
+        "voltage, and the response is significantly faster than in open loop.",
+        (
+            f"Speeds without, with and against d: open loop {speeds('open_loop')} rad/s, closed "
+            f"loop {speeds('closed_loop')} rad/s, set point {closed.omega_des[-1]:g} rad/s.",
+            f"Time to a share of the set point: {times}.",
+            f"The closed loop's voltage is at its limit of {TABLE_II.V_s_max:g} V until "
+            f"{saturated_s:.3f} s.",
+        ),
+        numbers,
+        FIGURES["fig07"],
+    )
 
 
-def main() -> None:
-    """Command line."""
-    options = tyro.cli(Fig07, prog="python -m analysis.fig07")
-    use_style()
-    responses = read(options.recording)
-    figure = draw(responses)
-    print("\n".join(summary(responses)))
-    print("figure: " + ", ".join(str(path) for path in save(figure, options.out)))
+def make(results: Path) -> Drawing:
+    """Draw the figure of a results folder.
 
-
-if __name__ == "__main__":
-    run_command(main)
+    Raises:
+        MotorTestError: see `analysis.motor_test.read`.
+    """
+    responses = read(RESULTS["motor_test"].location(results))
+    return Drawing(draw(responses), caption(responses))

@@ -1,8 +1,9 @@
-"""Result folders of `agent.experiments` as arrays, and the panels of figures 8, 10 and 11."""
+"""Result folders of `agent.experiments`: their content, learning curves as arrays and panels."""
 
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -10,9 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agent.experiments import RESULTS_FILE
-from agent.policy import Policy
 from agent.runs import policy_paths
-from agent.statistics import bootstrap_interval, summarise
+from agent.statistics import bootstrap_interval
 from agent.store import LOG_FILE
 from agent.training import TrainingLog
 from analysis.style import WIDTH_IN, FigureError
@@ -26,21 +26,21 @@ class Variant:
 
     Attributes:
         label: for people.
+        scenario: name.
         logs: one per run.
-        policies: paths of the runs' policies.
     """
 
     label: str
+    scenario: str
     logs: tuple[TrainingLog, ...]
-    policies: tuple[Path, ...]
 
     def curves(self, name: str) -> np.ndarray:
         """(runs, points) float64, a curve of `TrainingLog` over all runs."""
         return np.stack([getattr(log, name) for log in self.logs])
 
 
-def load_experiment(folder: Path, experiment: str) -> dict[str, Variant]:
-    """Variants of a result folder by name.
+def load_content(folder: Path, experiment: str) -> dict[str, Any]:
+    """What `results.json` of a result folder says.
 
     Raises:
         FigureError: it is no result folder of that experiment.
@@ -54,19 +54,35 @@ def load_experiment(folder: Path, experiment: str) -> dict[str, Variant]:
         content = {}
     if content.get("experiment") != experiment:
         raise FigureError(f"{folder}: not results of {experiment}; run `{command}`")
+    return content
+
+
+def load_variants(folder: Path, content: dict[str, Any]) -> dict[str, Variant]:
+    """Learning curves of a result folder's variants by name.
+
+    Raises:
+        FigureError: runs are missing.
+    """
     variants = {}
     for name, variant in content["variants"].items():
         policies = policy_paths(folder / name)
         if len(policies) != len(variant["runs"]):
-            raise FigureError(f"{folder / name}: runs are missing; run `{command} --resume`")
+            raise FigureError(
+                f"{folder / name}: runs are missing; run `python -m agent.experiments "
+                f"{content['experiment']} --out {folder} --resume`"
+            )
         logs = tuple(TrainingLog.load(path.with_name(LOG_FILE)) for path in policies)
-        variants[name] = Variant(variant["label"], logs, tuple(policies))
+        variants[name] = Variant(variant["label"], variant["scenario"], logs)
     return variants
 
 
-def first_policy(variant: Variant) -> Policy:
-    """Policy of the first run."""
-    return Policy.load(variant.policies[0])
+def settled_after(variant: Variant, success: float) -> int | None:
+    """Training episodes after which the mean greedy success stays above a rate; None if never."""
+    rates, episodes = variant.curves("greedy_success").mean(axis=0), variant.logs[0].greedy_episode
+    low = np.flatnonzero(rates < success)
+    if not len(low):
+        return int(episodes[0])
+    return int(episodes[low[-1] + 1]) if low[-1] + 1 < len(episodes) else None
 
 
 def thinned(episodes: np.ndarray, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -110,24 +126,3 @@ def draw_learning_curves(variants: dict[str, Variant]) -> Figure:
     grid[0, 1].set_title(f"mean of {runs} runs, 95 % interval", loc="right")
     grid[0, 0].legend(loc="lower right")
     return figure
-
-
-def summary(variants: dict[str, Variant]) -> list[str]:
-    """Where the curves end, and when success first stays above 99 %."""
-    lines = []
-    for variant in variants.values():
-        success = variant.curves("greedy_success")
-        path = summarise(variant.curves("greedy_path_length_cm")[:, -1])
-        low = np.flatnonzero(success.mean(axis=0) < 0.99)
-        episodes = variant.logs[0].greedy_episode
-        if not len(low):
-            since = "from the first evaluation on"
-        elif low[-1] + 1 < len(episodes):
-            since = f"from {episodes[low[-1] + 1]:,} episodes on"
-        else:
-            since = "not reached"
-        lines.append(
-            f"{variant.label}: success {success[:, -1].mean():.2%}, path {path.mean:.2f} cm; "
-            f"greedy success above 99 % {since}"
-        )
-    return lines

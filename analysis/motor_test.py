@@ -16,8 +16,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 import tyro
 from fmpy.simulation import instantiate_fmu
-from rerun.chunk import RrdReader
 
+from analysis.rrd import RecordingReadError, Signal, read_rrd
 from cosim.errors import UserError, run_command
 from cosim.params import FIG_7
 from cosim.recording import Recording, properties, scalars, simulated
@@ -184,34 +184,18 @@ def read(path: Path) -> dict[str, Response]:
         MotorTestError: there is no such recording, or it is none of a motor test.
     """
     try:
-        reader = RrdReader(str(path))
-        return {loop: _read_loop(reader, loop) for loop in LOOPS}
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        signals = read_rrd(path).signals
+        return {loop: _response(signals, loop) for loop in LOOPS}
+    except (RecordingReadError, KeyError) as error:
         raise MotorTestError(
             f"{path} is no recording of a motor test ({error}); "
             "make one with `python -m analysis.motor_test`"
         ) from error
 
 
-def _read_loop(reader: RrdReader, loop: str) -> Response:
-    signals = {signal: _read_signal(reader, f"/sim/{loop}/{signal}") for signal in SIGNALS}
-    return Response(signals["omega"][0], *(signals[signal][1] for signal in SIGNALS))
-
-
-def _read_signal(reader: RrdReader, entity: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times in s and values of a scalar entity, in order of time."""
-    times, values = [], []
-    for chunk in reader.stream().filter(content=entity, is_static=False).to_chunks():
-        batch = chunk.to_record_batch()
-        times.append(batch.column("sim_time").to_numpy(zero_copy_only=False))
-        values.append(
-            np.concatenate(batch.column("Scalars:scalars").to_numpy(zero_copy_only=False))
-        )
-    if not times:
-        raise KeyError(f"it has no {entity}")
-    time_s = np.concatenate(times) / np.timedelta64(1, "s")
-    order = np.argsort(time_s)
-    return time_s[order], np.concatenate(values)[order]
+def _response(signals: dict[str, Signal], loop: str) -> Response:
+    held = [signals[f"/sim/{loop}/{signal}"] for signal in SIGNALS]
+    return Response(held[0].time_s, *(signal.values for signal in held))
 
 
 def main() -> None:

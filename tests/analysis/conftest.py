@@ -6,18 +6,42 @@ import sys
 import time
 
 import pytest
+from rich.console import Console
 
+from agent.experiments import Experiments, run_experiment
+from analysis import motor_test
+from analysis.results import RESULTS
+from cosim import platform
+from cosim.run import Run, run
+from cosim.scenario import BUILT_IN
+
+CONSOLE = Console(stderr=True)
+NAMES = {platform: "platform", motor_test: "motor_test"}
 BRIEF = ("--train-episodes", "20000")
 KILL_TIMEOUT_S = 120.0
 
 
 @pytest.fixture(scope="session")
-def run_folder(tmp_path_factory):
-    """A run of two robots, one episode of 8 s."""
-    out = tmp_path_factory.mktemp("run") / "run"
-    arguments = (*BRIEF, "--scenario", "2", "--time-limit", "8", "--out", str(out))
-    subprocess.run([sys.executable, "-m", "cosim.run", *arguments], check=True, capture_output=True)
+def results(tmp_path_factory):
+    """A results folder with everything small: few, short, but real runs."""
+    out = tmp_path_factory.mktemp("results")
+    for name in ("fig08", "fig10", "fig11"):
+        place = RESULTS[name].location(out)
+        run_experiment(Experiments(name, runs=2, episodes=3000, out=place, jobs=1), CONSOLE)
+    for scenario in BUILT_IN:
+        place = RESULTS[f"episodes_{scenario}"].location(out)
+        run(Run(scenario, train_episodes=20_000, time_limit=8.0, out=place), CONSOLE)
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (platform, motor_test):
+            patch.setattr("sys.argv", ["x", "--out", str(RESULTS[NAMES[module]].location(out))])
+            module.main()
     return out
+
+
+@pytest.fixture(scope="session")
+def run_folder(results):
+    """A run of two robots, one episode of 8 s."""
+    return RESULTS["episodes_2"].location(results)
 
 
 @pytest.fixture(scope="session")

@@ -4,35 +4,12 @@ import numpy as np
 import pytest
 
 from analysis import fig03
-from analysis.style import FigureError
-from cosim import platform
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    out = tmp_path_factory.mktemp("fig03") / "platform.npz"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["platform", "--out", str(out)])
-        platform.main()
-    return out
-
-
-def draw(monkeypatch, results, out):
-    monkeypatch.setattr("sys.argv", ["fig03", "--results", str(results), "--out", str(out)])
-    fig03.main()
-
-
-def test_png_and_pdf_are_written_and_repeat_in_every_byte(results, tmp_path, monkeypatch):
-    draw(monkeypatch, results, tmp_path / "one.png")
-    draw(monkeypatch, results, tmp_path / "two")
-    for suffix, magic in ((".png", b"\x89PNG"), (".pdf", b"%PDF")):
-        first = (tmp_path / f"one{suffix}").read_bytes()
-        assert first.startswith(magic)
-        assert first == (tmp_path / f"two{suffix}").read_bytes()
+from analysis.results import RESULTS
+from analysis.style import FigureError, save
 
 
 def test_curves_are_those_of_the_file(results):
-    arrays = fig03.load(results)
+    arrays = fig03.load(RESULTS["platform"].location(results))
     figure = fig03.draw(arrays)
     cycles, cycle, forces = figure.axes[3:]
     position = 1e6 * arrays["table_ii_position_m"]
@@ -54,6 +31,16 @@ def test_files_that_are_no_results_are_named(tmp_path):
         fig03.load(tmp_path / "other.npz")
 
 
-def test_other_formats_are_refused(results, tmp_path, monkeypatch):
+def test_caption_states_the_numbers_of_the_file(results):
+    arrays = fig03.load(RESULTS["platform"].location(results))
+    caption = fig03.caption(arrays)
+    step_um = 1e6 * float(arrays["table_ii_net_displacement_m"])
+    assert caption.numbers["table_ii_step_um"] == step_um
+    assert f"{step_um:.1f} µm a turn" in caption.text()
+    assert caption.numbers["slip_speed_rad_s"] < caption.numbers["drift_speed_rad_s"]
+
+
+def test_other_formats_are_refused(results, tmp_path):
+    drawing = fig03.make(results)
     with pytest.raises(FigureError, match=r"name a \.png or \.pdf file"):
-        draw(monkeypatch, results, tmp_path / "figure.svg")
+        save(drawing.figure, tmp_path / "figure.svg")

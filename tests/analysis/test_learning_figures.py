@@ -1,43 +1,32 @@
-"""Figures 5 and 8 to 12 from experiments run in the small, and what is said of other folders."""
+"""Figures 5, 8, 10 and 11 from experiments run in the small, and what is said of other folders."""
 
 import json
 import shutil
 import sys
+from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from rich.console import Console
 
-from agent.evaluation import evaluate
-from agent.experiments import EXPERIMENTS, Experiments, main, run_experiment, show
-from analysis import fig05, fig08, fig09, fig10, fig11, fig12
-from analysis.board import ROBOT_COLOURS
+from agent.experiments import EXPERIMENTS, main, show
+from analysis import fig05
 from analysis.learning import (
     POINTS,
+    Variant,
     draw_learning_curves,
-    first_policy,
-    load_experiment,
+    load_content,
+    load_variants,
     plot_band,
-    summary,
+    settled_after,
     thinned,
 )
+from analysis.learning_figures import fig10, path_ratio, with_interval
+from analysis.results import RESULTS
 from analysis.style import FigureError
-from analysis.trajectories import draw_examples, examples
 from cosim.errors import run_command
 from cosim.scenario import BUILT_IN
-
-EPISODES = 3000
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """Folders of the three experiments with two short runs each."""
-    out = tmp_path_factory.mktemp("experiments")
-    for name in ("fig08", "fig10", "fig11"):
-        options = Experiments(name, runs=2, episodes=EPISODES, out=out / name, jobs=1)
-        run_experiment(options, Console(stderr=True))
-    return out
 
 
 @pytest.fixture(autouse=True)
@@ -46,26 +35,10 @@ def close_figures():
     plt.close("all")
 
 
-def run(monkeypatch, module, *arguments):
-    monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
-    module.main()
-
-
-@pytest.mark.parametrize(
-    ("module", "experiment"),
-    [(fig08, "fig08"), (fig09, "fig08"), (fig10, "fig10"), (fig11, "fig11"), (fig12, "fig11")],
-)
-def test_figures_are_written_and_repeat(module, experiment, results, tmp_path, monkeypatch):
-    for name in ("one.png", "two.png"):
-        run(monkeypatch, module, "--results", results / experiment, "--out", tmp_path / name)
-    for suffix, magic in ((".png", b"\x89PNG"), (".pdf", b"%PDF")):
-        first = (tmp_path / f"one{suffix}").read_bytes()
-        assert first.startswith(magic)
-        assert first == (tmp_path / f"two{suffix}").read_bytes()
-
-
 def test_curves_are_those_of_the_runs(results):
-    variants = load_experiment(results / "fig11", "fig11")
+    folder = RESULTS["fig11"].location(results)
+    content = load_content(folder, "fig11")
+    variants = load_variants(folder, content)
     assert list(variants) == ["2", "3", "4"]
     figure = draw_learning_curves(variants)
     behaviour, _, greedy, greedy_path = figure.axes
@@ -74,13 +47,9 @@ def test_curves_are_those_of_the_runs(results):
         assert log.episode.tolist() == [1000, 2000, 3000]
         drawn = np.asarray(behaviour.lines[k].get_ydata())
         np.testing.assert_allclose(drawn, 100.0 * variant.curves("success").mean(axis=0))
-        final = [
-            100.0 * evaluate(p.process, p.values).rate("success")
-            for p in (first_policy(variant), type(first_policy(variant)).load(variant.policies[1]))
-        ]
+        final = [100.0 * run["success"] for run in content["variants"][variant.scenario]["runs"]]
         assert np.asarray(greedy.lines[k].get_ydata())[-1] == pytest.approx(np.mean(final))
     assert greedy_path.get_ylabel() == "path length in cm"
-    assert len(summary(variants)) == 3
 
 
 def test_thinning_takes_means_without_missing_points():
@@ -102,47 +71,69 @@ def test_band_leaves_out_points_that_no_run_has():
     assert np.array_equal(axes.lines[0].get_ydata(), [2.0, 3.0])
 
 
-def test_ways_are_those_of_the_evaluation(results):
-    policy = first_policy(load_experiment(results / "fig11", "fig11")["2"])
-    result = evaluate(policy.process, policy.values)
-    for example in examples(policy, 5, seed=1):
-        k = np.flatnonzero((result.starts == example.cells[0]).all(axis=(1, 2)))[0]
-        moves = np.abs(np.diff(example.cells, axis=0)).max(axis=2).sum(axis=0)
-        assert moves.tolist() == result.steps[k].tolist()
-    figure = draw_examples([[(policy, examples(policy, 2, seed=1))]])
-    ways = figure.axes[0].lines
-    assert len(ways) == 4
-    assert [way.get_color() for way in ways] == [*ROBOT_COLOURS[:2]] * 2
+def test_captions_state_the_numbers_of_the_results(results):
+    content = load_content(RESULTS["fig10"].location(results), "fig10")
+    caption = fig10(results).caption
+    over_runs = content["variants"]["c2"]["over_runs"]
+    assert caption.numbers["c2"]["success"] == over_runs["success"]
+    assert (
+        caption.numbers["c5_path_minus_c1.5_cm"] == (content["differences"]["c5"]["path_length_cm"])
+    )
+    assert len(caption.ours) == len(content["variants"]) + 1
+    assert with_interval({"mean": 0.5, "low": 0.25, "high": 1.0}, 100.0, 1, " %") == (
+        "50.0 % [25.0, 100.0]"
+    )
+    assert with_interval({"mean": None, "low": None, "high": None}, 1.0, 1, "") == "–"
 
 
-def test_fig05_draws_every_scenario(tmp_path, monkeypatch):
+def test_learnt_is_where_success_stays_high():
+    def variant(rates):
+        log = SimpleNamespace(
+            greedy_success=np.array(rates), greedy_episode=1000 * np.arange(1, 1 + len(rates))
+        )
+        return Variant("x", "2", (log,))  # pyright: ignore[reportArgumentType]
+
+    assert settled_after(variant([0.2, 1.0, 0.9, 1.0, 1.0]), 0.99) == 4000
+    assert settled_after(variant([1.0, 1.0]), 0.99) == 1000
+    assert settled_after(variant([1.0, 0.5]), 0.99) is None
+
+
+def test_path_ratio_shows_every_run(results):
+    drawing = path_ratio(results)
+    content = load_content(RESULTS["fig08"].location(results), "fig08")["variants"]["1a"]
+    runs = [run["ratio_to_bound"] for run in content["runs"] if run["ratio_to_bound"] is not None]
+    dots = drawing.figure.axes[0].lines[0]
+    np.testing.assert_array_equal(dots.get_ydata(), runs)
+    assert drawing.caption.numbers["1a"]["path_length"] == content["over_runs"]["ratio_to_bound"]
+
+
+def test_fig05_draws_every_scenario():
     figure = fig05.draw(list(BUILT_IN.values()))
     for axes, scenario in zip(figure.axes, BUILT_IN.values(), strict=True):
         cells = 1 + sum(len(starts) + 1 for starts in scenario.starts)
         assert len(axes.patches) == cells
-    run(monkeypatch, fig05, "--out", tmp_path / "fig05")
-    assert (tmp_path / "fig05.pdf").exists()
 
 
 def test_other_folders_are_refused(results, tmp_path):
     with pytest.raises(FigureError, match=r"run `python -m agent.experiments fig08"):
-        load_experiment(tmp_path, "fig08")
+        load_content(tmp_path, "fig08")
     with pytest.raises(FigureError, match="not results of fig08"):
-        load_experiment(results / "fig11", "fig08")
+        load_content(RESULTS["fig11"].location(results), "fig08")
     copy = tmp_path / "copy"
-    shutil.copytree(results / "fig08", copy)
+    shutil.copytree(RESULTS["fig08"].location(results), copy)
     (copy / "1a" / "run_001" / "policy.npz").unlink()
     with pytest.raises(FigureError, match="runs are missing"):
-        load_experiment(copy, "fig08")
+        load_variants(copy, load_content(copy, "fig08"))
 
 
 def test_experiments_resume_and_print_json(results, monkeypatch, capsys):
-    arguments = ("fig08", "--runs", "2", "--episodes", str(EPISODES), "--jobs", "1", "--json")
-    monkeypatch.setattr(sys, "argv", ["x", *arguments, "--out", str(results / "fig08")])
+    folder = RESULTS["fig08"].location(results)
+    arguments = ("fig08", "--runs", "2", "--episodes", "3000", "--jobs", "1", "--json")
+    monkeypatch.setattr(sys, "argv", ["x", *arguments, "--out", str(folder)])
     with pytest.raises(SystemExit):
         run_command(main)
     assert "add --resume" in capsys.readouterr().err
-    before = json.loads((results / "fig08" / "results.json").read_text())
+    before = json.loads((folder / "results.json").read_text())
     sys.argv.append("--resume")
     main()
     content = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -151,7 +142,7 @@ def test_experiments_resume_and_print_json(results, monkeypatch, capsys):
 
 
 def test_variants_are_compared_run_by_run(results, capsys):
-    content = json.loads((results / "fig10" / "results.json").read_text())
+    content = load_content(RESULTS["fig10"].location(results), "fig10")
     runs = {name: variant["runs"] for name, variant in content["variants"].items()}
     pairs = zip(runs["c5"], runs["c1.5"], strict=True)
     expected = np.mean([a["success"] - b["success"] for a, b in pairs])

@@ -89,14 +89,22 @@ def test_the_same_test_gives_the_same_recording(recording, tmp_path):
     assert run.returncode == 0, run.stderr
 
 
-def test_figures_are_drawn_from_the_recording(recording, tmp_path, monkeypatch, capsys):
-    for module, options in ((fig07, ["--recording", str(recording)]), (motor_loop, [])):
-        out = tmp_path / f"{module.__name__}.png"
-        monkeypatch.setattr(sys, "argv", ["command", *options, "--out", str(out)])
-        module.main()
-        assert str(out) in capsys.readouterr().out
-        assert out.read_bytes().startswith(b"\x89PNG")
-        assert out.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+def test_caption_of_fig_7_states_the_numbers_of_the_recording(recording):
+    caption = fig07.caption(read(recording))
+    assert caption.numbers["open_loop_speeds_rad_s"] == pytest.approx([700.0, 765.0, 634.5], abs=3)
+    assert caption.numbers["closed_loop_highest_v"] == TABLE_II.V_s_max
+    open_s, closed_s = (caption.numbers[f"{k}_loop_to_90_percent_s"] for k in ("open", "closed"))
+    assert closed_s < 0.1 * open_s
+    assert f"closed loop {closed_s:.3f} s to 90 %" in caption.text()
+
+
+def test_bode_plot_is_written(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "motor_loop.png"
+    monkeypatch.setattr(sys, "argv", ["command", "--out", str(out)])
+    motor_loop.main()
+    assert str(out) in capsys.readouterr().out
+    assert out.read_bytes().startswith(b"\x89PNG")
+    assert out.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_what_is_no_motor_test_is_refused_in_one_sentence(tmp_path):

@@ -1,0 +1,217 @@
+"""Forces, friction and motion over one turn of the motors, from a burst of a recording.
+
+The paper has no such figure. A burst holds speeds, contact forces and positions at every tick; the
+angles that a burst may lack are those of the slower samples, continued with the speeds.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from analysis.caption import Caption, Drawing
+from analysis.findings import sliding
+from analysis.recordings import Episode, read_episode
+from analysis.results import FIGURES, RESULTS, recordings
+from analysis.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, WIDTH_IN, FigureError
+from cosim.forces import MotorMount, motor_force
+
+# A robot drives straight where its motors turn against each other, each within this share of the
+# drive speed; it turns on the spot where they turn alike.
+STEADY = 0.12
+SCENARIO = "2"
+
+
+class Cycle(NamedTuple):
+    """One turn of motor D while a robot drives; n ticks.
+
+    Attributes:
+        robot: name.
+        time_s: (n,).
+        theta: (n, 2) angles of D and E, rad.
+        omega: (n, 2) speeds of D and E, rad/s.
+        driving_n: (n,) force of both eccentric masses along the body's x axis, Eq. (3).
+        friction_n: (n,) friction of all feet along it.
+        holds_n: (n,) largest friction that the feet's load allows.
+        normal_n: (n, 3) load of feet A, B, C.
+        slides: (n, 3) bool, feet that slide.
+        ahead_m: (n,) way along the body's x axis since the first tick.
+    """
+
+    robot: str
+    time_s: np.ndarray
+    theta: np.ndarray
+    omega: np.ndarray
+    driving_n: np.ndarray
+    friction_n: np.ndarray
+    holds_n: np.ndarray
+    normal_n: np.ndarray
+    slides: np.ndarray
+    ahead_m: np.ndarray
+
+
+def find_cycle(episode: Episode) -> Cycle:
+    """The first whole turn, in a burst of the episode, in which a robot drives straight on.
+
+    Raises:
+        FigureError: there is none.
+        RecordingReadError: the recording has no bursts, angles or parameters.
+    """
+    for robot in episode.robots:
+        time_s = episode.signal(f"/raw/{robot}/omega").time_s
+        dt_s = episode.parameter("dt_s")
+        edges = np.flatnonzero(np.diff(time_s) > 1.5 * dt_s) + 1
+        for burst in np.split(np.arange(len(time_s)), edges):
+            cycle = _cycle(episode, robot, burst, dt_s)
+            if cycle is not None:
+                return cycle
+    raise FigureError(
+        f"{episode.path}: no burst holds a whole turn of the motors in which a robot drives; "
+        "record a longer episode"
+    )
+
+
+def _cycle(episode: Episode, robot: str, burst: np.ndarray, dt_s: float) -> Cycle | None:
+    omega = episode.signal(f"/raw/{robot}/omega").values[burst]
+    speed = episode.parameter("drive_speed_rad_s")
+    steady = np.abs(np.abs(omega) / speed - 1.0).max() < STEADY
+    if not steady or omega[0, 0] * omega[0, 1] > 0.0:
+        return None
+    time_s = episode.signal(f"/raw/{robot}/omega").time_s[burst]
+    theta = _angles(episode, robot, time_s, omega, dt_s)
+    if theta is None:
+        return None
+    turned = np.abs(theta[:, 0] - theta[-1, 0])
+    if turned[0] < 2.0 * np.pi:
+        return None
+    first = int(np.flatnonzero(turned >= 2.0 * np.pi)[-1])
+    kept = burst[first:]
+    friction, normal, position = (
+        episode.signal(f"/raw/{robot}/{name}") for name in ("friction", "normal", "position")
+    )
+    mu = episode.parameter("mu")
+    load = normal.values[kept]
+    omega_dot = np.gradient(omega, dt_s, axis=0)
+    headings = episode.signal(f"/sim/{robot}/heading")
+    heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
+    way = position.values[kept, :2] - position.values[kept[0], :2]
+    return Cycle(
+        robot,
+        time_s[first:],
+        theta[first:],
+        omega[first:],
+        _driving_force(episode, theta[first:], omega[first:], omega_dot[first:]),
+        friction.values[kept][:, ::2].sum(axis=1),
+        mu * load.sum(axis=1),
+        load,
+        sliding(friction, normal, mu)[kept],
+        way @ [np.cos(heading), np.sin(heading)],
+    )
+
+
+def _angles(
+    episode: Episode, robot: str, time_s: np.ndarray, omega: np.ndarray, dt_s: float
+) -> np.ndarray | None:
+    """Angles at a burst's ticks, (n, 2) rad; None if they are not known where it begins."""
+    recorded = episode.signals.get(f"/raw/{robot}/theta")
+    if recorded is not None:
+        return recorded.values[np.searchsorted(recorded.time_s, time_s)]
+    slow = episode.signal(f"/sim/{robot}/motors/theta")
+    before = np.flatnonzero(np.abs(slow.time_s - (time_s[0] - dt_s)) < 0.5 * dt_s)
+    if not len(before):
+        return None
+    return slow.values[before[0]] + dt_s * np.cumsum(omega, axis=0)
+
+
+def _driving_force(
+    episode: Episode, theta: np.ndarray, omega: np.ndarray, omega_dot: np.ndarray
+) -> np.ndarray:
+    m, r, inertia, g = (episode.parameter(name) for name in ("m", "r", "J", "g"))
+    total = np.zeros(len(theta))
+    for motor, sin_phi in enumerate((1.0, -1.0)):
+        mount = MotorMount(m, r, inertia, g, 0.0, 0.0, sin_phi)  # forces do not depend on places
+        states = zip(theta[:, motor], omega[:, motor], omega_dot[:, motor], strict=True)
+        total += [motor_force(mount, *map(float, state))[0] for state in states]
+    return total
+
+
+def draw(cycle: Cycle) -> Figure:
+    """Forces, loads, speeds and way over the angle of motor D."""
+    figure, grid = plt.subplots(2, 2, figsize=(WIDTH_IN, 4.4), sharex=True)
+    direction = np.sign(cycle.omega[0, 0])
+    degrees = np.rad2deg(direction * cycle.theta[:, 0])
+    degrees -= 360.0 * np.floor(degrees[0] / 360.0)
+    (force, load), (speed, way) = grid
+    force.fill_between(
+        degrees, -cycle.holds_n, cycle.holds_n, color=GREY, alpha=0.3, lw=0, label="friction holds"
+    )
+    force.plot(degrees, cycle.driving_n, color=BLACK, label="driving force")
+    force.plot(degrees, cycle.friction_n, color=VERMILION, label="friction")
+    force.set(ylabel="force along x in N")
+    for name, values, colour in zip("ABC", cycle.normal_n.T, (BLUE, ORANGE, GREEN), strict=True):
+        load.plot(degrees, values, color=colour, label=f"foot {name}")
+    load.set(ylabel="normal force in N")
+    for name, values, colour in zip("DE", np.abs(cycle.omega).T, (BLUE, VERMILION), strict=True):
+        speed.plot(degrees, values, color=colour, label=f"motor {name}")
+    speed.set(ylabel="speed in rad/s")
+    way.plot(degrees, 1e6 * cycle.ahead_m, color=BLUE)
+    way.set(ylabel="way ahead in µm")
+    for axes in (force, load, speed):
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
+        axes.legend(loc="upper right", ncols=3)
+    ticks = np.arange(90.0 * np.ceil(degrees[0] / 90.0), degrees[-1] + 1e-6, 90.0)
+    for axes in (speed, way):
+        axes.set_xlabel("angle of motor D in degrees")
+        axes.set_xticks(ticks, [f"{tick % 360.0:.0f}" for tick in ticks])
+    return figure
+
+
+def caption(cycle: Cycle) -> Caption:
+    """The caption of one turn."""
+    turn_s = float(cycle.time_s[-1] - cycle.time_s[0])
+    speed = float(np.abs(cycle.omega).mean())
+    step_um = 1e6 * float(cycle.ahead_m[-1])
+    slides, holds = float(cycle.slides.mean()), float(cycle.holds_n.min())
+    lifted = float((cycle.normal_n == 0.0).any(axis=1).mean())
+    driving = float(np.abs(cycle.driving_n).max())
+    return Caption(
+        "motor_cycle",
+        f"Robot {cycle.robot} driving at {cycle.time_s[0]:.3f} s of a recorded episode of scenario "
+        f"{SCENARIO}, every tick of one turn of its motors",
+        "above a critical motor speed the forces of the eccentric masses overcome friction at the "
+        "contact points, and the robot slides (it has no such figure).",
+        (
+            f"At {speed:.0f} rad/s a turn takes {1e3 * turn_s:.2f} ms and moves the robot "
+            f"{step_um:.1f} µm.",
+            f"The masses push with up to {driving:.2f} N, the friction that the load allows falls "
+            f"to {holds:.3f} N; the feet slide in {slides:.0%} of the ticks, and some foot is in "
+            f"the air in {lifted:.0%}.",
+        ),
+        {
+            "omega_rad_s": speed,
+            "turn_s": turn_s,
+            "step_um": step_um,
+            "sliding_share": slides,
+            "lifted_share": lifted,
+            "driving_max_n": driving,
+            "friction_limit_min_n": holds,
+        },
+        FIGURES["motor_cycle"],
+    )
+
+
+def make(results: Path) -> Drawing:
+    """Draw the figure of a results folder.
+
+    Raises:
+        FigureError: there is no recording, or none of its bursts holds a turn.
+    """
+    paths = recordings(SCENARIO, results)
+    if not paths:
+        command = RESULTS[f"episodes_{SCENARIO}"].command(results)
+        raise FigureError(f"scenario {SCENARIO}: no recordings; run `{command}` first")
+    cycle = find_cycle(read_episode(paths[0]))
+    return Drawing(draw(cycle), caption(cycle))

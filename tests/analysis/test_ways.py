@@ -1,0 +1,89 @@
+"""Figures 9 and 12 and the motor's cycle from short recordings."""
+
+import json
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from analysis import motor_cycle, ways
+from analysis.board import ROBOT_COLOURS
+from analysis.recordings import read_episode
+from analysis.results import recordings
+from analysis.style import FigureError
+from cosim.params import STEERING, TABLE_I, TABLE_II
+from cosim.platform import net_speed, robot_platform
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+def test_ways_are_those_of_the_recordings(results, run_folder):
+    figure, caption = ways.fig12(results)
+    boards = [axes for axes in figure.axes if axes.axison]
+    assert len(boards) == 3
+    lines = [line for line in boards[0].lines if len(np.asarray(line.get_xdata())) > 100]
+    assert [line.get_color() for line in lines] == [*ROBOT_COLOURS[:2]]
+    (path,) = recordings("2", results)
+    position = read_episode(path).signal("/sim/r2/position").values
+    np.testing.assert_array_equal(lines[1].get_xydata(), 100.0 * position)
+    (result,) = json.loads((run_folder / "summary.json").read_text())["episodes"]
+    assert caption.numbers["2"]["outcomes"] == [result["outcome"]] == ["timeout"]
+    assert "Scenario 2: 0 of 1 co-simulated episodes end in success" in caption.text()
+
+
+def test_length_of_a_way_is_that_of_the_run(results, run_folder):
+    (path,) = recordings("2", results)
+    (result,) = json.loads((run_folder / "summary.json").read_text())["episodes"]
+    lengths = [100.0 * length for length in ways.read_way(path).path_length_m]
+    assert lengths == pytest.approx(result["path_length_cm_by_robot"], abs=0.05)
+
+
+def test_one_board_holds_all_ways_of_one_robot(results):
+    figure, caption = ways.fig09(results)
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        "scenario 1a: 0 of 1 reached",
+        "scenario 1b: 0 of 1 reached",
+    ]
+    assert caption.inputs == ("episodes_1a", "episodes_1b")
+
+
+def test_missing_recordings_are_named(tmp_path):
+    with pytest.raises(FigureError, match=r"run `python -m cosim\.run --scenario 1a"):
+        ways.fig09(tmp_path)
+    with pytest.raises(FigureError, match=r"run `python -m cosim\.run --scenario 2"):
+        motor_cycle.make(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def cycle(results):
+    (path,) = recordings("2", results)
+    return motor_cycle.find_cycle(read_episode(path))
+
+
+def test_cycle_is_one_turn(cycle):
+    turn = 2.0 * np.pi
+    assert abs(cycle.theta[-1, 0] - cycle.theta[0, 0]) == pytest.approx(turn, rel=0.01)
+    assert np.abs(cycle.omega).mean() == pytest.approx(STEERING.drive_speed_rad_s, rel=0.1)
+    # Eq. (3) at constant speed: both masses push with 2 m r ω² at most.
+    highest = 2.0 * TABLE_II.m * TABLE_II.r * np.abs(cycle.omega).mean() ** 2
+    assert np.abs(cycle.driving_n).max() == pytest.approx(highest, rel=0.05)
+
+
+def test_forces_of_a_cycle_keep_coulombs_law_and_newtons(cycle):
+    assert (np.abs(cycle.friction_n) <= cycle.holds_n * (1.0 + 1e-6)).all()
+    # On average over a turn the floor bears the weight.
+    weight = (TABLE_I.mass_kg + 2.0 * TABLE_II.m) * TABLE_II.g
+    assert cycle.normal_n.sum(axis=1).mean() == pytest.approx(weight, rel=0.1)
+
+
+def test_step_of_a_cycle_is_near_that_of_the_platform(cycle):
+    speed = float(np.abs(cycle.omega).mean())
+    expected = net_speed(robot_platform(), speed) * 2.0 * np.pi / speed
+    caption = motor_cycle.caption(cycle)
+    # A robot pitches and yaws, which the platform does not.
+    assert caption.numbers["step_um"] == pytest.approx(1e6 * expected, rel=0.5)
+    assert len(motor_cycle.draw(cycle).axes) == 4
