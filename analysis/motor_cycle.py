@@ -4,6 +4,7 @@ The paper has no such figure. A burst holds speeds, contact forces and positions
 angles that a burst may lack are those of the slower samples, continued with the speeds.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +33,7 @@ class Cycle(NamedTuple):
         time_s: (n,).
         theta: (n, 2) angles of D and E, rad.
         omega: (n, 2) speeds of D and E, rad/s.
+        apart_rad: mean angle between the masses; 0 where they push together.
         driving_n: (n,) force of both eccentric masses along the body's x axis, Eq. (3).
         friction_n: (n,) friction of all feet along it.
         holds_n: (n,) largest friction that the feet's load allows.
@@ -44,6 +46,7 @@ class Cycle(NamedTuple):
     time_s: np.ndarray
     theta: np.ndarray
     omega: np.ndarray
+    apart_rad: float
     driving_n: np.ndarray
     friction_n: np.ndarray
     holds_n: np.ndarray
@@ -52,61 +55,80 @@ class Cycle(NamedTuple):
     ahead_m: np.ndarray
 
 
+class _Turn(NamedTuple):
+    """A whole turn in a burst: robot, rows of its raw signals, and angles and speeds there."""
+
+    robot: str
+    rows: np.ndarray
+    theta: np.ndarray
+    omega: np.ndarray
+    omega_dot: np.ndarray
+
+    def apart_rad(self) -> float:
+        """Mean angle between the masses: 0 where they push together, π where they cancel."""
+        return abs(float(np.angle(np.exp(1j * self.theta.sum(axis=1)).mean())))
+
+
 def find_cycle(episode: Episode) -> Cycle:
-    """The first whole turn, in a burst of the episode, in which a robot drives straight on.
+    """The turn, of all in the episode's bursts in which a robot drives, with masses most in step.
+
+    Nothing keeps the motors in step: their masses drift between pushing together and against each
+    other, and what a turn looks like depends on it.
 
     Raises:
         FigureError: there is none.
         RecordingReadError: the recording has no bursts, angles or parameters.
     """
-    for robot in episode.robots:
-        time_s = episode.signal(f"/raw/{robot}/omega").time_s
-        dt_s = episode.parameter("dt_s")
-        edges = np.flatnonzero(np.diff(time_s) > 1.5 * dt_s) + 1
-        for burst in np.split(np.arange(len(time_s)), edges):
-            cycle = _cycle(episode, robot, burst, dt_s)
-            if cycle is not None:
-                return cycle
-    raise FigureError(
-        f"{episode.path}: no burst holds a whole turn of the motors in which a robot drives; "
-        "record a longer episode"
-    )
+    turns = [turn for robot in episode.robots for turn in _turns(episode, robot)]
+    if not turns:
+        raise FigureError(
+            f"{episode.path}: no burst holds a whole turn of the motors in which a robot drives; "
+            "record a longer episode"
+        )
+    return _cycle(episode, min(turns, key=_Turn.apart_rad))
 
 
-def _cycle(episode: Episode, robot: str, burst: np.ndarray, dt_s: float) -> Cycle | None:
-    omega = episode.signal(f"/raw/{robot}/omega").values[burst]
+def _turns(episode: Episode, robot: str) -> Iterator[_Turn]:
+    """The last whole turn of every burst in which a robot drives straight on."""
+    raw, dt_s = episode.signal(f"/raw/{robot}/omega"), episode.parameter("dt_s")
     speed = episode.parameter("drive_speed_rad_s")
-    steady = np.abs(np.abs(omega) / speed - 1.0).max() < STEADY
-    if not steady or omega[0, 0] * omega[0, 1] > 0.0:
-        return None
-    time_s = episode.signal(f"/raw/{robot}/omega").time_s[burst]
-    theta = _angles(episode, robot, time_s, omega, dt_s)
-    if theta is None:
-        return None
-    turned = np.abs(theta[:, 0] - theta[-1, 0])
-    if turned[0] < 2.0 * np.pi:
-        return None
-    first = int(np.flatnonzero(turned >= 2.0 * np.pi)[-1])
-    kept = burst[first:]
+    edges = np.flatnonzero(np.diff(raw.time_s) > 1.5 * dt_s) + 1
+    for burst in np.split(np.arange(len(raw.time_s)), edges):
+        omega = raw.values[burst]
+        steady = np.abs(np.abs(omega) / speed - 1.0).max() < STEADY
+        if not steady or omega[0, 0] * omega[0, 1] > 0.0:
+            continue
+        theta = _angles(episode, robot, raw.time_s[burst], omega, dt_s)
+        if theta is None:
+            continue
+        turned = np.abs(theta[:, 0] - theta[-1, 0])
+        if turned[0] >= 2.0 * np.pi:
+            first = int(np.flatnonzero(turned >= 2.0 * np.pi)[-1])
+            omega_dot = np.gradient(omega, dt_s, axis=0)
+            yield _Turn(robot, burst[first:], theta[first:], omega[first:], omega_dot[first:])
+
+
+def _cycle(episode: Episode, turn: _Turn) -> Cycle:
+    robot, rows = turn.robot, turn.rows
     friction, normal, position = (
         episode.signal(f"/raw/{robot}/{name}") for name in ("friction", "normal", "position")
     )
-    mu = episode.parameter("mu")
-    load = normal.values[kept]
-    omega_dot = np.gradient(omega, dt_s, axis=0)
+    mu, load = episode.parameter("mu"), normal.values[rows]
+    time_s = position.time_s[rows]
     headings = episode.signal(f"/sim/{robot}/heading")
     heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
-    way = position.values[kept, :2] - position.values[kept[0], :2]
+    way = position.values[rows, :2] - position.values[rows[0], :2]
     return Cycle(
         robot,
-        time_s[first:],
-        theta[first:],
-        omega[first:],
-        _driving_force(episode, theta[first:], omega[first:], omega_dot[first:]),
-        friction.values[kept][:, ::2].sum(axis=1),
+        time_s,
+        turn.theta,
+        turn.omega,
+        turn.apart_rad(),
+        _driving_force(episode, turn),
+        friction.values[rows][:, ::2].sum(axis=1),
         mu * load.sum(axis=1),
         load,
-        sliding(friction, normal, mu)[kept],
+        sliding(friction, normal, mu)[rows],
         way @ [np.cos(heading), np.sin(heading)],
     )
 
@@ -125,14 +147,13 @@ def _angles(
     return slow.values[before[0]] + dt_s * np.cumsum(omega, axis=0)
 
 
-def _driving_force(
-    episode: Episode, theta: np.ndarray, omega: np.ndarray, omega_dot: np.ndarray
-) -> np.ndarray:
+def _driving_force(episode: Episode, turn: _Turn) -> np.ndarray:
     m, r, inertia, g = (episode.parameter(name) for name in ("m", "r", "J", "g"))
-    total = np.zeros(len(theta))
+    total = np.zeros(len(turn.theta))
     for motor, sin_phi in enumerate((1.0, -1.0)):
         mount = MotorMount(m, r, inertia, g, 0.0, 0.0, sin_phi)  # forces do not depend on places
-        states = zip(theta[:, motor], omega[:, motor], omega_dot[:, motor], strict=True)
+        columns = (values[:, motor] for values in (turn.theta, turn.omega, turn.omega_dot))
+        states = zip(*columns, strict=True)
         total += [motor_force(mount, *map(float, state))[0] for state in states]
     return total
 
@@ -161,7 +182,7 @@ def draw(cycle: Cycle) -> Figure:
     for axes in (force, load, speed):
         low, high = axes.get_ylim()
         axes.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
-        axes.legend(loc="upper right", ncols=3)
+        axes.legend(loc="upper right", ncols=3, columnspacing=1.0, handlelength=1.5)
     ticks = np.arange(90.0 * np.ceil(degrees[0] / 90.0), degrees[-1] + 1e-6, 90.0)
     for axes in (speed, way):
         axes.set_xlabel("angle of motor D in degrees")
@@ -184,14 +205,15 @@ def caption(cycle: Cycle) -> Caption:
         "above a critical motor speed the forces of the eccentric masses overcome friction at the "
         "contact points, and the robot slides (it has no such figure).",
         (
-            f"At {speed:.0f} rad/s a turn takes {1e3 * turn_s:.2f} ms and moves the robot "
-            f"{step_um:.1f} µm.",
+            f"At {speed:.0f} rad/s, with masses {np.rad2deg(cycle.apart_rad):.0f}° from pushing "
+            f"together, a turn takes {1e3 * turn_s:.2f} ms and moves the robot {step_um:.1f} µm.",
             f"The masses push with up to {driving:.2f} N, the friction that the load allows falls "
             f"to {holds:.3f} N; the feet slide in {slides:.0%} of the ticks, and some foot is in "
             f"the air in {lifted:.0%}.",
         ),
         {
             "omega_rad_s": speed,
+            "apart_rad": cycle.apart_rad,
             "turn_s": turn_s,
             "step_um": step_um,
             "sliding_share": slides,

@@ -1,10 +1,136 @@
-"""Figure of success in co-simulation by training method, from a result of `cosim.transfer`."""
+"""Success in the full co-simulation by training method, from the table of `cosim.transfer`.
 
+The paper has no such figure: it says of no number whether it was reached on the grid or with the
+dynamics.
+"""
+
+import json
 from pathlib import Path
+from typing import Any
 
-from analysis.caption import Drawing
-from analysis.results import RESULTS
-from analysis.style import FigureError
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from analysis.caption import Caption, Drawing
+from analysis.results import FIGURES, RESULTS
+from analysis.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, WIDTH_IN, FigureError
+
+# What a row of the table must hold; shares come with the ends of their 95 % intervals.
+_NEEDED = ("scenario", "method", "mu", "episodes", "success", "success_low", "success_high")
+_COLOURS = (VERMILION, BLUE, GREEN, ORANGE, PURPLE, SKY)
+# Of a group of bars side by side, the share of the distance between scenarios.
+_GROUP = 0.7
+
+
+def load(path: Path) -> list[dict[str, Any]]:
+    """Rows of the table that have episodes.
+
+    Raises:
+        FigureError: there is no such file, or it is none of `cosim.transfer`.
+    """
+    result = RESULTS["transfer"]
+    command = f"python -m {result.module}"
+    rows: list[dict[str, Any]] = []
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        rows = [row for row in content["rows"] if row["success"] is not None]
+    except FileNotFoundError:
+        raise FigureError(f"{path}: no such result file; run `{command}` first") from None
+    except (ValueError, KeyError, TypeError):
+        pass
+    if not rows or not all(name in row for row in rows for name in _NEEDED):
+        raise FigureError(f"{path}: not a result of `{command}`; write one with --out")
+    return rows
+
+
+def series_of(row: dict[str, Any]) -> str:
+    """Name of what a row belongs to in the legend: training method, and safety layer if on."""
+    margin_mm = 1e3 * float(row.get("safety_margin_m") or 0.0)
+    return f"{row['method']}, safety layer {margin_mm:g} mm" if margin_mm else str(row["method"])
+
+
+def draw(rows: list[dict[str, Any]]) -> Figure:
+    """A panel per friction coefficient: success with 95 % intervals, by scenario and method."""
+    coefficients = sorted({float(row["mu"]) for row in rows})
+    names = list(dict.fromkeys(series_of(row) for row in rows))
+    size = (WIDTH_IN, 0.9 + 2.0 * len(coefficients))
+    figure, grid = plt.subplots(len(coefficients), 1, figsize=size, squeeze=False, sharex=True)
+    scenarios = sorted({str(row["scenario"]) for row in rows})
+    for axes, mu in zip(grid[:, 0], coefficients, strict=True):
+        for place, name in enumerate(names):
+            chosen = [r for r in rows if float(r["mu"]) == mu and series_of(r) == name]
+            shift = _GROUP * ((place + 0.5) / len(names) - 0.5)
+            _draw_series(axes, chosen, scenarios, shift, name, _COLOURS[place % len(_COLOURS)])
+        axes.axhline(99.0, color="black", linestyle=":", linewidth=0.8)
+        axes.set_title(f"µ = {mu:g}", loc="left")
+        axes.set(ylabel="success in %", ylim=(-3, 103))
+        axes.set_xticks(range(len(scenarios)), scenarios)
+        axes.set_xlim(-0.5, len(scenarios) - 0.5)
+    grid[-1, 0].set_xlabel("scenario; dotted: 99 %")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=min(len(labels), 3))
+    return figure
+
+
+def _draw_series(
+    axes: Axes,
+    rows: list[dict[str, Any]],
+    scenarios: list[str],
+    shift: float,
+    name: str,
+    colour: str,
+) -> None:
+    places = [scenarios.index(str(row["scenario"])) + shift for row in rows]
+    success, low, high = (
+        100.0 * np.array([float(row[key]) for row in rows])
+        for key in ("success", "success_low", "success_high")
+    )
+    bars = np.maximum([success - low, high - success], 0.0)
+    marker = "s" if "safety" in name else "o"
+    axes.errorbar(
+        places, success, bars, fmt=marker, color=colour, markersize=4, capsize=3, label=name
+    )
+
+
+def caption(rows: list[dict[str, Any]]) -> Caption:
+    """The caption of the table's rows: over all scenarios, by method, safety layer and friction."""
+    numbers, ours = [], []
+    for mu in sorted({float(row["mu"]) for row in rows}):
+        parts = []
+        for name in dict.fromkeys(series_of(row) for row in rows):
+            chosen = [r for r in rows if float(r["mu"]) == mu and series_of(r) == name]
+            if not chosen:
+                continue
+            worst = min(chosen, key=lambda row: row["success"])
+            episodes = sum(int(row["episodes"]) for row in chosen)
+            numbers.append(
+                {
+                    "mu": mu,
+                    "series": name,
+                    "episodes": episodes,
+                    "worst_scenario": worst["scenario"],
+                    "worst_success": worst["success"],
+                    "worst_success_low": worst["success_low"],
+                    "worst_success_high": worst["success_high"],
+                }
+            )
+            parts.append(
+                f"{name} at least {worst['success']:.1%} [{100 * worst['success_low']:.1f}, "
+                f"{100 * worst['success_high']:.1f}] (scenario {worst['scenario']}, "
+                f"{episodes} episodes in all)"
+            )
+        ours.append(f"µ = {mu:g}: {'; '.join(parts)}.")
+    return Caption(
+        "transfer",
+        "Success of trained policies in the full co-simulation by training method and scenario; "
+        "bars: 95 % intervals over episodes",
+        "all targets are reached without collisions (it does not say whether with the dynamics).",
+        tuple(ours),
+        {"series": numbers},
+        FIGURES["transfer"],
+    )
 
 
 def make(results: Path) -> Drawing:
@@ -13,5 +139,5 @@ def make(results: Path) -> Drawing:
     Raises:
         FigureError: there is no such result.
     """
-    path = RESULTS["transfer"].proof_in(results)
-    raise FigureError(f"{path}: not readable")
+    rows = load(RESULTS["transfer"].proof_in(results))
+    return Drawing(draw(rows), caption(rows))

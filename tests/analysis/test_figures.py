@@ -2,6 +2,7 @@
 
 import json
 import sys
+from pathlib import Path
 
 import pytest
 from PIL import Image
@@ -24,21 +25,34 @@ def test_every_figure_is_drawn_by_someone():
     assert figures.DRAWN_BY.keys() == FIGURES.keys()
 
 
-def test_all_figures_are_written_with_captions_and_repeat(results, tmp_path, monkeypatch, capsys):
-    for folder in ("one", "two"):
-        draw(monkeypatch, "all", "--results", results, "--out", tmp_path / folder, "--json")
+@pytest.fixture(scope="module")
+def drawn(results, tmp_path_factory):
+    """Folder of all figures of the small results, and what the command said."""
+    out = tmp_path_factory.mktemp("figures")
+    return out, figures.draw_figures(figures.Figures(results=results, out=out))
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figure_is_written_with_a_caption(name, drawn):
+    out, (written, lacking) = drawn
+    assert lacking == {}
+    assert written[name] == [out / f"{name}{suffix}" for suffix in (".png", ".pdf", ".json")]
+    assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    caption = read_caption(out, name)
+    assert caption.figure == name
+    assert caption.ours
+    assert caption.inputs == FIGURES[name]
+
+
+def test_same_results_give_the_same_files(results, drawn, tmp_path, monkeypatch, capsys):
+    names = ("fig03", "fig08", "motor_cycle")
+    draw(monkeypatch, *names, "--results", results, "--out", tmp_path, "--json")
     content = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert content["lacking"] == {}
-    assert list(content["drawn"]) == list(FIGURES)
-    for name in FIGURES:
-        for suffix, magic in ((".png", b"\x89PNG"), (".pdf", b"%PDF")):
-            first = (tmp_path / "one" / f"{name}{suffix}").read_bytes()
-            assert first.startswith(magic)
-            assert first == (tmp_path / "two" / f"{name}{suffix}").read_bytes(), name
-        caption = read_caption(tmp_path / "one", name)
-        assert caption.figure == name
-        assert caption.ours
-        assert caption.inputs == FIGURES[name]
+    for files in content["drawn"].values():
+        for file in map(Path, files):
+            assert file.read_bytes() == (drawn[0] / file.name).read_bytes(), file
 
 
 def test_small_pictures_are_small(results, tmp_path, monkeypatch):

@@ -1,0 +1,78 @@
+"""The figure of `cosim.transfer` from a small table, and what is said of other files."""
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.container import ErrorbarContainer
+
+from analysis import transfer_figure
+from analysis.style import FigureError
+
+
+def row(scenario, method, success, margin_m=0.0, mu=0.15):
+    return {
+        "scenario": scenario,
+        "method": method,
+        "mu": mu,
+        "safety_margin_m": margin_m,
+        "episodes": 50,
+        "success": success,
+        "success_low": max(success - 0.1, 0.0),
+        "success_high": min(success + 0.1, 1.0),
+    }
+
+
+ROWS = [
+    row("1a", "paper", 0.8),
+    row("2", "paper", 0.6),
+    row("1a", "slip", 1.0),
+    row("2", "slip", 0.9),
+    row("2", "slip", 1.0, margin_m=0.01),
+    row("2", "slip", 0.5, mu=0.1),
+]
+
+
+def points(axes):
+    """Heights of the points of every series."""
+    return {
+        container.get_label(): np.asarray(container.lines[0].get_ydata()).tolist()
+        for container in axes.containers
+        if isinstance(container, ErrorbarContainer)
+    }
+
+
+def test_points_are_those_of_the_table():
+    figure = transfer_figure.draw(ROWS)
+    low_friction, default = figure.axes
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["µ = 0.1", "µ = 0.15"]
+    assert points(default) == {
+        "paper": [80.0, 60.0],
+        "slip": [100.0, 90.0],
+        "slip, safety layer 10 mm": [100.0],
+    }
+    assert points(low_friction) == {"paper": [], "slip": [50.0], "slip, safety layer 10 mm": []}
+
+
+def test_caption_names_the_worst_scenario():
+    caption = transfer_figure.caption(ROWS)
+    assert "paper at least 60.0% [50.0, 70.0] (scenario 2, 100 episodes in all)" in caption.text()
+    worst = {(s["mu"], s["series"]): s["worst_success"] for s in caption.numbers["series"]}
+    assert worst[0.15, "slip"] == 0.9
+    assert worst[0.1, "slip"] == 0.5
+
+
+def test_rows_without_episodes_are_left_out(tmp_path):
+    path = tmp_path / "transfer.json"
+    path.write_text(json.dumps({"rows": [*ROWS, {**ROWS[0], "success": None}]}))
+    assert transfer_figure.load(path) == ROWS
+
+
+def test_other_files_are_refused(tmp_path):
+    path = tmp_path / "transfer.json"
+    with pytest.raises(FigureError, match=r"run `python -m cosim\.transfer` first"):
+        transfer_figure.load(path)
+    for content in ("no json", "[]", '{"rows": []}', '{"rows": [{"success": 1.0}]}'):
+        path.write_text(content)
+        with pytest.raises(FigureError, match="not a result of"):
+            transfer_figure.load(path)
