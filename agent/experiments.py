@@ -109,7 +109,7 @@ class Experiments:
 
     fig08: one robot, scenarios 1a and 1b. fig10: the coefficient c. fig11: pairs, scenarios 2, 3
     and 4. features: which of x, y, d, g (and the bearing b) a robot needs. readings: what each
-    assumed reading of the paper changes. Draw the figures with python -m analysis.fig08 and so on.
+    assumed reading of the paper changes. Draw the figures with python -m analysis.figures.
     """
 
     experiment: Annotated[Name, tyro.conf.Positional]

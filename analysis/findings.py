@@ -18,6 +18,8 @@ NEAR_DIAMETERS = 1.2
 # A friction force is at its limit µN within this share of it; sticking feet stay below.
 AT_LIMIT = 1e-6
 FEET = 3
+# How lines of the log on a robot's failure begin, see `cosim.episode_log`.
+_FAILURES = {"leaves the board": "out of board", "has not arrived": "not arrived"}
 
 
 class Finding(NamedTuple):
@@ -46,6 +48,7 @@ def find(episode: Episode) -> list[Finding]:
         found += _slipping(episode, robot)
         found += _lift_offs(episode, robot)
         found += _given_up(episode, robot)
+        found += _failures(episode, robot)
     for pair in combinations(episode.robots, 2):
         found += _near_misses(episode, *pair)
     return found
@@ -114,6 +117,18 @@ def _given_up(episode: Episode, robot: str) -> Iterator[Finding]:
             text = f"move {move.direction} given up after {lasted_s:.0f} s"
             numbers = {"lasted_s": lasted_s, "direction": move.direction}
             yield Finding("move timed out", robot, text, move.start_s, numbers)
+
+
+def _failures(episode: Episode, robot: str) -> Iterator[Finding]:
+    """What the log says that the robot was short of at the end."""
+    log = episode.texts.get("/log")
+    if log is None:
+        return
+    for time_s, text in zip(log.time_s, log.texts, strict=True):
+        for start, kind in _FAILURES.items():
+            if text.startswith(f"{robot} {start}"):
+                words = text.removeprefix(f"{robot} ")
+                yield Finding(kind, robot, words, float(time_s), {})
 
 
 def gap_m(episode: Episode, first: str, second: str) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.findings import find
-from analysis.recordings import Episode, read_episode, unit
+from analysis.recordings import Episode, read_episode
 from analysis.rrd import Signal
 from cosim.errors import run_command
 from cosim.measures import PATH_SAMPLING_S
@@ -49,7 +49,7 @@ def statistics(path: str, signal: Signal) -> list[dict[str, Any]]:
             {
                 "signal": path,
                 "component": signal.components[k] if named else str(k),
-                "unit": unit(path),
+                "unit": signal.unit,
                 "samples": len(column),
                 "period_s": _period(signal.time_s),
                 **{

@@ -20,8 +20,8 @@ from analysis.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, WIDTH_IN
 from cosim.forces import MotorMount, motor_force
 
 # A robot drives straight where its motors turn against each other, each within this share of the
-# drive speed; it turns on the spot where they turn alike.
-STEADY = 0.12
+# forward speed; it turns on the spot where they turn alike.
+STEADY = 0.15
 SCENARIO = "2"
 
 
@@ -91,7 +91,7 @@ def find_cycle(episode: Episode) -> Cycle:
 def _turns(episode: Episode, robot: str) -> Iterator[_Turn]:
     """The last whole turn of every burst in which a robot drives straight on."""
     raw, dt_s = episode.signal(f"/raw/{robot}/omega"), episode.parameter("dt_s")
-    speed = episode.parameter("drive_speed_rad_s")
+    speed = episode.parameter("forward_speed_rad_s")
     edges = np.flatnonzero(np.diff(raw.time_s) > 1.5 * dt_s) + 1
     for burst in np.split(np.arange(len(raw.time_s)), edges):
         omega = raw.values[burst]

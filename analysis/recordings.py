@@ -1,7 +1,6 @@
 """A recorded episode as named numpy arrays with units: what the entities of a recording mean.
 
-The file itself is read by `analysis.rrd`. Signals that a later recorder adds are there too, with
-an empty unit until `UNITS` knows them.
+The file itself is read by `analysis.rrd`: every signal of it is there, also what is not known here.
 """
 
 import ast
@@ -16,36 +15,6 @@ import numpy as np
 
 from analysis.rrd import RecordingData, RecordingReadError, Signal, Texts, read_rrd
 
-# Unit of a signal by the end of its path, below /sim/<robot>, /raw/<robot> or /rl/<robot>.
-UNITS = {
-    "motors/omega": "rad/s",
-    "motors/omega_des": "rad/s",
-    "motors/theta": "rad",
-    "motors/voltage": "V",
-    "motors/current": "A",
-    "position": "m",
-    "velocity": "m/s",
-    "heading": "rad",
-    "heading_error": "rad",
-    "yaw_rate": "rad/s",
-    "contact/normal_max": "N",
-    "contact/friction_max": "N",
-    "contact/lifted_share": "1",
-    "contact/slipping_share": "1",
-    "contact/touching_share": "1",
-    "omega": "rad/s",
-    "theta": "rad",
-    "normal": "N",
-    "friction": "N",
-    "robot:translation": "m",
-    "robot:quaternion": "1",
-    "cell": "cells",
-    "distance": "cells",
-    "distance_m": "m",
-    "q_s": "1",
-    "reward": "1",
-    "return": "1",
-}
 _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
 _DECIDED = re.compile(r"^(\S+) in .* heads for (\S+)$")
 _ENDED = re.compile(r"^(\S+) ends its move ")
@@ -141,12 +110,6 @@ class Episode:
                 f"{self.path} does not say its parameter {name}; record it anew"
             )
         return float(parameter.value)
-
-
-def unit(path: str) -> str:
-    """Unit of the signal of an entity path; empty if it is not known."""
-    tail = path.split("/", 3)[-1]
-    return UNITS.get(tail, "")
 
 
 def read_episode(path: Path) -> Episode:

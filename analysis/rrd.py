@@ -21,12 +21,14 @@ from rerun.chunk import RrdReader
 from cosim.errors import UserError
 
 TIMELINE = "sim_time"
-# Columns read as arrays, by what is added to the entity's path to name the signal.
+# Columns read as arrays: what is added to the entity's path to name the signal, and its unit; a
+# recorder says the unit of scalars.
 _NUMBERS = {
-    "Scalars:scalars": "",
-    "Transform3D:translation": ":translation",
-    "Transform3D:quaternion": ":quaternion",
+    "Scalars:scalars": ("", ""),
+    "Transform3D:translation": (":translation", "m"),
+    "Transform3D:quaternion": (":quaternion", "1"),
 }
+_UNIT = "unit"
 _TEXTS = ("StateChange:state", "TextLog:text")
 _NAMES = "SeriesLines:names"
 _DOCUMENT = "TextDocument:text"
@@ -44,11 +46,13 @@ class Signal(NamedTuple):
         time_s: (n,) float64.
         values: (n,) or, for several components, (n, k) float64.
         components: names of the k components, as far as the recording names them.
+        unit: of the values; empty if the recording does not say it.
     """
 
     time_s: np.ndarray
     values: np.ndarray
     components: tuple[str, ...]
+    unit: str
 
 
 class Texts(NamedTuple):
@@ -131,6 +135,7 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
         chunks = reader.stream().to_chunks()
     moving: dict[tuple[str, str], list[pa.RecordBatch]] = defaultdict(list)
     names: dict[str, tuple[str, ...]] = {}
+    units: dict[str, str] = {}
     documents: dict[str, str] = {}
     properties: dict[str, dict[str, Any]] = {}
     for chunk in chunks:
@@ -143,6 +148,8 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
             first = _values(batch)
             if _NAMES in batch.schema.names:
                 names[chunk.entity_path] = tuple(batch.column(_NAMES)[0].as_py() or ())
+            if _UNIT in first:
+                units[chunk.entity_path] = str(first[_UNIT])
             if _DOCUMENT in first:
                 documents[chunk.entity_path] = first[_DOCUMENT]
         elif TIMELINE in batch.schema.names:
@@ -153,8 +160,11 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
         if column in _TEXTS:
             texts[entity] = _texts(batches, column)
         else:
-            key = entity + _NUMBERS[column]
-            signals[key] = _signal(key, batches, column, names.get(entity, ()))
+            ending, unit = _NUMBERS[column]
+            if not ending:
+                unit = units.get(entity, "")
+            held = _signal(entity + ending, batches, column, names.get(entity, ()))
+            signals[entity + ending] = held._replace(unit=unit)
     return RecordingData(
         original or file, entries[0].recording_id, complete, signals, texts, documents, properties
     )
@@ -202,11 +212,11 @@ def _signal(
         flat = flat.flatten()
     values = flat.to_numpy(zero_copy_only=False).astype(np.float64)
     if not len(time_s):
-        return Signal(time_s, np.zeros(0), components)
+        return Signal(time_s, np.zeros(0), components, "")
     if values.size % len(time_s):
         raise RecordingReadError(f"signal {key} changes its number of components; record it anew")
     values = values.reshape(len(time_s), -1)
-    return Signal(time_s, values[:, 0] if values.shape[1] == 1 else values, components)
+    return Signal(time_s, values[:, 0] if values.shape[1] == 1 else values, components, "")
 
 
 def _texts(batches: list[pa.RecordBatch], column: str) -> Texts:
