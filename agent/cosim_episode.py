@@ -13,7 +13,7 @@ from agent.grid_episode import place_checked
 from agent.process import ProcessConfig, build_process, feature_sizes, nearest_bearings
 from cosim.config import CoSimConfig
 from cosim.episode import CoSimulation
-from cosim.features import Observation
+from cosim.features import AXIS_COUNT, Observation
 from cosim.observing import draw_starts
 from cosim.scenario import Scenario
 from fmus.build import cached_fmu
@@ -107,4 +107,8 @@ class CoSimEpisode:
 
 
 def _columns(seen: Observation) -> dict[str, np.ndarray]:
-    return {"d": seen.distance_class, "g": seen.gradient_sign + 1}
+    return {
+        "d": seen.distance_class,
+        "g": seen.gradient_sign + 1,
+        "h": seen.direction % AXIS_COUNT,
+    }

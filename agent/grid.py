@@ -1,7 +1,7 @@
 """The decision process as numba kernels: N robots on a board, one simultaneous move at a time.
 
 Not a learner and not an environment class: `agent.qlearning`, `agent.evaluation` and `agent.envs`
-all step these kernels, so that there is one process. A `world` is an (N, 9) int64 array whose
+all step these kernels, so that there is one process. A `world` is an (N, 10) int64 array whose
 columns are named below; `agent.process.Process` describes the board.
 """
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from agent.process import FREE, GOAL, OUTSIDE, Process
 from agent.rng import PROBABILITY_SHIFT, next_index, next_word
-from cosim.features import DIRECTIONS, distance_class, gradient_sign
+from cosim.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
 from cosim.jit import inlined
 
 # Columns of a world.
@@ -20,7 +20,10 @@ SQUARED = 5  # squared distance to the nearest other robot in cells², ALONE if 
 CLASS = 6  # Eq. (9)
 SIGN = 7  # Eq. (10)
 BEARING = 8  # direction of the nearest other robot, index into DIRECTIONS; 0 if there is none
-COLUMN_COUNT = 9
+AXIS = 9  # axis that the robot faces: the direction of its last move, modulo half a turn
+COLUMN_COUNT = 10
+
+_STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the middle row
 
 MOVING, ARRIVED, LEFT, HIT = 0, 1, 2, 3  # status of a robot
 RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD, TIMEOUT = 0, 1, 2, 3, 4  # outcome of an episode
@@ -30,8 +33,8 @@ ALONE = 1 << 40  # beyond every distance on a board
 
 
 @inlined
-def _look_around(process: Process, world: np.ndarray, i: int) -> None:
-    """Update what robot i sees of the nearest other robot (of the first, if several are)."""
+def nearest_other(process: Process, world: np.ndarray, i: int) -> tuple[int, int]:
+    """Squared distance of robot i to the nearest other one (the first, if several) and bearing."""
     nearest = ALONE
     bearing = 0
     for j in range(len(process.start_offsets) - 1):
@@ -42,7 +45,14 @@ def _look_around(process: Process, world: np.ndarray, i: int) -> None:
             if squared < nearest:
                 nearest = squared
                 if process.strides[4] > 0:
-                    bearing = np.int64(process.bearings[dx, dy])
+                    bearing = int(process.bearings[dx, dy])
+    return nearest, bearing
+
+
+@inlined
+def _look_around(process: Process, world: np.ndarray, i: int) -> None:
+    """Update what robot i sees of the nearest other robot."""
+    nearest, bearing = nearest_other(process, world, i)
     # Eq. (10)
     world[i, SIGN] = gradient_sign(nearest, world[i, SQUARED])
     world[i, SQUARED] = nearest
@@ -61,6 +71,7 @@ def place(process: Process, world: np.ndarray, cells: np.ndarray) -> bool:
         world[i, VX] = 0
         world[i, VY] = 0
         world[i, STATUS] = MOVING
+        world[i, AXIS] = _STARTING_AXIS
     free = True
     for i in range(n):
         _look_around(process, world, i)
@@ -136,6 +147,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
             world[i, VY] = DIRECTIONS[actions[i], 1]
             world[i, X] += world[i, VX]
             world[i, Y] += world[i, VY]
+            world[i, AXIS] = actions[i] % AXIS_COUNT
         else:
             world[i, VX] = 0
             world[i, VY] = 0
@@ -180,7 +192,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
 
 @inlined
 def state_index(process: Process, world: np.ndarray, i: int) -> np.uint64:
-    """Row of robot i's table for what it sees: its cell, Eq. (9), Eq. (10), the bearing."""
+    """Row of robot i's table for what it sees: cell, Eq. (9), Eq. (10), bearing, axis."""
     strides = process.strides
     # unsigned, so that the compiler leaves out the handling of negative indices
     return np.uint64(
@@ -189,6 +201,7 @@ def state_index(process: Process, world: np.ndarray, i: int) -> np.uint64:
         + world[i, CLASS] * strides[2]
         + (world[i, SIGN] + 1) * strides[3]
         + world[i, BEARING] * strides[4]
+        + world[i, AXIS] * strides[5]
     )
 
 

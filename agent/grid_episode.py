@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from agent.grid import (
+    AXIS,
     BEARING,
     CLASS,
     COLUMN_COUNT,
@@ -32,7 +33,7 @@ from agent.rng import seeded_state
 from cosim.errors import UserError
 from cosim.scenario import Scenario
 
-FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING}
+FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS}
 
 _LENGTHS = (0.0, 1.0, math.sqrt(2.0))  # of a move over so many rows and columns
 

@@ -20,8 +20,9 @@ import numpy as np
 from agent.grid import least_rotation_argmax
 from agent.process import Process, ProcessConfig, build_process, nearest_bearings
 from agent.qlearning import KERNEL_VERSION, LearningConfig, TrainingState
+from agent.transitions import Transitions
 from cosim.errors import UserError
-from cosim.features import DIRECTION_COUNT, Observation
+from cosim.features import AXIS_COUNT, DIRECTION_COUNT, Observation
 from cosim.scenario import Scenario
 from cosim.storage import replacing
 
@@ -51,12 +52,16 @@ class Seed(msgspec.Struct, frozen=True):
 
 
 class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Everything that decides the bits of a policy, kept in its file."""
+    """Everything that decides the bits of a policy, kept in its file.
+
+    With transitions it was trained on moves that last, without on the grid.
+    """
 
     scenario: Scenario
     process: ProcessConfig
     learning: LearningConfig
     seed: Seed
+    transitions: Transitions | None = None
     schema_version: int = SCHEMA_VERSION
     kernel_version: int = KERNEL_VERSION
 
@@ -114,6 +119,7 @@ class Policy:
             + np.asarray(observation.distance_class) * strides[2]
             + (np.asarray(observation.gradient_sign) + 1) * strides[3]
             + nearest_bearings(process, cells) * strides[4]
+            + np.asarray(observation.direction) % AXIS_COUNT * strides[5]
         )
 
     def q_values(self, observation: Observation) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from agent.rng import probability_threshold
 from cosim.features import (
+    AXIS_COUNT,
     DIRECTION_COUNT,
     DISTANCE_CLASSES,
     GRADIENT_SIGNS,
@@ -22,7 +23,7 @@ from cosim.scenario import Cell, Scenario, ScenarioError
 
 FREE, GOAL, OUTSIDE, OBSTACLE = 0, 1, 2, 3  # terrain of a cell, as one robot sees it
 
-Feature = Literal["x", "y", "d", "g", "b"]
+Feature = Literal["x", "y", "d", "g", "b", "h"]
 PARTNER_UPDATES = ("ordinary", "penalty", "none")
 
 
@@ -41,7 +42,8 @@ class ProcessConfig:
     distance_limit_m: float = 0.1
     """D of Eq. (11): beyond it the other robot costs nothing (Section III)."""
     features: tuple[Feature, ...] = ("x", "y", "d", "g")
-    """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other)."""
+    """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
+    h (the axis that the robot itself faces, forwards or backwards)."""
     zone_is_obstacle: bool = False
     """Whether the central zone may not be entered, except the robot's own target (assumed no)."""
     target_obstacle: Literal["cell", "disk"] = "cell"
@@ -52,6 +54,8 @@ class ProcessConfig:
     """Update of a robot whose partner failed: as ever (assumed), -L as well, or none."""
     slip_probability: float = 0.0
     """Probability of moving 45 degrees left or right of the action while learning (assumed 0)."""
+    clearance_m: float = 0.002
+    """Gap between two robots that training with transitions counts as contact already (assumed)."""
     step_limit: int = 1000
     """Moves after which an episode is cut, counted as a failure (assumed; none in the paper).
     A low limit keeps robots that circle from unlearning it: 200 costs success in scenario 4."""
@@ -65,6 +69,7 @@ class ProcessConfig:
             "distance_limit_m": self.distance_limit_m > 0,
             "features": len(set(self.features)) == len(self.features) > 0,
             "slip_probability": 0 <= self.slip_probability <= 1,
+            "clearance_m": self.clearance_m >= 0,
             "step_limit": self.step_limit >= 1,
         }
         for name, valid in checks.items():
@@ -88,7 +93,7 @@ class Process(NamedTuple):
         move_reward: (2, 2, D² + 1) float32, Eq. (11): reward of a move that ends nothing, at
             [diagonal, approaching, squared distance in cells², at most D²].
         goal_reward: float32, L.
-        strides: five integers, state index = x·s₀ + y·s₁ + d·s₂ + (g + 1)·s₃ + b·s₄.
+        strides: six integers, state index = x·s₀ + y·s₁ + d·s₂ + (g + 1)·s₃ + b·s₄ + h·s₅.
         state_count: number of states of one robot's table.
         bearings: (2 columns + 3, 2 rows + 3) uint8, direction of another robot at offset (dx, dy),
             negative offsets counting from the end.
@@ -214,7 +219,7 @@ def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
 def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
     """Number of values of each feature in use, in the order of the state index.
 
-    A lone robot sees nobody: it has x and y only.
+    A lone robot sees nobody: it has x, y and h only.
     """
     sizes = {
         "x": scenario.columns,
@@ -222,14 +227,15 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
         "d": len(DISTANCE_CLASSES),
         "g": len(GRADIENT_SIGNS),
         "b": DIRECTION_COUNT,
+        "h": AXIS_COUNT,
     }
-    seen = {"x", "y"} if scenario.robots == 1 else set(sizes)
+    seen = {"x", "y", "h"} if scenario.robots == 1 else set(sizes)
     return {name: sizes[name] for name in sizes if name in config.features and name in seen}
 
 
 def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...], int]:
     """Strides of the state index and the number of states; a feature not used has stride 0."""
-    strides: dict[str, int] = dict.fromkeys(("x", "y", "d", "g", "b"), 0)
+    strides: dict[str, int] = dict.fromkeys(("x", "y", "d", "g", "b", "h"), 0)
     states = 1
     for name, size in reversed(feature_sizes(scenario, config).items()):
         strides[name] = states

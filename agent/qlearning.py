@@ -32,9 +32,9 @@ from cosim.jit import inlined, kernel
 
 KERNEL_VERSION = 1  # raise it when a change alters the bits of a trained table
 
-_ACTION_BITS = np.uint64(DIRECTION_COUNT - 1)
+ACTION_BITS = np.uint64(DIRECTION_COUNT - 1)
 _ONE = np.uint64(1)
-_SQRT_2 = np.sqrt(2.0)
+SQRT_2 = np.sqrt(2.0)
 
 
 class LearningError(UserError):
@@ -198,7 +198,7 @@ def initial_state(
 
 
 @inlined
-def _best(values: np.ndarray) -> tuple[int, np.float32]:
+def largest(values: np.ndarray) -> tuple[int, np.float32]:
     """Index of the largest of eight values, the lowest of equals (Eq. 6), and that value."""
     # a tournament of three rounds instead of a chain of seven comparisons: it is what limits speed
     a, va = (1, values[1]) if values[1] > values[0] else (0, values[0])
@@ -259,7 +259,7 @@ def _run_episodes(
             if learning.double_q:
                 greedy[i] = _best_of_sum(q, i, state[i])
             else:
-                greedy[i], _ = _best(q[0, i, state[i]])
+                greedy[i], _ = largest(q[0, i, state[i]])
         straight = 0
         diagonal = 0
         outcome = RUNNING
@@ -273,7 +273,7 @@ def _run_episodes(
                     if explores:
                         word = next_word(random)
                         if (word >> PROBABILITY_SHIFT) < threshold:
-                            chosen[i] = np.int64(word & _ACTION_BITS)
+                            chosen[i] = np.int64(word & ACTION_BITS)
                     executed[i] = chosen[i]
                     if slips:
                         executed[i] = slipped(process, chosen[i], random)
@@ -304,7 +304,7 @@ def _run_episodes(
                         target = penalty
                         best = 0
                     else:
-                        best, value = _best(q[updated, i, s_next])
+                        best, value = largest(q[updated, i, s_next])
                         if learning.double_q:
                             # the other table values the action that this one picks
                             value = q[1 - updated, i, s_next, best]
@@ -316,7 +316,7 @@ def _run_episodes(
                         greedy[i] = _best_of_sum(q, i, s_next)
                     else:
                         # the row changed after `best` was found if the features hide the move
-                        greedy[i] = best if s_next != s else _best(q[0, i, s_next])[0]
+                        greedy[i] = best if s_next != s else largest(q[0, i, s_next])[0]
                 else:
                     # Eq. (7) in a terminal state
                     q[updated, i, s, a] += eta * (rewards[i] - q[updated, i, s, a])
@@ -325,7 +325,7 @@ def _run_episodes(
             curve[row, EPISODES] += 1.0
             if outcome == SUCCESS:
                 curve[row, SUCCESSES] += 1.0
-                curve[row, PATH_CELLS] += (straight + _SQRT_2 * diagonal) / n
+                curve[row, PATH_CELLS] += (straight + SQRT_2 * diagonal) / n
                 curve[row, STEPS] += (straight + diagonal) / n
             for i in range(n):
                 curve[row, RETURNS + i] += returns[i]
@@ -333,7 +333,7 @@ def _run_episodes(
 
 
 def advance(process: Process, learning: Learning, state: TrainingState, until: int) -> None:
-    """Train a state up to episode `until`, in place."""
+    """Train a state up to episode `until` on the grid, in place."""
     state.agent_steps += _run_episodes(
         process,
         learning,

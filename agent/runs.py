@@ -23,6 +23,7 @@ from agent.store import POLICY_FILE, config_digest, load_run, save_run
 from agent.sweep import Backend, sweep
 from agent.training import TrainingLog
 from agent.training_recording import write_training
+from agent.transitions import Transitions
 from agent.worker import CHECKPOINT_FILE, PROGRESS_FILE, RunTask, clear_progress, train_run
 from cosim.errors import UserError
 from cosim.scenario import Scenario
@@ -44,12 +45,15 @@ class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     learning: LearningConfig
     seed: int
     runs: int
+    transitions: Transitions | None = None
 
     def configs(self) -> list[PolicyConfig]:
         """One configuration per run; seeds are spawned from the experiment's seed."""
         sequences = np.random.SeedSequence(self.seed).spawn(self.runs)
         return [
-            PolicyConfig(self.scenario, self.process, self.learning, Seed.of(sequence))
+            PolicyConfig(
+                self.scenario, self.process, self.learning, Seed.of(sequence), self.transitions
+            )
             for sequence in sequences
         ]
 

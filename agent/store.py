@@ -14,6 +14,7 @@ from agent.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.process import ProcessConfig, build_process
 from agent.qlearning import LearningConfig, initial_state
 from agent.training import ProgressCallback, TrainingLog, run_training, training_log
+from agent.transitions import Transitions
 from cosim.scenario import Scenario
 from cosim.storage import cache_dir
 
@@ -37,7 +38,7 @@ def train_policy(
     """Train from nothing, without looking at or writing any file."""
     process = build_process(config.scenario, config.process)
     state = initial_state(process, config.learning, config.seed.sequence())
-    run_training(process, config.learning, state, progress=progress)
+    run_training(config, state, progress=progress)
     log = training_log(config.learning, state, config.scenario.cell_m)
     return Policy.of_training(config, state), log
 
@@ -65,6 +66,7 @@ def trained_policy(
     learning: LearningConfig | None = None,
     seed: int | np.random.SeedSequence = 0,
     *,
+    transitions: Transitions | None = None,
     retrain: bool = False,
     progress: ProgressCallback | None = None,
 ) -> tuple[Policy, TrainingLog, Path]:
@@ -75,6 +77,7 @@ def trained_policy(
         process: readings of the decision process (default: those of `ProcessConfig`).
         learning: learning configuration (default: Section V).
         seed: of the generator.
+        transitions: train on moves that last instead of the grid.
         retrain: train even if the policy is there.
         progress: called after every chunk of training; not at all if the policy is found.
 
@@ -86,7 +89,11 @@ def trained_policy(
         OSError: the cache cannot be written.
     """
     config = PolicyConfig(
-        scenario, process or ProcessConfig(), learning or LearningConfig(), Seed.of(seed)
+        scenario,
+        process or ProcessConfig(),
+        learning or LearningConfig(),
+        Seed.of(seed),
+        transitions,
     )
     folder = policy_folder(config)
     found = None if retrain else load_run(folder, config)

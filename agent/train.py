@@ -23,6 +23,7 @@ from agent.runs import Experiment, RunResult, train_runs
 from agent.settings import read_settings
 from agent.store import POLICY_FILE
 from agent.sweep import Backend
+from agent.transitions import Transitions
 from agent.worker import read_progress
 from cosim.errors import UserError, run_command
 from cosim.scenario import find_scenario
@@ -50,6 +51,8 @@ class Train:
     """Output folder; by default runs/train-<scenario>-<time>."""
     config: Path | None = None
     """Settings file with tables [process] and [learning]; options given here override it."""
+    transitions: Path | None = None
+    """Moves observed by `python -m agent.identify`: train on them instead of the grid."""
     jobs: int = -1
     """Runs at once; -1 for one per core."""
     backend: Backend = "loky"
@@ -77,7 +80,10 @@ def train(options: Train, console: Console) -> dict[str, Any]:
         UserError: see its message.
     """
     scenario = find_scenario(options.scenario)
-    experiment = Experiment(scenario, options.process, options.learning, options.seed, options.runs)
+    transitions = options.transitions and Transitions.load(options.transitions)
+    experiment = Experiment(
+        scenario, options.process, options.learning, options.seed, options.runs, transitions
+    )
     name = f"train-{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
     out = options.out or Path("runs") / name
     results: list[RunResult] = []

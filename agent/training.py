@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.evaluation import all_starts, evaluate
-from agent.process import Process
+from agent.policy import PolicyConfig
+from agent.process import build_process
 from agent.qlearning import (
     EPISODES,
     PATH_CELLS,
@@ -24,6 +25,9 @@ from agent.qlearning import (
     build_learning,
     epsilon_of_episodes,
 )
+from agent.timed_learning import advance_timed
+from agent.transitions import MoveModel, build_model
+from cosim.params import TIMING
 from cosim.storage import replacing
 
 # Learning curves evaluate all starts up to this many, and evenly spaced ones if there are more.
@@ -99,9 +103,17 @@ def greedy_episodes(config: LearningConfig) -> np.ndarray:
     return np.unique(np.maximum(points // max(config.greedy_points, 1), 1))
 
 
+def move_model(config: PolicyConfig) -> MoveModel | None:
+    """The moves of a configuration for the kernels; None if it is trained on the grid."""
+    if config.transitions is None:
+        return None
+    scenario = config.scenario
+    contact_m = scenario.robot_diameter_m + config.process.clearance_m
+    return build_model(config.transitions, TIMING.rl_step_s, contact_m / scenario.cell_m)
+
+
 def run_training(
-    process: Process,
-    config: LearningConfig,
+    task: PolicyConfig,
     state: TrainingState,
     *,
     progress: ProgressCallback | None = None,
@@ -111,13 +123,14 @@ def run_training(
     """Train a state to its last episode, in place.
 
     Args:
-        process: the decision process.
-        config: the learning configuration that the state was made with.
+        task: the configuration that the state was made with.
         state: fresh, or read from a checkpoint.
         progress: called after every chunk.
         checkpoint: called every `checkpoint_episodes` episodes with the state.
         checkpoint_episodes: episodes between two checkpoints.
     """
+    config = task.learning
+    process, model = build_process(task.scenario, task.process), move_model(task)
     learning = build_learning(config)
     evaluations = greedy_episodes(config)
     starts = all_starts(process)
@@ -128,7 +141,10 @@ def run_training(
         if due < len(evaluations):
             until = min(until, int(evaluations[due]))
         before = state.episode
-        advance(process, learning, state, until)
+        if model is None:
+            advance(process, learning, state, until)
+        else:
+            advance_timed(process, model, learning, state, until)
         if until in evaluations:
             values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
             result = evaluate(process, values, starts)

@@ -14,11 +14,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from agent.grid import (
-    CLASS,
     COLUMN_COUNT,
     OUTCOMES,
     RUNNING,
-    SIGN,
     SUCCESS,
     TIMEOUT,
     VX,
@@ -29,7 +27,7 @@ from agent.grid import (
     place_randomly,
     slipped,
 )
-from agent.grid_episode import place_checked
+from agent.grid_episode import FEATURE_COLUMNS, place_checked
 from agent.process import Process, ProcessConfig, build_process, feature_sizes
 from agent.rendering import board_pixels, board_text
 from agent.rng import seeded_state
@@ -121,8 +119,7 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = spaces.Discrete(DIRECTION_COUNT)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        features = {"x": X, "y": Y, "d": CLASS, "g": SIGN}
-        self._columns = [features[name] for name in feature_sizes(scenario, process)]
+        self._columns = [FEATURE_COLUMNS[name] for name in feature_sizes(scenario, process)]
         self._last = self.single_observation_space.nvec - 1
         self._worlds = np.zeros((num_envs, 1, COLUMN_COUNT), dtype=np.int64)
         self._random = np.stack([seeded_state(0)] * num_envs)

@@ -65,8 +65,7 @@ def train_run(task: RunTask) -> tuple[Policy, TrainingLog, float]:
     if shared:
         state = load_checkpoint(checkpoint_path, config, state) or state
     run_training(
-        process,
-        config.learning,
+        config,
         state,
         progress=_progress_writer(task) if shared else None,
         checkpoint=(lambda s: save_checkpoint(checkpoint_path, config, s)) if shared else None,

@@ -21,6 +21,8 @@ DIRECTIONS = np.array(
     [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)], dtype=np.int64
 )
 DIRECTION_COUNT = len(DIRECTIONS)
+# A robot drives forwards as well as backwards: what its heading costs depends on its axis only.
+AXIS_COUNT = DIRECTION_COUNT // 2
 
 
 class DistanceThresholds(NamedTuple):

@@ -1,0 +1,177 @@
+"""What a move does under the dynamics: moves observed in co-simulation, and their distribution.
+
+P(Δcell, duration | direction, heading, previous direction) is kept as the moves themselves, so that
+training draws whole moves (how long the turn took, when and where the robot stopped) instead of
+means. Observing them is `agent.identify`, moving robots by them `agent.timed`.
+"""
+
+import math
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from cosim.errors import UserError
+from cosim.features import AXIS_COUNT
+from cosim.storage import replacing
+
+SCHEMA_VERSION = 1
+NO_DIRECTION = -1  # before the first move
+
+_KINDS = 2 * AXIS_COUNT  # straight or diagonal, and the turn before it
+
+
+class TransitionsError(UserError):
+    """A file of transitions that cannot be used; the message says what to do instead."""
+
+
+class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One move of a robot towards the centre of a neighbouring cell.
+
+    Attributes:
+        direction: index of the commanded direction.
+        heading: index of the direction that the robot faced when it was asked.
+        previous: direction of its move before, NO_DIRECTION for the first.
+        columns, rows: Δcell, of the cell that its centre is in.
+        turn_s: time until it first drove.
+        duration_s: time until it stopped at the end of the line, or was asked anew.
+        stop_x, stop_y: where it stopped, from the centre of the cell aimed at, in cells.
+    """
+
+    direction: int
+    heading: int
+    previous: int
+    columns: int
+    rows: int
+    turn_s: float
+    duration_s: float
+    stop_x: float
+    stop_y: float
+
+
+class Transitions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Observed moves, and what they were observed with.
+
+    Attributes:
+        source: digest of the co-simulation's parameters and motor FMU.
+        seed: of the directions and the speed noise.
+        moves: in the order of observation.
+    """
+
+    source: str
+    seed: int
+    moves: tuple[Move, ...]
+
+    def counts(self, rl_step_s: float) -> dict[tuple[int, int, int], Counter[tuple[int, int, int]]]:
+        """How often (Δcolumn, Δrow, RL steps) followed (direction, heading, previous direction)."""
+        counts: dict[tuple[int, int, int], Counter[tuple[int, int, int]]] = {}
+        for move in self.moves:
+            given = counts.setdefault((move.direction, move.heading, move.previous), Counter())
+            given[move.columns, move.rows, math.ceil(move.duration_s / rl_step_s)] += 1
+        return counts
+
+    def save(self, path: Path) -> None:
+        """Write as JSON, whole or not at all.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        content = {"schema_version": SCHEMA_VERSION} | msgspec.to_builtins(self)
+        with replacing(path) as temporary:
+            temporary.write_bytes(msgspec.json.encode(content) + b"\n")
+
+    @classmethod
+    def load(cls, path: Path) -> "Transitions":
+        """Read what `save` wrote.
+
+        Raises:
+            TransitionsError: no such file, or not a file of transitions of this version.
+        """
+        try:
+            content = msgspec.json.decode(path.read_bytes())
+            version = content.pop("schema_version", None)
+            transitions = msgspec.convert(content, cls)
+        except OSError:
+            raise TransitionsError(
+                f"{path}: no such file; make one with `python -m agent.identify --out {path}`"
+            ) from None
+        except (msgspec.DecodeError, msgspec.ValidationError, AttributeError) as error:
+            raise TransitionsError(
+                f"{path}: not a file of transitions ({error}); make one with "
+                f"`python -m agent.identify --out {path}`"
+            ) from error
+        if version != SCHEMA_VERSION:
+            raise TransitionsError(
+                f"{path}: schema {version} is not the schema {SCHEMA_VERSION} of this version; "
+                "make it again with `python -m agent.identify`"
+            )
+        return transitions
+
+
+class MoveModel(NamedTuple):
+    """Transitions for the kernels: observed moves sorted by kind.
+
+    The floor is the same in all directions: a move is turned to the first quadrant, so that its
+    kind is whether it is diagonal, and the angle between the robot's axis and its direction.
+
+    Attributes:
+        moves: (M, 4) float64, time of the turn and of the whole move in s, and where the robot
+            stopped, from the centre of the cell aimed at, in cells.
+        offsets: _KINDS + 1 integers, moves of kind k are rows offsets[k] to offsets[k + 1].
+        rl_step_s: time between two decisions.
+        contact_cells: squared distance in cells² at which robots touch.
+        near_cells: squared distance in cells² beyond which no robots meet within an RL step.
+    """
+
+    moves: np.ndarray
+    offsets: tuple[int, ...]
+    rl_step_s: float
+    contact_cells: float
+    near_cells: float
+
+
+def move_kind(direction: int, axis: int) -> int:
+    """Kind of a move: diagonal or not, and the turn from the robot's axis to the direction."""
+    return direction % 2 * AXIS_COUNT + (axis - direction) % AXIS_COUNT
+
+
+def build_model(transitions: Transitions, rl_step_s: float, contact_cells: float) -> MoveModel:
+    """Moves by kind, for the kernels.
+
+    Args:
+        transitions: observed moves.
+        rl_step_s: time between two decisions.
+        contact_cells: centre distance in cells at which training counts a contact.
+
+    Raises:
+        TransitionsError: a kind of move was never observed.
+    """
+    fastest = max(
+        math.hypot(move.columns, move.rows) / (move.duration_s - move.turn_s)
+        for move in transitions.moves
+        if move.duration_s > move.turn_s
+    )
+    kinds: list[list[tuple[float, ...]]] = [[] for _ in range(_KINDS)]
+    for move in transitions.moves:
+        back = -math.pi / 2.0 * (move.direction // 2)
+        cosine, sine = math.cos(back), math.sin(back)
+        stop = (
+            cosine * move.stop_x - sine * move.stop_y,
+            sine * move.stop_x + cosine * move.stop_y,
+        )
+        kind = move_kind(move.direction, move.heading)
+        kinds[kind].append((move.turn_s, move.duration_s, *stop))
+    if not all(kinds):
+        raise TransitionsError(
+            f"the transitions have no move of kind {[bool(k) for k in kinds].index(False)} of "
+            f"{_KINDS}; identify with more moves"
+        )
+    return MoveModel(
+        np.array([row for rows in kinds for row in rows]),
+        tuple(int(v) for v in np.cumsum([0, *(len(rows) for rows in kinds)])),
+        rl_step_s,
+        contact_cells**2,
+        (contact_cells + 2.0 * fastest * rl_step_s) ** 2,
+    )
