@@ -14,7 +14,6 @@ from agent.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.process import ProcessConfig, build_process
 from agent.qlearning import LearningConfig, initial_state
 from agent.training import ProgressCallback, TrainingLog, run_training, training_log
-from agent.transitions import Transitions
 from cosim.scenario import Scenario
 from cosim.storage import cache_dir
 
@@ -60,24 +59,13 @@ def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] |
     return (policy, log) if policy.config == config else None
 
 
-def trained_policy(
-    scenario: Scenario,
-    process: ProcessConfig | None = None,
-    learning: LearningConfig | None = None,
-    seed: int | np.random.SeedSequence = 0,
-    *,
-    transitions: Transitions | None = None,
-    retrain: bool = False,
-    progress: ProgressCallback | None = None,
+def find_or_train(
+    config: PolicyConfig, *, retrain: bool = False, progress: ProgressCallback | None = None
 ) -> tuple[Policy, TrainingLog, Path]:
     """The policy of a configuration: found in the cache, or trained and kept there.
 
     Args:
-        scenario: board, starts and targets.
-        process: readings of the decision process (default: those of `ProcessConfig`).
-        learning: learning configuration (default: Section V).
-        seed: of the generator.
-        transitions: train on moves that last instead of the grid.
+        config: everything that decides the policy's bits.
         retrain: train even if the policy is there.
         progress: called after every chunk of training; not at all if the policy is found.
 
@@ -88,16 +76,33 @@ def trained_policy(
         ScenarioError: the scenario cannot be used with these readings.
         OSError: the cache cannot be written.
     """
-    config = PolicyConfig(
-        scenario,
-        process or ProcessConfig(),
-        learning or LearningConfig(),
-        Seed.of(seed),
-        transitions,
-    )
     folder = policy_folder(config)
     found = None if retrain else load_run(folder, config)
     if found is None:
         found = train_policy(config, progress=progress)
         save_run(folder, *found)
     return *found, folder / POLICY_FILE
+
+
+def trained_policy(
+    scenario: Scenario,
+    process: ProcessConfig | None = None,
+    learning: LearningConfig | None = None,
+    seed: int | np.random.SeedSequence = 0,
+    *,
+    retrain: bool = False,
+    progress: ProgressCallback | None = None,
+) -> tuple[Policy, TrainingLog, Path]:
+    """`find_or_train` on the grid, with the defaults of this project for what is left out.
+
+    Args:
+        scenario: board, starts and targets.
+        process: readings of the decision process (default: those of `ProcessConfig`).
+        learning: learning configuration (default: Section V).
+        seed: of the generator.
+        retrain, progress: see `find_or_train`.
+    """
+    config = PolicyConfig(
+        scenario, process or ProcessConfig(), learning or LearningConfig(), Seed.of(seed)
+    )
+    return find_or_train(config, retrain=retrain, progress=progress)

@@ -87,7 +87,7 @@ def _run_episodes(
                 decisions += 1
                 moves += 1
                 diagonal += a & 1
-                blocked = begin_move(process, model, world, ways, i, a, random)
+                blocked = begin_move(process, model, world, ways, i, int(a), random)
                 if blocked != RUNNING:
                     outcome = blocked
                     returns[i] += penalty

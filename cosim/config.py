@@ -38,6 +38,8 @@ class CoSimConfig:
         order: of the coupling within a communication step; see `cosim.master`.
         reaction: whether the motors feel the acceleration of the body (the paper neglects it).
         on_collision: whether two robots that touch end the episode or push each other on.
+        safety_margin_m: gap that the safety layer (`cosim.safety`) keeps between the ways of
+            robots; 0 switches it off.
 
     Raises:
         ConfigError: a parameter is out of range, or a period is no multiple of the one below it.
@@ -51,12 +53,17 @@ class CoSimConfig:
     order: Literal["gauss-seidel", "jacobi"] = "gauss-seidel"
     reaction: bool = False
     on_collision: Literal["end", "continue"] = "end"
+    safety_margin_m: float = 0.0
 
     def __post_init__(self) -> None:
         for record in (self.robot, self.motor, self.noise, self.timing, self.steering):
             for name, value in record._asdict().items():
                 if not 0.0 <= value < float("inf"):
                     raise ConfigError(f"{name} = {value} must be finite and not negative")
+        if not 0.0 <= self.safety_margin_m < float("inf"):
+            raise ConfigError(
+                f"safety_margin_m = {self.safety_margin_m} must be finite and not negative"
+            )
         for record, names in (
             (self.robot, ("mass_kg", "diameter_m", "height_m", "com_height_m", "foot_radius_m")),
             (self.motor, ("J", "R", "g")),
@@ -115,6 +122,7 @@ class CoSimConfig:
             "order": (self.order, "coupling within a communication step"),
             "reaction": (self.reaction, "whether motors feel the body's acceleration"),
             "on_collision": (self.on_collision, "what a contact between robots does"),
+            "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),
         }
         return {
             name: {"value": value} | quantity._asdict()

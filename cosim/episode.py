@@ -27,8 +27,9 @@ from cosim.forces import motor_mounts
 from cosim.master import CompiledDriver, Driver, ReferenceDriver
 from cosim.measures import Measures
 from cosim.observing import cells_of, nearest_squared, observe
-from cosim.params import TABLE_II
+from cosim.params import SAFETY_MARGIN_M, TABLE_II
 from cosim.plant import COLLISION, OUT_OF_BOARD, Plant
+from cosim.safety import WAIT, permitted
 from cosim.scenario import Cell, Scenario
 from cosim.signals import RawSamples, Samples, new_raw_samples, new_samples, new_state
 from cosim.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
@@ -57,7 +58,8 @@ class Step(NamedTuple):
         number: of the step, from 0.
         first_tick: ticks of dt before the step.
         before, after: observations at its start and end.
-        action: (N,) direction index in force during the step, −1 for a robot that arrived before.
+        action: (N,) direction index in force during the step, −1 for a robot that arrived before
+            or that the safety layer lets wait.
         decided: (N,) whether the action was adopted at the start of this step.
         completed: (N,) whether the robot ended its move within this step.
         samples: signals at every control period that was simulated.
@@ -85,6 +87,7 @@ class CoSimulation:
         outcome: of the episode, "" before its end.
         time_s: simulated time.
         measures: of the episode so far.
+        conflicts: decisions that the safety layer changed, or would have changed.
 
     Raises:
         FmuError: the FMU cannot be loaded or lacks a part of the motor interface.
@@ -158,6 +161,7 @@ class CoSimulation:
         self._driver = self._driver_class([self._fmu.instantiate(k, parameters) for k in names])
         self._noise = [np.random.default_rng(child) for child in seed.spawn(len(names))]
         self._step = self._tick = 0
+        self.conflicts = 0
         self._arrived = np.zeros(n, dtype=bool)
         self._moving_since = np.zeros(n)
         self._action = np.full(n, -1)
@@ -239,15 +243,36 @@ class CoSimulation:
         decided = ~self._arrived & ((commands[:, MODE] == HOLD) | late)
         squared = nearest_squared(cells)
         for robot in np.flatnonzero(decided):
-            cell = cells[robot] + DIRECTIONS[action[robot]]
+            direction = self._permitted(int(robot), int(action[robot]))
+            self._action[robot] = direction
+            if direction == WAIT:
+                commands[robot, MODE] = HOLD
+                decided[robot] = False
+                continue
+            cell = cells[robot] + DIRECTIONS[direction]
             commands[robot, [GOAL_X, GOAL_Y]] = self.scenario.centre_m((cell[0], cell[1]))
-            commands[robot, DIRECTION] = action[robot] * 2.0 * math.pi / DIRECTION_COUNT
+            commands[robot, DIRECTION] = direction * 2.0 * math.pi / DIRECTION_COUNT
             commands[robot, MODE] = START
-            self._action[robot] = action[robot]
             self._moving_since[robot] = self.time_s
             self._squared_at_decision[robot] = squared[robot]
         self._action[self._arrived] = -1
         return decided
+
+    def _permitted(self, robot: int, direction: int) -> int:
+        """What the safety layer makes of a direction; without the layer it is only counted."""
+        commands, margin_m = self._state.commands, self.config.safety_margin_m
+        goals = np.where(commands[:, [MODE]] == HOLD, np.nan, commands[:, [GOAL_X, GOAL_Y]])
+        goals[robot] = np.nan
+        allowed = permitted(
+            self.scenario,
+            self._state.bodies,
+            goals,
+            robot,
+            direction,
+            margin_m or SAFETY_MARGIN_M,
+        )
+        self.conflicts += allowed != direction
+        return allowed if margin_m else direction
 
     def _draw_noise(self, periods: int) -> np.ndarray:
         """Speed noise of one RL step, shape (periods, N, 2), rad/s (Section V)."""

@@ -192,6 +192,9 @@ class Fig7Params(NamedTuple):
     ] = 0.709
 
 
+# Assumed: some three times what robots stray from their ways.
+SAFETY_MARGIN_M = 0.003
+
 TABLE_II = MotorParams()
 TABLE_I = RobotParams()
 SPEED_NOISE = NoiseParams()

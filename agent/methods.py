@@ -1,0 +1,96 @@
+"""The ways of training that are compared in co-simulation, by name, and the policies they give.
+
+"paper" learns on the deterministic grid (Section V), "slip" on the grid where moves go astray,
+"identified" on moves observed in co-simulation, with the bearing of the other robot. The last one
+is what `python -m cosim.run` uses.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, get_args
+
+from agent.identify import cached_transitions
+from agent.policy import Policy, PolicyConfig, Seed
+from agent.process import ProcessConfig
+from agent.qlearning import LearningConfig
+from agent.store import find_or_train
+from agent.training import ProgressCallback, TrainingLog
+from cosim.config import CoSimConfig
+from cosim.scenario import Scenario
+from fmus.build import cached_fmu
+
+Method = Literal["identified", "paper", "slip"]
+METHODS: tuple[Method, ...] = get_args(Method)
+BEST: Method = "identified"
+
+TIMED_EPISODES = 1_500_000
+SLIP_PROBABILITY = 0.2  # assumed
+
+
+def method_config(
+    method: Method,
+    scenario: Scenario,
+    seed: int = 0,
+    *,
+    episodes: int | None = None,
+    motor_fmu: Path | None = None,
+    observing: Callable[[int, int], None] | None = None,
+) -> PolicyConfig:
+    """Configuration of a method for a scenario; "identified" may have to observe moves first.
+
+    Args:
+        method: one of METHODS.
+        scenario: board, starts and targets.
+        seed: of training.
+        episodes: training episodes, the method's own number by default.
+        motor_fmu: whose moves are observed, the built-in one by default.
+        observing: called with moves observed and moves asked for.
+
+    Raises:
+        UserError: moves cannot be observed.
+    """
+    if method != "identified":
+        slip = SLIP_PROBABILITY if method == "slip" else 0.0
+        learning = LearningConfig(episodes=episodes or LearningConfig().episodes)
+        process = ProcessConfig(slip_probability=slip)
+        return PolicyConfig(scenario, process, learning, Seed.of(seed))
+    # Chosen on the observed moves: a learning rate three times the paper's, and a collision that
+    # costs more than any detour.
+    learning = LearningConfig(episodes=episodes or TIMED_EPISODES, eta=0.03)
+    process = ProcessConfig(
+        goal_reward=300.0,
+        features=("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b"),
+    )
+    transitions = cached_transitions(CoSimConfig(), motor_fmu or cached_fmu(), progress=observing)
+    return PolicyConfig(scenario, process, learning, Seed.of(seed), transitions)
+
+
+def method_policy(
+    method: Method,
+    scenario: Scenario,
+    seed: int = 0,
+    *,
+    episodes: int | None = None,
+    motor_fmu: Path | None = None,
+    retrain: bool = False,
+    observing: Callable[[int, int], None] | None = None,
+    progress: ProgressCallback | None = None,
+) -> tuple[Policy, TrainingLog, Path]:
+    """The policy of a method: found in the cache, or trained and kept there.
+
+    Args:
+        method, scenario, seed, episodes, motor_fmu, observing: see `method_config`.
+        retrain: train even if the policy is there.
+        progress: called after every chunk of training; not at all if the policy is found.
+
+    Returns:
+        The policy, its learning curves and the path of its file.
+
+    Raises:
+        UserError: the scenario cannot be used, or moves cannot be observed.
+        OSError: the cache cannot be written.
+    """
+    config = method_config(
+        method, scenario, seed, episodes=episodes, motor_fmu=motor_fmu, observing=observing
+    )
+    return find_or_train(config, retrain=retrain, progress=progress)
