@@ -71,13 +71,15 @@ class Identify:
 class _Walker:
     """Chooses directions so that all kinds of moves become equally frequent, and books moves."""
 
-    def __init__(self, rng: np.random.Generator, target: int) -> None:
+    def __init__(self, rng: np.random.Generator, target: int, cell_m: float) -> None:
         self._rng = rng
         self._target = target
+        self._cell_m = cell_m
         self._seen = np.zeros(KINDS, dtype=int)
         self._previous = NO_DIRECTION
         self._begun: tuple[int, int, np.ndarray] | None = None  # direction, heading, cell
         self._turn_s = math.nan
+        self._from = self._turned = np.zeros(2)
         self._elapsed_s = 0.0
         self.moves: list[Move] = []
 
@@ -94,7 +96,7 @@ class _Walker:
         seen = np.where(inside, self._seen[kinds], np.iinfo(int).max)
         return int(self._rng.choice(np.flatnonzero(seen == seen.min())))
 
-    def book(self, step: Step, config: CoSimConfig, scenario: Scenario) -> None:
+    def book(self, step: Step, config: CoSimConfig) -> None:
         """Follow one RL step, and note the move that ends in it."""
         period_s = config.timing.control_period_s
         if step.decided[0]:
@@ -103,15 +105,17 @@ class _Walker:
             heading = int(step.before.direction[0])
             self._begun = int(step.action[0]), heading, step.before.cells[0]
             self._turn_s, self._elapsed_s = math.nan, 0.0
+            self._from = self._turned = step.samples.position[0, 0, :2]
         mode = step.samples.mode[:, 0]
         driving = np.flatnonzero(mode == DRIVE)
         if math.isnan(self._turn_s) and len(driving):
             self._turn_s = self._elapsed_s + period_s * float(driving[0])
+            self._turned = step.samples.position[driving[0], 0, :2]
         if step.completed[0] and self._begun is not None:
             stopped_s = self._elapsed_s + period_s * float(np.flatnonzero(mode == HOLD)[0])
             direction, _, cell = self._begun
             goal = cell + DIRECTIONS[direction] + 0.5
-            stop = step.samples.position[-1, 0, :2] / scenario.cell_m - goal
+            stop = step.samples.position[-1, 0, :2] / self._cell_m - goal
             self._end(step.after.cells[0], stopped_s, stop)
         self._elapsed_s += period_s * len(mode)
 
@@ -119,6 +123,7 @@ class _Walker:
         assert self._begun is not None
         direction, heading, before = self._begun
         turn_s = duration_s if math.isnan(self._turn_s) else self._turn_s
+        drift = (self._turned - self._from) / self._cell_m
         self.moves.append(
             Move(
                 direction,
@@ -128,6 +133,8 @@ class _Walker:
                 int(cell[1] - before[1]),
                 round(turn_s, 6),
                 round(duration_s, 6),
+                round(float(drift[0]), 6),
+                round(float(drift[1]), 6),
                 round(float(stop[0]), 6),
                 round(float(stop[1]), 6),
             )
@@ -181,7 +188,7 @@ def identify(
 
     def walk(number: int) -> list[Move]:
         direction_seed, noise_seed = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(2)
-        walker = _Walker(np.random.default_rng(direction_seed), target)
+        walker = _Walker(np.random.default_rng(direction_seed), target, scenario.cell_m)
         system = CoSimulation(scenario, fmu, config)
         observation = system.reset(((middle, middle),), noise_seed)
         try:
@@ -190,7 +197,7 @@ def identify(
                 step = system.advance(np.array([direction]))
                 if step.outcome == "out_of_board":
                     raise TransitionsError("the robot strays from its line; check the parameters")
-                walker.book(step, config, scenario)
+                walker.book(step, config)
                 observation = step.after
                 done[number] = len(walker.moves)
                 if progress is not None:
@@ -223,11 +230,14 @@ def cached_transitions(
 
 
 def _show(transitions: Transitions, rl_step_s: float, console: Console) -> None:
-    table = Table("kind", "moves", "turn s", "whole move s", "RL steps", "stops off by mm")
+    table = Table(
+        "kind", "moves", "turn s", "whole move s", "RL steps", "drift mm", "stop off by mm"
+    )
     for kind in range(KINDS):
         moves = [m for m in transitions.moves if move_kind(m.direction, m.heading) == kind]
         turn = 45 * ((kind % AXIS_COUNT + 1) % AXIS_COUNT - 1)
         durations = np.array([m.duration_s for m in moves])
+        drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in moves]) * 10.0
         off = np.array([math.hypot(m.stop_x, m.stop_y) for m in moves]) * 10.0
         table.add_row(
             f"{'diagonal' if kind >= AXIS_COUNT else 'straight'} after {turn:+d} deg",
@@ -235,6 +245,7 @@ def _show(transitions: Transitions, rl_step_s: float, console: Console) -> None:
             f"{np.mean([m.turn_s for m in moves]):.2f}",
             f"{durations.mean():.2f} ± {durations.std():.2f}",
             f"{np.ceil(durations / rl_step_s).mean():.2f}",
+            f"{drift.mean():.2f} (at most {drift.max():.2f})",
             f"{off.mean():.2f} (at most {off.max():.2f})",
         )
     console.print(table)

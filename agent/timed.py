@@ -37,10 +37,11 @@ from cosim.jit import inlined
 
 # Columns of a robot's way, float64.
 FROM_X, FROM_Y, TO_X, TO_Y = 0, 1, 2, 3  # ends of its move, cells
-TURN_S, DURATION_S = 4, 5  # time of the turn, and of the whole move
-ELAPSED_S = 6  # since the move began; at least DURATION_S for a robot that waits
-AT_X, AT_Y = 7, 8  # position, cells
-WAY_SIZE = 9
+DRIFT_X, DRIFT_Y = 4, 5  # way during the turn, cells
+TURN_S, DURATION_S = 6, 7  # time of the turn, and of the whole move
+ELAPSED_S = 8  # since the move began; at least DURATION_S for a robot that waits
+AT_X, AT_Y = 9, 10  # position, cells
+WAY_SIZE = 11
 
 _CHECKS = 4  # of contact per RL step: robots come closer by some 3 mm between two of them
 
@@ -85,13 +86,15 @@ def begin_move(
     kind = direction % 2 * AXIS_COUNT + (world[i, AXIS] - direction) % AXIS_COUNT
     first = model.offsets[kind]
     row = first + next_index(random, model.offsets[kind + 1] - first)
-    quadrant = direction // 2
-    stop_x, stop_y = model.moves[row, 2], model.moves[row, 3]
-    for _ in range(quadrant):
+    drift_x, drift_y = model.moves[row, 2], model.moves[row, 3]
+    stop_x, stop_y = model.moves[row, 4], model.moves[row, 5]
+    for _ in range(direction // 2):
+        drift_x, drift_y = -drift_y, drift_x
         stop_x, stop_y = -stop_y, stop_x
     ways[i, FROM_X], ways[i, FROM_Y] = ways[i, AT_X], ways[i, AT_Y]
     ways[i, TO_X] = world[i, X] + vx + 0.5 + stop_x
     ways[i, TO_Y] = world[i, Y] + vy + 0.5 + stop_y
+    ways[i, DRIFT_X], ways[i, DRIFT_Y] = drift_x, drift_y
     ways[i, TURN_S] = model.moves[row, 0]
     ways[i, DURATION_S] = model.moves[row, 1]
     ways[i, ELAPSED_S] = 0.0
@@ -102,14 +105,17 @@ def begin_move(
 
 @inlined
 def _go_on(ways: np.ndarray, i: int, seconds: float) -> None:
-    """Position of robot i some seconds later: first it turns, then it drives at constant speed."""
+    """Position of robot i some seconds later: it turns and drifts, then drives to its end."""
     ways[i, ELAPSED_S] += seconds
-    turn, duration = ways[i, TURN_S], ways[i, DURATION_S]
-    share = 1.0
-    if ways[i, ELAPSED_S] < duration:
-        share = max(0.0, (ways[i, ELAPSED_S] - turn) / (duration - turn))
-    ways[i, AT_X] = ways[i, FROM_X] + share * (ways[i, TO_X] - ways[i, FROM_X])
-    ways[i, AT_Y] = ways[i, FROM_Y] + share * (ways[i, TO_Y] - ways[i, FROM_Y])
+    elapsed, turn, duration = ways[i, ELAPSED_S], ways[i, TURN_S], ways[i, DURATION_S]
+    if elapsed < turn:
+        share = elapsed / turn
+        ways[i, AT_X] = ways[i, FROM_X] + share * ways[i, DRIFT_X]
+        ways[i, AT_Y] = ways[i, FROM_Y] + share * ways[i, DRIFT_Y]
+        return
+    rest = 0.0 if elapsed >= duration else (duration - elapsed) / (duration - turn)
+    ways[i, AT_X] = ways[i, TO_X] + rest * (ways[i, FROM_X] + ways[i, DRIFT_X] - ways[i, TO_X])
+    ways[i, AT_Y] = ways[i, TO_Y] + rest * (ways[i, FROM_Y] + ways[i, DRIFT_Y] - ways[i, TO_Y])
 
 
 @inlined

@@ -37,6 +37,7 @@ class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         columns, rows: Δcell, of the cell that its centre is in.
         turn_s: time until it first drove.
         duration_s: time until it stopped at the end of the line, or was asked anew.
+        drift_x, drift_y: way of its centre during the turn, in cells.
         stop_x, stop_y: where it stopped, from the centre of the cell aimed at, in cells.
     """
 
@@ -47,6 +48,8 @@ class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rows: int
     turn_s: float
     duration_s: float
+    drift_x: float
+    drift_y: float
     stop_x: float
     stop_y: float
 
@@ -117,8 +120,8 @@ class MoveModel(NamedTuple):
     kind is whether it is diagonal, and the angle between the robot's axis and its direction.
 
     Attributes:
-        moves: (M, 4) float64, time of the turn and of the whole move in s, and where the robot
-            stopped, from the centre of the cell aimed at, in cells.
+        moves: (M, 6) float64, time of the turn and of the whole move in s, the way during the
+            turn, and where the robot stopped, from the centre of the cell aimed at, in cells.
         offsets: _KINDS + 1 integers, moves of kind k are rows offsets[k] to offsets[k + 1].
         rl_step_s: time between two decisions.
         contact_cells: squared distance in cells² at which robots touch.
@@ -135,6 +138,12 @@ class MoveModel(NamedTuple):
 def move_kind(direction: int, axis: int) -> int:
     """Kind of a move: diagonal or not, and the turn from the robot's axis to the direction."""
     return direction % 2 * AXIS_COUNT + (axis - direction) % AXIS_COUNT
+
+
+def _turned_back(x: float, y: float, quadrants: int) -> tuple[float, float]:
+    for _ in range(quadrants):
+        x, y = y, -x
+    return x, y
 
 
 def build_model(transitions: Transitions, rl_step_s: float, contact_cells: float) -> MoveModel:
@@ -155,14 +164,11 @@ def build_model(transitions: Transitions, rl_step_s: float, contact_cells: float
     )
     kinds: list[list[tuple[float, ...]]] = [[] for _ in range(_KINDS)]
     for move in transitions.moves:
-        back = -math.pi / 2.0 * (move.direction // 2)
-        cosine, sine = math.cos(back), math.sin(back)
-        stop = (
-            cosine * move.stop_x - sine * move.stop_y,
-            sine * move.stop_x + cosine * move.stop_y,
-        )
+        quadrants = move.direction // 2
+        drift = _turned_back(move.drift_x, move.drift_y, quadrants)
+        stop = _turned_back(move.stop_x, move.stop_y, quadrants)
         kind = move_kind(move.direction, move.heading)
-        kinds[kind].append((move.turn_s, move.duration_s, *stop))
+        kinds[kind].append((move.turn_s, move.duration_s, *drift, *stop))
     if not all(kinds):
         raise TransitionsError(
             f"the transitions have no move of kind {[bool(k) for k in kinds].index(False)} of "
