@@ -1,8 +1,8 @@
 """One episode in the full co-simulation, as environments step it: motors, contacts, 2 s a step.
 
 The grid's counterpart, and the interface of both, is in `agent.grid_episode`. An action is
-adopted when the robot waits for one: a robot on its way to a cell ignores it, and the reward of a
-move comes with the step in which the move ends.
+adopted when the robot waits for one: a robot on its way to a cell ignores it, and earns the reward
+of every step that its move takes.
 """
 
 import numpy as np

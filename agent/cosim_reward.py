@@ -1,7 +1,7 @@
 """Rewards of moves made in the co-simulation: the process of the paper seen between cells.
 
-A move of the co-simulation takes several RL steps; it earns its reward when it ends. The
-observations are those of `cosim.episode`, the numbers those of `agent.process`.
+A move of the co-simulation takes several RL steps, and each of them earns a reward, as in
+`agent.timed`. The observations are those of `cosim.episode`, the numbers those of `agent.process`.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from cosim.features import Observation
 
 
 def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
-    """Reward of each robot whose move ended within an RL step, NaN for the others.
+    """Reward of each robot that was on its way in an RL step, NaN for the others.
 
     Args:
         process: tables of the decision process.
@@ -29,12 +29,10 @@ def reward_parts(process: Process, step: Step, arrived: np.ndarray) -> np.ndarra
     """The same by parts, (N, 3) float64: goal or failure, step, nearness of another robot."""
     parts = np.full((len(step.action), 3), np.nan)
     goal = float(process.goal_reward)
-    for robot in np.flatnonzero(step.completed):
+    for robot in np.flatnonzero(step.action >= 0):
         # Eq. (8)
         parts[robot] = (
-            (goal, 0.0, 0.0)
-            if arrived[robot]
-            else _move_reward(process, step.after, int(step.action[robot]), int(robot))
+            (goal, 0.0, 0.0) if arrived[robot] else _step_reward(process, step.after, int(robot))
         )
     if step.outcome == "collision":
         parts[step.action >= 0] = (-goal, 0.0, 0.0)
@@ -45,14 +43,12 @@ def reward_parts(process: Process, step: Step, arrived: np.ndarray) -> np.ndarra
     return parts
 
 
-def _move_reward(
-    process: Process, after: Observation, action: int, robot: int
-) -> tuple[float, float, float]:
+def _step_reward(process: Process, after: Observation, robot: int) -> tuple[float, float, float]:
     squared = ((after.cells - after.cells[robot]) ** 2).sum(axis=1)
     squared[robot] = np.iinfo(np.int64).max  # no robot is near itself
     limit = process.move_reward.shape[2] - 1
     approaching = int(after.gradient_sign[robot] < 0)
     # Eq. (11)
-    of_move = process.move_reward[action % 2, approaching]
-    step = float(of_move[limit])  # nearness costs nothing at the limit
-    return 0.0, step, float(of_move[min(int(squared.min()), limit)]) - step
+    of_step = process.move_reward[0, approaching]
+    step = float(of_step[limit])  # nearness costs nothing at the limit
+    return 0.0, step, float(of_step[min(int(squared.min()), limit)]) - step

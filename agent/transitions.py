@@ -100,7 +100,7 @@ class Transitions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise TransitionsError(
                 f"{path}: no such file; make one with `python -m agent.identify --out {path}`"
             ) from None
-        except (msgspec.DecodeError, msgspec.ValidationError, AttributeError) as error:
+        except (msgspec.DecodeError, msgspec.ValidationError, AttributeError, TypeError) as error:
             raise TransitionsError(
                 f"{path}: not a file of transitions ({error}); make one with "
                 f"`python -m agent.identify --out {path}`"

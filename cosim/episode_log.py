@@ -43,7 +43,7 @@ class EpisodeLog:
 
         Args:
             step: what the co-simulation returned.
-            reward: (N,) of moves ended in it, NaN where there was none.
+            reward: (N,) of the step, NaN for robots that were not on their way.
         """
         timing = self._config.timing
         start_s = step.first_tick * timing.dt_s
@@ -54,7 +54,7 @@ class EpisodeLog:
             for level, text in self._decision(step, int(robot))
         ]
         lines += self._contacts(step, start_s)
-        for robot in np.flatnonzero(~np.isnan(reward)):
+        for robot in np.flatnonzero(step.completed):
             where = tuple(step.after.cells[robot].tolist())
             text = f"{self._names[robot]} ends its move in {where}, reward {reward[robot]:.2f}"
             lines.append(Line(end_s, step.number, "INFO", text))

@@ -15,7 +15,7 @@ from agent.qlearning import LearningConfig
 from agent.store import policy_folder
 from cosim.scenario import find_scenario
 
-BRIEF = ("--train-episodes", "20000", "--time-limit", "4")
+BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
 
 
 def command(*arguments: str | Path | int) -> list[str]:

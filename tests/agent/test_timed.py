@@ -1,0 +1,195 @@
+"""Moves that last: the same process as the grid where they take one RL step, and learning."""
+
+import math
+
+import numpy as np
+import pytest
+
+from agent import grid, timed
+from agent.identify import KINDS, identify
+from agent.policy import Policy, PolicyConfig, Seed
+from agent.process import ProcessConfig, build_process
+from agent.qlearning import LearningConfig
+from agent.rng import seeded_state
+from agent.store import train_policy
+from agent.transitions import (
+    NO_DIRECTION,
+    Move,
+    Transitions,
+    TransitionsError,
+    build_model,
+    move_kind,
+)
+from cosim.config import CoSimConfig
+from cosim.features import DIRECTIONS
+from cosim.params import TIMING
+from cosim.scenario import Scenario, find_scenario
+from fmus.build import cached_fmu
+
+RL_STEP_S = TIMING.rl_step_s
+SMALL = Scenario(
+    "small",
+    "six columns",
+    targets=((1, 1), (10, 10)),
+    starts=(((1, 10), (2, 10)), ((10, 1), (9, 1))),
+    columns=12,
+    rows=12,
+    zone=(5, 5, 6, 6),
+)
+
+
+def ideal_moves(duration_s=RL_STEP_S, turn_s=0.0, drift=0.0, stop=0.0):
+    """Every kind of move once, heading east or north-east; drift and stop point north-west."""
+    moves = [
+        Move(
+            direction,
+            heading,
+            NO_DIRECTION,
+            *DIRECTIONS[direction].tolist(),
+            turn_s=turn_s,
+            duration_s=duration_s,
+            drift_x=-drift,
+            drift_y=drift,
+            stop_x=-stop,
+            stop_y=stop,
+        )
+        for direction in (0, 1)
+        for heading in range(4)
+    ]
+    return Transitions("ideal", 0, tuple(moves))
+
+
+def pair_at(process, *cells):
+    world = np.zeros((len(cells), grid.COLUMN_COUNT), dtype=np.int64)
+    assert grid.place(process, world, np.array(cells, dtype=np.int64))
+    ways = np.zeros((len(cells), timed.WAY_SIZE))
+    timed.stand(world, ways)
+    return world, ways
+
+
+def test_moves_of_one_step_are_the_grid():
+    process = build_process(find_scenario("4"), ProcessConfig(clearance_m=0.0))
+    model = build_model(ideal_moves(), RL_STEP_S, 5.0)
+    rng, random = np.random.default_rng(0), seeded_state(0)
+    compared = 0
+    for _ in range(50):
+        cells = rng.integers(3, 27, (2, 2))
+        if ((cells[0] - cells[1]) ** 2).sum() <= 49:
+            continue
+        on_grid, _ = pair_at(process, *cells)
+        world, ways = pair_at(process, *cells)
+        expected, rewards = np.zeros(2, dtype=np.float32), np.zeros(2, dtype=np.float32)
+        for _ in range(20):
+            actions = rng.integers(0, 8, 2)
+            outcome = grid.move(process, on_grid, actions, expected)
+            begun = grid.RUNNING
+            for robot in np.flatnonzero(world[:, grid.STATUS] == grid.MOVING):
+                begun = begun or timed.begin_move(
+                    process, model, world, ways, int(robot), int(actions[robot]), random
+                )
+            if begun:
+                assert outcome == begun
+                break
+            after = timed.step(process, model, world, ways, rewards)
+            if grid.touched_on_the_way(on_grid, 0, 1, 25):
+                break  # the grid looks at the ends of moves only
+            assert after == outcome
+            if outcome:
+                break
+            compared += 1
+            assert rewards == pytest.approx(expected)
+            columns = [grid.X, grid.Y, grid.STATUS, grid.CLASS, grid.SIGN, grid.AXIS]
+            moving = world[:, grid.STATUS] == grid.MOVING
+            assert np.array_equal(world[:, : grid.Y + 1], on_grid[:, : grid.Y + 1])
+            assert np.array_equal(world[moving][:, columns], on_grid[moving][:, columns])
+    assert compared > 200
+
+
+def test_a_robot_turns_then_drives_then_waits():
+    process = build_process(find_scenario("1a"), ProcessConfig())
+    model = build_model(ideal_moves(duration_s=7.0, turn_s=3.0, drift=0.1, stop=0.05), 2.0, 5.0)
+    world, ways = pair_at(process, (5, 5))
+    rewards = np.zeros(1, dtype=np.float32)
+    north = 2
+    assert timed.begin_move(process, model, world, ways, 0, north, seeded_state(0)) == grid.RUNNING
+    positions = []
+    for _ in range(4):
+        assert not timed.waits(ways, 0)
+        timed.step(process, model, world, ways, rewards)
+        positions.append(ways[0, [timed.AT_X, timed.AT_Y]].tolist())
+    assert timed.waits(ways, 0)
+    # north-west of a move to the east is south-west of one to the north
+    assert positions[0] == pytest.approx([5.5 - 0.1 * 2 / 3, 5.5 - 0.1 * 2 / 3])
+    share = 1.0 / 4.0  # of the way after the turn, 4 s after the beginning
+    assert positions[1] == pytest.approx([5.4 + share * 0.05, 5.4 + share * 1.05])
+    assert positions[3] == pytest.approx([5.45, 6.45])
+    assert world[0, [grid.X, grid.Y, grid.AXIS]].tolist() == [5, 6, north]
+
+
+def test_robots_that_meet_between_cells_collide():
+    process = build_process(SMALL, ProcessConfig())
+    model = build_model(ideal_moves(duration_s=4.0), 2.0, 5.0)
+    world, ways = pair_at(process, (2, 5), (8, 5))
+    random, rewards = seeded_state(0), np.zeros(2, dtype=np.float32)
+    for robot, direction in enumerate((0, 4)):
+        timed.begin_move(process, model, world, ways, robot, direction, random)
+    assert timed.step(process, model, world, ways, rewards) == grid.COLLISION
+    assert rewards.tolist() == [-100.0, -100.0]
+
+
+def test_training_on_moves_reaches_the_targets():
+    config = PolicyConfig(
+        SMALL,
+        ProcessConfig(features=("x", "y", "d", "g", "b")),
+        LearningConfig(episodes=60_000, eta=0.05, greedy_points=0, epsilon_episodes=10),
+        Seed(0),
+        ideal_moves(duration_s=3.5, turn_s=0.5),
+    )
+    policy, log = train_policy(config)
+    assert log.success[-1] > 0.97
+    again, _ = train_policy(config)
+    assert np.array_equal(policy.q, again.q)
+
+
+def test_a_policy_keeps_its_transitions(tmp_path):
+    learning = LearningConfig(episodes=10, greedy_points=0)
+    config = PolicyConfig(SMALL, ProcessConfig(), learning, Seed(0), ideal_moves())
+    policy, _ = train_policy(config)
+    policy.save(tmp_path / "policy.npz")
+    assert Policy.load(tmp_path / "policy.npz").config == config
+
+
+def test_transitions_survive_a_file(tmp_path):
+    transitions = ideal_moves()
+    transitions.save(tmp_path / "moves.json")
+    assert Transitions.load(tmp_path / "moves.json") == transitions
+    counts = transitions.counts(RL_STEP_S)
+    assert counts[1, 3, NO_DIRECTION] == {(1, 1, 1): 1}
+
+
+@pytest.mark.parametrize("content", [None, "", "[]", '{"schema_version": 9}', '{"moves": 3}'])
+def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, content):
+    path = tmp_path / "moves.json"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(TransitionsError, match=r"moves\.json.*agent\.identify"):
+        Transitions.load(path)
+
+
+def test_missing_kinds_are_refused():
+    with pytest.raises(TransitionsError, match="more moves"):
+        build_model(Transitions("", 0, ideal_moves().moves[:3]), RL_STEP_S, 5.0)
+
+
+def test_moves_are_observed_in_the_co_simulation():
+    motor_fmu = cached_fmu()
+    transitions = identify(CoSimConfig(), motor_fmu, moves_per_kind=4, jobs=2)
+    again = identify(CoSimConfig(), motor_fmu, moves_per_kind=4, jobs=1)
+    assert transitions == again
+    kinds = [move_kind(move.direction, move.heading) for move in transitions.moves]
+    assert min(kinds.count(kind) for kind in range(KINDS)) >= 4
+    for move in transitions.moves:
+        assert (move.columns, move.rows) == tuple(DIRECTIONS[move.direction])
+        assert 0.0 <= move.turn_s < move.duration_s < TIMING.move_limit_s
+        assert math.hypot(move.stop_x, move.stop_y) < 0.3
+    build_model(transitions, RL_STEP_S, 5.0)
