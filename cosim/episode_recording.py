@@ -112,7 +112,7 @@ class EpisodeRecorder:
         Args:
             step: what the co-simulation returned.
             q_values: (N, 8) action values of the observation before the step.
-            reward_parts: (N, 3) reward of a move completed in the step as the sum of
+            reward_parts: (N, 3) reward of the step as the sum of
                 `cosim.series.REWARD_PARTS`, NaN where none was.
 
         Raises:
