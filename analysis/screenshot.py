@@ -15,6 +15,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from cosim.errors import UserError, run_command
+from cosim.live import viewer_executable
 from cosim.storage import replacing
 
 LOAD_TIMEOUT_S = 60.0
@@ -38,6 +39,8 @@ class Screenshot:
     """Width of the picture in pixels."""
     time_s: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Simulated time at which the recording is shown; by default as the viewer opens it."""
+    tab: str | None = None
+    """Tab to show, such as contact or policies; by default the first."""
 
 
 @dataclass(frozen=True)
@@ -57,16 +60,26 @@ class ViewerReport:
     load_s: float
 
 
-def screenshot(recording: Path, picture: Path, time_s: float | None = None) -> ViewerReport:
+def screenshot(
+    recording: Path,
+    picture: Path,
+    time_s: float | None = None,
+    tab: str | None = None,
+    *,
+    visit_tabs: bool = False,
+) -> ViewerReport:
     """Open a recording headless, save what is seen, and report what the viewer says.
 
     Args:
         recording: to open.
         picture: PNG to write.
         time_s: simulated time to show, in s.
+        tab: name of the tab to show; the first one by default.
+        visit_tabs: whether every tab is drawn before, for a report on all views.
 
     Raises:
-        ViewerError: the recording does not exist, or the viewer does not start or load it.
+        ViewerError: the recording does not exist or has no such tab, or the viewer does not start
+            or load it.
     """
     if not recording.is_file():
         raise ViewerError(f"recording {recording} does not exist; name an .rrd file")
@@ -74,7 +87,9 @@ def screenshot(recording: Path, picture: Path, time_s: float | None = None) -> V
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     try:
-        viewer = ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True)
+        viewer = ViewerClient.spawn(
+            headless=True, port=port, hide_welcome_screen=True, executable_path=viewer_executable()
+        )
     except Exception as error:  # rerun raises RuntimeError whatever the cause
         raise ViewerError(
             f"the Rerun viewer does not start ({error}); "
@@ -90,10 +105,20 @@ def screenshot(recording: Path, picture: Path, time_s: float | None = None) -> V
         load_s = time.monotonic() - began
         if time_s is not None:
             viewer.set_time("sim_time", duration=time_s, play_state="paused")
+        blueprint = viewer.get_blueprint().blueprint
+        names = _tab_names(blueprint)
+        faults: dict[str, list[Any]] = {}
+        visited = list(names) if visit_tabs else []
+        for name in [*visited, tab or next(iter(names), None)]:
+            if name is not None:
+                _show_tab(viewer, blueprint, names, name)
+                time.sleep(SETTLE_PERIOD_S)
+            _collect(viewer, faults)
         with replacing(picture) as temporary:
             _settled(viewer, temporary)
+        _collect(viewer, faults)
         return ViewerReport(
-            views=[(view.name, list(view.reports)) for view in viewer.get_state().views],
+            views=list(faults.items()),
             warnings=[
                 entry.message
                 for entry in viewer.get_logs()
@@ -102,6 +127,37 @@ def screenshot(recording: Path, picture: Path, time_s: float | None = None) -> V
             entities=[e.entity_path for e in viewer.get_recording_schema(paths_only=True).entities],
             load_s=load_s,
         )
+
+
+def _tab_names(blueprint: dict[str, Any]) -> dict[str, tuple[str, str]]:
+    """Tabs by their names: path of the container that has them, and which of its contents."""
+    containers = {path: entry.get("ContainerBlueprint", {}) for path, entry in blueprint.items()}
+    return {
+        containers[f"/{part}"]["display_name"]: (path, part)
+        for path, container in containers.items()
+        if container.get("container_kind") == "Tabs"
+        for part in container["contents"]
+    }
+
+
+def _show_tab(
+    viewer: ViewerClient,
+    blueprint: dict[str, Any],
+    names: dict[str, tuple[str, str]],
+    name: str,
+) -> None:
+    if name not in names:
+        raise ViewerError(f"the recording has no tab '{name}'; it has {', '.join(names) or 'none'}")
+    path, part = names[name]
+    blueprint[path]["ContainerBlueprint"]["active_tab"] = part
+    viewer.set_blueprint(blueprint, of="recording")
+
+
+def _collect(viewer: ViewerClient, faults: dict[str, list[Any]]) -> None:
+    """Add what the views report to what they reported before."""
+    for view in viewer.get_state().views:
+        known = faults.setdefault(view.name, [])
+        known += [report for report in view.reports if report not in known]
 
 
 def _settled(viewer: ViewerClient, picture: Path) -> None:
@@ -128,7 +184,7 @@ def shrink(picture: Path, width: int) -> None:
 def main() -> None:
     """Command line; see `Screenshot`."""
     options = tyro.cli(Screenshot, prog="python -m analysis.screenshot")
-    report = screenshot(options.recording, options.out, options.time_s)
+    report = screenshot(options.recording, options.out, options.time_s, options.tab)
     shrink(options.out, options.width)
     for name, faults in report.views:
         for fault in faults:

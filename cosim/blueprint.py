@@ -102,7 +102,7 @@ def episode_blueprint(
     if bursts:
         raw = plots(
             "bursts at every tick",
-            ("speed rad/s", "/raw/{r}/omega"),
+            ("speed at every tick rad/s", "/raw/{r}/omega"),
             ("normal force N", "/raw/{r}/normal"),
             ("friction force N", "/raw/{r}/friction"),
             time=_AROUND_CURSOR,

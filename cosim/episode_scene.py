@@ -18,7 +18,9 @@ from cosim.series import block_ends, reduce
 from cosim.signals import Samples
 
 TRAIL_PERIOD_S = 0.5
+# The weight on a foot makes an arrow of 1 cm; impacts of tens of newtons would leave the picture.
 _METRES_PER_NEWTON = 0.03
+_LONGEST_ARROW_M = 0.09
 _TRAIL_HEIGHT_M = 0.0005
 _VISITED_HEIGHT_M = 0.0001
 _PLAN_DIAMETERS = 0.8  # length of the planned direction's arrow
@@ -78,7 +80,7 @@ class EpisodeScene:
         self._file.columns(base, times, pose)
         normal = reduce(samples.normal_max[:, self._robot], every, "max")
         arrows = np.zeros((*normal.shape, 3))
-        arrows[:, :, 2] = _METRES_PER_NEWTON * normal
+        arrows[:, :, 2] = np.minimum(_METRES_PER_NEWTON * normal, _LONGEST_ARROW_M)
         forces = rr.Arrows3D.columns(vectors=arrows.reshape(-1, 3))
         forces = forces.partition([normal.shape[1]] * len(normal))
         self._file.columns(f"{base}/contact", times, forces)

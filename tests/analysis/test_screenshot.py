@@ -24,20 +24,27 @@ def run_folder(tmp_path_factory):
 @pytest.mark.viewer
 @pytest.mark.parametrize(
     ("recording", "views", "time_s"),
-    [("episodes/ep_000.rrd", 40, 3.0), ("training.rrd", 10, None)],
+    [("episodes/ep_000.rrd", 49, 3.0), ("training.rrd", 10, None)],
 )
 def test_recording_opens_without_a_complaint(run_folder, tmp_path, recording, views, time_s):
     picture = tmp_path / "picture.png"
-    report = screenshot(run_folder / recording, picture, time_s)
+    report = screenshot(run_folder / recording, picture, time_s, visit_tabs=True)
     assert len(report.views) == views
     assert [(name, faults) for name, faults in report.views if faults] == []
     assert report.warnings == []
     assert report.load_s < MAX_LOAD_S
+    assert len(report.entities) > views
     shrink(picture, 640)
     with Image.open(picture) as image:
         pixels = np.asarray(image.convert("L"))
     assert pixels.shape == (360, 640)
     assert pixels.std() > 10.0  # not blank
+
+
+@pytest.mark.viewer
+def test_missing_tab_is_named(run_folder, tmp_path):
+    with pytest.raises(ViewerError, match="no tab 'sounds'; it has motors, motion"):
+        screenshot(run_folder / "episodes" / "ep_000.rrd", tmp_path / "a.png", tab="sounds")
 
 
 def test_missing_recording_is_named(tmp_path):

@@ -1,0 +1,156 @@
+"""`python benchmarks/recording.py [--json]`: what recordings weigh, cost and take to open.
+
+Everything is measured in one run on two robots that drive with noise: the cost of recording as the
+ratio of short rounds with and without it in turn, the best of each counting; sizes and opening
+times on an episode of 60 s per level. A recording is opened twice: as tables in Python, and in the
+Rerun viewer, headless with software Vulkan, from asking it to open the file until it has loaded.
+"""
+
+import json
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+from rerun.chunk import RrdReader
+
+from analysis.screenshot import ViewerError, screenshot
+from cosim.config import CoSimConfig
+from cosim.detail import DETAILS, Level
+from cosim.episode import CoSimulation, Step
+from cosim.episode_recording import EpisodeRecorder
+from cosim.errors import run_command
+from cosim.params import TIMING
+from cosim.scenario import Scenario
+from fmus.build import cached_fmu
+
+NORTH, SOUTH = 2, 6
+NOTHING = np.full((2, 3), np.nan)
+SCENARIO = Scenario("pair", "", ((7, 27), (22, 27)), (((7, 2),), ((22, 2),)))
+
+
+@dataclass(frozen=True)
+class Options:
+    """Measure the size, the cost and the opening time of every level of --record."""
+
+    rounds: int = 7
+    """Rounds of each kind in the measurement of cost; the best counts."""
+    round_s: float = 60.0
+    """Simulated time of a round in s."""
+    episode_s: float = 60.0
+    """Simulated time of the episodes whose sizes and opening times are measured, in s."""
+    viewer: bool = True
+    """Whether to open recordings in the viewer; --no-viewer where there is no Vulkan."""
+    json: bool = False
+    """Print one JSON object as the last line."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Results for one level; names as in the JSON output.
+
+    Attributes:
+        megabytes: size of the episode's recording.
+        overhead: additional wall-clock time of recording, as a share of the time without.
+        overhead_cpu: additional processor time of all threads, as a share of that without.
+        read_s: time to read all its tables in Python, best of three.
+        open_s: time in which the viewer loads it, best of three; None if it was not asked.
+    """
+
+    megabytes: float
+    overhead: float
+    overhead_cpu: float
+    read_s: float
+    open_s: float | None
+
+
+def system_of(level: Level) -> CoSimulation:
+    """Two robots that drive north and south, with the bursts of a level."""
+    timing = TIMING._replace(burst_s=DETAILS[level].burst_s, episode_limit_s=1e9)
+    system = CoSimulation(SCENARIO, cached_fmu(), CoSimConfig(timing=timing))
+    system.compile()
+    return system
+
+
+def drive(system: CoSimulation, time_s: float, write: Callable[[Step], None]) -> None:
+    """One episode of the given simulated time; every step is shown to `write`."""
+    starts = tuple(cells[0] for cells in SCENARIO.starts)
+    system.reset(starts, np.random.SeedSequence(0))
+    steps = round(time_s / TIMING.rl_step_s)
+    for number in range(steps):
+        write(system.advance(np.full(2, NORTH if 2 * number < steps else SOUTH)))
+    system.close()
+
+
+def recorded(system: CoSimulation, path: Path, time_s: float, level: Level) -> None:
+    """The same with a recording."""
+    values = np.zeros((2, 8))
+    with EpisodeRecorder(
+        path, SCENARIO, system.config, "benchmark", {"seed": 0}, level=level
+    ) as recorder:
+        drive(system, time_s, lambda step: recorder.write(step, values, NOTHING))
+
+
+def times_s(work: Callable[[], None]) -> np.ndarray:
+    """Wall-clock and processor time of a call, in s."""
+    began = time.perf_counter(), time.process_time()
+    work()
+    return np.array([time.perf_counter() - began[0], time.process_time() - began[1]])
+
+
+def overheads(level: Level, rounds: int, round_s: float, path: Path) -> np.ndarray:
+    """Additional wall-clock and processor time of recording, as shares."""
+    system = system_of(level)
+    with_it, without = [], []
+    for _ in range(rounds):  # in turn, so that both meet the same machine
+        without.append(times_s(lambda: drive(system, round_s, lambda _: None)))
+        with_it.append(times_s(lambda: recorded(system, path, round_s, level)))
+    return np.min(with_it, axis=0) / np.min(without, axis=0) - 1.0
+
+
+def read(path: Path) -> None:
+    """Decode every table of a recording."""
+    for chunk in RrdReader(str(path)).stream():
+        chunk.to_record_batch()
+
+
+def measure(level: Level, options: Options, folder: Path) -> Figures:
+    """All figures of a level."""
+    path = folder / f"{level}.rrd"
+    overhead, overhead_cpu = overheads(level, options.rounds, options.round_s, path)
+    recorded(system_of(level), path, options.episode_s, level)
+    opened = [
+        screenshot(path, folder / "picture.png").load_s for _ in range(3 if options.viewer else 0)
+    ]
+    return Figures(
+        megabytes=path.stat().st_size / 1e6,
+        overhead=float(overhead),
+        overhead_cpu=float(overhead_cpu),
+        read_s=min(float(times_s(lambda: read(path))[0]) for _ in range(3)),
+        open_s=min(opened, default=None),
+    )
+
+
+def main() -> None:
+    """Command line; see `Options`."""
+    options = tyro.cli(Options)
+    folder = Path(tempfile.mkdtemp())
+    try:
+        figures = {level: measure(level, options, folder) for level in DETAILS}
+    except ViewerError as error:
+        raise ViewerError(f"{error}; or measure without it: --no-viewer") from error
+    finally:
+        shutil.rmtree(folder)
+    for level, row in figures.items():
+        values = {name: value for name, value in asdict(row).items() if value is not None}
+        print(f"{level:8}" + "".join(f"  {name} {value:.3g}" for name, value in values.items()))
+    if options.json:
+        print(json.dumps({level: asdict(row) for level, row in figures.items()}))
+
+
+if __name__ == "__main__":
+    run_command(main)
