@@ -153,20 +153,27 @@ class EpisodeRecorder:
         timing = self._config.timing
         if not len(time_s):
             return
+        times: dict[int, list[rr.TimeColumn]] = {}
         for signal in SIGNALS:
             if signal.path == "distance_m" and len(self._names) == 1:
                 continue
             rate_s = getattr(self._detail, f"{signal.rate}_s")
             every = periods(rate_s, timing.control_period_s, timing.rl_step_s)
-            rows_s = time_s[block_ends(len(time_s), every)]
+            if every not in times:
+                times[every] = simulated(time_s[block_ends(len(time_s), every)])
             values = reduce(signal.of(samples), every, signal.reduced)
             for robot, name in enumerate(self._names):
-                self._send(f"/sim/{name}/{signal.path}", rows_s, values[:, robot])
+                rows = scalars(values[:, robot])
+                self.file.columns(f"/sim/{name}/{signal.path}", times[every], rows)
 
     def _write_bursts(self, raw: RawSamples, time_s: np.ndarray) -> None:
+        if not len(time_s):
+            return
+        times = simulated(time_s)
         for path in self._detail.burst_signals:
             for robot, name in enumerate(self._names):
-                self._send(f"/raw/{name}/{path}", time_s, getattr(raw, path)[:, robot])
+                rows = scalars(getattr(raw, path)[:, robot])
+                self.file.columns(f"/raw/{name}/{path}", times, rows)
 
     def _write_decisions(self, name: str, robot: int) -> None:
         """What was seen and decided at the start of each RL step, and seen at the very end."""
