@@ -63,6 +63,9 @@ class Evaluate:
     """Coulomb friction coefficient of the feet (useful: 0.1 to 0.4)."""
     noise: float = SPEED_NOISE.relative_amplitude
     """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
+    safety_margin: Annotated[float, tyro.conf.arg(metavar="M")] = 0.0
+    """Gap in m that the safety layer keeps between robots' ways, who wait or give way for it;
+    0 switches it off, 0.003 is three times what robots stray."""
     time_limit: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.episode_limit_s
     """Simulated time in s after which an episode ends as a time-out."""
     recordings: int = 3
@@ -93,6 +96,7 @@ class Evaluate:
             robot=TABLE_I._replace(mu=self.mu),
             noise=SPEED_NOISE._replace(relative_amplitude=self.noise),
             timing=TIMING._replace(episode_limit_s=self.time_limit),
+            safety_margin_m=self.safety_margin,
         )
 
 
@@ -163,7 +167,9 @@ def evaluate(options: Evaluate, console: Console) -> list[Evaluated]:
     for job, result in tracked(run_jobs(missing, options.jobs), len(missing), console):
         files[job.case.digest].add(job.index, result)
     unrecorded = list({job.key: job for e in evaluated for job in e.unrecorded()}.values())
-    for job, result in tracked(run_jobs(unrecorded, options.jobs), len(unrecorded), console):
+    for job, result in tracked(
+        run_jobs(unrecorded, options.jobs), len(unrecorded), console, "recordings"
+    ):
         first = files[job.case.digest].results[job.index]
         again = replace(result, recording=None, realtime_factor=first.realtime_factor)
         if again != first:
@@ -175,7 +181,10 @@ def evaluate(options: Evaluate, console: Console) -> list[Evaluated]:
 
 
 def tracked(
-    episodes: Iterator[tuple[Job, EpisodeResult]], total: int, console: Console
+    episodes: Iterator[tuple[Job, EpisodeResult]],
+    total: int,
+    console: Console,
+    what: str = "episodes",
 ) -> Iterator[tuple[Job, EpisodeResult]]:
     """Pass episodes on while a bar shows how many there are, their success and the time left."""
     columns = (
@@ -187,7 +196,7 @@ def tracked(
     )
     successes = count = 0
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("episodes", total=total, state="")
+        task = bar.add_task(what, total=total, state="")
         for job, result in episodes:
             yield job, result
             count += 1
@@ -219,6 +228,7 @@ def report_of(evaluated: list[Evaluated], options: Evaluate) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "seed": options.seed,
         "mu": options.mu,
+        "safety_margin_m": options.safety_margin,
         "policies": rows,
     }
 

@@ -35,6 +35,9 @@ class EpisodeResult:
         min_distance_cm: smallest distance between the centres of two robots, None for one alone.
         energy_j: drawn by the motors of all robots, see `cosim.measures`.
         energy_j_by_robot: of each robot.
+        conflicts: decisions that the safety layer changed, or would have changed if it were on
+            (`cosim.safety`). An episode without conflicts is, bit for bit, the same with the layer
+            off and on at its default margin.
     """
 
     outcome: str
@@ -48,6 +51,7 @@ class EpisodeResult:
     min_distance_cm: float | None
     energy_j: float
     energy_j_by_robot: tuple[float, ...]
+    conflicts: int
 
     @property
     def wall_s(self) -> float:
@@ -105,4 +109,5 @@ def roll_out(
         min_distance_cm=None if alone else round(100.0 * measures.min_distance_m, _DIGITS),
         energy_j=round(sum(energies), _DIGITS),
         energy_j_by_robot=energies,
+        conflicts=system.conflicts,
     )

@@ -1,0 +1,140 @@
+"""The table of transfer: its rows, how it goes on, and what the safety layer leaves alone."""
+
+import json
+import threading
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from agent.policy import PolicyConfig, Seed
+from agent.process import ProcessConfig
+from agent.qlearning import LearningConfig
+from agent.store import train_policy
+from cosim.config import ConfigError, CoSimConfig
+from cosim.evaluation import Case, Job
+from cosim.params import SAFETY_MARGIN_M
+from cosim.rollout import EpisodeResult
+from cosim.scenario import Scenario, ScenarioError
+from cosim.transfer import Transfer, transfer
+from cosim.transfer_table import goals, markdown
+
+QUIET = Console(quiet=True)
+BOARD = """
+columns = 14
+rows = 14
+[[robots]]
+target = [3, 6]
+starts = [[3, 7], [3, 8]]
+[[robots]]
+target = [10, 6]
+starts = [[10, 5], [10, 4]]
+"""
+
+
+def episode(scenario: Scenario, fmu, margin_m: float) -> EpisodeResult:
+    config = PolicyConfig(scenario, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
+    case = Case(train_policy(config)[0], CoSimConfig(safety_margin_m=margin_m), fmu, 0)
+    result = Job(case, 0).run(case.system(), threading.Event())
+    return replace(result, realtime_factor=1.0)
+
+
+def test_layer_leaves_an_episode_without_conflicts_alone(motor_fmu):
+    apart = Scenario(
+        "apart",
+        "",
+        ((3, 6), (10, 6)),
+        (((3, 8),), ((10, 4),)),
+        columns=14,
+        rows=14,
+        zone=(0, 0, 0, 0),
+    )
+    off, on = (episode(apart, motor_fmu, margin_m) for margin_m in (0.0, SAFETY_MARGIN_M))
+    assert off.conflicts == 0
+    assert off == on
+
+
+def test_layer_changes_an_episode_with_conflicts(motor_fmu):
+    """Robot 1 wants to within 5 cm of robot 2, which is about to leave."""
+    close = Scenario(
+        "close",
+        "",
+        ((4, 7), (10, 7)),
+        (((3, 7),), ((9, 7),)),
+        columns=14,
+        rows=14,
+        zone=(0, 0, 0, 0),
+    )
+    off, on = (episode(close, motor_fmu, margin_m) for margin_m in (0.0, SAFETY_MARGIN_M))
+    assert off.conflicts > 0
+    assert on.conflicts > 0
+    assert off.path_length_cm_by_robot != on.path_length_cm_by_robot
+
+
+@pytest.fixture(scope="module")
+def options(tmp_path_factory) -> Transfer:
+    folder = tmp_path_factory.mktemp("transfer")
+    (folder / "near.toml").write_text(BOARD)
+    scenarios = (str(folder / "near.toml"),)
+    return Transfer(folder / "out", quick=True, scenarios=scenarios, methods=("paper",))
+
+
+@pytest.fixture(scope="module")
+def table(options) -> dict:
+    return transfer(options, QUIET)
+
+
+def test_rows_without_and_with_the_layer(table):
+    off, on = table["rows"]
+    assert [off["safety_margin_m"], on["safety_margin_m"]] == [0.0, SAFETY_MARGIN_M]
+    for row in (off, on):
+        assert (row["scenario"], row["method"], row["mu"]) == ("near", "paper", 0.15)
+        assert row["episodes"] == row["planned"] == 2
+        assert row["success"] == 1.0
+        assert row["success_low"] < 1.0
+    # nothing is simulated twice
+    assert (off["simulated"], on["simulated"], table["simulated"]) == (2, 0, 2)
+    assert off["wall_s"] > 0.0
+
+
+def test_table_is_written_and_not_made_again(table, options):
+    assert table["complete"]
+    assert len(table["sessions"]) == 1
+    assert table["elapsed_s"] > table["episode_wall_s"] / 2
+    assert json.loads((options.out / "transfer.json").read_text()) == table
+    assert transfer(options, QUIET) == table
+    text = (options.out / "transfer.md").read_text()
+    assert text == markdown(table) + "\n"
+    assert "| near | paper | 0.15 | off | 2 | 100.0% [34.2, 100.0] |" in text
+    assert (options.out / "policies" / "near-paper.npz").is_file()
+
+
+def test_budget_leaves_a_table_of_what_is_there(options, tmp_path):
+    late = replace(options, out=tmp_path, budget_minutes=0.0)
+    table = transfer(late, QUIET)
+    assert not table["complete"]
+    assert [row["episodes"] for row in table["rows"]] == [0, 0]
+    assert "| 0 of 2 | – |" in markdown(table)
+
+
+def test_goals_are_judged_by_the_worst_row(table):
+    best = [row | {"method": "identified"} for row in table["rows"]]
+    failing = best[0] | {"mu": 0.2, "success": 0.5, "success_low": 0.1, "success_high": 0.9}
+    success, collisions, ways = goals([*best, failing])
+    assert (success["worst"], success["mu"], success["holds"]) == (0.5, 0.2, False)
+    assert (collisions["worst"], collisions["holds"]) == (0.0, True)
+    assert ways["holds"]
+    assert goals(table["rows"]) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"jobs": 0}, ConfigError, "--jobs must be at least 1"),
+        ({"budget_minutes": -1.0}, ConfigError, "--budget-minutes must not be negative"),
+        ({"scenarios": ("7",)}, ScenarioError, "unknown scenario '7'"),
+    ],
+)
+def test_bad_options_are_refused(options, error, message):
+    with pytest.raises(error, match=message):
+        Transfer(**options)
