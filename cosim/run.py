@@ -88,7 +88,7 @@ class Run:
     """What happens when two robots touch: the episode ends, or they push each other on."""
     safety_margin: Annotated[float, tyro.conf.arg(metavar="M")] = 0.0
     """Gap in m that the safety layer keeps between robots' ways, who wait or give way for it;
-    0 switches it off, 0.003 is three times what robots stray."""
+    0 switches it off, 0.006 is what robots stray while they turn."""
     mu: float = TABLE_I.mu
     """Coulomb friction coefficient of the feet (useful: 0.1 to 0.4)."""
     noise: float = SPEED_NOISE.relative_amplitude

@@ -1,0 +1,131 @@
+"""What helps policies on moves observed in co-simulation: features, learning rate, cost of failure.
+
+    uv run python -m benchmarks.timed_learning [--json]
+
+Trains scenario 4 on the observed moves with each variant and plays the greedy policy on the same
+moves: fast enough for tens of thousands of episodes, but no substitute for `cosim.evaluate`.
+"""
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import binomtest
+
+from agent.methods import method_config
+from agent.policy import PolicyConfig
+from agent.process import Feature, ProcessConfig, build_process
+from agent.qlearning import (
+    EPISODES,
+    PATH_CELLS,
+    SUCCESSES,
+    LearningConfig,
+    TrainingState,
+    build_learning,
+    initial_state,
+)
+from agent.timed_learning import advance_timed
+from agent.training import move_model
+from cosim.errors import run_command
+from cosim.scenario import find_scenario
+
+PAPER: tuple[Feature, ...] = ("x", "y", "d", "g")
+WITH_BEARING: tuple[Feature, ...] = (*PAPER, "b")
+VARIANTS: dict[str, tuple[tuple[Feature, ...], float, float]] = {
+    "paper's features, η 0.01, L 100": (PAPER, 0.01, 100.0),
+    "paper's features, η 0.03, L 300": (PAPER, 0.03, 300.0),
+    "with bearing, η 0.01, L 100": (WITH_BEARING, 0.01, 100.0),
+    "with bearing, η 0.03, L 100": (WITH_BEARING, 0.03, 100.0),
+    "with bearing, η 0.03, L 300": (WITH_BEARING, 0.03, 300.0),
+    "with bearing and heading, η 0.03, L 300": ((*WITH_BEARING, "h"), 0.03, 300.0),
+}
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Options:
+    """Train on observed moves with several variants and play the greedy policies on them."""
+
+    episodes: int = 1_500_000
+    """Training episodes of each variant."""
+    test_episodes: int = 50_000
+    """Greedy episodes of each variant."""
+    scenario: str = "4"
+    """Scenario of two robots or more."""
+    variants: tuple[str, ...] = field(default=tuple(VARIANTS))
+    """Variants to train."""
+    json: bool = False
+    """Print a JSON object as the last line of output."""
+
+
+def play(config: PolicyConfig, trained: TrainingState, episodes: int) -> np.ndarray:
+    """Curve sums (see `TrainingState`) of greedy episodes on the moves, with nothing learnt."""
+    learning = LearningConfig(
+        episodes=episodes, epsilon=0.0, log_episodes=episodes, log_window=episodes
+    )
+    process, model = build_process(config.scenario, config.process), move_model(config)
+    assert model is not None
+    state = initial_state(process, learning, 1)
+    state.q[:] = trained.q
+    still = build_learning(learning)._replace(eta=np.float32(0.0))
+    advance_timed(process, model, still, state, episodes)
+    return state.curve[0]
+
+
+def measure(options: Options) -> list[dict[str, Any]]:
+    """One row per variant."""
+    base = method_config("identified", find_scenario(options.scenario))
+    rows: list[dict[str, Any]] = []
+    for name in options.variants:
+        features, eta, goal_reward = VARIANTS[name]
+        config = PolicyConfig(
+            base.scenario,
+            ProcessConfig(features=features, goal_reward=goal_reward),
+            LearningConfig(episodes=options.episodes, eta=eta),
+            base.seed,
+            base.transitions,
+        )
+        process, model = build_process(config.scenario, config.process), move_model(config)
+        assert model is not None
+        state = initial_state(process, config.learning, 0)
+        advance_timed(process, model, build_learning(config.learning), state, options.episodes)
+        curve = play(config, state, options.test_episodes)
+        failed = round(curve[EPISODES] - curve[SUCCESSES])
+        interval = binomtest(failed, options.test_episodes).proportion_ci(CONFIDENCE, "wilson")
+        rows.append(
+            {
+                "variant": name,
+                "failure": failed / options.test_episodes,
+                "failure_low": float(interval.low),
+                "failure_high": float(interval.high),
+                "path_length_cells": float(curve[PATH_CELLS] / max(curve[SUCCESSES], 1.0)),
+            }
+        )
+    return rows
+
+
+def main() -> None:
+    """Command line; see `Options`."""
+    options = tyro.cli(
+        Options, prog="python -m benchmarks.timed_learning", config=(tyro.conf.FlagCreatePairsOff,)
+    )
+    rows = measure(options)
+    table = Table("variant", "failures", "95 % interval", "path length, cells")
+    for row in rows:
+        table.add_row(
+            row["variant"],
+            f"{row['failure']:.3%}",
+            f"{row['failure_low']:.3%} to {row['failure_high']:.3%}",
+            f"{row['path_length_cells']:.2f}",
+        )
+    Console().print(table)
+    if options.json:
+        print(json.dumps({"variants": rows}))
+
+
+if __name__ == "__main__":
+    run_command(main)
