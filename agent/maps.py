@@ -4,7 +4,7 @@ import numpy as np
 
 from agent.policy import Policy
 from agent.process import Process
-from cosim.floor import PolicyMap
+from cosim.policy_map import PolicyMap
 
 
 def policy_maps(policy: Policy) -> list[PolicyMap]:

@@ -30,6 +30,8 @@ from cosim.errors import UserError
 from cosim.features import DIRECTION_COUNT
 from cosim.jit import inlined, kernel
 
+# Maps are kept of boards with up to this many cells times robots: 10 MB.
+MAX_MAPPED_CELLS = 100_000
 KERNEL_VERSION = 1  # raise it when a change alters the bits of a trained table
 
 ACTION_BITS = np.uint64(DIRECTION_COUNT - 1)
@@ -130,6 +132,8 @@ class TrainingState:
             return of each robot.
         greedy: (G, 3) float64, exact evaluations during training: success rate, path length in
             cells, moves.
+        maps: (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell
+            (`cosim.policy_map`) after the evaluations of `map_points`.
         episode: episodes done.
         agent_steps: decisions of all robots so far.
     """
@@ -139,6 +143,7 @@ class TrainingState:
     random: np.ndarray
     curve: np.ndarray
     greedy: np.ndarray
+    maps: np.ndarray
     episode: int = 0
     agent_steps: int = 0
 
@@ -181,6 +186,13 @@ def build_learning(config: LearningConfig) -> Learning:
     )
 
 
+def map_points(config: LearningConfig) -> np.ndarray:
+    """Indices of the greedy evaluations with maps, (S,): 1st, 2nd, 4th, 8th … and the last."""
+    count = min(config.greedy_points, config.episodes)
+    powers = 2 ** np.arange(count.bit_length()) - 1
+    return np.unique(np.append(powers, count - 1)) if count else np.zeros(0, dtype=np.int64)
+
+
 def initial_state(
     process: Process, config: LearningConfig, seed: int | np.random.SeedSequence
 ) -> TrainingState:
@@ -188,12 +200,15 @@ def initial_state(
     robots = process.terrain.shape[0]
     tables = 2 if config.algorithm == "double_q" else 1
     points = -(-config.episodes // config.log_episodes)
+    columns, rows = (size - 2 for size in process.terrain.shape[1:])
+    moments = len(map_points(config)) if robots * columns * rows <= MAX_MAPPED_CELLS else 0
     return TrainingState(
         q=np.zeros((tables, robots, process.state_count, DIRECTION_COUNT), dtype=np.float32),
         visits=np.zeros((robots, process.state_count), dtype=np.uint32),
         random=seeded_state(seed),
         curve=np.zeros((points, RETURNS + robots)),
         greedy=np.full((min(config.greedy_points, config.episodes), 3), np.nan),
+        maps=np.zeros((moments, robots, 3, columns, rows), dtype=np.float32),
     )
 
 

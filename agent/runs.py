@@ -1,6 +1,7 @@
 """Training runs in folders: many seeds of one configuration, checkpoints, going on after a kill.
 
     experiment.json      configuration of all runs
+    training.rrd         mean and scatter over the runs, if there are several
     run_000/policy.npz   trained policy (with policy.json beside it), written last
     run_000/training.npz learning curves (`agent.training.TrainingLog`)
     run_000/training.rrd the same for the Rerun viewer

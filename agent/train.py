@@ -19,10 +19,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from agent.evaluate import report_of, show
 from agent.process import ProcessConfig
 from agent.qlearning import LearningConfig
-from agent.runs import Experiment, RunResult, train_runs
+from agent.runs import RECORDING_FILE, Experiment, RunResult, train_runs
 from agent.settings import read_settings
 from agent.store import POLICY_FILE
 from agent.sweep import Backend
+from agent.training_recording import write_runs
 from agent.transitions import Transitions
 from agent.worker import read_progress
 from cosim.errors import UserError, run_command
@@ -103,6 +104,9 @@ def train(options: Train, console: Console) -> dict[str, Any]:
     seconds = time.perf_counter() - began
     summary = report_of((f"run_{r.run:03d}/{POLICY_FILE}", r.policy) for r in results)
     summary |= {"seed": options.seed, "seconds": seconds, "out": str(out)}
+    if options.runs > 1:
+        facts = {"scenario": scenario.name, "seed": options.seed}
+        write_runs(out / RECORDING_FILE, [result.log for result in results], facts)
     with replacing(out / "summary.json") as temporary:
         temporary.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
     return summary
@@ -190,7 +194,8 @@ def main() -> None:
     summary = train(options, Console(stderr=True))
     show(summary, Console())
     print(
-        f"results in {summary['out']}/: run_*/policy.npz, training.npz, training.rrd, summary.json"
+        f"results in {summary['out']}/: summary.json, run_*/policy.npz, training.npz, training.rrd"
+        + (", and training.rrd of all runs" if options.runs > 1 else "")
     )
     if options.json:
         print(json.dumps(summary))

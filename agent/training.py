@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.evaluation import all_starts, evaluate
+from agent.maps import cell_map
 from agent.policy import PolicyConfig
 from agent.process import build_process
 from agent.qlearning import (
@@ -24,6 +25,7 @@ from agent.qlearning import (
     advance,
     build_learning,
     epsilon_of_episodes,
+    map_points,
 )
 from agent.timed_learning import advance_timed
 from agent.transitions import MoveModel, build_model
@@ -68,6 +70,8 @@ class TrainingLog(NamedTuple):
         greedy_success: (G,) exact success rate over all starts (see `MAX_CURVE_STARTS`).
         greedy_path_length_cm: (G,) mean over robots and successful starts.
         greedy_steps: (G,) moves, the same mean.
+        map_episode: (S,) int64, episodes done at each moment whose maps are kept.
+        maps: (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell.
     """
 
     episode: np.ndarray
@@ -80,6 +84,8 @@ class TrainingLog(NamedTuple):
     greedy_success: np.ndarray
     greedy_path_length_cm: np.ndarray
     greedy_steps: np.ndarray
+    map_episode: np.ndarray = np.zeros(0, dtype=np.int64)
+    maps: np.ndarray = np.zeros((0, 0, 3, 0, 0), dtype=np.float32)
 
     def save(self, path: Path) -> None:
         """Write as `.npz`, whole or not at all."""
@@ -94,7 +100,9 @@ class TrainingLog(NamedTuple):
             OSError, ValueError, KeyError, zipfile.BadZipFile: it is missing or damaged.
         """
         with np.load(path, allow_pickle=False) as file:
-            return cls(**{name: file[name] for name in cls._fields})
+            # Curves from before maps were kept are as good as ever.
+            kept = (n for n in cls._fields if n in file or n not in cls._field_defaults)
+            return cls(**{name: file[name] for name in kept})
 
 
 def greedy_episodes(config: LearningConfig) -> np.ndarray:
@@ -153,6 +161,11 @@ def run_training(
                 result.mean_path_cells(),
                 result.mean_steps(),
             )
+            for moment in np.flatnonzero(map_points(config)[: len(state.maps)] == due):
+                state.maps[moment] = [
+                    cell_map(process, table, visits)
+                    for table, visits in zip(values, state.visits, strict=True)
+                ]
         if progress is not None:
             progress(_progress(config, state))
         if checkpoint is not None and before // checkpoint_episodes < until // checkpoint_episodes:
@@ -192,4 +205,6 @@ def training_log(config: LearningConfig, state: TrainingState, cell_m: float) ->
         greedy_success=state.greedy[:, 0],
         greedy_path_length_cm=cell_cm * state.greedy[:, 1],
         greedy_steps=state.greedy[:, 2],
+        map_episode=greedy_episodes(config)[map_points(config)][: len(state.maps)],
+        maps=state.maps,
     )

@@ -41,6 +41,7 @@ def reference_state(scenario: Scenario, random: np.ndarray) -> TrainingState:
         random=random.copy(),
         curve=np.empty((0, 0)),
         greedy=np.empty((0, 0)),
+        maps=np.empty((0, 0)),
     )
 
 

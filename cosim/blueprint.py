@@ -145,7 +145,7 @@ def _arena(
 
 
 def training_blueprint(robots: int) -> rrb.Blueprint:
-    """Learning curves on the left, value maps and visits on the right."""
+    """Learning curves on the left, value maps and visits on the right; only curves of no robot."""
     names = robot_names(robots)
     curves = [
         rrb.TimeSeriesView(
@@ -166,11 +166,14 @@ def training_blueprint(robots: int) -> rrb.Blueprint:
         for path, title in (("value_map", "value"), ("policy", "policy"), ("visits", "visits"))
         for name in names
     ]
+    everything = rrb.Grid(*curves, grid_columns=2)
+    if maps:
+        tables = rrb.Grid(*maps, grid_columns=robots)
+        everything = rrb.Horizontal(rrb.Vertical(*curves), tables, column_shares=[2, 3])
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(*curves), rrb.Grid(*maps, grid_columns=robots), column_shares=[2, 3]
-        ),
-        rrb.TimePanel(timeline="episode", state="collapsed"),
+        everything,
+        # The latest maps are there at once, earlier ones by moving the cursor.
+        rrb.TimePanel(timeline="episode", state="collapsed", play_state="Following"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         auto_layout=False,

@@ -20,7 +20,8 @@ from cosim.episode import Step
 from cosim.episode_log import EpisodeLog, Line
 from cosim.episode_scene import EpisodeScene
 from cosim.features import GRADIENT_SIGNS, Observation
-from cosim.floor import PolicyMap, write_floor
+from cosim.floor import write_floor
+from cosim.policy_map import PolicyMap
 from cosim.recording import Recording, properties, scalars, simulated
 from cosim.scenario import Scenario
 from cosim.scene import write_scene

@@ -3,13 +3,12 @@
 How the maps come out of a robot's table is the agent's; here they are colours, tiles and arrows.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import rerun as rr
 from matplotlib import colormaps
 
 from cosim.features import DIRECTIONS
+from cosim.policy_map import PolicyMap
 from cosim.recording import Recording
 from cosim.scenario import Scenario
 
@@ -17,20 +16,6 @@ _TILE_HEIGHT_M = -0.0004  # under the lines between cells, above nothing
 _ARROW_HEIGHT_M = 0.0008
 _ARROW_CELLS = 0.7
 _INK = np.array([0x222222FF], dtype=np.uint32)
-
-
-class PolicyMap(NamedTuple):
-    """A robot's policy by cell; arrays of shape (columns, rows).
-
-    Attributes:
-        value: largest action value, mean over the cell's states weighted by visits.
-        action: greedy direction index in the state visited most.
-        visits: decisions made in the cell while learning.
-    """
-
-    value: np.ndarray
-    action: np.ndarray
-    visits: np.ndarray
 
 
 def map_colours(values: np.ndarray, known: np.ndarray) -> np.ndarray:

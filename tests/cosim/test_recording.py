@@ -16,9 +16,9 @@ from cosim.config import CoSimConfig
 from cosim.detail import DETAILS
 from cosim.episode import CoSimulation
 from cosim.episode_recording import EpisodeRecorder
-from cosim.floor import PolicyMap
 from cosim.fmu import FmuError
 from cosim.params import TIMING
+from cosim.policy_map import PolicyMap
 from cosim.recording import Recording, RecordingError, properties, scalars, simulated
 from cosim.scenario import Scenario
 from cosim.series import reduce

@@ -1,0 +1,104 @@
+"""Training recordings: maps at several moments, mean and scatter over runs, no empty views."""
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from agent.maps import policy_maps
+from agent.policy import PolicyConfig, Seed
+from agent.process import ProcessConfig
+from agent.qlearning import LearningConfig, map_points
+from agent.store import train_policy
+from agent.training import TrainingLog
+from agent.training_recording import joined, write_runs, write_training
+from cosim.blueprint import training_blueprint
+from cosim.scenario import find_scenario
+
+LEARNING = LearningConfig(episodes=4000, epsilon_episodes=10, greedy_points=5)
+
+
+def columns(path, entity: str, component: str) -> tuple[np.ndarray, list]:
+    """Episodes and values of a component of an entity."""
+    episodes, values = [], []
+    for chunk in RrdReader(str(path)).stream():
+        batch = chunk.to_record_batch()
+        names = [n for n in batch.schema.names if n.endswith(component)]
+        if chunk.entity_path == entity and names and "episode" in batch.schema.names:
+            episodes += batch.column("episode").to_pylist()
+            values += batch.column(names[0]).to_pylist()
+    return np.array(episodes), values
+
+
+@pytest.fixture(scope="module")
+def trained():
+    configs = [
+        PolicyConfig(find_scenario("2"), ProcessConfig(), LEARNING, Seed.of(seed))
+        for seed in range(3)
+    ]
+    return [train_policy(config) for config in configs]
+
+
+@pytest.fixture(scope="module")
+def recordings(trained, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("training")
+    policy, log = trained[0]
+    write_training(folder / "one.rrd", policy, log, {"seed": 0})
+    write_runs(folder / "all.rrd", [log for _, log in trained], {"seed": 0})
+    return folder
+
+
+@pytest.mark.parametrize(("name", "robots"), [("one.rrd", 2), ("all.rrd", 0)])
+def test_every_path_of_the_blueprint_is_recorded(recordings, shown_paths, name, robots):
+    entities = {chunk.entity_path for chunk in RrdReader(str(recordings / name)).stream()}
+    paths = shown_paths(training_blueprint(robots))
+    assert len(paths) == 6 + 3 * robots
+    assert paths <= entities
+
+
+def test_moments_are_early_ones_and_the_last():
+    assert map_points(LEARNING).tolist() == [0, 1, 3, 4]
+    assert map_points(LearningConfig()).tolist() == [0, 1, 3, 7, 15, 31, 49]
+    assert map_points(LearningConfig(greedy_points=0)).tolist() == []
+
+
+def test_maps_are_those_of_the_tables_at_their_time(trained, recordings):
+    policy, log = trained[0]
+    assert log.map_episode.tolist() == [800, 1600, 3200, 4000]
+    assert np.array_equal(log.maps[-1], np.array(policy_maps(policy), dtype=np.float32))
+    assert (np.diff(log.maps[:, :, 2].sum(axis=(1, 2, 3))) > 0).all()  # visits
+    for entity in ("value_map", "visits"):
+        episodes, images = columns(recordings / "one.rrd", f"/q/r2/{entity}", "Image:buffer")
+        assert episodes.tolist() == log.map_episode.tolist()
+        assert len({bytes(np.concatenate(image)) for image in images}) == len(images)
+
+
+def test_runs_are_shown_by_mean_and_variance(trained, recordings):
+    logs = [log for _, log in trained]
+    path = recordings / "all.rrd"
+    episodes, means = columns(path, "/train/greedy/success", "Measurements:values")
+    _, variances = columns(path, "/train/greedy/success", "Measurements:variances")
+    table = np.array([log.greedy_success for log in logs])
+    assert episodes.tolist() == logs[0].greedy_episode.tolist()
+    assert np.ravel(means) == pytest.approx(table.mean(axis=0))
+    assert np.ravel(variances) == pytest.approx(table.var(axis=0, ddof=1))
+
+
+def test_runs_are_joined_where_all_have_a_value(trained):
+    log = trained[0][1]
+    holes = log._replace(path_length_cm=np.where(log.episode == 2000, np.nan, 1.0))
+    late = log._replace(episode=log.episode[1:], path_length_cm=np.ones(len(log.episode) - 1))
+    episode, table = joined([holes, late], "episode", "path_length_cm")
+    assert episode.tolist() == [3000, 4000]
+    assert table.tolist() == [[1.0, 1.0], [1.0, 1.0]]
+
+
+def test_curves_from_before_maps_were_kept_are_read(trained, tmp_path):
+    log = trained[0][1]
+    curves = {k: v for k, v in log._asdict().items() if not k.startswith("map")}
+    np.savez(tmp_path / "old.npz", **curves)
+    old = TrainingLog.load(tmp_path / "old.npz")
+    assert old.episode.tolist() == log.episode.tolist()
+    assert len(old.maps) == 0
+    write_training(tmp_path / "old.rrd", trained[0][0], old, {"seed": 0})
+    log.save(tmp_path / "new.npz")
+    assert np.array_equal(TrainingLog.load(tmp_path / "new.npz").maps, log.maps)
