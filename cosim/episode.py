@@ -14,8 +14,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cosim.adaptive import AdaptiveDriver
-from cosim.body import body_params, standing_state
-from cosim.collision import PairParams
+from cosim.assembly import MOTOR_NAMES, draw_noise, new_motors, new_plant, noise_generators
+from cosim.body import standing_state
 from cosim.config import CoSimConfig
 from cosim.features import (
     DIRECTION_COUNT,
@@ -23,12 +23,11 @@ from cosim.features import (
     Observation,
 )
 from cosim.fmu import Motor, MotorFmu
-from cosim.forces import motor_mounts
 from cosim.master import CompiledDriver, Driver, ReferenceDriver
 from cosim.measures import Measures
 from cosim.observing import cells_of, nearest_squared, observe
-from cosim.params import SAFETY_MARGIN_M, TABLE_II
-from cosim.plant import COLLISION, OUT_OF_BOARD, Plant
+from cosim.params import SAFETY_MARGIN_M
+from cosim.plant import COLLISION, OUT_OF_BOARD
 from cosim.safety import WAIT, permitted
 from cosim.scenario import Cell, Scenario
 from cosim.signals import RawSamples, Samples, new_raw_samples, new_samples, new_state
@@ -40,7 +39,6 @@ DRIVERS: dict[str, Callable[[list[Motor]], Driver]] = {
     "adaptive": AdaptiveDriver,
 }
 OUTCOMES = ("success", "collision", "out_of_board", "timeout")
-MOTOR_NAMES = ("D", "E")
 
 
 class Policy(Protocol):
@@ -105,21 +103,8 @@ class CoSimulation:
         self._fmu = MotorFmu(motor_fmu)
         self._driver_class = DRIVERS[driver]
         self._driver: Any = None
-        config = self.config
-        width, height = scenario.size_m
-        self._plant = Plant(
-            body_params(config.robot, config.motor, config.timing.dt_s),
-            *motor_mounts(config.robot, config.motor),
-            config.steering,
-            PairParams(config.robot.diameter_m, config.robot.mu_robots),
-            config.on_collision == "end",
-            width,
-            height,
-            config.ticks_per_period,
-            config.ticks_per_step,
-            config.order == "jacobi",
-            config.reaction,
-            config.timing.exchange_tolerance_rad,
+        self._plant = new_plant(
+            self.config, scenario.size_m, end_on_collision=self.config.on_collision == "end"
         )
 
     def compile(self) -> None:
@@ -152,14 +137,8 @@ class CoSimulation:
             # Assumed: robots are set down facing the middle of the board.
             facing = math.copysign(math.pi / 2.0, self.scenario.size_m[1] / 2.0 - y)
             self._state.bodies[robot] = standing_state(self.config.robot, x, y, facing)
-        parameters = {
-            name: value
-            for name, value in self.config.motor._asdict().items()
-            if value != getattr(TABLE_II, name)
-        }
-        names = [f"r{robot + 1}.{motor}" for robot in range(n) for motor in MOTOR_NAMES]
-        self._driver = self._driver_class([self._fmu.instantiate(k, parameters) for k in names])
-        self._noise = [np.random.default_rng(child) for child in seed.spawn(len(names))]
+        self._driver = self._driver_class(new_motors(self._fmu, self.config, n))
+        self._noise = noise_generators(seed, n)
         self._step = self._tick = 0
         self.conflicts = 0
         self._arrived = np.zeros(n, dtype=bool)
@@ -275,15 +254,8 @@ class CoSimulation:
         return allowed if margin_m else direction
 
     def _draw_noise(self, periods: int) -> np.ndarray:
-        """Speed noise of one RL step, shape (periods, N, 2), rad/s (Section V)."""
-        hold = self.config.periods_per_noise_value
-        amplitude = self.config.noise.relative_amplitude * self.config.steering.forward_speed_rad_s
-        values = np.stack(
-            [r.uniform(-amplitude, amplitude, math.ceil(periods / hold)) for r in self._noise],
-            axis=1,
-        )
-        held = np.repeat(values, hold, axis=0)[:periods]
-        return np.ascontiguousarray(held.reshape(periods, self.scenario.robots, len(MOTOR_NAMES)))
+        nominal_rad_s = self.config.steering.forward_speed_rad_s
+        return draw_noise(self.config, self._noise, nominal_rad_s, periods)
 
     def _cells(self) -> np.ndarray:
         return cells_of(self._state.bodies, self.scenario)

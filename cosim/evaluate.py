@@ -22,6 +22,7 @@ from rich.progress import (
 
 from agent.evaluate import policy_files
 from agent.policy import Policy
+from cosim.calibrating import calibrated
 from cosim.config import ConfigError, CoSimConfig
 from cosim.errors import UserError, run_command
 from cosim.evaluation import Case, Job, run_jobs
@@ -151,11 +152,12 @@ def evaluate(options: Evaluate, console: Console) -> list[Evaluated]:
     Raises:
         UserError: see its message.
     """
-    config = options.config()
     scenario = None if options.scenario is None else find_scenario(options.scenario)
     policies = [(path, Policy.load(path, scenario)) for path in policy_files(options.policies)]
-    with console.status("preparing the motor FMU and the kernels (some seconds the first time)"):
+    with console.status("preparing the motor FMU (some seconds the first time)"):
         fmu = cached_fmu()
+    config = calibrated(options.config(), fmu, console)
+    with console.status("preparing the kernels (some seconds the first time)"):
         files: dict[str, ResultFile] = {}
         evaluated: list[Evaluated] = []
         for path, policy in policies:

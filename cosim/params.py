@@ -120,25 +120,36 @@ class TimingParams(NamedTuple):
 class SteeringParams(NamedTuple):
     """Heading and line control that turn a commanded direction into motor set points.
 
-    See docs/steering.md for what the assumed values were measured against.
+    The motor speeds realise the desired ones: `cosim.calibrating.calibrated` finds them for the
+    parameters at hand, the values here are its result for the defaults. See docs/steering.md.
     """
 
+    drive_speed_m_s: Annotated[
+        float,
+        Quantity(
+            "m/s", "assumed: a diagonal move in 4 s, no hop up to μ = 0.2", "desired velocity"
+        ),
+    ] = 0.0039
+    turn_rate_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed: no hop up to μ = 0.2", "desired yaw rate on the spot, at most"),
+    ] = 0.2
     forward_speed_rad_s: Annotated[
         float,
-        Quantity("rad/s", "assumed: 3.9 mm/s at μ = 0.15", "motor speed while driving forwards"),
-    ] = 1002.0
+        Quantity("rad/s", "calibrated: drive_speed_m_s", "motor speed while driving forwards"),
+    ] = 992.1
     backward_speed_rad_s: Annotated[
         float,
-        Quantity("rad/s", "assumed: 3.9 mm/s at μ = 0.15", "motor speed while driving backwards"),
-    ] = 1032.0
+        Quantity("rad/s", "calibrated: drive_speed_m_s", "motor speed while driving backwards"),
+    ] = 1023.5
     turn_speed_rad_s: Annotated[
         float,
-        Quantity("rad/s", "assumed: 0.2 rad/s at μ = 0.15", "motor speed while turning"),
-    ] = 1025.0
+        Quantity("rad/s", "calibrated: turn_rate_rad_s", "motor speed while turning"),
+    ] = 1015.4
     max_speed_rad_s: Annotated[
         float,
-        Quantity("rad/s", "assumed: no hop under noise", "bound on motor speeds while driving"),
-    ] = 1090.0
+        Quantity("rad/s", "calibrated: no hop", "bound on motor speeds while driving"),
+    ] = 1082.6
     dither_rad_s: Annotated[
         float,
         Quantity("rad/s", "assumed", "alternating speed difference that averages motor phases"),

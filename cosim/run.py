@@ -16,6 +16,7 @@ from agent.methods import BEST, Method, method_policy
 from agent.policy import Policy
 from agent.training_recording import write_training
 from cosim.batch import Batch
+from cosim.calibrating import calibrated
 from cosim.config import ConfigError, CoSimConfig
 from cosim.detail import DETAILS
 from cosim.episode import CoSimulation
@@ -93,8 +94,9 @@ class Run:
     """Coulomb friction coefficient of the feet (useful: 0.1 to 0.4)."""
     noise: float = SPEED_NOISE.relative_amplitude
     """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
-    speed: Annotated[float, tyro.conf.arg(metavar="RAD_S")] = STEERING.forward_speed_rad_s
-    """Motor speed while driving and turning, in rad/s; the robot hops above 1151."""
+    speed: Annotated[float, tyro.conf.arg(metavar="MM_S")] = 1e3 * STEERING.drive_speed_m_s
+    """Speed while driving, in mm/s; motor speeds follow from a calibration, which refuses a speed
+    that needs hopping (above 4.4 with the default friction)."""
     time_limit: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.episode_limit_s
     """Simulated time in s after which an episode ends as a time-out."""
 
@@ -122,11 +124,7 @@ class Run:
                 episode_limit_s=self.time_limit,
                 burst_s=0.0 if self.record == "none" else DETAILS[self.record].burst_s,
             ),
-            steering=STEERING._replace(
-                forward_speed_rad_s=self.speed,
-                backward_speed_rad_s=self.speed,
-                turn_speed_rad_s=self.speed,
-            ),
+            steering=STEERING._replace(drive_speed_m_s=1e-3 * self.speed),
             order=self.order,
             reaction=self.reaction,
             on_collision=self.on_collision,
@@ -154,8 +152,10 @@ def run(options: Run, console: Console) -> tuple[list[EpisodeResult], Path]:
     elif options.live:
         viewer = find_viewer(options.viewer)
     out = options.out or Path("runs") / f"{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
-    with console.status("preparing the motor FMU and the kernels (some seconds the first time)"):
+    with console.status("preparing the motor FMU (some seconds the first time)"):
         fmu = options.motor_fmu or cached_fmu()
+    config = calibrated(config, fmu, console)
+    with console.status("preparing the kernels (some seconds the first time)"):
         system = CoSimulation(scenario, fmu, config, options.driver)
         out.mkdir(parents=True, exist_ok=True)
         system.compile()
