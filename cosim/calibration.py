@@ -170,6 +170,12 @@ class Calibration:
             CalibrationError: the drive speed needs hopping.
         """
         steering = config.steering
+        largest = min(self.largest(drive) for drive in DRIVES)
+        if steering.drive_speed_m_s > largest:
+            raise CalibrationError(
+                f"a drive speed of {1e3 * steering.drive_speed_m_s:.3g} mm/s would make the robot "
+                f"hop; the largest possible is {np.floor(1e5 * largest) / 100.0:.2f} mm/s"
+            )
         forward, backward = (self.motor_speed(d, steering.drive_speed_m_s) for d in DRIVES)
         rate = min(steering.turn_rate_rad_s, *(self.largest(side) for side in ("left", "right")))
         turn = max(self.motor_speed(side, rate) for side in ("left", "right"))

@@ -15,12 +15,13 @@ settings.load_profile("minirobots")
 
 @pytest.fixture(scope="session", autouse=True)
 def session_cache(tmp_path_factory):
-    """Policies and FMUs of the tests; compiled kernels are shared with the user's cache."""
+    """Policies and FMUs of the tests; kernels and calibrations are shared with the user's cache."""
     if "MINIROBOTS_CACHE" in os.environ:
         yield
         return
-    kernels, folder = cache_dir("kernels"), tmp_path_factory.mktemp("cache")
-    (folder / "kernels").symlink_to(kernels, target_is_directory=True)
+    folder = tmp_path_factory.mktemp("cache")
+    for kind in ("kernels", "calibrations"):
+        (folder / kind).symlink_to(cache_dir(kind), target_is_directory=True)
     os.environ["MINIROBOTS_CACHE"] = str(folder)
     yield
     del os.environ["MINIROBOTS_CACHE"]

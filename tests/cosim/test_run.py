@@ -101,6 +101,7 @@ def test_trained_policy_is_found_again(runs):
         (["--motor-fmu", __file__], "is broken"),
         (["--dt", "3e-5"], "no whole multiple"),
         (["--mu", "-1"], "mu = -1.0 must be"),
+        (["--speed", "9"], "would make the robot hop; the largest possible is 4."),
         (["--episodes", "0"], "--episodes must be at least 1"),
         (["--out", "/proc/none"], "/proc/none"),
         (["--policy", "nowhere.npz"], "nowhere.npz"),

@@ -1,0 +1,213 @@
+"""`python benchmarks/steering.py`: how straight and how fast controllers of the steering drive.
+
+Every controller is the kernel of `cosim.steering` with other parameters, so that one code is
+compared with itself. FMUs, noise and friction are those of an episode.
+"""
+
+import json
+import math
+from dataclasses import asdict, dataclass
+from typing import NamedTuple
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from cosim.config import CoSimConfig
+from cosim.errors import UserError, run_command
+from cosim.fmu import MotorFmu
+from cosim.params import STEERING, TABLE_I, SteeringParams
+from cosim.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
+from cosim.trial import Trial, heading_angles
+from fmus.build import cached_fmu
+
+LINE_M, CELL_M = 0.2, 0.01
+LIMIT_S = 150.0
+PERIODS = 200  # simulated at a time
+
+CONTROLLERS: dict[str, SteeringParams] = {
+    "kept": STEERING,
+    "without dither": STEERING._replace(dither_rad_s=0.0),
+    # Faces the line, then holds the heading; what goes aside stays aside.
+    "turn, then drive": STEERING._replace(lookahead_m=1e9, least_lookahead_m=1e9),
+    # Never turns on the spot: the slower motor may stop, the robot drives arcs.
+    "line following only": STEERING._replace(
+        turned_rad=math.pi,
+        turn_again_rad=math.pi,
+        max_difference_rad_s=STEERING.max_speed_rad_s / 2.0,
+    ),
+    "first version": STEERING._replace(
+        forward_speed_rad_s=950.0,
+        backward_speed_rad_s=950.0,
+        turn_speed_rad_s=950.0,
+        max_speed_rad_s=1100.0,
+        dither_rad_s=0.0,
+        turned_rad=0.05,
+        heading_gain_1_s=600.0,
+        max_difference_rad_s=150.0,
+        least_lookahead_m=STEERING.lookahead_m,
+    ),
+}
+# Single moves: length in cells, and angle between the robot's axis and the line in degrees.
+MOVES = {
+    "straight": (1.0, 0.0),
+    "straight after 45°": (1.0, 45.0),
+    "straight after 90°": (1.0, 89.0),
+    "diagonal": (math.sqrt(2.0), 0.0),
+    "diagonal after 45°": (math.sqrt(2.0), 45.0),
+}
+
+
+class BenchmarkError(UserError):
+    """Settings that nothing can be measured with."""
+
+
+@dataclass(frozen=True)
+class Steering:
+    """Compare controllers: a straight line of 20 cm, and moves of one cell, over seeds.
+
+    Robots have motors at rest, noise of ±5 % and phases between the motors that nobody knows; half
+    of them drive forwards, half backwards.
+    """
+
+    seeds: int = 20
+    """Robots of every case; each has noise of its own."""
+    mu: float = TABLE_I.mu
+    """Coulomb friction coefficient of the feet."""
+    controllers: tuple[str, ...] = tuple(CONTROLLERS)
+    """Controllers to compare."""
+    json: bool = False
+    """Print the results as one JSON object on the last line."""
+
+    def __post_init__(self) -> None:
+        if self.seeds < 1:
+            raise BenchmarkError("--seeds must be at least 1")
+        unknown = set(self.controllers) - set(CONTROLLERS)
+        if unknown:
+            raise BenchmarkError(
+                f"no controller {unknown.pop()!r}; choose from {', '.join(CONTROLLERS)}"
+            )
+
+
+class Runs(NamedTuple):
+    """What N robots did on a line; arrays of shape (N,).
+
+    Attributes:
+        duration_s: until the end of the line, infinite beyond the limit.
+        path_error_m: largest distance from the line while driving.
+        final_error_m: distance from the line at its end.
+        overshoot_m: how far beyond its end the robot came to rest.
+        heading_error_rad: angle between the robot's axis and the line at the end.
+        turn_overshoot_rad: how far the heading passed the line's while turning, or within half a
+            second after.
+    """
+
+    duration_s: np.ndarray
+    path_error_m: np.ndarray
+    final_error_m: np.ndarray
+    overshoot_m: np.ndarray
+    heading_error_rad: np.ndarray
+    turn_overshoot_rad: np.ndarray
+
+
+def drive_line(
+    fmu: MotorFmu, config: CoSimConfig, length_m: float, angle_rad: float, robots: int, seed: int
+) -> Runs:
+    """Let robots drive along +x, from a heading that is off by an angle to either side.
+
+    Args:
+        fmu: of the motors.
+        config: of the co-simulation.
+        length_m: of the line.
+        angle_rad: between line and robot at the start, below a right angle.
+        robots: how many; every second one looks backwards.
+        seed: of the noise.
+    """
+    sides = np.where(np.arange(robots) // 2 % 2 == 0, 1.0, -1.0)
+    headings = np.where(np.arange(robots) % 2 == 0, 0.0, math.pi) + sides * angle_rad
+    period_s = config.timing.control_period_s
+    with Trial(fmu, config, headings, np.random.SeedSequence(seed)) as trial:
+        commands = trial.state.commands
+        commands[:, GOAL_X] = trial.origins_m[:, 0] + length_m
+        commands[:, GOAL_Y] = trial.origins_m[:, 1]
+        commands[:, DIRECTION], commands[:, MODE] = 0.0, START
+        poses, modes = [], []
+        while (commands[:, MODE] != HOLD).any() and trial.time_s < LIMIT_S:
+            samples, _ = trial.advance(PERIODS)
+            poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
+            modes.append(samples.mode)
+        samples, _ = trial.advance(PERIODS)  # come to rest
+        poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
+        modes.append(samples.mode)
+        origins = trial.origins_m
+    pose, mode = np.concatenate(poses), np.concatenate(modes)
+    aside = pose[:, :, 1] - origins[:, 1]
+    errors = (heading_angles(pose[:, :, 3:7]) + math.pi / 2.0) % math.pi - math.pi / 2.0
+    held = mode == HOLD
+    end = np.where(held.any(axis=0), held.argmax(axis=0), len(mode) - 1)
+    robot = np.arange(robots)
+    driving = mode == DRIVE
+    began = np.where(driving.any(axis=0), driving.argmax(axis=0), 0)
+    turning = np.arange(len(mode))[:, None] < began + round(0.5 / period_s)
+    turning &= np.arange(len(mode))[:, None] <= end
+    passed = np.where(turning, -sides * errors, 0.0).max(axis=0)
+    return Runs(
+        np.where(held.any(axis=0), end * period_s, np.inf),
+        np.where(driving, np.abs(aside), 0.0).max(axis=0),
+        np.abs(aside[end, robot]),
+        pose[-1, :, 0] - origins[:, 0] - length_m,
+        np.abs(errors[end, robot]),
+        passed if angle_rad > 0.0 else np.zeros(robots),
+    )
+
+
+def figures(runs: Runs) -> dict[str, float]:
+    """Mean and worst of the runs; units in the names."""
+    return {
+        "duration_s": float(runs.duration_s.mean()),
+        "duration_max_s": float(runs.duration_s.max()),
+        "path_error_max_mm": 1e3 * float(runs.path_error_m.max()),
+        "final_error_max_mm": 1e3 * float(runs.final_error_m.max()),
+        "overshoot_max_mm": 1e3 * float(runs.overshoot_m.max()),
+        "heading_error_max_deg": float(np.rad2deg(runs.heading_error_rad.max())),
+        "turn_overshoot_max_deg": float(np.rad2deg(runs.turn_overshoot_rad.max())),
+    }
+
+
+def main() -> None:
+    """Command line; see `Steering`."""
+    options = tyro.cli(Steering)
+    fmu, robot = MotorFmu(cached_fmu()), TABLE_I._replace(mu=options.mu)
+    cases = {"line of 20 cm": (LINE_M, 0.0)} | {
+        name: (cells * CELL_M, math.radians(angle)) for name, (cells, angle) in MOVES.items()
+    }
+    console = Console(width=120)
+    rows: list[dict[str, object]] = []
+    for case, (length_m, angle_rad) in cases.items():
+        table = Table(
+            "controller",
+            "time, s (max)",
+            "path error, mm",
+            "final, mm",
+            "overshoot, mm",
+            "heading, °",
+            "turn overshoot, °",
+            title=f"{case}, worst of {options.seeds}",
+        )
+        for name in options.controllers:
+            config = CoSimConfig(robot=robot, steering=CONTROLLERS[name])
+            runs = drive_line(fmu, config, length_m, angle_rad, options.seeds, seed=0)
+            row = figures(runs)
+            rows.append({"case": case, "controller": name, **row})
+            duration, duration_max, *others = row.values()
+            table.add_row(
+                name, f"{duration:.2f} ({duration_max:.2f})", *(f"{v:.2f}" for v in others)
+            )
+        console.print(table)
+    if options.json:
+        print(json.dumps({"options": asdict(options), "rows": rows}))
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,151 @@
+"""Calibration: real trials give a map, the map gives motor speeds, hopping is refused."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from cosim import calibrate
+from cosim.calibrating import calibrated, digest, find_calibration
+from cosim.calibration import MANOEUVRES, Calibration, CalibrationError, load_calibration
+from cosim.config import CoSimConfig
+from cosim.fmu import MotorFmu
+from cosim.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
+from cosim.trial import Trial, heading_angles
+
+SILENT = Console(quiet=True)
+
+
+@pytest.fixture(scope="module")
+def calibration(motor_fmu) -> Calibration:
+    return find_calibration(CoSimConfig(), motor_fmu, SILENT)
+
+
+@pytest.mark.parametrize("manoeuvre", MANOEUVRES)
+def test_faster_motors_move_faster_and_repeatably(calibration, manoeuvre):
+    curve = calibration.curve(manoeuvre)
+    assert (np.diff(curve.omega_rad_s) > 0.0).all()
+    assert (np.diff(curve.mean) > 0.0).all()
+    driving = curve.mean > 0.3 * curve.mean[-1]
+    assert (curve.scatter[driving] < 0.05 * curve.mean[driving]).all()
+
+
+@pytest.mark.parametrize(("manoeuvre", "ratio"), [("forwards", 2.0), ("left", 4.0)])
+def test_dither_removes_what_the_phases_do(calibration, manoeuvre, ratio):
+    without = calibration.curve(manoeuvre, dithered=False)
+    assert without.scatter.mean() > ratio * calibration.curve(manoeuvre).scatter.mean()
+
+
+def test_hop_free_speed_is_below_lift_off_and_met(calibration):
+    assert 1000.0 < calibration.hop_free_rad_s < 1151.0
+    for manoeuvre in MANOEUVRES:
+        curve = calibration.curve(manoeuvre)
+        assert (curve.airborne_share[curve.omega_rad_s <= calibration.hop_free_rad_s] == 0.0).all()
+
+
+def test_default_motor_speeds_are_the_calibrated_ones(calibration):
+    found = calibration.resolved(CoSimConfig()).steering
+    assert found == pytest.approx(STEERING, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("speed_mm_s", "yaw_deg_s"), [(3.0, 0.0), (-3.0, 0.0), (2.5, 2.0), (-2.5, -1.5), (0.0, -9.0)]
+)
+def test_motor_speeds_realise_a_motion(calibration, motor_fmu, speed_mm_s, yaw_deg_s):
+    """Driven in the co-simulation with a noise that the calibration has not seen."""
+    d, e = calibration.motor_speeds(1e-3 * speed_mm_s, np.deg2rad(yaw_deg_s))
+    sign = -1.0 if speed_mm_s == 0.0 else 1.0
+    dither = STEERING.dither_rad_s if d + e == 0.0 or speed_mm_s == 0.0 else 0.0
+    with Trial(MotorFmu(motor_fmu), CoSimConfig(), np.zeros(3), np.random.SeedSequence(9)) as trial:
+        commands = trial.state.commands
+        commands[:, MODE] = DIRECT
+        commands[:, [OMEGA_D, OMEGA_E]] = d, e
+        trial.advance(2000)
+        poses = []
+        for change in (dither, -dither) * 2:
+            commands[:, [OMEGA_D, OMEGA_E]] = d + sign * change, e + change
+            samples, _ = trial.advance(157)
+            poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
+    pose = np.concatenate(poses)
+    angles = heading_angles(pose[:, :, 3:7])
+    time_s = (len(pose) - 1) * TIMING.control_period_s
+    moved, middle = np.diff(pose[:, :, :2], axis=0), angles[:-1]
+    forward = (np.cos(middle) * moved[..., 0] + np.sin(middle) * moved[..., 1]).sum(axis=0) / time_s
+    yaw = (angles[-1] - angles[0]) / time_s
+    if speed_mm_s:
+        assert 1e3 * forward == pytest.approx(speed_mm_s, rel=0.05)
+    assert np.rad2deg(yaw).mean() == pytest.approx(yaw_deg_s, rel=0.1, abs=0.3)
+
+
+def test_speeds_that_need_hopping_are_refused_with_the_largest_possible(calibration):
+    fast = CoSimConfig(steering=STEERING._replace(drive_speed_m_s=0.006))
+    with pytest.raises(CalibrationError, match=r"6 mm/s .* the largest possible is 4\.\d\d mm/s"):
+        calibration.resolved(fast)
+    with pytest.raises(CalibrationError, match="drive or turn more slowly"):
+        calibration.motor_speeds(0.0044, 0.1)
+
+
+def test_turns_as_fast_as_possible_where_the_desired_rate_needs_hopping(calibration):
+    eager = CoSimConfig(steering=STEERING._replace(turn_rate_rad_s=9.0))
+    turn = calibration.resolved(eager).steering.turn_speed_rad_s
+    assert turn == pytest.approx(calibration.hop_free_rad_s, rel=0.01)
+
+
+def test_another_desired_speed_needs_no_new_calibration(calibration, motor_fmu):
+    slow = CoSimConfig(steering=STEERING._replace(drive_speed_m_s=0.002))
+    assert digest(slow, motor_fmu) == digest(CoSimConfig(), motor_fmu)
+    found = calibrated(slow, motor_fmu, SILENT).steering
+    assert found.forward_speed_rad_s < 850.0
+
+
+def test_what_matters_changes_the_digest(motor_fmu, tmp_path):
+    other_fmu = tmp_path / "other.fmu"
+    other_fmu.write_bytes(motor_fmu.read_bytes() + b"\0")
+    digests = {
+        digest(CoSimConfig(), motor_fmu),
+        digest(CoSimConfig(), other_fmu),
+        digest(CoSimConfig(robot=TABLE_I._replace(mu=0.2)), motor_fmu),
+        digest(CoSimConfig(robot=TABLE_I._replace(mass_kg=0.11)), motor_fmu),
+        digest(CoSimConfig(motor=TABLE_II._replace(m=0.0002)), motor_fmu),
+        digest(CoSimConfig(reaction=True), motor_fmu),
+    }
+    assert len(digests) == 6
+
+
+def test_damaged_files_are_measured_again(calibration, tmp_path):
+    path = tmp_path / "calibration.npz"
+    assert load_calibration(path) is None
+    calibration.save(path)
+    again = load_calibration(path)
+    assert again is not None
+    assert np.array_equal(again.forward_m_s, calibration.forward_m_s)
+    path.write_bytes(path.read_bytes()[:-200])
+    assert load_calibration(path) is None
+
+
+def test_command_writes_map_and_plot(calibration, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["calibrate", "--out", str(tmp_path / "c"), "--json"])
+    calibrate.main()
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["hop_free_rad_s"] == calibration.hop_free_rad_s
+    assert report == json.loads((tmp_path / "c" / "calibration.json").read_text())
+    assert (tmp_path / "c" / "calibration.png").read_bytes().startswith(b"\x89PNG")
+    assert load_calibration(tmp_path / "c" / "calibration.npz") is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [0.1, 0.2])
+def test_friction_changes_neither_speed_nor_turn_rate(motor_fmu, mu):
+    from benchmarks.steering import drive_line
+
+    config = calibrated(CoSimConfig(robot=TABLE_I._replace(mu=mu)), motor_fmu, SILENT)
+    base = calibrated(CoSimConfig(), motor_fmu, SILENT)
+    for length_m, angle_rad in ((0.05, 0.0), (0.01, np.deg2rad(60.0))):
+        here, there = (
+            drive_line(MotorFmu(motor_fmu), c, length_m, angle_rad, 6, 0).duration_s.mean()
+            for c in (base, config)
+        )
+        assert here == pytest.approx(there, rel=0.04)
