@@ -22,12 +22,14 @@ from rich.progress import Progress
 from rich.table import Table
 
 from agent.transitions import NO_DIRECTION, Move, Transitions, TransitionsError, move_kind
+from cosim.calibrating import calibrated
 from cosim.config import ConfigError, CoSimConfig
 from cosim.episode import CoSimulation, Step
 from cosim.errors import run_command
 from cosim.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
 from cosim.params import TABLE_I
 from cosim.scenario import Scenario
+from cosim.sources import ROOT, code_digest, with_imports
 from cosim.steering import DRIVE, HOLD
 from cosim.storage import cache_dir
 from fmus.build import cached_fmu
@@ -220,7 +222,9 @@ def cached_transitions(
         FmuError, TransitionsError: see `identify`.
         OSError: the cache cannot be written.
     """
-    path = cache_dir("transitions") / f"{source_digest(config, fmu)}.json"
+    episode = ROOT / "cosim" / "episode.py"
+    code = code_digest(with_imports([Path(__file__), episode]))
+    path = cache_dir("transitions") / f"{source_digest(config, fmu)}-{code}.json"
     try:
         return Transitions.load(path)
     except TransitionsError:
@@ -256,13 +260,13 @@ def main() -> None:
     options = tyro.cli(
         Identify, prog="python -m agent.identify", config=(tyro.conf.FlagCreatePairsOff,)
     )
-    config = CoSimConfig(robot=TABLE_I._replace(mu=options.mu))
-    console = Console(stderr=True)
+    console, fmu = Console(stderr=True), options.motor_fmu or cached_fmu()
+    config = calibrated(CoSimConfig(robot=TABLE_I._replace(mu=options.mu)), fmu, console)
     with Progress(console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("moves observed", total=None)
         transitions = identify(
             config,
-            options.motor_fmu or cached_fmu(),
+            fmu,
             moves_per_kind=options.moves,
             seed=options.seed,
             jobs=options.jobs,

@@ -9,12 +9,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, get_args
 
+from rich.console import Console
+
 from agent.identify import cached_transitions
 from agent.policy import Policy, PolicyConfig, Seed
 from agent.process import ProcessConfig
 from agent.qlearning import LearningConfig
 from agent.store import find_or_train
 from agent.training import ProgressCallback, TrainingLog
+from cosim.calibrating import calibrated
 from cosim.config import CoSimConfig
 from cosim.scenario import Scenario
 from fmus.build import cached_fmu
@@ -61,7 +64,9 @@ def method_config(
         goal_reward=300.0,
         features=("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b"),
     )
-    transitions = cached_transitions(CoSimConfig(), motor_fmu or cached_fmu(), progress=observing)
+    fmu = motor_fmu or cached_fmu()
+    config = calibrated(CoSimConfig(), fmu, Console(stderr=True))
+    transitions = cached_transitions(config, fmu, progress=observing)
     return PolicyConfig(scenario, process, learning, Seed.of(seed), transitions)
 
 

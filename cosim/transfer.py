@@ -8,7 +8,7 @@ without the safety layer. What an episode is stands in `cosim.evaluation`, the t
 import json
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +18,7 @@ from rich.markdown import Markdown
 
 from agent.methods import BEST, METHODS, Method, method_policy
 from agent.policy import Policy
+from cosim.calibrating import calibrated
 from cosim.config import ConfigError, CoSimConfig
 from cosim.errors import run_command
 from cosim.evaluate import tracked
@@ -98,12 +99,13 @@ class Measurement:
     def add_rows(self, method: Method, mu: float) -> list[Row]:
         """Rows of all scenarios; trains what has not been trained yet."""
         rows: list[Row] = []
+        config = calibrated(CoSimConfig(robot=TABLE_I._replace(mu=mu)), self._fmu, self._console)
         for name in self.options.scenarios:
             policy = self._policy(method, name)
             cases = [
                 Case(
                     policy,
-                    CoSimConfig(robot=TABLE_I._replace(mu=mu), safety_margin_m=margin_m),
+                    replace(config, safety_margin_m=margin_m),
                     self._fmu,
                     self.options.seed,
                 )
