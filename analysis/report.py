@@ -12,13 +12,14 @@ from typing import Annotated, Any
 import jinja2
 import tyro
 
-from analysis.report_content import chosen, episodes, not_drawn, pictures, place
+from analysis.report_content import chosen, episodes, not_drawn, pictures, place, trainings
 from analysis.report_tables import (
     ReportError,
     learning_tables,
     parameter_table,
     read_timings,
     timing_table,
+    transfer_tables,
 )
 from analysis.serve import PAGE
 from analysis.web_viewer import web_viewer_files
@@ -71,8 +72,9 @@ def write_report(options: Report) -> Path:
     content = {
         "pictures": list(pictures(figures, out)),
         "missing": not_drawn(figures, results),
-        "tables": learning_tables(results),
+        "tables": [*learning_tables(results), *transfer_tables(results)],
         "episodes": found,
+        "trainings": list(trainings(results, out)),
         "chosen": chosen(found, options.episode),
         "profile": timings and timings["profile"],
         "timing": timings and timing_table(timings),

@@ -113,6 +113,28 @@ def episodes(results: Path, out: Path) -> Iterator[Watchable]:
             )
 
 
+class Training(NamedTuple):
+    """A recorded training on the page.
+
+    Attributes:
+        scenario: its name.
+        file: recording, relative to the page.
+    """
+
+    scenario: str
+    file: str
+
+
+def trainings(results: Path, out: Path) -> Iterator[Training]:
+    """Recorded trainings of the policies that drove the episodes."""
+    for name in BUILT_IN:
+        recording = RESULTS[f"episodes_{name}"].location(results) / "training.rrd"
+        if recording.is_file():
+            file = f"recordings/{name}-training.rrd"
+            place(recording, out / file)
+            yield Training(name, file)
+
+
 def chosen(found: list[Watchable], name: str | None) -> Watchable | None:
     """The episode to open first: a success of a pair rather than another; None if there is none.
 

@@ -12,6 +12,7 @@ from cosim.config import CoSimConfig
 from cosim.errors import UserError
 
 NOTHING = "–"
+_OUTCOMES = ("success", "collision", "out_of_board", "timeout")
 TIMINGS_FILE = "timings.json"
 # Column, measure of `agent.evaluation`, factor, digits, unit.
 _MEASURES = (
@@ -110,9 +111,53 @@ def interval(
     if mean is None:
         return NOTHING
     text = f"{factor * mean:.{digits}f}{unit}"
-    if low is None or high is None:
-        return text
-    return f"{text} [{factor * low:.{digits}f}, {factor * high:.{digits}f}]"
+    if low is not None and high is not None:
+        text += f" [{factor * low:.{digits}f}, {factor * high:.{digits}f}]"
+    return text.replace("-", "−")
+
+
+def transfer_tables(results: Path) -> list[Table]:
+    """What policies achieve in co-simulation, by training method; none if it was not evaluated.
+
+    Raises:
+        ReportError: the file is damaged.
+    """
+    content = read_json(RESULTS["transfer"].proof_in(results))
+    if content is None:
+        return []
+    try:
+        rows = [_transfer_row(row) for row in content["rows"]]
+    except (KeyError, TypeError) as error:
+        path = RESULTS["transfer"].proof_in(results)
+        raise ReportError(f"{path}: lacks {error}; make it again") from error
+    outcomes = (name.replace("_", " ") for name in _OUTCOMES)
+    header = ("scenario", "training", "µ", "safety layer", "episodes", *outcomes, "path over grid")
+    note = (
+        "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
+        "intervals."
+    )
+    title = "Success in co-simulation by training method"
+    return [Table(title, note, "python -m cosim.transfer", header, rows)]
+
+
+def _transfer_row(row: dict[str, Any]) -> tuple[str, ...]:
+    shares = (_named(row, name, 100.0, 1, " %") for name in _OUTCOMES)
+    margin_m = row.get("safety_margin_m") or 0.0
+    return (
+        str(row["scenario"]),
+        str(row["method"]),
+        f"{row['mu']:g}",
+        f"{1e3 * margin_m:g} mm" if margin_m else NOTHING,
+        str(row["episodes"]),
+        *shares,
+        _named(row, "path_ratio_to_grid", 1.0, 3, ""),
+    )
+
+
+def _named(row: dict[str, Any], name: str, factor: float, digits: int, unit: str) -> str:
+    """A value of a row of `cosim.transfer` with its interval."""
+    statistics = {"mean": row[name], "low": row[f"{name}_low"], "high": row[f"{name}_high"]}
+    return interval(statistics, factor, digits, unit)
 
 
 def read_timings(results: Path) -> dict[str, Any] | None:

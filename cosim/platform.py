@@ -233,9 +233,13 @@ def _motion(name: str, platform: Platform, omega: float, cycles: int) -> dict[st
     return {f"{name}_{key}": value for key, value in values.items()}
 
 
-def main() -> None:
-    """Command line."""
-    run = tyro.cli(PlatformRun)
+def write_platform(run: PlatformRun) -> dict[str, np.ndarray]:
+    """Compute the motion of both platforms and the table of net speeds, and write `run.out`.
+
+    Raises:
+        PlatformError: see `net_speed`.
+        OSError: the file cannot be written.
+    """
     table_ii = robot_platform(TABLE_I._replace(mu=run.mu))
     arrays = _motion("paper", fig_3_platform(), FIG_3.omega, run.cycles)
     arrays |= _motion("table_ii", table_ii, run.omega, run.cycles)
@@ -250,7 +254,14 @@ def main() -> None:
     }
     with replacing(run.out) as path:
         np.savez(path, allow_pickle=False, **arrays)
+    return arrays
 
+
+def main() -> None:
+    """Command line."""
+    run = tyro.cli(PlatformRun)
+    arrays = write_platform(run)
+    speeds, thresholds = arrays["table_net_speed_m_s"], arrays["table_slip_and_drift_speed_rad_s"]
     print("net speed in mm/s (motor speed in rad/s)")
     print("    mu  omega_c omega_net" + "".join(f"{omega:8.0f}" for omega in TABLE_OMEGA))
     for mu, (slip, drift), row in zip(TABLE_MU, thresholds, speeds, strict=True):

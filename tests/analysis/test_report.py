@@ -1,6 +1,7 @@
 """The report from results made in the small: what it says, what it refuses, and in a browser."""
 
 import io
+import json
 import re
 import shutil
 import threading
@@ -16,7 +17,7 @@ from agent.experiments import Experiments, run_experiment
 from analysis import fig05
 from analysis.caption import Caption, write_caption
 from analysis.report import Report, write_report
-from analysis.report_tables import ReportError, interval
+from analysis.report_tables import ReportError, interval, transfer_tables
 from analysis.results import FIGURES
 from analysis.serve import address, server
 from analysis.style import save
@@ -98,10 +99,30 @@ def test_empty_and_damaged_results(base, tmp_path):
         write_report(Report(empty, tmp_path / "report"))
 
 
+def test_transfer_is_a_table_with_intervals(tmp_path):
+    shares = {"success": 0.9, "collision": 0.1, "out_of_board": 0.0, "timeout": 0.0}
+    row = {"scenario": "4", "method": "slip", "mu": 0.15, "episodes": 50} | shares
+    row |= {f"{name}_low": max(0.0, share - 0.05) for name, share in shares.items()}
+    row |= {f"{name}_high": share + 0.05 for name, share in shares.items()}
+    row |= {f"path_ratio_to_grid{end}": None for end in ("", "_low", "_high")}
+    file = tmp_path / "transfer" / "transfer.json"
+    file.parent.mkdir()
+    file.write_text(json.dumps({"rows": [row]}))
+    (table,) = transfer_tables(tmp_path)
+    (cells,) = table.rows
+    assert cells[:6] == ("4", "slip", "0.15", "–", "50", "90.0 % [85.0, 95.0]")
+    assert cells[-1] == "–"
+    assert len(cells) == len(table.header)
+    del row["collision_low"]
+    file.write_text(json.dumps({"rows": [row]}))
+    with pytest.raises(ReportError, match="lacks 'collision_low'"):
+        transfer_tables(tmp_path)
+
+
 def test_intervals_in_words():
     row = {"mean": 0.5, "low": 0.25, "high": 0.75}
     assert interval(row, 100.0, 1, " %") == "50.0 % [25.0, 75.0]"
-    assert interval({"mean": -1.0, "low": None, "high": None}) == "-1.00"
+    assert interval({"mean": -1.0, "low": None, "high": None}) == "−1.00"
     assert interval({"mean": None, "low": None, "high": None}) == "–"
 
 

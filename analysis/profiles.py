@@ -1,0 +1,48 @@
+"""How much of everything a reproduction does: the paper's amount, or a few minutes' worth."""
+
+from dataclasses import dataclass
+
+from agent.qlearning import LearningConfig
+from analysis.results import PAIR_EPISODES, SINGLE_EPISODES
+from cosim.params import TIMING
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Amounts of a reproduction.
+
+    Attributes:
+        name: for people.
+        runs: independent training runs of every variant.
+        train_episodes: episodes of a training run.
+        single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
+            one robot and of a pair.
+        episode_limit_s: simulated time after which such an episode ends as a time-out.
+    """
+
+    name: str
+    runs: int
+    train_episodes: int
+    single_episodes: int
+    pair_episodes: int
+    episode_limit_s: float
+
+
+FULL = Profile(
+    name="full",
+    runs=20,  # Section V
+    train_episodes=LearningConfig().episodes,
+    single_episodes=SINGLE_EPISODES,
+    pair_episodes=PAIR_EPISODES,
+    episode_limit_s=TIMING.episode_limit_s,
+)
+
+# A policy that finds its way takes so many episodes; intervals take more than one run.
+QUICK = Profile(
+    name="quick",
+    runs=2,
+    train_episodes=1_000_000,
+    single_episodes=2,
+    pair_episodes=1,
+    episode_limit_s=TIMING.episode_limit_s,
+)

@@ -1,0 +1,88 @@
+"""What a reproduction has finished, and how long each stage took: `timings.json`.
+
+Written after every stage and on an interrupt, so that the same command goes on where it ended.
+"""
+
+import contextlib
+import json
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from analysis.profiles import Profile
+from analysis.report_tables import TIMINGS_FILE, read_timings
+from cosim.errors import UserError
+from cosim.storage import replacing
+
+SCHEMA_VERSION = 1
+
+
+class TimingsError(UserError):
+    """A results folder of another reproduction."""
+
+
+class Timings:
+    """The stages of one reproduction.
+
+    Args:
+        results: its results folder.
+        profile: what it does.
+        seed: of everything random in it.
+
+    Raises:
+        TimingsError: the folder has the results of another profile or seed.
+        ReportError: its file is damaged.
+    """
+
+    def __init__(self, results: Path, profile: Profile, seed: int) -> None:
+        self._path = results / TIMINGS_FILE
+        identity: dict[str, Any] = {"profile": asdict(profile), "seed": seed}
+        found = read_timings(results)
+        if found is not None and {name: found[name] for name in identity} != identity:
+            raise TimingsError(
+                f"{results}: has the results of profile {found['profile']['name']}, seed "
+                f"{found['seed']}, perhaps of another version; give the options it was started "
+                "with or choose another --out"
+            )
+        self._content = found or {
+            "schema_version": SCHEMA_VERSION,
+            **identity,
+            "cores": os.cpu_count(),
+            "stages": {},
+        }
+
+    def finished(self, stage: str) -> bool:
+        """Whether the stage has been completed."""
+        return stage in self._content["stages"] and self._content["stages"][stage]["finished"]
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time the body; what an interrupted attempt took is added to what it took before.
+
+        A stage that is finished and made again is timed anew.
+        """
+        stages = self._content["stages"]
+        before = {"seconds": 0.0, "attempts": 0} if self.finished(name) else stages.get(name)
+        earlier_s, attempts = (before["seconds"], before["attempts"]) if before else (0.0, 0)
+        began, finished = time.perf_counter(), False
+        try:
+            yield
+            finished = True
+        finally:
+            stages[name] = {
+                "seconds": round(earlier_s + time.perf_counter() - began, 3),
+                "attempts": attempts + 1,
+                "finished": finished,
+            }
+            self._write()
+
+    def seconds(self, stage: str) -> float:
+        """Wall-clock time of all attempts so far."""
+        return self._content["stages"][stage]["seconds"]
+
+    def _write(self) -> None:
+        with replacing(self._path) as temporary:
+            temporary.write_text(json.dumps(self._content, indent=1) + "\n", encoding="utf-8")

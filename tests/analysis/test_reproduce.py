@@ -1,0 +1,108 @@
+"""The reproduction in the very small: all stages, real; what it keeps, continues and refuses."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from analysis.profiles import FULL, QUICK, Profile
+from analysis.reproduce import Reproduce, reproduce, stages
+from analysis.results import FIGURES, RESULTS, missing
+from analysis.timings import Timings, TimingsError
+from cosim.errors import UserError
+
+TINY = Profile(
+    name="tiny",
+    runs=1,
+    train_episodes=2000,
+    single_episodes=1,
+    pair_episodes=1,
+    episode_limit_s=4.0,
+)
+CONSOLE = Console(stderr=True, record=True, width=200)
+
+
+def run(out) -> str:
+    """What it says."""
+    reproduce(Reproduce(out), TINY, CONSOLE)
+    return CONSOLE.export_text()
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    """A reproduction, run once."""
+    out = tmp_path_factory.mktemp("reproduction")
+    run(out)
+    return out
+
+
+def test_every_result_figure_and_page_is_made(out):
+    results = out / "results"
+    made = {name for name, result in RESULTS.items() if result.exists(results)}
+    assert made == set(RESULTS)
+    assert not [figure for figure in FIGURES if missing(figure, results)]
+    for figure in FIGURES:
+        for ending in (".png", ".pdf", ".json"):
+            assert (out / "figures" / f"{figure}{ending}").is_file()
+    page = (out / "report" / "index.html").read_text(encoding="utf-8")
+    assert "tiny" in page
+    assert all(f'id="{figure}"' in page for figure in FIGURES)
+
+
+def test_timings_are_of_every_stage(out):
+    content = json.loads((out / "results" / "timings.json").read_text())
+    assert set(content["stages"]) == {*RESULTS, "figures"}
+    for stage in content["stages"].values():
+        assert stage["finished"]
+        assert stage["seconds"] > 0.0
+        assert stage["attempts"] == 1
+    assert content["profile"]["name"] == "tiny"
+
+
+def test_finished_stages_are_kept_and_lost_ones_made_again(out):
+    results = out / "results"
+    lost, kept = results / "motor_test.rrd", results / "episodes" / "2" / "summary.json"
+    policy = results / "experiments" / "fig08" / "1a" / "run_000" / "policy.npz"
+    RESULTS["fig08"].proof_in(results).unlink()
+    lost.unlink()
+    before = kept.stat().st_mtime_ns, policy.stat().st_mtime_ns
+    said = run(out)
+    assert said.count("finished before") == len(RESULTS) - 2
+    assert lost.is_file()
+    assert RESULTS["fig08"].exists(results)
+    # The experiment went on from its runs instead of training them again.
+    assert (kept.stat().st_mtime_ns, policy.stat().st_mtime_ns) == before
+
+
+def test_other_profiles_and_seeds_are_refused(out):
+    with pytest.raises(TimingsError, match="profile tiny, seed 0"):
+        reproduce(Reproduce(out), replace(TINY, runs=2), CONSOLE)
+    with pytest.raises(TimingsError, match="choose another --out"):
+        reproduce(Reproduce(out, seed=1), TINY, CONSOLE)
+    for options in ({"jobs": 0}, {"seed": -1}):
+        with pytest.raises(UserError):
+            Reproduce(out, **options)
+
+
+def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path):
+    timings = Timings(tmp_path, TINY, seed=0)
+    with pytest.raises(KeyboardInterrupt), timings.stage("fig08"):
+        raise KeyboardInterrupt
+    assert not timings.finished("fig08")
+    first_s = timings.seconds("fig08")
+
+    again = Timings(tmp_path, TINY, seed=0)
+    assert not again.finished("fig08")
+    with again.stage("fig08"):
+        pass
+    assert again.finished("fig08")
+    assert again.seconds("fig08") >= first_s
+    content = json.loads((tmp_path / "timings.json").read_text())
+    assert content["stages"]["fig08"]["attempts"] == 2
+
+
+def test_stages_make_the_results_that_figures_need(tmp_path):
+    for profile in (FULL, QUICK):
+        made = {stage.name for stage in stages(tmp_path, profile, Reproduce(tmp_path), CONSOLE)}
+        assert made == set(RESULTS)
