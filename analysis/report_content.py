@@ -21,10 +21,12 @@ class Picture(NamedTuple):
     """A figure on the page.
 
     Attributes:
+        label: its number in the paper, or its name.
         caption: the paper's claim and our numbers.
         png, pdf: relative to the page.
     """
 
+    label: str
     caption: Caption
     png: str
     pdf: str
@@ -73,7 +75,9 @@ def pictures(figures: Path, out: Path) -> Iterator[Picture]:
         files = [f"figures/{name}{ending}" for ending in FORMATS]
         for file in files:
             place(figures / Path(file).name, out / file)
-        yield Picture(caption, *files)
+        number = name.removeprefix("fig")
+        label = f"Fig. {int(number)}" if number.isdecimal() else name.replace("_", " ").capitalize()
+        yield Picture(label, caption, *files)
 
 
 def not_drawn(figures: Path, results: Path) -> dict[str, list[str]]:
