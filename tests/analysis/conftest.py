@@ -9,15 +9,20 @@ import time
 import pytest
 from rich.console import Console
 
-from agent.experiments import Experiments, run_experiment
-from analysis import motor_test
+from analysis.profiles import Profile
+from analysis.reproduce import Reproduce, reproduce
 from analysis.results import RESULTS
-from cosim import platform
-from cosim.run import Run, run
 from cosim.scenario import BUILT_IN
 
-CONSOLE = Console(stderr=True)
-NAMES = {platform: "platform", motor_test: "motor_test"}
+# Everything in the small: few, short, but real runs.
+TINY = Profile(
+    name="tiny",
+    runs=2,
+    train_episodes=3000,
+    single_episodes=1,
+    pair_episodes=1,
+    episode_limit_s=8.0,
+)
 BRIEF = ("--train-episodes", "20000")
 KILL_TIMEOUT_S = 120.0
 TRANSFER_ROWS = [
@@ -35,23 +40,26 @@ TRANSFER_ROWS = [
 
 
 @pytest.fixture(scope="session")
-def results(tmp_path_factory):
-    """A results folder with everything small: few, short, but real runs."""
-    out = tmp_path_factory.mktemp("results")
-    for name in ("fig08", "fig10", "fig11"):
-        place = RESULTS[name].location(out)
-        run_experiment(Experiments(name, runs=2, episodes=3000, out=place, jobs=1), CONSOLE)
-    for scenario in BUILT_IN:
-        place = RESULTS[f"episodes_{scenario}"].location(out)
-        run(Run(scenario, train_episodes=20_000, time_limit=8.0, out=place), CONSOLE)
-    with pytest.MonkeyPatch.context() as patch:
-        for module in (platform, motor_test):
-            patch.setattr("sys.argv", ["x", "--out", str(RESULTS[NAMES[module]].location(out))])
-            module.main()
-    table = RESULTS["transfer"].proof_in(out)
+def tiny():
+    """Profile of the session's reproduction."""
+    return TINY
+
+
+@pytest.fixture(scope="session")
+def reproduction(tmp_path_factory):
+    """A reproduction with everything small: results, figures and report."""
+    out = tmp_path_factory.mktemp("reproduction")
+    reproduce(Reproduce(out, jobs=1), TINY, Console(stderr=True))
+    return out
+
+
+@pytest.fixture(scope="session")
+def results(reproduction):
+    """Its results folder."""
+    table = RESULTS["transfer"].proof_in(reproduction / "results")
     table.parent.mkdir()
     table.write_text(json.dumps({"rows": TRANSFER_ROWS}), encoding="utf-8")
-    return out
+    return reproduction / "results"
 
 
 @pytest.fixture(scope="session")

@@ -6,23 +6,17 @@ import re
 import shutil
 import threading
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from markupsafe import escape
 from PIL import Image
 from playwright.sync_api import sync_playwright
-from rich.console import Console
 
-from agent.experiments import Experiments, run_experiment
-from analysis import fig05
-from analysis.caption import Caption, write_caption
+from analysis.caption import Caption, read_caption, write_caption
 from analysis.report import Report, write_report
 from analysis.report_tables import ReportError, interval, transfer_tables
 from analysis.results import FIGURES
 from analysis.serve import address, server
-from analysis.style import save
-from cosim.run import Run, run
-from cosim.scenario import BUILT_IN
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 # Drawn by the processor: machines that test have no graphics card.
@@ -36,55 +30,60 @@ HOSTILE = "<script>alert('claim')</script>"
 LOAD_TIMEOUT_MS = 120_000
 
 
-@pytest.fixture(scope="module")
-def base(tmp_path_factory):
-    """Results of two tiny runs and a short episode, one figure, and the report of them."""
-    base = tmp_path_factory.mktemp("reproduction")
-    console = Console(stderr=True)
-    folder = base / "results" / "experiments" / "fig08"
-    run_experiment(Experiments("fig08", runs=2, episodes=3000, out=folder, jobs=1), console)
-    episodes = base / "results" / "episodes" / "1a"
-    run(Run("1a", train_episodes=3000, time_limit=4.0, out=episodes), console)
-    save(fig05.draw(list(BUILT_IN.values())), base / "figures" / "fig05.png")
-    plt.close("all")
-    write_caption(Caption("fig05", "The boards", HOSTILE, ("Five of them.",)), base / "figures")
-    write_report(Report(base / "results", base / "report"))
-    return base
+@pytest.fixture
+def hostile(reproduction, tmp_path):
+    """Report of the session's results with one figure only, whose caption is an attack."""
+    figures = tmp_path / "figures"
+    figures.mkdir()
+    for ending in (".png", ".pdf"):
+        shutil.copy(reproduction / "figures" / f"fig05{ending}", figures)
+    write_caption(Caption("fig05", "The boards", HOSTILE, ("Five of them.",)), figures)
+    page = write_report(Report(reproduction / "results", tmp_path / "report"))
+    return page.read_text(encoding="utf-8")
 
 
-def test_page_shows_what_there_is_and_names_the_rest(base):
-    page = (base / "report" / "index.html").read_text(encoding="utf-8")
-    assert HOSTILE not in page
-    assert "&lt;script&gt;alert" in page
-    assert "Five of them." in page
-    for label in ("scenario 1a", "scenario 1b"):
+def test_page_shows_figures_tables_and_recordings(reproduction, tiny):
+    page = (reproduction / "report" / "index.html").read_text(encoding="utf-8")
+    captions = [read_caption(reproduction / "figures", name) for name in ("fig03", "fig08")]
+    for caption in captions:
+        assert str(escape(caption.title)) in page
+        assert str(escape(caption.ours[0])) in page
+    for label in ("scenario 1a", "scenario 4", "c = 1.5", "1a/0", "4/0", "dt_s"):
         assert label in page
-    assert "--runs 2 --episodes 3000 --seed 0" in page
-    assert "1a/0" in page
+    assert f"--runs {tiny.runs} --episodes {tiny.train_episodes} --seed 0" in page
+
+
+def test_captions_are_escaped_and_missing_figures_named(hostile):
+    assert HOSTILE not in hostile
+    assert str(escape(HOSTILE)) in hostile
+    assert "Five of them." in hostile
     for figure in FIGURES:
-        assert (f"python -m analysis.figures {figure} " in page) == (figure != "fig05")
+        assert (f"python -m analysis.figures {figure} " in hostile) == (figure != "fig05")
 
 
-def test_all_that_the_page_links_to_is_there(base):
-    page = (base / "report" / "index.html").read_text(encoding="utf-8")
+def test_all_that_the_page_links_to_is_there(reproduction):
+    page = (reproduction / "report" / "index.html").read_text(encoding="utf-8")
     links = re.findall(r'(?:href|src)="([^"#][^"]*)"', page)
     files = {link for link in links if not link.startswith("data:")}
-    assert len(files) >= 4
+    assert len(files) > 20
     for link in files:
         for file in link.split("?url=../"):
-            assert (base / "report" / file).is_file()
+            assert (reproduction / "report" / file).is_file()
             assert ":" not in file  # nothing from another machine
 
 
-def test_episode_can_be_chosen(base, tmp_path):
-    options = Report(base / "results", tmp_path / "report", base / "figures", episode="1a/0")
+def test_episode_can_be_chosen(reproduction, tmp_path):
+    results, figures = reproduction / "results", reproduction / "figures"
+    options = Report(results, tmp_path / "report", figures, episode="1a/0")
     assert "recordings/1a-0.rrd" in write_report(options).read_text(encoding="utf-8")
-    options = Report(base / "results", tmp_path / "report", base / "figures", episode="4/7")
-    with pytest.raises(ReportError, match="--episode 4/7: no such recording; choose one of: 1a/0"):
+    options = Report(results, tmp_path / "report", figures, episode="4/7")
+    with pytest.raises(
+        ReportError, match="--episode 4/7: no such recording; choose one of: 1a/0, 1b/0"
+    ):
         write_report(options)
 
 
-def test_empty_and_damaged_results(base, tmp_path):
+def test_empty_and_damaged_results(tmp_path):
     with pytest.raises(ReportError, match="nothing: no such folder"):
         write_report(Report(tmp_path / "nothing", tmp_path / "report"))
     empty = tmp_path / "results"
@@ -127,9 +126,9 @@ def test_intervals_in_words():
 
 
 @pytest.fixture
-def site(base):
+def site(reproduction):
     """Address of the served report."""
-    with server(base / "report") as serving:
+    with server(reproduction / "report") as serving:
         thread = threading.Thread(target=serving.serve_forever)
         thread.start()
         yield address(serving)

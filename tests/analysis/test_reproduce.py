@@ -6,35 +6,18 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from analysis.profiles import FULL, QUICK, Profile
+from analysis.profiles import FULL, QUICK
 from analysis.reproduce import Reproduce, reproduce, stages
 from analysis.results import FIGURES, RESULTS, missing
 from analysis.timings import Timings, TimingsError
 from cosim.errors import UserError
 
-TINY = Profile(
-    name="tiny",
-    runs=1,
-    train_episodes=2000,
-    single_episodes=1,
-    pair_episodes=1,
-    episode_limit_s=4.0,
-)
 CONSOLE = Console(stderr=True, record=True, width=200)
 
 
-def run(out) -> str:
-    """What it says."""
-    reproduce(Reproduce(out), TINY, CONSOLE)
-    return CONSOLE.export_text()
-
-
-@pytest.fixture(scope="module")
-def out(tmp_path_factory):
-    """A reproduction, run once."""
-    out = tmp_path_factory.mktemp("reproduction")
-    run(out)
-    return out
+@pytest.fixture
+def out(reproduction):
+    return reproduction
 
 
 def test_every_result_figure_and_page_is_made(out):
@@ -60,14 +43,15 @@ def test_timings_are_of_every_stage(out):
     assert content["profile"]["name"] == "tiny"
 
 
-def test_finished_stages_are_kept_and_lost_ones_made_again(out):
+def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny):
     results = out / "results"
     lost, kept = results / "motor_test.rrd", results / "episodes" / "2" / "summary.json"
     policy = results / "experiments" / "fig08" / "1a" / "run_000" / "policy.npz"
     RESULTS["fig08"].proof_in(results).unlink()
     lost.unlink()
     before = kept.stat().st_mtime_ns, policy.stat().st_mtime_ns
-    said = run(out)
+    reproduce(Reproduce(out), tiny, CONSOLE)
+    said = CONSOLE.export_text()
     assert said.count("finished before") == len(RESULTS) - 2
     assert lost.is_file()
     assert RESULTS["fig08"].exists(results)
@@ -75,24 +59,24 @@ def test_finished_stages_are_kept_and_lost_ones_made_again(out):
     assert (kept.stat().st_mtime_ns, policy.stat().st_mtime_ns) == before
 
 
-def test_other_profiles_and_seeds_are_refused(out):
+def test_other_profiles_and_seeds_are_refused(out, tiny):
     with pytest.raises(TimingsError, match="profile tiny, seed 0"):
-        reproduce(Reproduce(out), replace(TINY, runs=2), CONSOLE)
+        reproduce(Reproduce(out), replace(tiny, runs=3), CONSOLE)
     with pytest.raises(TimingsError, match="choose another --out"):
-        reproduce(Reproduce(out, seed=1), TINY, CONSOLE)
+        reproduce(Reproduce(out, seed=1), tiny, CONSOLE)
     for options in ({"jobs": 0}, {"seed": -1}):
         with pytest.raises(UserError):
             Reproduce(out, **options)
 
 
-def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path):
-    timings = Timings(tmp_path, TINY, seed=0)
+def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path, tiny):
+    timings = Timings(tmp_path, tiny, seed=0)
     with pytest.raises(KeyboardInterrupt), timings.stage("fig08"):
         raise KeyboardInterrupt
     assert not timings.finished("fig08")
     first_s = timings.seconds("fig08")
 
-    again = Timings(tmp_path, TINY, seed=0)
+    again = Timings(tmp_path, tiny, seed=0)
     assert not again.finished("fig08")
     with again.stage("fig08"):
         pass
