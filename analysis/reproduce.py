@@ -79,6 +79,22 @@ def reproduce(options: Reproduce, profile: Profile, console: Console) -> Path:
         UserError: see its message; what was finished stays.
     """
     results = options.out / "results"
+    timings = run_stages(options, profile, console)
+    with timings.stage("figures"):
+        drawn, lacking = draw_figures(Figures(results=results, out=options.out / "figures"))
+    for name, reason in lacking.items():
+        console.print(f"not drawn: {name}: {reason}", soft_wrap=True)
+    console.print(f"{len(drawn)} figures: {timings.seconds('figures'):.1f} s")
+    return write_report(Report(results, options.out / "report"))
+
+
+def run_stages(options: Reproduce, profile: Profile, console: Console) -> Timings:
+    """Run what is not finished; returns how long everything took.
+
+    Raises:
+        UserError: see its message; what was finished stays.
+    """
+    results = options.out / "results"
     timings = Timings(results, profile, options.seed)
     todo = list(stages(results, profile, options, console))
     for number, stage in enumerate(todo, start=1):
@@ -90,12 +106,7 @@ def reproduce(options: Reproduce, profile: Profile, console: Console) -> Path:
         with timings.stage(stage.name):
             stage.run()
         console.print(f"{label}: {timings.seconds(stage.name):.1f} s")
-    with timings.stage("figures"):
-        drawn, lacking = draw_figures(Figures(results=results, out=options.out / "figures"))
-    for name, reason in lacking.items():
-        console.print(f"not drawn: {name}: {reason}", soft_wrap=True)
-    console.print(f"{len(drawn)} figures: {timings.seconds('figures'):.1f} s")
-    return write_report(Report(results, options.out / "report"))
+    return timings
 
 
 def stages(

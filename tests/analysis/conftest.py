@@ -35,6 +35,12 @@ TRANSFER_ROWS = [
         "success_low": 0.6,
         "success_high": 0.98,
     }
+    | {
+        f"{outcome}{end}": 0.0
+        for outcome in ("collision", "out_of_board", "timeout")
+        for end in ("", "_low", "_high")
+    }
+    | {f"path_ratio_to_grid{end}": None for end in ("", "_low", "_high")}
     for scenario in BUILT_IN
 ]
 
