@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from agent.methods import BEST, Method
 from agent.qlearning import LearningConfig
 from analysis.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.params import TIMING
@@ -15,6 +16,8 @@ class Profile:
         name: for people.
         runs: independent training runs of every variant.
         train_episodes: episodes of a training run.
+        drive_method: way of training of the policies that drive the co-simulated episodes.
+        drive_episodes: episodes of their training; None is the number of that way.
         single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
             one robot and of a pair.
         episode_limit_s: simulated time after which such an episode ends as a time-out.
@@ -23,6 +26,8 @@ class Profile:
     name: str
     runs: int
     train_episodes: int
+    drive_method: Method
+    drive_episodes: int | None
     single_episodes: int
     pair_episodes: int
     episode_limit_s: float
@@ -32,6 +37,8 @@ FULL = Profile(
     name="full",
     runs=20,  # Section V
     train_episodes=LearningConfig().episodes,
+    drive_method=BEST,
+    drive_episodes=None,
     single_episodes=SINGLE_EPISODES,
     pair_episodes=PAIR_EPISODES,
     episode_limit_s=TIMING.episode_limit_s,
@@ -42,6 +49,8 @@ QUICK = Profile(
     name="quick",
     runs=2,
     train_episodes=1_000_000,
+    drive_method=BEST,
+    drive_episodes=None,
     single_episodes=2,
     pair_episodes=1,
     episode_limit_s=TIMING.episode_limit_s,

@@ -133,7 +133,8 @@ def stages(
         settings = Run(
             scenario,
             episodes=episodes,
-            train_episodes=profile.train_episodes,
+            method=profile.drive_method,
+            train_episodes=profile.drive_episodes,
             seed=options.seed,
             out=at(name),
             jobs=options.jobs,
