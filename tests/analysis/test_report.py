@@ -38,7 +38,7 @@ def hostile(reproduction, tmp_path):
     for ending in (".png", ".pdf"):
         shutil.copy(reproduction / "figures" / f"fig05{ending}", figures)
     write_caption(Caption("fig05", "The boards", HOSTILE, ("Five of them.",)), figures)
-    page = write_report(Report(reproduction / "results", tmp_path / "report"))
+    page = write_report(Report(reproduction / "results", tmp_path / "report", figures))
     return page.read_text(encoding="utf-8")
 
 
