@@ -96,7 +96,7 @@ class Run:
     """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
     speed: Annotated[float, tyro.conf.arg(metavar="MM_S")] = 1e3 * STEERING.drive_speed_m_s
     """Speed while driving, in mm/s; motor speeds follow from a calibration, which refuses a speed
-    that needs hopping (above 4.4 with the default friction, 1.3 with a μ of 0.4)."""
+    that needs hopping (above 4.4 with the default friction, 1.37 with a μ of 0.4)."""
     time_limit: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.episode_limit_s
     """Simulated time in s after which an episode ends as a time-out."""
 
