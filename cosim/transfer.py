@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import msgspec
 import tyro
 from rich.console import Console
 from rich.markdown import Markdown
@@ -20,7 +21,7 @@ from agent.methods import BEST, METHODS, Method, method_policy
 from agent.policy import Policy
 from cosim.calibrating import calibrated
 from cosim.config import ConfigError, CoSimConfig
-from cosim.errors import run_command
+from cosim.errors import UserError, run_command
 from cosim.evaluate import tracked
 from cosim.evaluation import Case, Job, run_jobs
 from cosim.params import SAFETY_MARGIN_M, TABLE_I
@@ -30,7 +31,7 @@ from cosim.storage import replacing
 from cosim.transfer_table import Row, markdown, report_of
 from fmus.build import cached_fmu
 
-TABLE_FILE, MARKDOWN_FILE, SESSIONS_FILE = "transfer.json", "transfer.md", "sessions.jsonl"
+TABLE_FILE, MARKDOWN_FILE, SESSIONS_FILE = "transfer.json", "transfer.md", "sessions.json"
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 # Episodes of a pair in rows of the best method at the default friction, and of all other rows.
 _MANY, _SOME, _QUICK = 200, 50, 2
@@ -78,18 +79,33 @@ class Transfer:
         return [(method, mu) for method in METHODS if method in self.methods for mu in mus[method]]
 
 
+def _read_sessions(path: Path) -> list[dict[str, float]]:
+    if not path.exists():
+        return []
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=list[dict[str, float]])
+    except msgspec.DecodeError as error:
+        raise UserError(f"{path}: damaged ({error}); remove it") from error
+
+
 class Measurement:
     """The table while it is made.
 
     Attributes:
         rows: so far.
-        simulated: episodes simulated by this process.
+        sessions: elapsed time, episodes and jobs of every run of the command that simulated
+            something, this one last.
+
+    Raises:
+        UserError: the folder has times that are none.
     """
 
     def __init__(self, options: Transfer, console: Console) -> None:
         self.options = options
         self.rows: list[Row] = []
-        self.simulated = 0
+        self._times = options.out / SESSIONS_FILE
+        self.sessions = _read_sessions(self._times)
+        self._began, self._simulated = time.monotonic(), 0
         self._fmu = cached_fmu()
         self._console = console
         budget = options.budget_minutes
@@ -148,7 +164,18 @@ class Measurement:
             what = f"{rows[0].method}, µ = {rows[0].mu:g}, {layer} safety layer"
             for job, result in tracked(episodes, len(jobs), self._console, what):
                 files[job.case.digest].add(job.index, result)
-                self.simulated += 1
+                self._keep_time()
+
+    def _keep_time(self) -> None:
+        """Count an episode; kept at once, as a killed process has no later chance."""
+        self._simulated += 1
+        session = {
+            "elapsed_s": time.monotonic() - self._began,
+            "episodes": self._simulated,
+            "jobs": self.options.jobs,
+        }
+        self.sessions[len(self.sessions) - (self._simulated > 1) :] = [session]
+        _write(self._times, json.dumps(self.sessions))
 
     def _in_time(self, jobs: Iterable[Job]) -> Iterator[Job]:
         for job in jobs:
@@ -170,28 +197,18 @@ def transfer(options: Transfer, console: Console) -> dict[str, Any]:
     Raises:
         UserError: see its message.
     """
-    began = time.monotonic()
-    sessions = options.out / SESSIONS_FILE
     measurement = Measurement(options, console)
-    try:
-        for method, mu in options.phases():
-            measurement.simulate(measurement.add_rows(method, mu))
-    finally:
-        count = measurement.simulated
-        if count > 0:
-            elapsed_s = time.monotonic() - began
-            session = {"elapsed_s": elapsed_s, "episodes": count, "jobs": options.jobs}
-            with sessions.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(session) + "\n")
-    lines = sessions.read_text(encoding="utf-8").splitlines() if sessions.exists() else []
-    report = report_of(measurement.rows, [json.loads(line) for line in lines])
-    for name, content in (
-        (TABLE_FILE, json.dumps(report, indent=1)),
-        (MARKDOWN_FILE, markdown(report)),
-    ):
-        with replacing(options.out / name) as temporary:
-            temporary.write_text(content + "\n", encoding="utf-8")
+    for method, mu in options.phases():
+        measurement.simulate(measurement.add_rows(method, mu))
+    report = report_of(measurement.rows, measurement.sessions)
+    _write(options.out / TABLE_FILE, json.dumps(report, indent=1))
+    _write(options.out / MARKDOWN_FILE, markdown(report))
     return report
+
+
+def _write(path: Path, content: str) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(content + "\n", encoding="utf-8")
 
 
 def main() -> None:

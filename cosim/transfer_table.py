@@ -56,7 +56,7 @@ class Row:
         return [Job(self.on.case, k) for k in changed if k not in self.on.results]
 
 
-def report_of(rows: list[Row], sessions: list[dict[str, Any]]) -> dict[str, Any]:
+def report_of(rows: list[Row], sessions: list[dict[str, float]]) -> dict[str, Any]:
     """The content of transfer.json.
 
     Args:
@@ -190,7 +190,7 @@ def markdown(report: dict[str, Any]) -> str:
         )
     lines.append(
         f"- {report['simulated']} episodes simulated in {report['elapsed_s'] / 60.0:.0f} min "
-        f"({len(report['sessions'])} runs of the command); the episodes alone took "
+        f"(the command ran {len(report['sessions'])} times); the episodes alone took "
         f"{report['episode_wall_s'] / 60.0:.0f} min of the threads."
     )
     return "\n".join(lines)
