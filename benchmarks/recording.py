@@ -37,6 +37,8 @@ SCENARIO = Scenario("pair", "", ((7, 27), (22, 27)), (((7, 2),), ((22, 2),)))
 class Options:
     """Measure the size, the cost and the opening time of every level of --record."""
 
+    levels: tuple[Level, ...] = ("summary", "default", "full")
+    """Levels to measure."""
     rounds: int = 7
     """Rounds of each kind in the measurement of cost; the best counts."""
     round_s: float = 60.0
@@ -140,7 +142,7 @@ def main() -> None:
     options = tyro.cli(Options)
     folder = Path(tempfile.mkdtemp())
     try:
-        figures = {level: measure(level, options, folder) for level in DETAILS}
+        figures = {level: measure(level, options, folder) for level in options.levels}
     except ViewerError as error:
         raise ViewerError(f"{error}; or measure without it: --no-viewer") from error
     finally:
