@@ -20,7 +20,6 @@ from agent.grid import (
     TIMEOUT,
     VX,
     VY,
-    Y,
     least_rotation_argmax,
     move,
     place,
@@ -150,30 +149,3 @@ def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = N
     steps = np.empty(starts.shape[:2], dtype=np.int64)
     _evaluate(process, values, starts, outcome, path_cells, steps)
     return Evaluation(starts, outcome, path_cells, steps)
-
-
-def greedy_path(process: Process, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, int]:
-    """The way that `evaluate` counts, from one start.
-
-    Args:
-        process: the decision process.
-        values: (N, states, 8) float32, `Policy.values`.
-        start: (N, 2) int64 cells.
-
-    Returns:
-        (moves + 1, N, 2) int64 cells, and the outcome.
-    """
-    n = len(values)
-    world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
-    rewards = np.empty(n, dtype=np.float32)
-    place(process, world, start)
-    facing = np.where(2 * start[:, 1] < process.terrain.shape[2] - 2, UP, DOWN)
-    cells = [start]
-    outcome = RUNNING
-    while outcome == RUNNING and len(cells) <= process.step_limit:
-        for i in np.flatnonzero(world[:, STATUS] == MOVING):
-            state = state_index(process, world, int(i))
-            facing[i] = least_rotation_argmax(values[i, state], int(facing[i]))
-        outcome = move(process, world, facing, rewards)
-        cells.append(world[:, : Y + 1].copy())
-    return np.stack(cells), outcome or TIMEOUT
