@@ -58,14 +58,18 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
     size = (WIDTH_IN, 0.9 + 2.0 * len(coefficients))
     figure, grid = plt.subplots(len(coefficients), 1, figsize=size, squeeze=False, sharex=True)
     scenarios = sorted({str(row["scenario"]) for row in rows})
+    methods = list(dict.fromkeys(str(row["method"]) for row in rows))
+    lowest = 100.0 * min(float(row["success_low"]) for row in rows)
     for axes, mu in zip(grid[:, 0], coefficients, strict=True):
         for place, name in enumerate(names):
             chosen = [r for r in rows if float(r["mu"]) == mu and series_of(r) == name]
             shift = _GROUP * ((place + 0.5) / len(names) - 0.5)
-            _draw_series(axes, chosen, scenarios, shift, name, _COLOURS[place % len(_COLOURS)])
+            # A method has one colour; with the safety layer its markers are open squares.
+            colour = _COLOURS[methods.index(name.split(",")[0]) % len(_COLOURS)]
+            _draw_series(axes, chosen, scenarios, shift, name, colour)
         axes.axhline(99.0, color="black", linestyle=":", linewidth=0.8)
         axes.set_title(f"µ = {mu:g}", loc="left")
-        axes.set(ylabel="success in %", ylim=(-3, 103))
+        axes.set(ylabel="success in %", ylim=(lowest - 3.0, 103.0))
         axes.set_xticks(range(len(scenarios)), scenarios)
         axes.set_xlim(-0.5, len(scenarios) - 0.5)
     grid[-1, 0].set_xlabel("scenario; dotted: 99 %")
@@ -88,9 +92,9 @@ def _draw_series(
         for key in ("success", "success_low", "success_high")
     )
     bars = np.maximum([success - low, high - success], 0.0)
-    marker = "s" if "safety" in name else "o"
+    marker, fill = ("s", "white") if "safety" in name else ("o", colour)
     axes.errorbar(
-        places, success, bars, fmt=marker, color=colour, markersize=4, capsize=3, label=name
+        places, success, bars, fmt=marker, mfc=fill, color=colour, ms=4, capsize=3, label=name
     )
 
 
