@@ -103,7 +103,7 @@ def _colours(entity: str, count: int) -> np.ndarray:
 def _send(
     file: Recording, entity: str, episode: np.ndarray, values: np.ndarray, names: list[str]
 ) -> None:
-    known = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     style = rr.SeriesLines(names=names, colors=_colours(entity, len(names)))
     file.static(f"/train/{entity}", style)
     times = [rr.TimeColumn("episode", sequence=episode[known])]
