@@ -99,8 +99,8 @@ class Runs(NamedTuple):
         final_error_m: distance from the line at its end.
         overshoot_m: how far beyond its end the robot came to rest.
         heading_error_rad: angle between the robot's axis and the line at the end.
-        turn_overshoot_rad: how far the heading passed the line's while turning, or within half a
-            second after.
+        turn_overshoot_rad: how far the heading passed the course (towards the line, or its end)
+            while turning, or within half a second after.
     """
 
     duration_s: np.ndarray
@@ -132,16 +132,18 @@ def drive_line(
         commands[:, GOAL_X] = trial.origins_m[:, 0] + length_m
         commands[:, GOAL_Y] = trial.origins_m[:, 1]
         commands[:, DIRECTION], commands[:, MODE] = 0.0, START
-        poses, modes = [], []
+        poses, modes, courses = [], [], []
         while (commands[:, MODE] != HOLD).any() and trial.time_s < LIMIT_S:
             samples, _ = trial.advance(PERIODS)
             poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
             modes.append(samples.mode)
+            courses.append(samples.heading_error)
         samples, _ = trial.advance(PERIODS)  # come to rest
         poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
         modes.append(samples.mode)
+        courses.append(samples.heading_error)
         origins = trial.origins_m
-    pose, mode = np.concatenate(poses), np.concatenate(modes)
+    pose, mode, course = (np.concatenate(parts) for parts in (poses, modes, courses))
     aside = pose[:, :, 1] - origins[:, 1]
     errors = (heading_angles(pose[:, :, 3:7]) + math.pi / 2.0) % math.pi - math.pi / 2.0
     held = mode == HOLD
@@ -151,7 +153,7 @@ def drive_line(
     began = np.where(driving.any(axis=0), driving.argmax(axis=0), 0)
     turning = np.arange(len(mode))[:, None] < began + round(0.5 / period_s)
     turning &= np.arange(len(mode))[:, None] <= end
-    passed = np.where(turning, -sides * errors, 0.0).max(axis=0)
+    passed = np.where(turning, -np.sign(course[0]) * course, 0.0).max(axis=0)
     return Runs(
         np.where(held.any(axis=0), end * period_s, np.inf),
         np.where(driving, np.abs(aside), 0.0).max(axis=0),
