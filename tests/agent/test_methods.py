@@ -1,0 +1,47 @@
+"""The named ways of training: what each learns on, and training on a file of moves."""
+
+import pytest
+
+from agent import methods, train
+from agent.methods import METHODS, method_config
+from agent.policy import Policy
+from agent.runs import policy_paths
+from agent.transitions import Move, Transitions
+from cosim.features import DIRECTIONS
+from cosim.scenario import find_scenario
+
+
+@pytest.fixture
+def moves():
+    kinds = [(direction, heading) for direction in (0, 1) for heading in range(4)]
+    return Transitions(
+        "made by hand",
+        0,
+        tuple(
+            Move(d, h, -1, *DIRECTIONS[d].tolist(), 0.5, 3.5, 0.0, 0.0, 0.0, 0.0) for d, h in kinds
+        ),
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["1b", "4"])
+def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch):
+    monkeypatch.setattr(methods, "_observed_moves", lambda fmu, observing: moves)
+    config = method_config(method, find_scenario(name), seed=3, episodes=1000)
+    assert config.learning.episodes == 1000
+    assert config.seed.entropy == 3
+    assert (config.transitions is not None) == (method == "identified")
+    assert (config.process.slip_probability > 0.0) == (method == "slip")
+    expected = {"1b": {"h"}, "4": {"b"}}[name] if method == "identified" else set()
+    assert set(config.process.features) & {"b", "h"} == expected
+
+
+def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):
+    moves.save(tmp_path / "moves.json")
+    out = tmp_path / "runs"
+    arguments = ["--scenario", "1a", "--transitions", str(tmp_path / "moves.json"), "--out"]
+    short = ["--learning.episodes", "2000", "--learning.epsilon-episodes", "10", "--jobs", "1"]
+    monkeypatch.setattr("sys.argv", ["train", *arguments, str(out), *short])
+    train.main()
+    (path,) = policy_paths(out)
+    assert Policy.load(path).config.transitions == moves
