@@ -17,6 +17,7 @@ from agent.process import ProcessConfig
 from agent.qlearning import LearningConfig
 from agent.store import find_or_train
 from agent.training import ProgressCallback, TrainingLog
+from agent.transitions import Transitions
 from cosim.calibrating import calibrated
 from cosim.config import CoSimConfig
 from cosim.scenario import Scenario
@@ -64,10 +65,14 @@ def method_config(
         goal_reward=300.0,
         features=("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b"),
     )
-    fmu = motor_fmu or cached_fmu()
-    config = calibrated(CoSimConfig(), fmu, Console(stderr=True))
-    transitions = cached_transitions(config, fmu, progress=observing)
+    transitions = _observed_moves(motor_fmu or cached_fmu(), observing)
     return PolicyConfig(scenario, process, learning, Seed.of(seed), transitions)
+
+
+def _observed_moves(fmu: Path, observing: Callable[[int, int], None] | None) -> Transitions:
+    """Moves with the default parameters, whatever they are in the episodes to come."""
+    config = calibrated(CoSimConfig(), fmu, Console(stderr=True))
+    return cached_transitions(config, fmu, progress=observing)
 
 
 def method_policy(
