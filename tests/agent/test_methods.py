@@ -18,8 +18,7 @@ def moves():
         "made by hand",
         0,
         tuple(
-            Move(d, h, -1, 1, int(DIRECTIONS[d, 1]), 0.5, 3.5, 0.0, 0.0, 0.0, 0.0)
-            for d, h in kinds
+            Move(d, h, -1, 1, int(DIRECTIONS[d, 1]), 0.5, 3.5, 0.0, 0.0, 0.0, 0.0) for d, h in kinds
         ),
     )
 
