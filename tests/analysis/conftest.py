@@ -25,7 +25,7 @@ TINY = Profile(
     pair_episodes=1,
     episode_limit_s=8.0,
 )
-BRIEF = ("--train-episodes", "20000")
+BRIEF = ("--method", "paper", "--train-episodes", "20000")
 KILL_TIMEOUT_S = 120.0
 TRANSFER_ROWS = [
     {
