@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
-from agent.methods import BEST, Method
+from agent.methods import BEST, METHODS, Method
 from agent.qlearning import LearningConfig
 from analysis.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.params import TIMING
+from cosim.scenario import BUILT_IN
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,9 @@ class Profile:
         single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
             one robot and of a pair.
         episode_limit_s: simulated time after which such an episode ends as a time-out.
+        transfer_scenarios, transfer_methods: scenarios and ways of training whose success in
+            co-simulation is measured.
+        transfer_quick: two episodes for every row of that table instead of all that it needs.
     """
 
     name: str
@@ -31,6 +35,9 @@ class Profile:
     single_episodes: int
     pair_episodes: int
     episode_limit_s: float
+    transfer_scenarios: tuple[str, ...]
+    transfer_methods: tuple[Method, ...]
+    transfer_quick: bool
 
 
 FULL = Profile(
@@ -42,6 +49,9 @@ FULL = Profile(
     single_episodes=SINGLE_EPISODES,
     pair_episodes=PAIR_EPISODES,
     episode_limit_s=TIMING.episode_limit_s,
+    transfer_scenarios=tuple(BUILT_IN),
+    transfer_methods=METHODS,
+    transfer_quick=False,
 )
 
 # A policy that finds its way takes so many episodes; intervals take more than one run.
@@ -54,4 +64,7 @@ QUICK = Profile(
     single_episodes=2,
     pair_episodes=1,
     episode_limit_s=TIMING.episode_limit_s,
+    transfer_scenarios=("1a", "2"),
+    transfer_methods=METHODS,
+    transfer_quick=True,
 )

@@ -25,6 +25,7 @@ from cosim.errors import UserError, run_command
 from cosim.platform import PlatformRun, write_platform
 from cosim.run import Run, run
 from cosim.scenario import BUILT_IN
+from cosim.transfer import Transfer, transfer
 
 LEARNING: tuple[Name, ...] = ("fig08", "fig11", "fig10")
 
@@ -154,6 +155,15 @@ def stages(
         )
         title = f"training, {len(EXPERIMENTS[name])} variants (Fig. {int(name[3:])})"
         yield Stage(name, title, partial(run_experiment, experiment, console))
+    table = Transfer(
+        out=at("transfer"),
+        quick=profile.transfer_quick,
+        scenarios=profile.transfer_scenarios,
+        methods=profile.transfer_methods,
+        seed=options.seed,
+        jobs=options.jobs,
+    )
+    yield Stage("transfer", "success in co-simulation", partial(transfer, table, console))
 
 
 def main() -> None:
