@@ -21,6 +21,7 @@ from analysis.profiles import FULL, QUICK, Profile
 from analysis.report import Report, write_report
 from analysis.results import RESULTS
 from analysis.timings import Timings
+from cosim.calibrate import Calibrate, calibrate
 from cosim.errors import UserError, run_command
 from cosim.platform import PlatformRun, write_platform
 from cosim.run import Run, run
@@ -128,6 +129,9 @@ def stages(
         "motor in open and closed loop (Fig. 7)",
         partial(record, MotorTest(out=at("motor_test"))),
     )
+    calibration = Calibrate(out=at("calibration"), jobs=options.jobs)
+    title = "motor speeds calibrated to motion"
+    yield Stage("calibration", title, partial(calibrate, calibration, console))
     for scenario, description in BUILT_IN.items():
         name = f"episodes_{scenario}"
         episodes = profile.single_episodes if description.robots == 1 else profile.pair_episodes

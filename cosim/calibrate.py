@@ -196,16 +196,24 @@ def _show(calibration: Calibration, report: dict[str, Any], console: Console) ->
     )
 
 
-def main() -> None:
-    """Command line; see `Calibrate`."""
-    options = tyro.cli(
-        Calibrate, prog="python -m cosim.calibrate", config=(tyro.conf.FlagCreatePairsOff,)
-    )
-    config, stderr, stdout = options.config(), Console(stderr=True), Console()
-    with stderr.status("preparing the motor FMU (some seconds the first time)"):
+def calibrate(options: Calibrate, console: Console) -> tuple[Calibration, dict[str, Any]]:
+    """Find or measure the calibration and write its files.
+
+    Args:
+        options: the command line.
+        console: for progress; nothing is drawn if it is no terminal.
+
+    Returns:
+        The calibration and the content of calibration.json.
+
+    Raises:
+        UserError: see its message.
+    """
+    config = options.config()
+    with console.status("preparing the motor FMU (some seconds the first time)"):
         fmu = options.motor_fmu or cached_fmu()
     options.out.mkdir(parents=True, exist_ok=True)
-    calibration = find_calibration(config, fmu, stderr, jobs=options.jobs, again=options.again)
+    calibration = find_calibration(config, fmu, console, jobs=options.jobs, again=options.again)
     report = report_of(calibration, config, fmu)
     calibration.save(options.out / "calibration.npz")
     with replacing(options.out / "calibration.json") as temporary:
@@ -213,6 +221,16 @@ def main() -> None:
     title = f"One robot, μ = {config.robot.mu:g}, noise ±{config.noise.relative_amplitude:.0%}"
     with replacing(options.out / "calibration.png") as temporary:
         draw(calibration, title).savefig(temporary, dpi=150)
+    return calibration, report
+
+
+def main() -> None:
+    """Command line; see `Calibrate`."""
+    options = tyro.cli(
+        Calibrate, prog="python -m cosim.calibrate", config=(tyro.conf.FlagCreatePairsOff,)
+    )
+    stdout = Console()
+    calibration, report = calibrate(options, Console(stderr=True))
     _show(calibration, report, stdout)
     stdout.print(f"results in {options.out}/: calibration.npz, .json, .png", soft_wrap=True)
     if options.json:
