@@ -39,7 +39,10 @@ class Timings:
 
     def __init__(self, results: Path, profile: Profile, seed: int) -> None:
         self._path = results / TIMINGS_FILE
-        identity: dict[str, Any] = {"profile": asdict(profile), "seed": seed}
+        # As it is read back: JSON knows no tuples.
+        identity: dict[str, Any] = json.loads(
+            json.dumps({"profile": asdict(profile), "seed": seed})
+        )
         found = read_timings(results)
         if found is not None and {name: found[name] for name in identity} != identity:
             raise TimingsError(
