@@ -52,7 +52,9 @@ class Run:
     train_episodes: int | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves."""
     seed: int = 0
-    """Seed of everything random: training, start cells and speed noise."""
+    """Seed of start cells and speed noise."""
+    train_seed: int = 0
+    """Seed of training: by default every --seed meets the same policy, trained once."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Output folder; by default runs/<scenario>-<time>."""
     policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -104,8 +106,8 @@ class Run:
         for name in ("episodes", "train_episodes", "jobs"):
             if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise ConfigError(f"--{name.replace('_', '-')} must be at least 1")
-        if self.seed < 0:
-            raise ConfigError("--seed must not be negative")
+        if min(self.seed, self.train_seed) < 0:
+            raise ConfigError("--seed and --train-seed must not be negative")
         if self.record == "none" and (self.live or self.spawn):
             raise ConfigError("--live and --spawn show what is recorded; choose another --record")
 
@@ -204,7 +206,7 @@ def _policy(
         policy, log, path = method_policy(
             options.method,
             scenario,
-            options.seed,
+            options.train_seed,
             episodes=options.train_episodes,
             motor_fmu=options.motor_fmu,
             retrain=options.retrain,
@@ -221,6 +223,7 @@ def _facts(options: Run, scenario: Scenario, fmu: Path) -> dict[str, Any]:
         "scenario": scenario.name,
         "title": scenario.title,
         "seed": options.seed,
+        "train_seed": options.train_seed,
         "driver": options.driver,
         "motor_fmu": fmu.name,
         "method": options.method,

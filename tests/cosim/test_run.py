@@ -42,7 +42,7 @@ def runs(tmp_path_factory):
     """Two runs of one seed and one of another."""
     base = tmp_path_factory.mktemp("runs")
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
-        done = run("--out", base / name, "--seed", seed, *BRIEF)
+        done = run("--out", base / name, "--seed", seed, "--train-seed", seed, *BRIEF)
         assert done.returncode == 0, done.stderr
         assert "timeout" in done.stdout
         assert f"{base / name}" in done.stdout
@@ -152,3 +152,13 @@ def test_interrupt_keeps_the_recording(tmp_path, runs):
     assert process.returncode == 130
     assert "Traceback" not in stderr
     assert rrd("verify", out / "episodes" / "ep_000.rrd").returncode == 0
+
+
+@pytest.mark.slow
+def test_the_best_policy_succeeds_in_scenario_4_for_seeds_0_to_19(tmp_path):
+    for seed in range(20):
+        out = tmp_path / str(seed)
+        done = run("--scenario", "4", "--seed", seed, "--out", out, "--record", "none")
+        assert done.returncode == 0, done.stderr
+        (episode,) = summary_of(out)["episodes"]
+        assert episode["outcome"] == "success", seed
