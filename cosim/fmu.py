@@ -8,6 +8,7 @@ import contextlib
 import ctypes
 import shutil
 import tempfile
+import threading
 import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -25,6 +26,9 @@ from cosim.errors import UserError
 INPUTS = ("omega_des", "omega_noise", "d")
 OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
+
+# fmpy changes the working directory of the process while it loads a binary.
+_LOADING = threading.Lock()
 
 FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
 
@@ -129,13 +133,14 @@ class Motor:
         self.log: list[str] = []
         known = {v.name: v.valueReference for v in fmu.description.modelVariables}
         try:
-            self.slave: Any = instantiate_fmu(
-                fmu._folder,
-                fmu.description,
-                fmi_type="CoSimulation",
-                debug_logging=True,
-                logger=self._append_log,
-            )
+            with _LOADING:
+                self.slave: Any = instantiate_fmu(
+                    fmu._folder,
+                    fmu.description,
+                    fmi_type="CoSimulation",
+                    debug_logging=True,
+                    logger=self._append_log,
+                )
             self.slave.instanceName = name
             for parameter, value in parameters.items():
                 self.slave.setFloat64([known[parameter]], [value])

@@ -1,6 +1,7 @@
 """Loading, checking and refusing motor FMUs."""
 
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,18 @@ def test_instance_runs_from_its_defaults(motor_fmu):
     assert voltage == 3.0
     assert current > 0.0
     motor.close()
+
+
+def test_threads_load_fmus_without_moving_the_process(motor_fmu):
+    here, fmu = Path.cwd(), MotorFmu(motor_fmu)
+
+    def load(number):
+        for _ in range(20):
+            fmu.instantiate(f"m{number}").close()
+
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(load, range(8)))
+    assert Path.cwd() == here
 
 
 def test_missing_file_is_named(tmp_path):
