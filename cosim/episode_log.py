@@ -54,7 +54,8 @@ class EpisodeLog:
             for level, text in self._decision(step, int(robot))
         ]
         lines += self._contacts(step, start_s)
-        for robot in np.flatnonzero(step.completed):
+        failed = step.outcome in ("collision", "out_of_board") and ~np.isnan(reward)
+        for robot in np.flatnonzero(step.completed | failed):
             where = tuple(step.after.cells[robot].tolist())
             text = f"{self._names[robot]} ends its move in {where}, reward {reward[robot]:.2f}"
             lines.append(Line(end_s, step.number, "INFO", text))
