@@ -129,13 +129,7 @@ def show(report: dict[str, Any], console: Console) -> None:
             *(_text(name, row[name]) for name in _MEASURES),
         )
     console.print(table)
-    for row in report["policies"]:
-        for failure in row["failures"][:_LISTED_FAILURES]:
-            starts = " ".join(f"({x}, {y})" for x, y in failure["starts"])
-            console.print(f"{row['policy']}: {failure['outcome']} from {starts}", soft_wrap=True)
-        more = row["failing_starts"] - _LISTED_FAILURES
-        if more > 0:
-            console.print(f"{row['policy']}: {more} more failing starts (--json lists more)")
+    show_failures(report["policies"], console)
     for scenario, measures in report["over_policies"].items():
         runs = measures["success"]["runs"]
         if runs == 1:
@@ -145,6 +139,17 @@ def show(report: dict[str, Any], console: Console) -> None:
             mean, iqm, low, high = (_text(name, s[k]) for k in ("mean", "iqm", "low", "high"))
             table.add_row(name.replace("_", " "), mean, iqm, f"{low} to {high}")
         console.print(table)
+
+
+def show_failures(policies: list[dict[str, Any]], console: Console) -> None:
+    """Print the first failing starts of each policy of a report."""
+    for row in policies:
+        for failure in row["failures"][:_LISTED_FAILURES]:
+            starts = " ".join(f"({x}, {y})" for x, y in failure["starts"])
+            console.print(f"{row['policy']}: {failure['outcome']} from {starts}", soft_wrap=True)
+        more = row["failing_starts"] - _LISTED_FAILURES
+        if more > 0:
+            console.print(f"{row['policy']}: {more} more failing starts (--json lists more)")
 
 
 def _text(name: str, value: float | None) -> str:

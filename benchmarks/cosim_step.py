@@ -18,11 +18,11 @@ import mujoco
 import numpy as np
 import tyro
 
+from benchmarks.recording import overheads
 from cosim.body import standing_state
 from cosim.calls import do_step, exchange_float64
 from cosim.config import CoSimConfig
 from cosim.episode import CoSimulation
-from cosim.episode_recording import EpisodeRecorder
 from cosim.errors import run_command
 from cosim.fmu import FMI_OK, Addresses, MotorFmu
 from cosim.jit import kernel
@@ -175,31 +175,10 @@ def mujoco_step_s(rounds: int, ticks: int = 5_000) -> float:
     return best_s(lambda: engine.mj_step(model, data, nstep=ticks), rounds) / ticks
 
 
-def recording_overhead(rounds: int, steps: int = 30) -> float:
-    """Additional time of the default recording, as a share of the time without."""
-    system = driving(2, rl_step_s=TIMING.rl_step_s)
-    action = np.array([NORTH, NORTH])
-    values, reward = np.zeros((2, 8)), np.zeros((2, 3))
-
-    def run(path: Path | None) -> None:
-        system.reset(tuple(c[0] for c in system.scenario.starts), np.random.SeedSequence(0))
-        if path is None:
-            for _ in range(steps):
-                system.advance(action)
-            return
-        with EpisodeRecorder(
-            path, system.scenario, system.config, "benchmark", {"seed": 0}
-        ) as recorder:
-            for _ in range(steps):
-                recorder.write(system.advance(action), values, reward)
-
+def recording_overhead(rounds: int) -> float:
+    """Additional time of the default recording of 60 s, as a share of the time without."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "episode.rrd"
-        plain, recorded = [], []
-        for _ in range(rounds):  # in turn, so that both meet the same machine
-            plain.append(best_s(lambda: run(None), 1, time.perf_counter))
-            recorded.append(best_s(lambda: run(path), 1, time.perf_counter))
-    return min(recorded) / min(plain) - 1.0
+        return float(overheads("default", rounds, 60.0, Path(folder) / "episode.rrd")[0])
 
 
 def measure(rounds: int) -> Figures:

@@ -61,7 +61,8 @@ class Evaluate:
     scenario: str | None = None
     """Refuse policies of any other scenario (1a, 1b, 2, 3, 4 or a scenario file)."""
     mu: float = TABLE_I.mu
-    """Coulomb friction coefficient of the feet (useful: 0.1 to 0.4)."""
+    """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature). Above some 0.2 the
+    desired speed needs hopping and is refused."""
     noise: float = SPEED_NOISE.relative_amplitude
     """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
     safety_margin: Annotated[float, tyro.conf.arg(metavar="M")] = 0.0

@@ -5,9 +5,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from agent.evaluate import show_failures
 from cosim.episode import OUTCOMES
-
-_LISTED_FAILURES = 10
 
 
 def show(report: dict[str, Any], console: Console) -> None:
@@ -36,13 +35,7 @@ def show(report: dict[str, Any], console: Console) -> None:
         )
     console.print(outcomes)
     console.print(measures)
-    for row in report["policies"]:
-        for failure in row["failures"][:_LISTED_FAILURES]:
-            starts = " ".join(f"({x}, {y})" for x, y in failure["starts"])
-            console.print(f"{row['policy']}: {failure['outcome']} from {starts}", soft_wrap=True)
-        more = row["failing_starts"] - _LISTED_FAILURES
-        if more > 0:
-            console.print(f"{row['policy']}: {more} more failing starts (--json lists all)")
+    show_failures(report["policies"], console)
 
 
 def text(value: float | None, form: str) -> str:

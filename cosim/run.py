@@ -93,7 +93,8 @@ class Run:
     """Gap in m that the safety layer keeps between robots' ways, who wait or give way for it;
     0 switches it off, 0.006 is what robots stray while they turn."""
     mu: float = TABLE_I.mu
-    """Coulomb friction coefficient of the feet (useful: 0.1 to 0.4)."""
+    """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature). Above some 0.2 the
+    default --speed needs hopping and is refused."""
     noise: float = SPEED_NOISE.relative_amplitude
     """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
     speed: Annotated[float, tyro.conf.arg(metavar="MM_S")] = 1e3 * STEERING.drive_speed_m_s
