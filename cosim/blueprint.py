@@ -137,7 +137,7 @@ def _arena(
         contents=["+ /world/**", *hidden],
         name=title,
         eye_controls=rrb.EyeControls3D(
-            position=(0.5 * width, -0.25 * height, 0.85 * height),
+            position=(0.5 * width, -0.4 * height, 0.95 * height),
             look_target=(0.5 * width, 0.42 * height, 0.0),
         ),
         line_grid=rrb.LineGrid3D(visible=False),
