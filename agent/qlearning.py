@@ -275,8 +275,8 @@ def _run_episodes(
                 greedy[i] = _best_of_sum(q, i, state[i])
             else:
                 greedy[i], _ = largest(q[0, i, state[i]])
-        straight = 0
-        diagonal = 0
+        moves = 0
+        diagonal_moves = 0
         outcome = RUNNING
         step = 0
         while outcome == RUNNING:
@@ -286,9 +286,12 @@ def _run_episodes(
                 if moved[i]:
                     chosen[i] = greedy[i]
                     if explores:
+                        # no branch on what cannot be predicted: it would cost more than the draw
                         word = next_word(random)
-                        if (word >> PROBABILITY_SHIFT) < threshold:
-                            chosen[i] = np.int64(word & ACTION_BITS)
+                        explored = np.int64(word & ACTION_BITS)
+                        chosen[i] = (
+                            explored if (word >> PROBABILITY_SHIFT) < threshold else greedy[i]
+                        )
                     executed[i] = chosen[i]
                     if slips:
                         executed[i] = slipped(process, chosen[i], random)
@@ -299,11 +302,8 @@ def _run_episodes(
             for i in range(n):
                 if not moved[i]:
                     continue
-                agent_steps += 1
-                if world[i, VX] != 0 and world[i, VY] != 0:
-                    diagonal += 1
-                else:
-                    straight += 1
+                moves += 1
+                diagonal_moves += world[i, VX] & world[i, VY] & 1
                 returns[i] += rewards[i]
                 s, a = state[i], chosen[i]
                 visits[i, s] += np.uint32(1)
@@ -335,13 +335,15 @@ def _run_episodes(
                 else:
                     # Eq. (7) in a terminal state
                     q[updated, i, s, a] += eta * (rewards[i] - q[updated, i, s, a])
+        agent_steps += moves
         if episode % learning.log_episodes >= learning.log_episodes - learning.log_window:
             row = episode // learning.log_episodes
             curve[row, EPISODES] += 1.0
             if outcome == SUCCESS:
                 curve[row, SUCCESSES] += 1.0
-                curve[row, PATH_CELLS] += (straight + SQRT_2 * diagonal) / n
-                curve[row, STEPS] += (straight + diagonal) / n
+                straight_moves = moves - diagonal_moves
+                curve[row, PATH_CELLS] += (straight_moves + SQRT_2 * diagonal_moves) / n
+                curve[row, STEPS] += moves / n
             for i in range(n):
                 curve[row, RETURNS + i] += returns[i]
     return agent_steps
