@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from agent.evaluate import report_of, statistics_of
+from agent.learning import LearningConfig
 from agent.process import Feature, ProcessConfig
-from agent.qlearning import LearningConfig
 from agent.runs import Experiment, RunResult, train_runs
 from agent.sweep import Backend
 from agent.train import progress_bar

@@ -12,9 +12,9 @@ from typing import Literal, get_args
 from rich.console import Console
 
 from agent.identify import cached_transitions
+from agent.learning import LearningConfig
 from agent.policy import Policy, PolicyConfig, Seed
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig
 from agent.store import find_or_train
 from agent.training import ProgressCallback, TrainingLog
 from agent.transitions import Transitions

@@ -18,8 +18,9 @@ import msgspec
 import numpy as np
 
 from agent.grid import least_rotation_argmax
+from agent.learning import LearningConfig, TrainingState
 from agent.process import Process, ProcessConfig, build_process, nearest_bearings
-from agent.qlearning import KERNEL_VERSION, LearningConfig, TrainingState
+from agent.qlearning import KERNEL_VERSION
 from agent.transitions import Transitions
 from cosim.errors import UserError
 from cosim.features import AXIS_COUNT, DIRECTION_COUNT, Observation
@@ -41,7 +42,7 @@ class Seed(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, seed: int | np.random.SeedSequence) -> "Seed":
-        """From what `agent.qlearning.initial_state` takes."""
+        """From what `agent.learning.initial_state` takes."""
         if isinstance(seed, np.random.SeedSequence):
             return cls(int(seed.entropy), tuple(int(k) for k in seed.spawn_key))  # pyright: ignore
         return cls(int(seed))

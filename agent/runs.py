@@ -17,9 +17,9 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from agent.learning import LearningConfig
 from agent.policy import Policy, PolicyConfig, Seed
 from agent.process import ProcessConfig, build_process
-from agent.qlearning import LearningConfig
 from agent.store import POLICY_FILE, config_digest, load_run, save_run
 from agent.sweep import Backend, sweep
 from agent.training import TrainingLog

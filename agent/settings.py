@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from agent.learning import LearningConfig
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig
 from cosim.errors import UserError
 
 _Config = TypeVar("_Config", ProcessConfig, LearningConfig)

@@ -10,9 +10,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from agent.learning import LearningConfig, initial_state
 from agent.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.process import ProcessConfig, build_process
-from agent.qlearning import LearningConfig, initial_state
 from agent.training import ProgressCallback, TrainingLog, run_training, training_log
 from cosim.scenario import Scenario
 from cosim.storage import cache_dir

@@ -18,19 +18,9 @@ from agent.grid import (
     place_randomly,
     state_index,
 )
+from agent.learning import EPISODES, PATH_CELLS, RETURNS, STEPS, SUCCESSES, Learning, TrainingState
 from agent.process import Process
-from agent.qlearning import (
-    ACTION_BITS,
-    EPISODES,
-    PATH_CELLS,
-    RETURNS,
-    SQRT_2,
-    STEPS,
-    SUCCESSES,
-    Learning,
-    TrainingState,
-    largest,
-)
+from agent.qlearning import ACTION_BITS, SQRT_2, largest
 from agent.rng import PROBABILITY_SHIFT, next_word
 from agent.timed import WAY_SIZE, begin_move, stand, step, waits
 from agent.transitions import MoveModel

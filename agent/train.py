@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from agent.evaluate import report_of, show
+from agent.learning import LearningConfig
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig
 from agent.runs import RECORDING_FILE, Experiment, RunResult, train_runs
 from agent.settings import read_settings
 from agent.store import POLICY_FILE

@@ -11,10 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.evaluation import all_starts, evaluate
-from agent.maps import cell_map
-from agent.policy import PolicyConfig
-from agent.process import build_process
-from agent.qlearning import (
+from agent.learning import (
     EPISODES,
     PATH_CELLS,
     RETURNS,
@@ -22,11 +19,14 @@ from agent.qlearning import (
     SUCCESSES,
     LearningConfig,
     TrainingState,
-    advance,
     build_learning,
     epsilon_of_episodes,
     map_points,
 )
+from agent.maps import cell_map
+from agent.policy import PolicyConfig
+from agent.process import build_process
+from agent.qlearning import advance
 from agent.timed_learning import advance_timed
 from agent.transitions import MoveModel, build_model
 from cosim.params import TIMING

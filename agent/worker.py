@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agent.learning import TrainingState, initial_state
 from agent.policy import Policy, PolicyConfig
 from agent.process import build_process
-from agent.qlearning import TrainingState, initial_state
 from agent.store import config_digest
 from agent.training import Progress, TrainingLog, run_training, training_log
 from cosim.storage import replacing

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from agent.learning import LearningConfig
 from agent.methods import BEST, METHODS, Method
-from agent.qlearning import LearningConfig
 from analysis.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.params import TIMING
 from cosim.scenario import BUILT_IN

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from agent.learning import Learning, TrainingState
 from agent.process import ProcessConfig
-from agent.qlearning import Learning, TrainingState
 from cosim.scenario import Scenario
 from fmus.compiler import compiler_command
 

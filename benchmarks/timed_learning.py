@@ -16,10 +16,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
-from agent.methods import method_config
-from agent.policy import PolicyConfig
-from agent.process import Feature, ProcessConfig, build_process
-from agent.qlearning import (
+from agent.learning import (
     EPISODES,
     PATH_CELLS,
     SUCCESSES,
@@ -28,6 +25,9 @@ from agent.qlearning import (
     build_learning,
     initial_state,
 )
+from agent.methods import method_config
+from agent.policy import PolicyConfig
+from agent.process import Feature, ProcessConfig, build_process
 from agent.timed_learning import advance_timed
 from agent.training import move_model
 from cosim.errors import run_command

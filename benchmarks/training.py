@@ -18,8 +18,9 @@ import numpy as np
 import tyro
 
 import agent.envs
+from agent.learning import LearningConfig, TrainingState, build_learning, initial_state
 from agent.process import ProcessConfig, build_process
-from agent.qlearning import LearningConfig, TrainingState, advance, build_learning, initial_state
+from agent.qlearning import advance
 from agent.runs import Experiment, train_runs
 from benchmarks.qlearning_c import build_reference, reference_state, train_reference
 from cosim.errors import run_command

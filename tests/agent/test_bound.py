@@ -12,8 +12,8 @@ from agent import bound as bound_module
 from agent import grid
 from agent.bound import optimum, ratios
 from agent.evaluation import all_starts, evaluate
+from agent.learning import LearningConfig
 from agent.process import ProcessConfig, build_process
-from agent.qlearning import LearningConfig
 from agent.store import trained_policy
 from cosim.scenario import Scenario, find_scenario
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from agent.learning import LearningConfig, build_learning, initial_state
 from agent.process import ProcessConfig, build_process
-from agent.qlearning import LearningConfig, advance, build_learning, initial_state
+from agent.qlearning import advance
 from benchmarks.qlearning_c import build_reference, reference_state, train_reference
 from cosim.scenario import find_scenario
 

@@ -7,9 +7,9 @@ import pytest
 
 from agent import grid
 from agent.evaluation import evaluate
+from agent.learning import LearningConfig
 from agent.policy import Policy, PolicyError
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig
 from agent.store import trained_policy
 from cosim.features import Observation
 from cosim.scenario import Scenario, find_scenario

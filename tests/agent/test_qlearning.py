@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from agent.process import ProcessConfig, build_process
-from agent.qlearning import (
+from agent.learning import (
     LearningConfig,
     LearningError,
-    advance,
     build_learning,
     epsilon_of_episodes,
     initial_state,
 )
+from agent.process import ProcessConfig, build_process
+from agent.qlearning import advance
 from agent.rng import next_word
 from cosim.scenario import Scenario, find_scenario
 

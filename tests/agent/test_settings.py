@@ -2,8 +2,8 @@
 
 import pytest
 
+from agent.learning import LearningConfig
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig
 from agent.settings import SettingsError, read_settings
 
 

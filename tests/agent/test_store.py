@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agent.evaluation import evaluate
+from agent.learning import LearningConfig
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig
 from agent.store import LOG_FILE, trained_policy
 from cosim.scenario import find_scenario
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from agent import sweep as sweep_module
+from agent.learning import LearningConfig
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig
 from agent.runs import Experiment
 from agent.sweep import SweepError, sweep
 from agent.worker import RunTask, train_run

@@ -7,9 +7,9 @@ import pytest
 
 from agent import grid, timed
 from agent.identify import KINDS, identify
+from agent.learning import LearningConfig
 from agent.policy import Policy, PolicyConfig, Seed
 from agent.process import ProcessConfig, build_process
-from agent.qlearning import LearningConfig
 from agent.rng import seeded_state
 from agent.store import train_policy
 from agent.transitions import (

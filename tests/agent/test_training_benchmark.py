@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from agent.qlearning import LearningConfig
+from agent.learning import LearningConfig
 from benchmarks import training
 
 

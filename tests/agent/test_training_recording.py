@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from agent.learning import LearningConfig, map_points
 from agent.maps import policy_maps
 from agent.policy import PolicyConfig, Seed
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig, map_points
 from agent.store import train_policy
 from agent.training import TrainingLog
 from agent.training_recording import joined, write_runs, write_training

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from agent.learning import LearningConfig
 from agent.policy import PolicyConfig, Seed
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig
 from agent.store import policy_folder
 from cosim.scenario import find_scenario
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from agent.learning import LearningConfig
 from agent.policy import PolicyConfig, Seed
 from agent.process import ProcessConfig
-from agent.qlearning import LearningConfig
 from agent.store import train_policy
 from cosim.config import ConfigError, CoSimConfig
 from cosim.evaluation import Case, Job
