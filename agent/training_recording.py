@@ -19,7 +19,6 @@ from cosim.policy_map import PolicyMap
 from cosim.recording import Recording, properties, scalars
 from cosim.scene import SERIES, palette
 
-_PIXELS_PER_CELL = 12
 _ARROW_CELLS = 0.8
 _WHITE = np.array([0xFFFFFFFF], dtype=np.uint32)  # the viewer's background is dark
 # Entity below /train, fields of `TrainingLog` of its times and values, name in plots.
@@ -134,15 +133,14 @@ def _write_maps(file: Recording, name: str, maps: PolicyMap) -> None:
 
 
 def _image(values: np.ndarray, known: np.ndarray) -> rr.Image:
-    """A map over (columns, rows) as a colour image, y up; cells never visited stay black."""
+    """A map over (columns, rows) as an image, a pixel per cell, y up; unvisited cells are black."""
     image = np.flipud(map_colours(values, known).transpose(1, 0, 2))
-    image = image.repeat(_PIXELS_PER_CELL, axis=0).repeat(_PIXELS_PER_CELL, axis=1)
     return rr.Image(np.ascontiguousarray(image))
 
 
 def _arrows(action: np.ndarray, known: np.ndarray) -> rr.Arrows2D:
-    """Greedy directions as arrows, in the pixels of the maps."""
+    """Greedy directions as arrows, in the pixels of the maps, which are cells."""
     columns, rows = np.nonzero(known)
-    centres = np.stack([columns + 0.5, known.shape[1] - rows - 0.5], axis=1) * _PIXELS_PER_CELL
-    vectors = unit_arrows(action[known]) * np.array([1, -1]) * _ARROW_CELLS * _PIXELS_PER_CELL
+    centres = np.stack([columns + 0.5, known.shape[1] - rows - 0.5], axis=1)
+    vectors = unit_arrows(action[known]) * np.array([1, -1]) * _ARROW_CELLS
     return rr.Arrows2D(vectors=vectors, origins=centres - vectors / 2.0, colors=_WHITE)
