@@ -45,7 +45,7 @@ SQRT_2 = np.sqrt(2.0)
 @inlined
 def largest(values: np.ndarray) -> tuple[int, np.float32]:
     """Index of the largest of eight values, the lowest of equals (Eq. 6), and that value."""
-    # a tournament of three rounds instead of a chain of seven comparisons: it is what limits speed
+    # Eq. (6) as a tournament of three rounds, not a chain of seven comparisons: it limits speed
     a, va = (1, values[1]) if values[1] > values[0] else (0, values[0])
     b, vb = (3, values[3]) if values[3] > values[2] else (2, values[2])
     c, vc = (5, values[5]) if values[5] > values[4] else (4, values[4])
@@ -153,8 +153,9 @@ def _run_episodes(
                         if learning.double_q:
                             # the other table values the action that this one picks
                             value = q[1 - updated, i, s_next, best]
+                        # Eq. (4): a reward, and what is expected from the next state on
                         target += gamma * value
-                    # Eq. (7)
+                    # Eq. (7), down the gradient of the squared error of Eq. (5)
                     q[updated, i, s, a] += eta * (target - q[updated, i, s, a])
                     state[i] = s_next
                     if learning.double_q:

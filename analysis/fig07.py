@@ -66,8 +66,9 @@ def draw(responses: dict[str, Response]) -> Figure:
     return figure
 
 
-# Response times: to 1 − 1/e, the time constant of a first-order lag, and to nine tenths.
-SHARES = (0.632, 0.9)
+# Response times: to 1 − 1/e, the time constant of a first-order lag, to nine tenths, to the end.
+SHARES = (0.632, 0.9, 0.98)
+EARLY_S = 0.05
 # A tenth of a second holds many turns: the ripple averages out.
 _AVERAGED = 100
 
@@ -82,6 +83,8 @@ def caption(responses: dict[str, Response]) -> Caption:
             if reached.any():
                 after_s = float(response.time_s[np.argmax(reached)])
                 numbers[f"{loop}_to_{100 * share:g}_percent_s"] = after_s
+        early = int(np.searchsorted(response.time_s, EARLY_S))
+        numbers[f"{loop}_early_rad_s"] = float(response.omega[early])
         numbers[f"{loop}_speeds_rad_s"] = [
             float(third[-_AVERAGED:].mean()) for third in np.array_split(response.omega, 3)
         ]
@@ -109,6 +112,8 @@ def caption(responses: dict[str, Response]) -> Caption:
             f"Speeds without, with and against d: open loop {speeds('open_loop')} rad/s, closed "
             f"loop {speeds('closed_loop')} rad/s, set point {closed.omega_des[-1]:g} rad/s.",
             f"Time to a share of the set point: {times}.",
+            f"Speed after {1e3 * EARLY_S:g} ms: open loop {numbers['open_loop_early_rad_s']:.0f} "
+            f"rad/s, closed loop {numbers['closed_loop_early_rad_s']:.0f} rad/s.",
             f"The closed loop's voltage is at its limit of {TABLE_II.V_s_max:g} V until "
             f"{saturated_s:.3f} s.",
         ),

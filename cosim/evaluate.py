@@ -28,7 +28,7 @@ from cosim.errors import UserError, run_command
 from cosim.evaluation import Case, Job, run_jobs
 from cosim.outcome_tables import show
 from cosim.outcomes import failures, summary
-from cosim.params import SPEED_NOISE, TABLE_I, TIMING
+from cosim.params import SAFETY_MARGIN_HELP, SPEED_NOISE, TABLE_I, TIMING
 from cosim.result_file import ResultFile
 from cosim.rollout import EpisodeResult
 from cosim.scenario import find_scenario
@@ -65,9 +65,7 @@ class Evaluate:
     desired speed needs hopping and is refused."""
     noise: float = SPEED_NOISE.relative_amplitude
     """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
-    safety_margin: Annotated[float, tyro.conf.arg(metavar="M")] = 0.0
-    """Gap in m that the safety layer keeps between robots' ways, who wait or give way for it;
-    0 switches it off, 0.003 is three times what robots stray."""
+    safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
     time_limit: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.episode_limit_s
     """Simulated time in s after which an episode ends as a time-out."""
     recordings: int = 3

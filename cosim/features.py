@@ -44,6 +44,7 @@ def distance_thresholds(scenario: Scenario) -> DistanceThresholds:
 @inlined
 def distance_class(squared_distance: int, thresholds: DistanceThresholds) -> int:
     """Eq. (9): NEAR, MEDIUM or LARGE; contact distances count as NEAR."""
+    # Eq. (9)
     if squared_distance <= thresholds.near:
         return NEAR
     if squared_distance <= thresholds.medium:
@@ -54,6 +55,7 @@ def distance_class(squared_distance: int, thresholds: DistanceThresholds) -> int
 @inlined
 def gradient_sign(squared_distance: int, previous: int) -> int:
     """Eq. (10): sign(distance(t) − distance(t−1)) as −1, 0 or 1."""
+    # Eq. (10)
     return int(squared_distance > previous) - int(squared_distance < previous)
 
 

@@ -22,7 +22,7 @@ from cosim.detail import DETAILS
 from cosim.episode import CoSimulation
 from cosim.errors import run_command
 from cosim.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
-from cosim.params import SPEED_NOISE, STEERING, TABLE_I, TIMING
+from cosim.params import SAFETY_MARGIN_HELP, SPEED_NOISE, STEERING, TABLE_I, TIMING
 from cosim.rollout import EpisodeResult
 from cosim.scenario import Scenario, find_scenario
 from cosim.sources import versions
@@ -67,6 +67,8 @@ class Run:
     """How much is recorded: nothing (only summary.json and the policy are written); decisions and
     poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at
     1 kHz with longer bursts at every tick."""
+    no_record: bool = False
+    """Short for --record none."""
     live: bool = False
     """Send what is recorded to a running Rerun viewer as well, while the episodes run."""
     spawn: bool = False
@@ -89,9 +91,7 @@ class Run:
     """Let the motors feel the acceleration of the body, which the paper neglects."""
     on_collision: Literal["end", "continue"] = "end"
     """What happens when two robots touch: the episode ends, or they push each other on."""
-    safety_margin: Annotated[float, tyro.conf.arg(metavar="M")] = 0.0
-    """Gap in m that the safety layer keeps between robots' ways, who wait or give way for it;
-    0 switches it off, 0.006 is what robots stray while they turn."""
+    safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
     mu: float = TABLE_I.mu
     """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature). Above some 0.2 the
     default --speed needs hopping and is refused."""
@@ -109,6 +109,12 @@ class Run:
                 raise ConfigError(f"--{name.replace('_', '-')} must be at least 1")
         if min(self.seed, self.train_seed) < 0:
             raise ConfigError("--seed and --train-seed must not be negative")
+        if self.no_record:
+            if self.record not in {"none", "default"}:
+                raise ConfigError(
+                    f"--no-record contradicts --record {self.record}; leave out one of them"
+                )
+            object.__setattr__(self, "record", "none")
         if self.record == "none" and (self.live or self.spawn):
             raise ConfigError("--live and --spawn show what is recorded; choose another --record")
 

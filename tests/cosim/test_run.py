@@ -105,6 +105,7 @@ def test_trained_policy_is_found_again(runs):
         (["--episodes", "0"], "--episodes must be at least 1"),
         (["--out", "/proc/none"], "/proc/none"),
         (["--policy", "nowhere.npz"], "nowhere.npz"),
+        (["--no-record", "--record", "full"], "--no-record contradicts --record full"),
     ],
 )
 def test_bad_input_gets_one_sentence(arguments, sentence):
@@ -121,7 +122,7 @@ def test_policy_of_another_scenario_is_refused(runs, tmp_path):
     done = run("--scenario", "4", "--policy", policy, "--out", tmp_path / "x")
     assert done.returncode == 2
     assert "was trained on scenario 2" in done.stderr
-    again = run("--policy", policy, "--out", tmp_path / "y", *BRIEF, "--record", "none")
+    again = run("--policy", policy, "--out", tmp_path / "y", *BRIEF, "--no-record")
     assert again.returncode == 0, again.stderr
     assert not list((tmp_path / "y").rglob("*.rrd"))
 

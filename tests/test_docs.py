@@ -1,0 +1,70 @@
+"""What pages and help texts say, against the code and the commands that they name."""
+
+import re
+from pathlib import Path
+
+import pytest
+import tyro
+
+from analysis import fig07
+from analysis.motor_test import MotorTest, read, record
+from cosim.evaluate import Evaluate
+from cosim.run import Run
+
+ROOT = Path(__file__).parents[1]
+TAG = re.compile(r"^ *(?:#|//|/\*|\*) ?(.*)$")
+
+
+def _tagged(path: Path) -> set[int]:
+    """Equations with a tag in a comment directly above a line of code."""
+    found: set[int] = set()
+    pending: set[int] = set()
+    for line in path.read_text("utf-8").splitlines():
+        if comment := TAG.match(line):
+            pending |= {int(n) for n in re.findall(r"Eq\. \((\d+)\)", comment[1])}
+        else:
+            found |= pending if line.strip() else set()
+            pending = set()
+    return found
+
+
+def _rows() -> list[tuple[set[int], list[Path]]]:
+    """Equations and files of the table in docs/architecture.md."""
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    rows = []
+    for equations, places in re.findall(r"^\| (\(\d+\).*?) \| (.*) \|$", page, re.MULTILINE):
+        numbers = [int(n) for n in re.findall(r"\((\d+)\)", equations)]
+        span = " to " in equations.split("over")[0]
+        files = [ROOT / name for name in re.findall(r"`([\w/]+\.\w+)`", places)]
+        rows.append((set(range(numbers[0], numbers[-1] + 1)) if span else set(numbers), files))
+    return rows
+
+
+def test_every_equation_is_tagged_where_the_architecture_page_says():
+    rows = _rows()
+    assert set().union(*(equations for equations, _ in rows)) == set(range(1, 15))
+    for equations, files in rows:
+        missing = equations - set().union(*(_tagged(file) for file in files))
+        assert not missing, f"{[str(f.relative_to(ROOT)) for f in files]} lack {missing}"
+
+
+def test_commands_say_the_same_about_the_safety_margin(capsys):
+    texts = []
+    for command in (Run, Evaluate):
+        with pytest.raises(SystemExit):
+            tyro.cli(command, args=["--help"])
+        words = " ".join(re.sub(r"[│╭╮╰╯─]", " ", capsys.readouterr().out).split())
+        texts += re.findall(r"--safety-margin M (.*?) \(default", words)
+    assert len(texts) == 2
+    assert texts[0] == texts[1]
+
+
+def test_fig07_prints_what_the_reproduction_page_says(tmp_path):
+    page = (ROOT / "docs" / "reproduction.md").read_text("utf-8")
+    ((rise_ms, early_rad_s, end_s),) = re.findall(
+        r"closed loop (\d+) ms to 90 %, (\d+) rad/s after 50 ms, ([\d.]+) s to 98 %", page
+    )
+    numbers = fig07.caption(read(record(MotorTest(out=tmp_path / "test.rrd")))).numbers
+    assert round(1e3 * numbers["closed_loop_to_90_percent_s"]) == int(rise_ms)
+    assert round(numbers["closed_loop_early_rad_s"]) == int(early_rad_s)
+    assert round(numbers["closed_loop_to_98_percent_s"], 2) == float(end_s)
