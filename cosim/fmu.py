@@ -6,8 +6,7 @@ variables are found by name in its modelDescription. Stepping is the master's.
 
 import contextlib
 import ctypes
-import shutil
-import tempfile
+import errno
 import threading
 import weakref
 from collections.abc import Iterator, Mapping
@@ -20,12 +19,16 @@ from fmpy.fmi1 import FMICallException
 from fmpy.model_description import ModelDescription
 from fmpy.simulation import instantiate_fmu
 
+from cosim.archive import unpack
 from cosim.errors import UserError
 
 # Interface of a motor FMU; units as in cosim.params.
 INPUTS = ("omega_des", "omega_noise", "d")
 OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
+
+# What a run needs of an archive.
+_NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
 
 # fmpy changes the working directory of the process while it loads a binary.
 _LOADING = threading.Lock()
@@ -46,27 +49,30 @@ class Addresses(NamedTuple):
 
 
 class MotorFmu:
-    """An extracted motor FMU from which instances are made.
+    """An unpacked motor FMU from which instances are made.
 
     Attributes:
         path: the .fmu file.
+        folder: where it is unpacked.
         description: fmpy's model description.
         inputs, outputs, electrical: value references (uint32) of INPUTS, OUTPUTS, ELECTRICAL.
 
     Raises:
         FmuError: the file is missing, is no FMU, or lacks a part of the interface.
+        OSError: the file cannot be read, or the cache cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         if not path.is_file():
             raise FmuError(f"motor FMU {path} does not exist; check the path given by --motor-fmu")
-        self._folder = tempfile.mkdtemp(prefix="minirobots-fmu-")
-        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         try:
-            fmpy.extract(str(path), self._folder)
-            self.description: ModelDescription = fmpy.read_model_description(self._folder)
+            self.folder = unpack(path, _NEEDED)
+            self.description: ModelDescription = fmpy.read_model_description(self.folder)
         except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
+            # Not the archive's fault, unless it leads to a place in the file that cannot be.
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:
+                raise
             reason = " ".join(str(error).split())
             raise FmuError(
                 f"motor FMU {path} is broken ({reason}); build one with `python -m fmus.build`"
@@ -86,7 +92,7 @@ class MotorFmu:
             raise FmuError(
                 f"motor FMU {self.path} has no Co-Simulation interface; export it with one"
             )
-        if not (Path(self._folder) / "binaries" / fmpy.platform_tuple).is_dir():
+        if not (self.folder / "binaries" / fmpy.platform_tuple).is_dir():
             raise FmuError(
                 f"motor FMU {self.path} has no binary for {fmpy.platform_tuple}; "
                 "export it for this platform"
@@ -135,7 +141,7 @@ class Motor:
         try:
             with _LOADING:
                 self.slave: Any = instantiate_fmu(
-                    fmu._folder,
+                    fmu.folder,
                     fmu.description,
                     fmi_type="CoSimulation",
                     debug_logging=True,
