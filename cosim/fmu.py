@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
-from fmpy.model_description import ModelDescription
-from fmpy.simulation import instantiate_fmu
+from fmpy.fmi3 import FMU3Slave
+from fmpy.model_description import CoSimulation, ModelDescription
 
 from cosim.archive import unpack
 from cosim.errors import UserError
@@ -30,7 +30,8 @@ ELECTRICAL = ("V_s", "i")
 # What a run needs of an archive.
 _NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
 
-# fmpy changes the working directory of the process while it loads a binary.
+# fmpy changes the working directory of the process while it loads a binary, and does not change it
+# back where that fails.
 _LOADING = threading.Lock()
 
 FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
@@ -55,6 +56,7 @@ class MotorFmu:
         path: the .fmu file.
         folder: where it is unpacked.
         description: fmpy's model description.
+        interface: fmpy's description of its Co-Simulation capabilities.
         inputs, outputs, electrical: value references (uint32) of INPUTS, OUTPUTS, ELECTRICAL.
 
     Raises:
@@ -77,12 +79,12 @@ class MotorFmu:
             raise FmuError(
                 f"motor FMU {path} is broken ({reason}); build one with `python -m fmus.build`"
             ) from error
-        self._check()
+        self.interface: CoSimulation = self._check()
         self.inputs = self._references(INPUTS)
         self.outputs = self._references(OUTPUTS)
         self.electrical = self._references(ELECTRICAL)
 
-    def _check(self) -> None:
+    def _check(self) -> CoSimulation:
         if not str(self.description.fmiVersion).startswith("3."):
             raise FmuError(
                 f"motor FMU {self.path} is FMI {self.description.fmiVersion}; "
@@ -97,6 +99,7 @@ class MotorFmu:
                 f"motor FMU {self.path} has no binary for {fmpy.platform_tuple}; "
                 "export it for this platform"
             )
+        return self.description.coSimulation
 
     def _references(self, names: tuple[str, ...]) -> np.ndarray:
         variables = {v.name: v for v in self.description.modelVariables}
@@ -137,17 +140,17 @@ class Motor:
         self.fmu = fmu
         self.name = name
         self.log: list[str] = []
+        self._returns = False  # whether the state before a step will be restored
         known = {v.name: v.valueReference for v in fmu.description.modelVariables}
         try:
-            with _LOADING:
-                self.slave: Any = instantiate_fmu(
-                    fmu.folder,
-                    fmu.description,
-                    fmi_type="CoSimulation",
-                    debug_logging=True,
-                    logger=self._append_log,
+            with _LOADING, contextlib.chdir("."):
+                self.slave: Any = FMU3Slave(
+                    instanceName=name,
+                    guid=fmu.description.guid,
+                    modelIdentifier=fmu.interface.modelIdentifier,
+                    unzipDirectory=str(fmu.folder),
                 )
-            self.slave.instanceName = name
+                self.slave.instantiate(loggingOn=True, logMessage=self._append_log)
             for parameter, value in parameters.items():
                 self.slave.setFloat64([known[parameter]], [value])
             self.slave.enterInitializationMode()
@@ -155,7 +158,8 @@ class Motor:
         except KeyError as error:
             raise FmuError(f"motor FMU {fmu.path} has no parameter {error}") from error
         except Exception as error:  # fmpy raises plain Exceptions
-            raise self.error(0.0, f"cannot be initialised ({error})") from error
+            tool = " without its tool" if fmu.interface.needsExecutionTool else ""
+            raise self.error(0.0, f"cannot be initialised{tool} ({error})") from error
         self._finalizer = weakref.finalize(self, _free, self.slave)
         functions = (
             self.slave.dll.fmi3SetFloat64,
@@ -173,7 +177,9 @@ class Motor:
     def step(self, tick: int, count: int, dt_s: float) -> None:
         """Step from `tick` over `count` ticks; raises FmuError naming the time."""
         with self._named_errors(tick * dt_s, "failed"):
-            _, terminate, early_return, _ = self.slave.doStep(tick * dt_s, count * dt_s)
+            _, terminate, early_return, _ = self.slave.doStep(
+                tick * dt_s, count * dt_s, noSetFMUStatePriorToCurrentPoint=not self._returns
+            )
         if terminate or early_return:
             raise self.error(tick * dt_s, "asked to stop")
 
@@ -190,16 +196,16 @@ class Motor:
     @property
     def can_roll_back(self) -> bool:
         """Whether the FMU can save and restore its state."""
-        interface = self.fmu.description.coSimulation
-        return interface is not None and bool(interface.canGetAndSetFMUstate)
+        return bool(self.fmu.interface.canGetAndSetFMUstate)
 
     @contextlib.contextmanager
     def rolled_back(self) -> Iterator[None]:
-        """On leaving, the instance is where it was on entering; needs `can_roll_back`."""
-        saved = self.slave.getFMUState()
+        """On leaving, the instance is where it was on entering; steps in between say so."""
+        saved, self._returns = self.slave.getFMUState(), True
         try:
             yield
         finally:
+            self._returns = False
             self.slave.setFMUState(saved)
             self.slave.freeFMUState(saved)
 

@@ -1,12 +1,16 @@
 """Loading, checking and refusing motor FMUs."""
 
+import re
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy.fmi3 import FMU3Slave
 
+from cosim.assembly import new_motors
+from cosim.config import CoSimConfig
 from cosim.fmu import FmuError, MotorFmu
 
 
@@ -65,6 +69,31 @@ def test_missing_variable_is_named(motor_fmu, tmp_path):
     path = rewritten(motor_fmu, tmp_path / "other.fmu", 'name="omega_dot"', 'name="acceleration"')
     with pytest.raises(FmuError, match="no Float64 output 'omega_dot'"):
         MotorFmu(path)
+
+
+def test_every_instance_is_told_its_own_name(motor_fmu, monkeypatch):
+    calls, instantiate = [], FMU3Slave.instantiate
+
+    def logged(slave, **arguments):
+        slave.fmiCallLogger = calls.append
+        instantiate(slave, **arguments)
+
+    monkeypatch.setattr(FMU3Slave, "instantiate", logged)
+    motors = new_motors(MotorFmu(motor_fmu), CoSimConfig(), 2)
+    told = [re.search('instanceName="(.*?)"', call) for call in calls]
+    names = [match[1] for match in told if match]
+    assert names == ["r1.D", "r1.E", "r2.D", "r2.E"] == [motor.name for motor in motors]
+
+
+def test_binary_that_does_not_load_is_named_and_moves_nothing(motor_fmu, tmp_path):
+    path, here = tmp_path / "foreign.fmu", Path.cwd()
+    with zipfile.ZipFile(motor_fmu) as archive, zipfile.ZipFile(path, "w") as copy:
+        for name in archive.namelist():
+            binary = name.startswith("binaries/")
+            copy.writestr(name, b"no library" if binary else archive.read(name))
+    with pytest.raises(FmuError, match=r"foreign\.fmu, instance m, .* cannot be initialised"):
+        MotorFmu(path).instantiate("m")
+    assert Path.cwd() == here
 
 
 def test_variables_are_found_by_name(motor_fmu, tmp_path):
