@@ -1,7 +1,7 @@
 """Motor FMUs: load, check and instantiate with fmpy; the addresses of their C functions.
 
-Any FMI 3.0 Co-Simulation FMU with the interface of `INPUTS` and `OUTPUTS` can drive a robot;
-variables are found by name in its modelDescription. Stepping is the master's.
+Any FMI 3.0 Co-Simulation FMU with the variables of `cosim.interface` can drive a robot; they are
+found by name in its modelDescription. Stepping is the master's.
 """
 
 import contextlib
@@ -20,12 +20,14 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.model_description import CoSimulation, ModelDescription
 
 from cosim.archive import unpack
-from cosim.errors import UserError
-
-# Interface of a motor FMU; units as in cosim.params.
-INPUTS = ("omega_des", "omega_noise", "d")
-OUTPUTS = ("theta", "omega", "omega_dot")
-ELECTRICAL = ("V_s", "i")
+from cosim.interface import (
+    ELECTRICAL,
+    INPUTS,
+    OUTPUTS,
+    FmuError,
+    check_variable,
+    co_simulation,
+)
 
 # What a run needs of an archive.
 _NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
@@ -35,10 +37,6 @@ _NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resource
 _LOADING = threading.Lock()
 
 FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
-
-
-class FmuError(UserError):
-    """An FMU that cannot be used, or that failed while it ran; the message names it."""
 
 
 class Addresses(NamedTuple):
@@ -79,39 +77,41 @@ class MotorFmu:
             raise FmuError(
                 f"motor FMU {path} is broken ({reason}); build one with `python -m fmus.build`"
             ) from error
-        self.interface: CoSimulation = self._check()
-        self.inputs = self._references(INPUTS)
-        self.outputs = self._references(OUTPUTS)
-        self.electrical = self._references(ELECTRICAL)
-
-    def _check(self) -> CoSimulation:
-        if not str(self.description.fmiVersion).startswith("3."):
+        self.interface: CoSimulation = co_simulation(path, self.description)
+        library = f"{self.interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
+        if not (self.folder / "binaries" / fmpy.platform_tuple / library).is_file():
             raise FmuError(
-                f"motor FMU {self.path} is FMI {self.description.fmiVersion}; "
-                "export it as FMI 3.0 Co-Simulation"
-            )
-        if self.description.coSimulation is None:
-            raise FmuError(
-                f"motor FMU {self.path} has no Co-Simulation interface; export it with one"
-            )
-        if not (self.folder / "binaries" / fmpy.platform_tuple).is_dir():
-            raise FmuError(
-                f"motor FMU {self.path} has no binary for {fmpy.platform_tuple}; "
+                f"motor FMU {path} has no binary for {fmpy.platform_tuple}; "
                 "export it for this platform"
             )
-        return self.description.coSimulation
+        self._variables = {v.name: v for v in self.description.modelVariables}
+        self.inputs = self._references(INPUTS, "input")
+        self.outputs = self._references(OUTPUTS, "output")
+        self.electrical = self._references(ELECTRICAL, "output")
 
-    def _references(self, names: tuple[str, ...]) -> np.ndarray:
-        variables = {v.name: v for v in self.description.modelVariables}
+    def _references(self, names: tuple[str, ...], causality: str) -> np.ndarray:
         for name in names:
-            variable = variables.get(name)
-            causality = "input" if name in INPUTS else "output"
-            if variable is None or variable.type != "Float64" or variable.causality != causality:
+            if name not in self._variables:
                 raise FmuError(
                     f"motor FMU {self.path} has no Float64 {causality} '{name}'; a motor needs "
                     f"inputs {', '.join(INPUTS)} and outputs {', '.join(OUTPUTS + ELECTRICAL)}"
                 )
-        return np.array([variables[name].valueReference for name in names], dtype=np.uint32)
+        return np.array([self._reference(name, causality) for name in names], dtype=np.uint32)
+
+    def _reference(self, name: str, *causalities: str) -> int:
+        variable = self._variables[name]
+        check_variable(self.path, self.description, variable, *causalities)
+        return variable.valueReference
+
+    def parameter(self, name: str) -> int:
+        """Value reference of a variable that is set before initialisation.
+
+        Raises:
+            FmuError: there is none of that name, or it is no scalar Float64 in the usual unit.
+        """
+        if name not in self._variables:
+            raise FmuError(f"motor FMU {self.path} has no parameter '{name}'; export it with one")
+        return self._reference(name, "parameter", "input")
 
     def instantiate(self, name: str, parameters: Mapping[str, float] | None = None) -> "Motor":
         """New instance, initialised at t = 0 and in step mode.
@@ -121,7 +121,7 @@ class MotorFmu:
             parameters: values that replace the FMU's own defaults, by variable name.
 
         Raises:
-            FmuError: the FMU refuses to load, a parameter, or initialisation.
+            FmuError: the FMU lacks a parameter, refuses it, to load or to be initialised.
         """
         return Motor(self, name, parameters or {})
 
@@ -141,7 +141,7 @@ class Motor:
         self.name = name
         self.log: list[str] = []
         self._returns = False  # whether the state before a step will be restored
-        known = {v.name: v.valueReference for v in fmu.description.modelVariables}
+        values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         try:
             with _LOADING, contextlib.chdir("."):
                 self.slave: Any = FMU3Slave(
@@ -151,12 +151,10 @@ class Motor:
                     unzipDirectory=str(fmu.folder),
                 )
                 self.slave.instantiate(loggingOn=True, logMessage=self._append_log)
-            for parameter, value in parameters.items():
-                self.slave.setFloat64([known[parameter]], [value])
+            for reference, value in values.items():
+                self.slave.setFloat64([reference], [value])
             self.slave.enterInitializationMode()
             self.slave.exitInitializationMode()
-        except KeyError as error:
-            raise FmuError(f"motor FMU {fmu.path} has no parameter {error}") from error
         except Exception as error:  # fmpy raises plain Exceptions
             tool = " without its tool" if fmu.interface.needsExecutionTool else ""
             raise self.error(0.0, f"cannot be initialised{tool} ({error})") from error
@@ -192,11 +190,6 @@ class Motor:
         """Values of ELECTRICAL; raises FmuError naming the time of `tick`."""
         with self._named_errors(tick * dt_s, "has no outputs"):
             return self.slave.getFloat64(self.fmu.electrical)
-
-    @property
-    def can_roll_back(self) -> bool:
-        """Whether the FMU can save and restore its state."""
-        return bool(self.fmu.interface.canGetAndSetFMUstate)
 
     @contextlib.contextmanager
     def rolled_back(self) -> Iterator[None]:

@@ -171,6 +171,34 @@ def test_adaptive_driver_says_which_states_it_may_return_to(motor_fmu):
     assert kept == driver.steps
 
 
+def test_foreign_fmu_gives_the_same_bits(motor_fmu, edited_fmu):
+    """Other order, other names of units, other display units, fixed steps: all legal."""
+
+    def edit(root):
+        variables = root.find("ModelVariables")
+        variables[:] = reversed(variables)
+        names = {unit.get("name"): f"[{unit.get('name')}]" for unit in root.iter("Unit")}
+        for unit in root.iter("Unit"):
+            unit.set("name", names[unit.get("name")])
+            for display in unit.findall("DisplayUnit"):
+                unit.remove(display)
+        for element in variables:
+            element.attrib.pop("displayUnit", None)
+            if element.get("unit"):
+                element.set("unit", names[element.get("unit")])
+        for element in variables:
+            if element.get("name") in {"V_s", "i", "d"}:
+                del element.attrib["unit"]
+        interface = root.find("CoSimulation")
+        interface.set("canHandleVariableCommunicationStepSize", "false")
+        interface.set("fixedInternalStepSize", "1e-5")
+
+    own, foreign = (advance(path, "compiled", periods=20) for path in (motor_fmu, edited_fmu(edit)))
+    assert own[0] == foreign[0]
+    for a, b in zip(own[1:], foreign[1:], strict=True):
+        assert all(np.array_equal(getattr(a, n), getattr(b, n)) for n in a._fields)
+
+
 def test_reaction_of_the_body_is_small(motor_fmu):
     """The paper neglects it; see docs/physics.md for its size."""
     without, with_it = (
