@@ -6,13 +6,11 @@ curves. Without Coulomb friction, weight and saturation the two must agree; with
 `analysis.fig07`.
 """
 
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import control
-import fmpy
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
@@ -21,6 +19,7 @@ from matplotlib.figure import Figure
 
 from analysis.style import BLUE, GREY, VERMILION, WIDTH_IN, save, use_style
 from cosim.errors import run_command
+from cosim.fmu import MotorFmu
 from cosim.params import TABLE_II, MotorParams, motor_gain, motor_time_constant
 from fmus.build import cached_fmu
 
@@ -121,14 +120,12 @@ def measured_response(frequencies_rad_s: np.ndarray) -> np.ndarray:
     Args:
         frequencies_rad_s: angular frequencies (n,).
     """
-    with tempfile.TemporaryDirectory() as folder:
-        fmpy.extract(str(cached_fmu()), folder)
-        description = fmpy.read_model_description(folder)
-        return np.array([_measure(folder, description, w) for w in frequencies_rad_s])
+    motor = MotorFmu(cached_fmu())
+    return np.array([_measure(motor, w) for w in frequencies_rad_s])
 
 
-def _measure(folder: str, description: Any, frequency_rad_s: float) -> complex:
-    reference = {v.name: v.valueReference for v in description.modelVariables}
+def _measure(motor: MotorFmu, frequency_rad_s: float) -> complex:
+    reference = {v.name: v.valueReference for v in motor.description.modelVariables}
     period_s = 2.0 * np.pi / frequency_rad_s
     needed = int(np.ceil(LEAST_SAMPLING_RAD_S / frequency_rad_s))
     samples = max(LEAST_SAMPLES_PER_PERIOD, needed)
@@ -139,7 +136,7 @@ def _measure(folder: str, description: Any, frequency_rad_s: float) -> complex:
     # Half a step early: a held value acts on average half a step late.
     set_point = AMPLITUDE_RAD_S * np.sin(frequency_rad_s * step_s * (np.arange(count) + 0.5))
     speed = np.empty(count)
-    fmu: Any = instantiate_fmu(folder, description, fmi_type="CoSimulation")
+    fmu: Any = instantiate_fmu(motor.folder, motor.description, fmi_type="CoSimulation")
     try:
         fmu.setFloat64([reference["c"], reference["m"]], [0.0, 0.0])
         fmu.setInt64([reference["solver"]], [RK4])

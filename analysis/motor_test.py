@@ -5,12 +5,10 @@ loop. A disturbance torque acts from one third of the time on, and the other way
 `analysis.fig07` draws the recording; `read` gives its signals as arrays.
 """
 
-import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import fmpy
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -19,6 +17,7 @@ from fmpy.simulation import instantiate_fmu
 
 from analysis.rrd import RecordingReadError, Signal, read_rrd
 from cosim.errors import UserError, run_command
+from cosim.fmu import MotorFmu
 from cosim.params import FIG_7
 from cosim.recording import Recording, properties, scalars, simulated
 from fmus.build import cached_fmu
@@ -88,17 +87,14 @@ def simulate(options: MotorTest, loop: str) -> Response:
     """
     path = options.fmu or cached_fmu()
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            fmpy.extract(str(path), folder)
-            return _simulate(folder, options, loop)
-    except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
+        return _simulate(MotorFmu(path), options, loop)
+    except Exception as error:  # fmpy raises plain Exceptions
         raise MotorTestError(f"motor FMU {path} cannot be tested: {error}") from error
 
 
-def _simulate(folder: str, options: MotorTest, loop: str) -> Response:
-    description = fmpy.read_model_description(folder)
-    reference = {v.name: v.valueReference for v in description.modelVariables}
-    fmu: Any = instantiate_fmu(folder, description, fmi_type="CoSimulation")
+def _simulate(motor: MotorFmu, options: MotorTest, loop: str) -> Response:
+    reference = {v.name: v.valueReference for v in motor.description.modelVariables}
+    fmu: Any = instantiate_fmu(motor.folder, motor.description, fmi_type="CoSimulation")
     try:
         fmu.setBoolean([reference["closed_loop"]], [loop == "closed_loop"])
         inputs = [reference["omega_des"], reference["V_in"]]

@@ -9,7 +9,7 @@ of the exchanges; the compiled driver at a fixed step needs no step control.
 
 import numpy as np
 
-from cosim.fmu import FmuError, Motor
+from cosim.fmu import Motor
 from cosim.master import ReferenceDriver
 from cosim.plant import Plant, exchanged
 from cosim.signals import RawSamples, State
@@ -18,21 +18,14 @@ from cosim.signals import RawSamples, State
 class AdaptiveDriver(ReferenceDriver):
     """Steps the FMUs through fmpy with communication steps of 1 tick up to a control period.
 
+    The FMUs must be able to vary their step and to save their state (`cosim.interface.check_use`).
+
     Attributes:
         steps, rejected: communication steps accepted, and tried in vain.
-
-    Raises:
-        FmuError: the FMU cannot save and restore its state.
     """
 
     def __init__(self, motors: list[Motor]) -> None:
         super().__init__(motors)
-        for motor in motors:
-            if not motor.can_roll_back:
-                raise FmuError(
-                    f"FMU {motor.fmu.path.name} cannot save its state, which --driver adaptive "
-                    "needs; use --driver compiled"
-                )
         self.steps = self.rejected = 0
         self._count = 1
 

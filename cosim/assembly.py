@@ -12,6 +12,7 @@ from cosim.collision import PairParams
 from cosim.config import CoSimConfig
 from cosim.fmu import Motor, MotorFmu
 from cosim.forces import motor_mounts
+from cosim.interface import check_use
 from cosim.params import TABLE_II
 from cosim.plant import Plant
 
@@ -33,6 +34,27 @@ def new_plant(config: CoSimConfig, size_m: tuple[float, float], *, end_on_collis
         config.reaction,
         config.timing.exchange_tolerance_rad,
     )
+
+
+def check_motors(
+    fmu: MotorFmu, config: CoSimConfig, robots: int, *, adaptive: bool = False
+) -> None:
+    """Refuse an FMU that cannot do what a run asks of it.
+
+    Args:
+        fmu: of every motor.
+        config: all parameters.
+        robots: their number.
+        adaptive: whether communication steps vary, from dt upwards, and are taken back.
+
+    Raises:
+        FmuError: it lacks a capability.
+        ConfigError: its internal step does not divide the communication step.
+    """
+    timing = config.timing
+    least_step_s = timing.dt_s if adaptive else timing.communication_step_s
+    motors = robots * len(MOTOR_NAMES)
+    check_use(fmu.path, fmu.interface, motors, least_step_s, adaptive=adaptive)
 
 
 def new_motors(fmu: MotorFmu, config: CoSimConfig, robots: int) -> list[Motor]:

@@ -14,7 +14,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cosim.adaptive import AdaptiveDriver
-from cosim.assembly import MOTOR_NAMES, draw_noise, new_motors, new_plant, noise_generators
+from cosim.assembly import (
+    MOTOR_NAMES,
+    check_motors,
+    draw_noise,
+    new_motors,
+    new_plant,
+    noise_generators,
+)
 from cosim.body import standing_state
 from cosim.config import CoSimConfig
 from cosim.features import (
@@ -88,7 +95,8 @@ class CoSimulation:
         conflicts: decisions that the safety layer changed, or would have changed.
 
     Raises:
-        FmuError: the FMU cannot be loaded or lacks a part of the motor interface.
+        FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
+            that the driver needs.
     """
 
     def __init__(
@@ -101,6 +109,7 @@ class CoSimulation:
         self.scenario = scenario
         self.config = config or CoSimConfig()
         self._fmu = MotorFmu(motor_fmu)
+        check_motors(self._fmu, self.config, scenario.robots, adaptive=driver == "adaptive")
         self._driver_class = DRIVERS[driver]
         self._driver: Any = None
         self._plant = new_plant(

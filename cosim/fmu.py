@@ -1,13 +1,12 @@
 """Motor FMUs: load, check and instantiate with fmpy; the addresses of their C functions.
 
-Any FMI 3.0 Co-Simulation FMU with the interface of `INPUTS` and `OUTPUTS` can drive a robot;
-variables are found by name in its modelDescription. Stepping is the master's.
+Any FMI 3.0 Co-Simulation FMU with the variables of `cosim.interface` can drive a robot; they are
+found by name in its modelDescription. Stepping is the master's.
 """
 
 import contextlib
 import ctypes
-import shutil
-import tempfile
+import errno
 import threading
 import weakref
 from collections.abc import Iterator, Mapping
@@ -17,24 +16,27 @@ from typing import Any, NamedTuple
 import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
-from fmpy.model_description import ModelDescription
-from fmpy.simulation import instantiate_fmu
+from fmpy.fmi3 import FMU3Slave
+from fmpy.model_description import CoSimulation, ModelDescription
 
-from cosim.errors import UserError
+from cosim.archive import unpack
+from cosim.interface import (
+    ELECTRICAL,
+    INPUTS,
+    OUTPUTS,
+    FmuError,
+    check_variable,
+    co_simulation,
+)
 
-# Interface of a motor FMU; units as in cosim.params.
-INPUTS = ("omega_des", "omega_noise", "d")
-OUTPUTS = ("theta", "omega", "omega_dot")
-ELECTRICAL = ("V_s", "i")
+# What a run needs of an archive.
+_NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
 
-# fmpy changes the working directory of the process while it loads a binary.
+# fmpy changes the working directory of the process while it loads a binary, and does not change it
+# back where that fails.
 _LOADING = threading.Lock()
 
 FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
-
-
-class FmuError(UserError):
-    """An FMU that cannot be used, or that failed while it ran; the message names it."""
 
 
 class Addresses(NamedTuple):
@@ -46,63 +48,70 @@ class Addresses(NamedTuple):
 
 
 class MotorFmu:
-    """An extracted motor FMU from which instances are made.
+    """An unpacked motor FMU from which instances are made.
 
     Attributes:
         path: the .fmu file.
+        folder: where it is unpacked.
         description: fmpy's model description.
+        interface: fmpy's description of its Co-Simulation capabilities.
         inputs, outputs, electrical: value references (uint32) of INPUTS, OUTPUTS, ELECTRICAL.
 
     Raises:
         FmuError: the file is missing, is no FMU, or lacks a part of the interface.
+        OSError: the file cannot be read, or the cache cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         if not path.is_file():
             raise FmuError(f"motor FMU {path} does not exist; check the path given by --motor-fmu")
-        self._folder = tempfile.mkdtemp(prefix="minirobots-fmu-")
-        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         try:
-            fmpy.extract(str(path), self._folder)
-            self.description: ModelDescription = fmpy.read_model_description(self._folder)
+            self.folder = unpack(path, _NEEDED)
+            self.description: ModelDescription = fmpy.read_model_description(self.folder)
         except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
+            # Not the archive's fault, unless it leads to a place in the file that cannot be.
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:
+                raise
             reason = " ".join(str(error).split())
             raise FmuError(
                 f"motor FMU {path} is broken ({reason}); build one with `python -m fmus.build`"
             ) from error
-        self._check()
-        self.inputs = self._references(INPUTS)
-        self.outputs = self._references(OUTPUTS)
-        self.electrical = self._references(ELECTRICAL)
-
-    def _check(self) -> None:
-        if not str(self.description.fmiVersion).startswith("3."):
+        self.interface: CoSimulation = co_simulation(path, self.description)
+        library = f"{self.interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
+        if not (self.folder / "binaries" / fmpy.platform_tuple / library).is_file():
             raise FmuError(
-                f"motor FMU {self.path} is FMI {self.description.fmiVersion}; "
-                "export it as FMI 3.0 Co-Simulation"
-            )
-        if self.description.coSimulation is None:
-            raise FmuError(
-                f"motor FMU {self.path} has no Co-Simulation interface; export it with one"
-            )
-        if not (Path(self._folder) / "binaries" / fmpy.platform_tuple).is_dir():
-            raise FmuError(
-                f"motor FMU {self.path} has no binary for {fmpy.platform_tuple}; "
+                f"motor FMU {path} has no binary for {fmpy.platform_tuple}; "
                 "export it for this platform"
             )
+        self._variables = {v.name: v for v in self.description.modelVariables}
+        self.inputs = self._references(INPUTS, "input")
+        self.outputs = self._references(OUTPUTS, "output")
+        self.electrical = self._references(ELECTRICAL, "output")
 
-    def _references(self, names: tuple[str, ...]) -> np.ndarray:
-        variables = {v.name: v for v in self.description.modelVariables}
+    def _references(self, names: tuple[str, ...], causality: str) -> np.ndarray:
         for name in names:
-            variable = variables.get(name)
-            causality = "input" if name in INPUTS else "output"
-            if variable is None or variable.type != "Float64" or variable.causality != causality:
+            if name not in self._variables:
                 raise FmuError(
                     f"motor FMU {self.path} has no Float64 {causality} '{name}'; a motor needs "
                     f"inputs {', '.join(INPUTS)} and outputs {', '.join(OUTPUTS + ELECTRICAL)}"
                 )
-        return np.array([variables[name].valueReference for name in names], dtype=np.uint32)
+        return np.array([self._reference(name, causality) for name in names], dtype=np.uint32)
+
+    def _reference(self, name: str, *causalities: str) -> int:
+        variable = self._variables[name]
+        check_variable(self.path, self.description, variable, *causalities)
+        return variable.valueReference
+
+    def parameter(self, name: str) -> int:
+        """Value reference of a variable that is set before initialisation.
+
+        Raises:
+            FmuError: there is none of that name, or it is no scalar Float64 in the usual unit.
+        """
+        if name not in self._variables:
+            raise FmuError(f"motor FMU {self.path} has no parameter '{name}'; export it with one")
+        return self._reference(name, "parameter", "input")
 
     def instantiate(self, name: str, parameters: Mapping[str, float] | None = None) -> "Motor":
         """New instance, initialised at t = 0 and in step mode.
@@ -112,7 +121,7 @@ class MotorFmu:
             parameters: values that replace the FMU's own defaults, by variable name.
 
         Raises:
-            FmuError: the FMU refuses to load, a parameter, or initialisation.
+            FmuError: the FMU lacks a parameter, refuses it, to load or to be initialised.
         """
         return Motor(self, name, parameters or {})
 
@@ -131,25 +140,24 @@ class Motor:
         self.fmu = fmu
         self.name = name
         self.log: list[str] = []
-        known = {v.name: v.valueReference for v in fmu.description.modelVariables}
+        self._returns = False  # whether the state before a step will be restored
+        values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         try:
-            with _LOADING:
-                self.slave: Any = instantiate_fmu(
-                    fmu._folder,
-                    fmu.description,
-                    fmi_type="CoSimulation",
-                    debug_logging=True,
-                    logger=self._append_log,
+            with _LOADING, contextlib.chdir("."):
+                self.slave: Any = FMU3Slave(
+                    instanceName=name,
+                    guid=fmu.description.guid,
+                    modelIdentifier=fmu.interface.modelIdentifier,
+                    unzipDirectory=str(fmu.folder),
                 )
-            self.slave.instanceName = name
-            for parameter, value in parameters.items():
-                self.slave.setFloat64([known[parameter]], [value])
+                self.slave.instantiate(loggingOn=True, logMessage=self._append_log)
+            for reference, value in values.items():
+                self.slave.setFloat64([reference], [value])
             self.slave.enterInitializationMode()
             self.slave.exitInitializationMode()
-        except KeyError as error:
-            raise FmuError(f"motor FMU {fmu.path} has no parameter {error}") from error
         except Exception as error:  # fmpy raises plain Exceptions
-            raise self.error(0.0, f"cannot be initialised ({error})") from error
+            tool = " without its tool" if fmu.interface.needsExecutionTool else ""
+            raise self.error(0.0, f"cannot be initialised{tool} ({error})") from error
         self._finalizer = weakref.finalize(self, _free, self.slave)
         functions = (
             self.slave.dll.fmi3SetFloat64,
@@ -167,7 +175,9 @@ class Motor:
     def step(self, tick: int, count: int, dt_s: float) -> None:
         """Step from `tick` over `count` ticks; raises FmuError naming the time."""
         with self._named_errors(tick * dt_s, "failed"):
-            _, terminate, early_return, _ = self.slave.doStep(tick * dt_s, count * dt_s)
+            _, terminate, early_return, _ = self.slave.doStep(
+                tick * dt_s, count * dt_s, noSetFMUStatePriorToCurrentPoint=not self._returns
+            )
         if terminate or early_return:
             raise self.error(tick * dt_s, "asked to stop")
 
@@ -181,19 +191,14 @@ class Motor:
         with self._named_errors(tick * dt_s, "has no outputs"):
             return self.slave.getFloat64(self.fmu.electrical)
 
-    @property
-    def can_roll_back(self) -> bool:
-        """Whether the FMU can save and restore its state."""
-        interface = self.fmu.description.coSimulation
-        return interface is not None and bool(interface.canGetAndSetFMUstate)
-
     @contextlib.contextmanager
     def rolled_back(self) -> Iterator[None]:
-        """On leaving, the instance is where it was on entering; needs `can_roll_back`."""
-        saved = self.slave.getFMUState()
+        """On leaving, the instance is where it was on entering; steps in between say so."""
+        saved, self._returns = self.slave.getFMUState(), True
         try:
             yield
         finally:
+            self._returns = False
             self.slave.setFMUState(saved)
             self.slave.freeFMUState(saved)
 

@@ -6,7 +6,7 @@ array (layout in `cosim.steering`); the dynamics, the FMUs and the noise are tho
 
 import numpy as np
 
-from cosim.assembly import draw_noise, new_motors, new_plant, noise_generators
+from cosim.assembly import check_motors, draw_noise, new_motors, new_plant, noise_generators
 from cosim.body import standing_state
 from cosim.config import CoSimConfig
 from cosim.fmu import MotorFmu
@@ -46,9 +46,10 @@ class Trial:
                 default that of driving forwards.
 
         Raises:
-            FmuError: the FMU refuses to load or to be initialised.
+            FmuError: the FMU lacks a capability, refuses to load or to be initialised.
         """
         n = len(headings_rad)
+        check_motors(motor_fmu, config, n)
         self._config = config
         self._plant = new_plant(config, (np.inf, np.inf), end_on_collision=False)
         self._nominal = (

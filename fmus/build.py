@@ -5,6 +5,8 @@ built on first use. Numerical work is in `vibration_motor/motor.h`, not here.
 """
 
 import hashlib
+import logging
+import shutil
 import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -42,6 +44,8 @@ Fmi = Literal["2", "3"]
 FMU_NAME = "VibrationMotor.fmu"
 # The first time a zip archive can tell: an archive says nothing of when it was made.
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+_LOG = logging.getLogger(__name__)
 
 
 def build_fmu(out_dir: Path) -> Path:
@@ -98,7 +102,8 @@ def build_fmus(paths: Mapping[Fmi, Path], targets: Sequence[str]) -> list[Path]:
 def cached_fmu() -> Path:
     """FMI 3.0 FMU for this machine from the cache, built there on first use.
 
-    The cache's key is a hash of sources, rendered defaults, flags and compiler version.
+    The cache's key is a hash of sources, rendered defaults, flags and compiler version. The file's
+    own hash stands beside it: a file that was damaged is built again.
 
     Raises:
         BuildError: no compiler was found, or it failed.
@@ -109,7 +114,36 @@ def cached_fmu() -> Path:
         key.update(part.encode() + b"\0")
     folder = cache_dir("fmus") / key.hexdigest()[:16]
     path = folder / FMU_NAME
-    return path if path.is_file() else build_fmu(folder)
+    return path if _is_whole(path) else _rebuild(path)
+
+
+def _rebuild(path: Path) -> Path:
+    """Build a cached FMU, and write its hash beside it."""
+    if path.exists():
+        _LOG.warning("%s is damaged; it is built again", path)
+    for place in (path, _seal(path)):
+        if place.is_dir():
+            shutil.rmtree(place)
+    build_fmu(path.parent)
+    with replacing(_seal(path)) as temporary:
+        temporary.write_text(_sha256(path))
+    return path
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a cached FMU has the hash that stands beside it."""
+    try:
+        return _seal(path).read_bytes() == _sha256(path).encode()
+    except OSError:
+        return False
+
+
+def _seal(path: Path) -> Path:
+    return path.with_suffix(".sha256")
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def instantiation_token(table: Table) -> str:

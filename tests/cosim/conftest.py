@@ -1,7 +1,10 @@
 """Shared by the co-simulation's tests: the motor FMU, and a policy that needs no training."""
 
 import math
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -25,6 +28,25 @@ class StraightPolicy:
 @pytest.fixture(scope="session")
 def motor_fmu() -> Path:
     return cached_fmu()
+
+
+@pytest.fixture
+def edited_fmu(motor_fmu, tmp_path) -> Callable[..., Path]:
+    """A copy of the motor FMU whose modelDescription (its root element) was edited in place."""
+
+    def make(edit: Callable[[ElementTree.Element], object]) -> Path:
+        path = tmp_path / "edited.fmu"
+        with zipfile.ZipFile(motor_fmu) as archive, zipfile.ZipFile(path, "w") as copy:
+            for name in archive.namelist():
+                content = archive.read(name)
+                if name == "modelDescription.xml":
+                    root = ElementTree.fromstring(content)
+                    edit(root)
+                    content = ElementTree.tostring(root)
+                copy.writestr(name, content)
+        return path
+
+    return make
 
 
 @pytest.fixture(scope="session")

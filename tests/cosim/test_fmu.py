@@ -1,25 +1,41 @@
 """Loading, checking and refusing motor FMUs."""
 
+import re
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from fmpy.fmi3 import FMU3Slave
 
+from cosim.assembly import check_motors, new_motors
+from cosim.config import ConfigError, CoSimConfig
+from cosim.episode import CoSimulation
 from cosim.fmu import FmuError, MotorFmu
+from cosim.params import TABLE_II, TIMING
+from cosim.scenario import find_scenario
+from cosim.trial import Trial
 
 
-def rewritten(source: Path, target: Path, old: str, new: str) -> Path:
-    """A copy of an FMU with its modelDescription changed."""
-    with zipfile.ZipFile(source) as archive, zipfile.ZipFile(target, "w") as copy:
-        for name in archive.namelist():
-            data = archive.read(name)
-            if name == "modelDescription.xml":
-                assert old.encode() in data
-                data = data.replace(old.encode(), new.encode())
-            copy.writestr(name, data)
-    return target
+def variable(root, name: str):
+    """Element of a variable in a modelDescription."""
+    (found,) = (v for v in root.find("ModelVariables") if v.get("name") == name)
+    return found
+
+
+def define(root, name: str, **base: str) -> None:
+    """Define a unit."""
+    unit = ElementTree.SubElement(root.find("UnitDefinitions"), "Unit", name=name)
+    ElementTree.SubElement(unit, "BaseUnit", base)
+
+
+def set_unit(element, unit: str | None) -> None:
+    for attribute in ("unit", "displayUnit"):
+        element.attrib.pop(attribute, None)
+    if unit is not None:
+        element.set("unit", unit)
 
 
 def test_instance_runs_from_its_defaults(motor_fmu):
@@ -61,13 +77,171 @@ def test_file_that_is_no_archive_is_named(tmp_path):
         MotorFmu(path)
 
 
-def test_missing_variable_is_named(motor_fmu, tmp_path):
-    path = rewritten(motor_fmu, tmp_path / "other.fmu", 'name="omega_dot"', 'name="acceleration"')
+def test_archive_without_description_is_named(tmp_path):
+    path = tmp_path / "empty.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("readme.txt", "no FMU")
+    with pytest.raises(FmuError, match=r"empty\.fmu is broken \(it has no modelDescription\.xml\)"):
+        MotorFmu(path)
+
+
+def test_missing_variable_is_named(edited_fmu):
+    path = edited_fmu(lambda root: variable(root, "omega_dot").set("name", "acceleration"))
     with pytest.raises(FmuError, match="no Float64 output 'omega_dot'"):
         MotorFmu(path)
 
 
-def test_variables_are_found_by_name(motor_fmu, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("omega_des", "rpm"), ("omega_noise", "Hz"), ("theta", "deg"), ("omega", "rpm"),
+     ("omega_dot", "rad/s"), ("d", "mN.m"), ("V_s", "mV"), ("i", "degC")],
+)  # fmt: skip
+def test_variable_in_another_unit_is_refused(edited_fmu, name, unit):
+    def edit(root):
+        define(root, "rpm", rad="1", s="-1", factor="0.10471975511965977")
+        define(root, "Hz", s="-1")
+        define(root, "deg", rad="1", factor="0.017453292519943295")
+        define(root, "mN.m", kg="1", m="2", s="-2", factor="1e-3")
+        define(root, "mV", kg="1", m="2", s="-3", A="-1", factor="1e-3")
+        define(root, "degC", A="1", offset="273.15")
+        set_unit(variable(root, name), unit)
+
+    with pytest.raises(FmuError, match=f"has '{name}' in {unit}; export it in "):
+        MotorFmu(edited_fmu(edit))
+
+
+def test_unit_of_a_declared_type_counts(edited_fmu):
+    def edit(root):
+        define(root, "rpm", rad="1", s="-1", factor="0.10471975511965977")
+        types = root.find("TypeDefinitions")
+        ElementTree.SubElement(types, "Float64Type", name="Speed", unit="rpm")
+        set_unit(variable(root, "omega"), None)
+        variable(root, "omega").set("declaredType", "Speed")
+
+    with pytest.raises(FmuError, match="has 'omega' in rpm; export it in rad/s"):
+        MotorFmu(edited_fmu(edit))
+
+
+def test_parameter_in_another_unit_is_refused(edited_fmu):
+    def edit(root):
+        define(root, "g.cm2", kg="1", m="2", factor="1e-7")
+        set_unit(variable(root, "J"), "g.cm2")
+
+    fmu = MotorFmu(edited_fmu(edit))
+    fmu.instantiate("m").close()
+    with pytest.raises(FmuError, match=r"has 'J' in g\.cm2; export it in kg\.m2"):
+        fmu.instantiate("m", {"J": TABLE_II.J})
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [({"tag": "Float32"}, "has 'omega' as Float32 output; export it as Float64 output"),
+     ({"causality": "local"}, "has 'omega' as Float64 local; export it as Float64 output"),
+     ({"dimension": "3"}, "has 'omega' as an array; export it as a scalar"),
+     ({"dimension": "1"}, "has 'omega' as an array; export it as a scalar"),
+     ({"clock": "99"}, "has 'omega' tied to a clock; export it without")],
+)  # fmt: skip
+def test_variable_of_another_kind_is_refused(edited_fmu, attributes, message):
+    def edit(root):
+        omega = variable(root, "omega")
+        omega.tag = attributes.get("tag", omega.tag)
+        if "causality" in attributes:
+            omega.set("causality", attributes["causality"])
+            structure = root.find("ModelStructure")
+            for output in structure.findall("Output"):
+                if output.get("valueReference") == omega.get("valueReference"):
+                    structure.remove(output)
+        if "dimension" in attributes:
+            ElementTree.SubElement(omega, "Dimension", start=attributes["dimension"])
+        if "clock" in attributes:
+            omega.set("clocks", attributes["clock"])
+            clock = {"name": "clock", "valueReference": "99", "causality": "input"}
+            clock |= {"intervalVariability": "triggered"}
+            ElementTree.SubElement(root.find("ModelVariables"), "Clock", clock)
+
+    with pytest.raises(FmuError, match=message):
+        MotorFmu(edited_fmu(edit))
+
+
+def capability(**changes):
+    """Edit of a modelDescription that changes attributes of its Co-Simulation interface."""
+    return lambda root: root.find("CoSimulation").attrib.update(changes)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"canGetAndSetFMUState": "false", "canSerializeFMUState": "false"},
+      "cannot save its state .* --driver adaptive needs; use --driver compiled"),
+     ({"canHandleVariableCommunicationStepSize": "false"},
+      "cannot vary its step .* --driver adaptive needs; use --driver compiled")],
+    ids=["state", "step"],
+)  # fmt: skip
+def test_adaptive_driver_needs_capabilities(edited_fmu, change, message):
+    path, scenario = edited_fmu(capability(**change)), find_scenario("2")
+    CoSimulation(scenario, path)
+    with pytest.raises(FmuError, match=message):
+        CoSimulation(scenario, path, driver="adaptive")
+
+
+def test_more_motors_than_a_process_may_have_are_refused(edited_fmu):
+    path = edited_fmu(capability(canBeInstantiatedOnlyOncePerProcess="true"))
+    with pytest.raises(FmuError, match="OnlyOncePerProcess, and 4 motors are needed"):
+        CoSimulation(find_scenario("2"), path)
+    fmu = MotorFmu(path)
+    with pytest.raises(FmuError, match="OnlyOncePerProcess, and 2 motors are needed"):
+        Trial(fmu, CoSimConfig(), np.zeros(1), np.random.SeedSequence(0))
+    fmu.instantiate("alone").close()
+
+
+@pytest.mark.parametrize(
+    ("internal", "step_s", "adaptive", "message"),
+    [("1e-5", 1e-5, True, None),
+     ("2e-5", 2e-5, False, None),
+     ("2e-5", 1e-5, False, "communication_step_s = 1e-05 s .* fixedInternalStepSize .* 2e-05 s"),
+     ("2e-5", 2e-5, True, "dt_s = 1e-05 s .* fixedInternalStepSize .* 2e-05 s"),
+     ("3e-5", 2e-5, False, "communication_step_s = 2e-05 s"),
+     ("INF", 1e-5, False, "communication_step_s"),
+     ("0", 1e-5, False, "fixedInternalStepSize = 0; export it with a positive one"),
+     ("NaN", 1e-5, False, "fixedInternalStepSize = nan; export it with a positive one")],
+)  # fmt: skip
+def test_internal_step_must_divide_the_communication_step(
+    edited_fmu, internal, step_s, adaptive, message
+):
+    fmu = MotorFmu(edited_fmu(capability(fixedInternalStepSize=internal)))
+    config = CoSimConfig(timing=TIMING._replace(communication_step_s=step_s))
+    if message is None:
+        check_motors(fmu, config, 2, adaptive=adaptive)
+    else:
+        with pytest.raises((FmuError, ConfigError), match=message):
+            check_motors(fmu, config, 2, adaptive=adaptive)
+
+
+def test_every_instance_is_told_its_own_name(motor_fmu, monkeypatch):
+    calls, instantiate = [], FMU3Slave.instantiate
+
+    def logged(slave, **arguments):
+        slave.fmiCallLogger = calls.append
+        instantiate(slave, **arguments)
+
+    monkeypatch.setattr(FMU3Slave, "instantiate", logged)
+    motors = new_motors(MotorFmu(motor_fmu), CoSimConfig(), 2)
+    told = [re.search('instanceName="(.*?)"', call) for call in calls]
+    names = [match[1] for match in told if match]
+    assert names == ["r1.D", "r1.E", "r2.D", "r2.E"] == [motor.name for motor in motors]
+
+
+def test_binary_that_does_not_load_is_named_and_moves_nothing(motor_fmu, tmp_path):
+    path, here = tmp_path / "foreign.fmu", Path.cwd()
+    with zipfile.ZipFile(motor_fmu) as archive, zipfile.ZipFile(path, "w") as copy:
+        for name in archive.namelist():
+            binary = name.startswith("binaries/")
+            copy.writestr(name, b"no library" if binary else archive.read(name))
+    with pytest.raises(FmuError, match=r"foreign\.fmu, instance m, .* cannot be initialised"):
+        MotorFmu(path).instantiate("m")
+    assert Path.cwd() == here
+
+
+def test_variables_are_found_by_name(motor_fmu):
     """Value references are the FMU's own business: the driver reads them."""
     fmu = MotorFmu(motor_fmu)
     variables = {v.name: v.valueReference for v in fmu.description.modelVariables}

@@ -1,6 +1,7 @@
 """Both drivers give the same bits; a failing FMU is named."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -141,6 +142,61 @@ def test_adaptive_driver_takes_fewer_steps_for_the_same_motion(motor_fmu):
     fixed.advance(plant, other, noise, new_samples(periods, 1), raw, 0)
     assert np.array_equal(state.outputs, other.outputs)  # the FMUs do not depend on the step
     assert state.bodies[0, :2] == pytest.approx(other.bodies[0, :2], abs=2e-7)
+
+
+def test_adaptive_driver_says_which_states_it_may_return_to(motor_fmu):
+    """An FMU may forget what is before a point that no state will be restored from."""
+    fmu, calls = MotorFmu(motor_fmu), []
+    motors = [fmu.instantiate(name) for name in "DE"]
+    motors[0].slave.fmiCallLogger = calls.append
+    state = new_state(1)
+    state.bodies[0] = standing_state(TABLE_I, 0.05, 0.15, 0.0)
+    state.commands[0, :6] = (0.2, 0.15, 0.0, START, 1.0, 0.0)
+    driver = AdaptiveDriver(motors)
+    samples, raw = new_samples(3, 1), new_raw_samples(0, 1)
+    driver.advance(plant_with(), state, np.zeros((3, 1, 2)), samples, raw, 0)
+    now = saved = forgotten = 0.0
+    restored = kept = 0
+    for call in calls:
+        if call.startswith("fmi3GetFMUState"):
+            saved = now
+        elif call.startswith("fmi3SetFMUState"):
+            assert saved >= forgotten
+            now, restored = saved, restored + 1
+        elif step := re.search(r"Point=(\S+), \w+=(\S+), noSet\w+=(True|False)", call):
+            now = float(step[1]) + float(step[2])
+            if step[3] == "True":
+                forgotten, kept = float(step[1]), kept + 1
+    assert restored > 3
+    assert kept == driver.steps
+
+
+def test_foreign_fmu_gives_the_same_bits(motor_fmu, edited_fmu):
+    """Other order, other names of units, other display units, fixed steps: all legal."""
+
+    def edit(root):
+        variables = root.find("ModelVariables")
+        variables[:] = reversed(variables)
+        names = {unit.get("name"): f"[{unit.get('name')}]" for unit in root.iter("Unit")}
+        for unit in root.iter("Unit"):
+            unit.set("name", names[unit.get("name")])
+            for display in unit.findall("DisplayUnit"):
+                unit.remove(display)
+        for element in variables:
+            element.attrib.pop("displayUnit", None)
+            if element.get("unit"):
+                element.set("unit", names[element.get("unit")])
+        for element in variables:
+            if element.get("name") in {"V_s", "i", "d"}:
+                del element.attrib["unit"]
+        interface = root.find("CoSimulation")
+        interface.set("canHandleVariableCommunicationStepSize", "false")
+        interface.set("fixedInternalStepSize", "1e-5")
+
+    own, foreign = (advance(path, "compiled", periods=20) for path in (motor_fmu, edited_fmu(edit)))
+    assert own[0] == foreign[0]
+    for a, b in zip(own[1:], foreign[1:], strict=True):
+        assert all(np.array_equal(getattr(a, n), getattr(b, n)) for n in a._fields)
 
 
 def test_reaction_of_the_body_is_small(motor_fmu):

@@ -94,6 +94,36 @@ def test_cache_builds_once_and_again_when_anything_changes(monkeypatch, tmp_path
     assert build.cached_fmu() != first
 
 
+@pytest.mark.parametrize(
+    "damage",
+    ["empty", "cut", "flipped", "text", "folder", "removed", "no checksum", "other checksum"],
+)
+def test_damaged_fmu_of_the_cache_is_built_again(monkeypatch, tmp_path, caplog, damage):
+    monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
+    path = build.cached_fmu()
+    (checksum,) = (p for p in path.parent.iterdir() if p != path)
+    content = path.read_bytes()
+    flipped = bytearray(content)
+    flipped[12] ^= 1  # in the time stamp of the first entry, which no checksum of zip covers
+    contents = {"empty": b"", "cut": content[:-1], "flipped": flipped, "text": b"no archive"}
+    if damage in contents:
+        path.write_bytes(contents[damage])
+    elif damage in {"folder", "removed"}:
+        path.unlink()
+        if damage == "folder":
+            (path / "sub").mkdir(parents=True)
+    elif damage == "no checksum":
+        checksum.unlink()
+    else:
+        checksum.write_text("0")
+    assert build.cached_fmu() == path
+    assert path.read_bytes() == content
+    assert [f"{path} is damaged" in m for m in caplog.messages] == [True] * (damage != "removed")
+    stamp = path.stat().st_mtime_ns
+    build.cached_fmu()
+    assert path.stat().st_mtime_ns == stamp
+
+
 def test_exports_are_the_two_standards_and_nothing_else(library):
     listing = subprocess.run(
         ["nm", "-D", "--defined-only", str(library)], capture_output=True, text=True, check=True
