@@ -98,7 +98,7 @@ def simulate(options: MotorTest, loop: str) -> Response:
 def _simulate(folder: str, options: MotorTest, loop: str) -> Response:
     description = fmpy.read_model_description(folder)
     reference = {v.name: v.valueReference for v in description.modelVariables}
-    fmu: Any = instantiate_fmu(folder, description, fmi_type="CoSimulation")
+    fmu: Any = instantiate_fmu(folder, description, fmi_type="CoSimulation", debug_logging=True)
     try:
         fmu.setBoolean([reference["closed_loop"]], [loop == "closed_loop"])
         inputs = [reference["omega_des"], reference["V_in"]]

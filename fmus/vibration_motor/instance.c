@@ -21,6 +21,8 @@ static const double MOST_STEPS = 1e9;
 static const double WHOLE_STEPS_TOLERANCE = 1e-6;
 
 Status fail(const Instance *instance, const char *function, const char *format, ...) {
+    if (!instance->logging)
+        return STATUS_ERROR;
     char message[MESSAGE_SIZE];
     const int length = snprintf(message, sizeof message, "%s: ", function);
     va_list arguments;
@@ -57,9 +59,10 @@ void instance_reset(Instance *instance) {
 }
 
 Instance *instance_new(const char *name, const char *token, bool model_exchange, LogFunction *log,
-                       void (*callback)(void), void *environment) {
+                       void (*callback)(void), void *environment, bool logging) {
     static char no_name[] = "";
-    Instance draft = {.log = log, .callback = callback, .environment = environment, .name = no_name};
+    Instance draft = {.log = log, .callback = callback, .environment = environment, .name = no_name,
+                      .logging = logging};
     if (!name || !*name) {
         fail(&draft, "instantiate", "the instance name is empty");
         return NULL;
@@ -92,12 +95,13 @@ void instance_free(Instance *instance) {
     free(instance);
 }
 
-Status instance_check_categories(const Instance *instance, const char *function, size_t count,
-                                 const char *const categories[]) {
+Status instance_set_logging(Instance *instance, const char *function, bool on, size_t count,
+                            const char *const categories[]) {
     for (size_t k = 0; k < count; k++)
         if (!categories || !categories[k] || strcmp(categories[k], LOG_CATEGORY) != 0)
             return fail(instance, function, "there is no log category \"%s\"; use %s",
                         categories && categories[k] ? categories[k] : "", LOG_CATEGORY);
+    instance->logging = on;
     return STATUS_OK;
 }
 

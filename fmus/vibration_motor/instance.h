@@ -46,15 +46,16 @@ struct Instance {
     LogFunction *log;
     void (*callback)(void); /* the importer's logger, cast back by the shim's LogFunction */
     void *environment;
+    bool logging; /* whether the importer wants messages */
 };
 
 /* Returns NULL after a message if the name is empty or the token is of another build. */
 Instance *instance_new(const char *name, const char *token, bool model_exchange, LogFunction *log,
-                       void (*callback)(void), void *environment);
+                       void (*callback)(void), void *environment, bool logging);
 void instance_free(Instance *instance);
 void instance_reset(Instance *instance);
 
-/* Log an error as "function: message" and return STATUS_ERROR. */
+/* Log an error as "function: message", if the importer wants messages, and return STATUS_ERROR. */
 Status fail(const Instance *instance, const char *function, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
@@ -76,9 +77,9 @@ Status fail_state(const Instance *instance, const char *function);
             return (int)fail((instance), __func__, "the argument %s is null", #pointer);           \
     } while (0)
 
-/* Accept the log categories of the model description, of which there is one. */
-Status instance_check_categories(const Instance *instance, const char *function, size_t count,
-                                 const char *const categories[]);
+/* Switch messages on or off. The model description has one log category: naming it is naming all. */
+Status instance_set_logging(Instance *instance, const char *function, bool on, size_t count,
+                            const char *const categories[]);
 
 Status instance_set_experiment(Instance *instance, const char *function, double start_time,
                                bool stop_time_defined, double stop_time);
