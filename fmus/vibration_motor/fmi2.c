@@ -310,7 +310,7 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
     REQUIRE_POINTER(self, value);
     if (kind != fmi2LastSuccessfulTime)
         return (fmi2Status)fail(self, __func__, "there is no Real status of kind %d", (int)kind);
-    *value = motor_time(&self->now.motor);
+    *value = self->now.motor.time;
     return fmi2OK;
 }
 

@@ -190,7 +190,7 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     if (earlyReturn)
         *earlyReturn = fmi3False;
     if (lastSuccessfulTime)
-        *lastSuccessfulTime = motor_time(&self->now.motor);
+        *lastSuccessfulTime = self->now.motor.time;
     return (fmi3Status)status;
 }
 

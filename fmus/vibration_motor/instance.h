@@ -28,6 +28,11 @@ typedef enum {
     ANY_STATE = WRITABLE | TERMINATED
 } LifeCycle;
 
+/* A communication step this near a whole number of internal steps, in internal steps, is made of
+ * whole ones; importers compute it as a difference of times. The difference is owed, and made up for
+ * once it is more than this. */
+#define WHOLE_STEPS_TOLERANCE 1e-6
+
 typedef struct Instance Instance;
 typedef void LogFunction(const Instance *instance, Status status, const char *category,
                          const char *message);

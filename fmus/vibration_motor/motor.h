@@ -30,9 +30,9 @@ typedef struct {
     double integral;  /* rad, of the speed error */
     double sin_theta; /* of theta: one sine a step serves the step and the outputs */
 
-    /* Time is base_time + steps * step_size: whole steps never accumulate rounding. */
-    double base_time;
-    int64_t steps;
+    /* Time is the importer's number, never a sum of steps: rounding does not accumulate. */
+    double time; /* s */
+    double owed; /* s of the communication steps that the integration is behind, or ahead if < 0 */
 
     /* Derived from the parameters by motor_initialise. */
     double torque_per_volt; /* K_T / R */
@@ -51,10 +51,6 @@ typedef struct {
 } Motor;
 
 static inline double motor_sign(double x) { return (x > 0.0) - (x < 0.0); }
-
-static inline double motor_time(const Motor *s) {
-    return s->base_time + (double)s->steps * s->step_size;
-}
 
 static inline void motor_set_state(Motor *s, double theta, double omega, double integral) {
     s->theta = theta;

@@ -5,8 +5,8 @@
 #include "instance.h"
 
 /* Equal states are equal bytes, so that importers can compare them. */
-_Static_assert(sizeof(Snapshot) == sizeof(double) * (INPUT_COUNT + PARAMETER_COUNT + 10) +
-                                       sizeof(int64_t) + 8 * sizeof(int32_t),
+_Static_assert(sizeof(Snapshot) == sizeof(double) * (INPUT_COUNT + PARAMETER_COUNT + 11) +
+                                       8 * sizeof(int32_t),
                "no padding");
 
 /* A serialised state: the token of the build, so that no other build reads it, and the snapshot. */
@@ -59,13 +59,14 @@ static bool within(const double values[], size_t count, const double least[], co
 /* Bytes from outside must not bring about a state that no sequence of calls could. */
 static bool is_sound(const Snapshot *snapshot) {
     const Motor *s = &snapshot->motor;
-    const double state[] = {s->theta, s->omega, s->integral, s->base_time};
+    const double state[] = {s->theta, s->omega, s->integral, s->time};
     const int32_t life = snapshot->life_cycle;
     const int32_t running = snapshot->model_exchange ? EVENT | CONTINUOUS_TIME : STEP;
     return within(s->input, INPUT_COUNT, NULL, NULL) &&
            within(s->parameter, PARAMETER_COUNT, parameter_min, parameter_max) &&
-           within(state, sizeof state / sizeof *state, NULL, NULL) && s->steps >= 0 &&
-           !isnan(snapshot->stop_time) && (s->closed_loop == 0 || s->closed_loop == 1) &&
+           within(state, sizeof state / sizeof *state, NULL, NULL) &&
+           fabs(s->owed) <= WHOLE_STEPS_TOLERANCE * s->step_size &&
+           snapshot->stop_time > -INFINITY && (s->closed_loop == 0 || s->closed_loop == 1) &&
            (s->solver == SOLVER_SEMI_IMPLICIT_EULER || s->solver == SOLVER_RK4) &&
            (s->modes_held == 0 || s->modes_held == 1) && abs(s->friction) <= 1 &&
            abs(s->saturation) <= 1 &&
