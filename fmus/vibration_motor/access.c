@@ -102,6 +102,8 @@ Status instance_set_double(Instance *instance, const char *function, const uint3
         else
             motor->parameter[references[k] - PARAMETER_FIRST] = values[k];
     }
+    if (instance->now.life_cycle == EVENT)
+        motor->jumped = 1;
     if (!only_inputs)
         motor_initialise(motor);
     return STATUS_OK;

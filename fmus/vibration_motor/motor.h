@@ -47,7 +47,7 @@ typedef struct {
     int32_t modes_held;
     int32_t friction;   /* sign of the sliding speed, 0 while the shaft sticks */
     int32_t saturation; /* sign of the voltage limit that the command is beyond, else 0 */
-    int32_t unused;     /* no padding: equal states are equal bytes */
+    int32_t jumped;     /* 1 once an input is set in Event Mode, until the update tells of it */
 } Motor;
 
 static inline double motor_sign(double x) { return (x > 0.0) - (x < 0.0); }
