@@ -156,28 +156,6 @@ def test_a_state_moves_to_another_instance(instance, fmi):
     assert first.save() == second.save()
 
 
-def test_damaged_states_are_refused(instance, fmi):
-    motor = instance(fmi).start(omega_des=700.0)
-    saved = motor.save()
-    refused(motor, motor.load(saved[:-1]), "bytes")
-    refused(motor, motor.load(b"x" + saved[1:]), "no state of this build")
-    refused(motor, motor.load(saved[:-8] + b"\xff" * 8), "damaged")
-    assert motor.save() == saved
-
-
-def test_any_damage_is_refused_or_harmless(instance):
-    motor = instance(3).start(omega_des=700.0)
-    saved = motor.save()
-    generator = np.random.default_rng(0)
-    for _ in range(500):
-        damaged = bytearray(saved)
-        for _ in range(generator.integers(1, 4)):
-            damaged[generator.integers(40, len(saved))] = generator.integers(256)
-        if motor.load(bytes(damaged)) == OK:
-            motor.do_step(motor.get("time")[0] if damaged[-8] != 1 else 0.0, 1e-4)
-            motor.call("Terminate")
-
-
 UNKNOWNS = ("theta", "omega", "omega_dot", "V_s", "i", "u", "der(theta)", "der(integral)")
 STATES = ("theta", "omega", "integral")
 KNOWNS = ("omega_des", "d", "omega_noise", "V_in", *STATES)
