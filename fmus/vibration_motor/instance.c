@@ -17,6 +17,9 @@ static const char LOG_CATEGORY[] = "logStatusError";
 /* Above this a communication step is a mistake in the importer: it would run for minutes. */
 static const double MOST_STEPS = 1e9;
 
+/* rad/s; beyond it derivatives and outputs overflow. */
+static const double MOST_SPEED = 1e100;
+
 /* How far a communication point may be off, in parts of the shorter of communication and internal step,
  * beside four units in the last place: importers round times, some to nanoseconds. */
 static const double TIME_TOLERANCE = 1e-4;
@@ -178,7 +181,7 @@ Status instance_do_step(Instance *instance, const char *function, double time, d
         motor_step(motor, rest);
 
     /* Infinities and NaNs do not go away again: checking at the end is enough. */
-    if (!isfinite(motor->theta + motor->omega + motor->integral)) {
+    if (!isfinite(motor->theta + motor->integral) || !(fabs(motor->omega) <= MOST_SPEED)) {
         motor_set_state(motor, before.theta, before.omega, before.integral);
         return fail(instance, function,
                     "the state grew beyond all bounds in the step from %g s; step_size %g s is too "

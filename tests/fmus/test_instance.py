@@ -114,6 +114,16 @@ def test_an_explosion_is_refused_and_undone(instance, fmi):
     assert motor.save() == before
 
 
+def test_a_speed_whose_derivative_overflows_is_refused(instance, fmi):
+    motor = instance(fmi).start(omega_des=700.0)
+    assert motor.set(d=1e300) == OK
+    before = motor.save()
+    refused(motor, motor.do_step(0.0, STEP_S), "beyond all bounds")
+    assert motor.save() == before
+    assert motor.set(d=0.0) == OK
+    assert motor.do_step(0.0, STEP_S) == OK
+
+
 def test_a_model_description_of_another_build_is_refused(instance, fmi):
     motor = instance(fmi, token="{100%}")
     assert not motor.handle
