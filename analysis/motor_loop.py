@@ -136,7 +136,9 @@ def _measure(motor: MotorFmu, frequency_rad_s: float) -> complex:
     # Half a step early: a held value acts on average half a step late.
     set_point = AMPLITUDE_RAD_S * np.sin(frequency_rad_s * step_s * (np.arange(count) + 0.5))
     speed = np.empty(count)
-    fmu: Any = instantiate_fmu(motor.folder, motor.description, fmi_type="CoSimulation")
+    fmu: Any = instantiate_fmu(
+        motor.folder, motor.description, fmi_type="CoSimulation", debug_logging=True
+    )
     try:
         fmu.setFloat64([reference["c"], reference["m"]], [0.0, 0.0])
         fmu.setInt64([reference["solver"]], [RK4])

@@ -94,7 +94,9 @@ def simulate(options: MotorTest, loop: str) -> Response:
 
 def _simulate(motor: MotorFmu, options: MotorTest, loop: str) -> Response:
     reference = {v.name: v.valueReference for v in motor.description.modelVariables}
-    fmu: Any = instantiate_fmu(motor.folder, motor.description, fmi_type="CoSimulation")
+    fmu: Any = instantiate_fmu(
+        motor.folder, motor.description, fmi_type="CoSimulation", debug_logging=True
+    )
     try:
         fmu.setBoolean([reference["closed_loop"]], [loop == "closed_loop"])
         inputs = [reference["omega_des"], reference["V_in"]]

@@ -12,7 +12,7 @@ static inline bool read_double(const Motor *s, uint32_t reference, double *value
     case VR_omega_dot: *value = motor_omega_dot(s); return true;
     case VR_V_s: *value = motor_voltage(s); return true;
     case VR_i: *value = motor_current(s); return true;
-    case VR_time: *value = motor_time(s); return true;
+    case VR_time: *value = s->time; return true;
     case VR_integral: *value = s->integral; return true;
     case VR_u: *value = motor_present_command(s); return true;
     case VR_der_theta: *value = s->omega; return true;
@@ -102,6 +102,8 @@ Status instance_set_double(Instance *instance, const char *function, const uint3
         else
             motor->parameter[references[k] - PARAMETER_FIRST] = values[k];
     }
+    if (instance->now.life_cycle == EVENT)
+        motor->jumped = 1;
     if (!only_inputs)
         motor_initialise(motor);
     return STATUS_OK;

@@ -33,9 +33,12 @@ static inline double indicator_saturation(const Motor *s, int side) {
     return VOLTAGE_MARGIN - beyond;
 }
 
-/* Bring the modes up to date. Returns whether the speed was reset: the shaft came to rest. */
+/* Bring the modes up to date. Returns whether the motion goes on otherwise than before, so that a
+ * solver must start anew: the speed was reset, a mode changed, or an input was set. */
 static inline bool events_update(Motor *s) {
-    bool stopped = false;
+    const int32_t friction = s->friction, saturation = s->saturation;
+    bool changed = s->jumped;
+    s->jumped = 0;
     s->modes_held = 1;
     /* At standstill, whichever way it came: held, or driven on by more than the friction. */
     const double u_at_rest = motor_command(s, 0.0, s->integral);
@@ -43,7 +46,7 @@ static inline bool events_update(Motor *s) {
     const double onward = motor_direction(s, 0.0, at_rest);
     const bool crossed = s->friction && s->friction * s->omega <= 0.0;
     if ((crossed || s->omega == 0.0) && onward * s->omega <= 0.0) {
-        stopped = s->omega != 0.0;
+        changed |= s->omega != 0.0;
         s->omega = 0.0;
         s->friction = (int32_t)onward;
     } else {
@@ -53,7 +56,7 @@ static inline bool events_update(Motor *s) {
     const double side = motor_saturation(s, u);
     if (side != 0.0 || s->saturation * u <= s->V_s_max * (1.0 - HYSTERESIS))
         s->saturation = (int32_t)side;
-    return stopped;
+    return changed || s->friction != friction || s->saturation != saturation;
 }
 
 /* First update after initialisation: no mode to keep. */

@@ -32,7 +32,8 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nC
                                const fmi2String categories[]) {
     Instance *self = c;
     REQUIRE(self, ANY_STATE);
-    return (fmi2Status)instance_check_categories(self, __func__, nCategories, categories);
+    return (fmi2Status)instance_set_logging(self, __func__, loggingOn != 0, nCategories,
+                                            categories);
 }
 
 fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2String fmuGUID,
@@ -41,7 +42,7 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
                               fmi2Boolean loggingOn) {
     return instance_new(instanceName, fmuGUID, fmuType == fmi2ModelExchange, log_fmi2,
                         functions ? (void (*)(void))functions->logger : NULL,
-                        functions ? functions->componentEnvironment : NULL);
+                        functions ? functions->componentEnvironment : NULL, loggingOn != 0);
 }
 
 void fmi2FreeInstance(fmi2Component c) { instance_free(c); }
@@ -309,7 +310,7 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
     REQUIRE_POINTER(self, value);
     if (kind != fmi2LastSuccessfulTime)
         return (fmi2Status)fail(self, __func__, "there is no Real status of kind %d", (int)kind);
-    *value = motor_time(&self->now.motor);
+    *value = self->now.motor.time;
     return fmi2OK;
 }
 

@@ -26,7 +26,7 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, siz
                                const fmi3String categories[]) {
     Instance *self = instance;
     REQUIRE(self, ANY_STATE);
-    return (fmi3Status)instance_check_categories(self, __func__, nCategories, categories);
+    return (fmi3Status)instance_set_logging(self, __func__, loggingOn, nCategories, categories);
 }
 
 fmi3Instance fmi3InstantiateCoSimulation(
@@ -36,7 +36,7 @@ fmi3Instance fmi3InstantiateCoSimulation(
     size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
     fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
     Instance *self = instance_new(instanceName, instantiationToken, false, log_fmi3,
-                                  (void (*)(void))logMessage, instanceEnvironment);
+                                  (void (*)(void))logMessage, instanceEnvironment, loggingOn);
     if (!self)
         return NULL;
     if (eventModeUsed || nRequiredIntermediateVariables) {
@@ -53,7 +53,7 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String in
                                           fmi3InstanceEnvironment instanceEnvironment,
                                           fmi3LogMessageCallback logMessage) {
     return instance_new(instanceName, instantiationToken, true, log_fmi3,
-                        (void (*)(void))logMessage, instanceEnvironment);
+                        (void (*)(void))logMessage, instanceEnvironment, loggingOn);
 }
 
 void fmi3FreeInstance(fmi3Instance instance) { instance_free(instance); }
@@ -190,7 +190,7 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     if (earlyReturn)
         *earlyReturn = fmi3False;
     if (lastSuccessfulTime)
-        *lastSuccessfulTime = motor_time(&self->now.motor);
+        *lastSuccessfulTime = self->now.motor.time;
     return (fmi3Status)status;
 }
 
@@ -459,7 +459,7 @@ fmi3Instance fmi3InstantiateScheduledExecution(
     fmi3Boolean visible, fmi3Boolean loggingOn, fmi3InstanceEnvironment instanceEnvironment,
     fmi3LogMessageCallback logMessage, fmi3ClockUpdateCallback clockUpdate,
     fmi3LockPreemptionCallback lockPreemption, fmi3UnlockPreemptionCallback unlockPreemption) {
-    if (logMessage)
+    if (logMessage && loggingOn)
         logMessage(instanceEnvironment, fmi3Error, "logStatusError",
                    "fmi3InstantiateScheduledExecution: this FMU does not offer it");
     return NULL;

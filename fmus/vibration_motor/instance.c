@@ -1,6 +1,7 @@
 /* See instance.h: life cycle, messages, stepping, and the states of Model Exchange. */
 #include "instance.h"
 
+#include <float.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,11 +17,16 @@ static const char LOG_CATEGORY[] = "logStatusError";
 /* Above this a communication step is a mistake in the importer: it would run for minutes. */
 static const double MOST_STEPS = 1e9;
 
-/* A communication step this near a whole number of internal steps is meant to be one: importers
- * compute it as a difference of times. */
-static const double WHOLE_STEPS_TOLERANCE = 1e-6;
+/* rad/s; beyond it derivatives and outputs overflow. */
+static const double MOST_SPEED = 1e100;
+
+/* How far a communication point may be off, in parts of the shorter of communication and internal step,
+ * beside four units in the last place: importers round times, some to nanoseconds. */
+static const double TIME_TOLERANCE = 1e-4;
 
 Status fail(const Instance *instance, const char *function, const char *format, ...) {
+    if (!instance->logging)
+        return STATUS_ERROR;
     char message[MESSAGE_SIZE];
     const int length = snprintf(message, sizeof message, "%s: ", function);
     va_list arguments;
@@ -57,9 +63,10 @@ void instance_reset(Instance *instance) {
 }
 
 Instance *instance_new(const char *name, const char *token, bool model_exchange, LogFunction *log,
-                       void (*callback)(void), void *environment) {
+                       void (*callback)(void), void *environment, bool logging) {
     static char no_name[] = "";
-    Instance draft = {.log = log, .callback = callback, .environment = environment, .name = no_name};
+    Instance draft = {.log = log, .callback = callback, .environment = environment, .name = no_name,
+                      .logging = logging};
     if (!name || !*name) {
         fail(&draft, "instantiate", "the instance name is empty");
         return NULL;
@@ -92,12 +99,13 @@ void instance_free(Instance *instance) {
     free(instance);
 }
 
-Status instance_check_categories(const Instance *instance, const char *function, size_t count,
-                                 const char *const categories[]) {
+Status instance_set_logging(Instance *instance, const char *function, bool on, size_t count,
+                            const char *const categories[]) {
     for (size_t k = 0; k < count; k++)
         if (!categories || !categories[k] || strcmp(categories[k], LOG_CATEGORY) != 0)
             return fail(instance, function, "there is no log category \"%s\"; use %s",
                         categories && categories[k] ? categories[k] : "", LOG_CATEGORY);
+    instance->logging = on;
     return STATUS_OK;
 }
 
@@ -108,8 +116,7 @@ Status instance_set_experiment(Instance *instance, const char *function, double 
     if (stop_time_defined && !(stop_time >= start_time))
         return fail(instance, function, "the stop time %g is before the start time %g", stop_time,
                     start_time);
-    instance->now.motor.base_time = start_time;
-    instance->now.motor.steps = 0;
+    instance->now.motor.time = start_time;
     instance->now.stop_time = stop_time_defined ? stop_time : INFINITY;
     return STATUS_OK;
 }
@@ -128,13 +135,14 @@ static Status check_step(const Instance *instance, const char *function, double 
         return fail(instance, function,
                     "the communication step is %g s; give a positive one of at most %g s",
                     step_size, MOST_STEPS * motor->step_size);
-    /* Importers accumulate rounding; half a step is a lost or a doubled step. */
-    const double tolerance = 0.5 * (step_size < motor->step_size ? step_size : motor->step_size);
-    if (!(fabs(time - motor_time(motor)) <= tolerance))
+    const double shorter = step_size < motor->step_size ? step_size : motor->step_size;
+    const double rounding = TIME_TOLERANCE * shorter + 4.0 * DBL_EPSILON * fabs(motor->time);
+    if (!(fabs(time - motor->time) <= rounding))
         return fail(instance, function,
                     "the communication point is %.17g s but the FMU is at %.17g s", time,
-                    motor_time(motor));
-    if (!(time + step_size <= instance->now.stop_time + tolerance))
+                    motor->time);
+    /* Sums of steps may end a little late; half a step is a step too many. */
+    if (!(time + step_size <= instance->now.stop_time + 0.5 * shorter))
         return fail(instance, function, "the step from %g s by %g s goes beyond the stop time %g s",
                     time, step_size, instance->now.stop_time);
     return STATUS_OK;
@@ -146,7 +154,7 @@ Status instance_do_step(Instance *instance, const char *function, double time, d
     if (check_step(instance, function, time, step_size) != STATUS_OK)
         return STATUS_ERROR;
 
-    double rest = 0.0;
+    double rest = 0.0, owed = motor->owed;
     int64_t steps = 1;
     if (step_size != h) {
         const double ratio = step_size / h;
@@ -154,7 +162,17 @@ Status instance_do_step(Instance *instance, const char *function, double time, d
         if (fabs(ratio - (double)steps) > WHOLE_STEPS_TOLERANCE) {
             steps = (int64_t)ratio;
             rest = step_size - (double)steps * h;
+        } else {
+            owed += step_size - (double)steps * h;
         }
+    }
+    if (fabs(owed) > WHOLE_STEPS_TOLERANCE * h) {
+        if (owed < 0.0) { /* make the last whole step shorter */
+            steps -= 1;
+            rest = h;
+        }
+        rest += owed;
+        owed = 0.0;
     }
     const MotorState before = {motor->theta, motor->omega, motor->integral};
     for (int64_t k = 0; k < steps; k++)
@@ -163,26 +181,22 @@ Status instance_do_step(Instance *instance, const char *function, double time, d
         motor_step(motor, rest);
 
     /* Infinities and NaNs do not go away again: checking at the end is enough. */
-    if (!isfinite(motor->theta + motor->omega + motor->integral)) {
+    if (!isfinite(motor->theta + motor->integral) || !(fabs(motor->omega) <= MOST_SPEED)) {
         motor_set_state(motor, before.theta, before.omega, before.integral);
         return fail(instance, function,
                     "the state grew beyond all bounds in the step from %g s; step_size %g s is too "
                     "long for these parameters",
                     time, h);
     }
-    motor->steps += steps;
-    if (rest > 0.0) {
-        motor->base_time = motor_time(motor) + rest;
-        motor->steps = 0;
-    }
+    motor->time = time + step_size;
+    motor->owed = owed;
     return STATUS_OK;
 }
 
 Status instance_set_time(Instance *instance, const char *function, double time) {
     if (!isfinite(time))
         return fail(instance, function, "the time is %g; give a finite number", time);
-    instance->now.motor.base_time = time;
-    instance->now.motor.steps = 0;
+    instance->now.motor.time = time;
     return STATUS_OK;
 }
 

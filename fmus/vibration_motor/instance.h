@@ -28,6 +28,11 @@ typedef enum {
     ANY_STATE = WRITABLE | TERMINATED
 } LifeCycle;
 
+/* A communication step this near a whole number of internal steps, in internal steps, is made of
+ * whole ones; importers compute it as a difference of times. The difference is owed, and made up for
+ * once it is more than this. */
+#define WHOLE_STEPS_TOLERANCE 1e-6
+
 typedef struct Instance Instance;
 typedef void LogFunction(const Instance *instance, Status status, const char *category,
                          const char *message);
@@ -46,15 +51,16 @@ struct Instance {
     LogFunction *log;
     void (*callback)(void); /* the importer's logger, cast back by the shim's LogFunction */
     void *environment;
+    bool logging; /* whether the importer wants messages */
 };
 
 /* Returns NULL after a message if the name is empty or the token is of another build. */
 Instance *instance_new(const char *name, const char *token, bool model_exchange, LogFunction *log,
-                       void (*callback)(void), void *environment);
+                       void (*callback)(void), void *environment, bool logging);
 void instance_free(Instance *instance);
 void instance_reset(Instance *instance);
 
-/* Log an error as "function: message" and return STATUS_ERROR. */
+/* Log an error as "function: message", if the importer wants messages, and return STATUS_ERROR. */
 Status fail(const Instance *instance, const char *function, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
@@ -76,9 +82,9 @@ Status fail_state(const Instance *instance, const char *function);
             return (int)fail((instance), __func__, "the argument %s is null", #pointer);           \
     } while (0)
 
-/* Accept the log categories of the model description, of which there is one. */
-Status instance_check_categories(const Instance *instance, const char *function, size_t count,
-                                 const char *const categories[]);
+/* Switch messages on or off. The model description has one log category: naming it is naming all. */
+Status instance_set_logging(Instance *instance, const char *function, bool on, size_t count,
+                            const char *const categories[]);
 
 Status instance_set_experiment(Instance *instance, const char *function, double start_time,
                                bool stop_time_defined, double stop_time);

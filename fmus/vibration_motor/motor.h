@@ -30,9 +30,9 @@ typedef struct {
     double integral;  /* rad, of the speed error */
     double sin_theta; /* of theta: one sine a step serves the step and the outputs */
 
-    /* Time is base_time + steps * step_size: whole steps never accumulate rounding. */
-    double base_time;
-    int64_t steps;
+    /* Time is the importer's number, never a sum of steps: rounding does not accumulate. */
+    double time; /* s */
+    double owed; /* s of the communication steps that the integration is behind, or ahead if < 0 */
 
     /* Derived from the parameters by motor_initialise. */
     double torque_per_volt; /* K_T / R */
@@ -47,14 +47,10 @@ typedef struct {
     int32_t modes_held;
     int32_t friction;   /* sign of the sliding speed, 0 while the shaft sticks */
     int32_t saturation; /* sign of the voltage limit that the command is beyond, else 0 */
-    int32_t unused;     /* no padding: equal states are equal bytes */
+    int32_t jumped;     /* 1 once an input is set in Event Mode, until the update tells of it */
 } Motor;
 
 static inline double motor_sign(double x) { return (x > 0.0) - (x < 0.0); }
-
-static inline double motor_time(const Motor *s) {
-    return s->base_time + (double)s->steps * s->step_size;
-}
 
 static inline void motor_set_state(Motor *s, double theta, double omega, double integral) {
     s->theta = theta;

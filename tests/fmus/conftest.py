@@ -1,6 +1,7 @@
 """The FMU under test, driven through fmpy's classes (`rig`) or by bare C calls (`instance`)."""
 
 import ctypes
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2EventInfo
 from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
 
 from fmus.build import build_fmus, cached_fmu, instantiation_token
@@ -60,7 +61,9 @@ class Rig:
 class Instance:
     """One instance reached by bare C calls of either standard; calls return the status."""
 
-    def __init__(self, library: Path, token: str, fmi: int, model_exchange: bool) -> None:
+    def __init__(
+        self, library: Path, token: str, fmi: int, model_exchange: bool, logging: bool
+    ) -> None:
         self.fmi = fmi
         self.library = ctypes.CDLL(str(library))
         self.messages: list[str] = []
@@ -71,12 +74,13 @@ class Instance:
             self._keep = fmi2CallbackFunctions(logger=log), log
             make = self.library.fmi2Instantiate
             arguments = [name, int(not model_exchange), text, b"", ctypes.byref(self._keep[0])]
-            arguments += [0, 0]
+            arguments += [0, int(logging)]
         else:
             log = fmi3LogMessageCallback(lambda *a: self.messages.append(a[3].decode()))
             self._keep = log, log
             none = ctypes.c_void_p()
-            flags = [ctypes.c_bool(False)] * (2 if model_exchange else 4)
+            flags = [ctypes.c_bool(flag) for flag in (False, logging, False, False)]
+            flags = flags[: 2 if model_exchange else 4]
             kind = "ModelExchange" if model_exchange else "CoSimulation"
             make = getattr(self.library, f"fmi3Instantiate{kind}")
             middle = [] if model_exchange else [none, ctypes.c_size_t(0)]
@@ -140,14 +144,23 @@ class Instance:
         last = ctypes.byref(ctypes.c_double())
         return self.call("DoStep", time_s, step_s, ctypes.c_bool(True), *flags, last)
 
-    def update_discrete_states(self) -> None:
+    def update_discrete_states(self) -> bool:
+        """Whether the FMU tells that the values of continuous states changed."""
         if self.fmi == 2:
-            room = (ctypes.c_double * 8)()
-            assert self.call("NewDiscreteStates", room) == OK
-        else:
-            room = (ctypes.c_double * 6)()
-            pointers = [ctypes.byref(room, 8 * k) for k in range(6)]
-            assert self.call("UpdateDiscreteStates", *pointers) == OK
+            event = fmi2EventInfo()
+            assert self.call("NewDiscreteStates", ctypes.byref(event)) == OK
+            return bool(event.valuesOfContinuousStatesChanged)
+        flags, time_s = [ctypes.c_bool() for _ in range(5)], ctypes.c_double()
+        pointers = [ctypes.byref(each) for each in (*flags, time_s)]
+        assert self.call("UpdateDiscreteStates", *pointers) == OK
+        return flags[3].value
+
+    def set_logging(self, on: bool, *categories: str | None) -> int:
+        names = (ctypes.c_char_p * len(categories))(
+            *[None if c is None else c.encode() for c in categories]
+        )
+        flag = ctypes.c_bool(on) if self.fmi == 3 else ctypes.c_int(on)
+        return self.call("SetDebugLogging", flag, ctypes.c_size_t(len(categories)), names)
 
     def save(self) -> bytes:
         """The serialised state."""
@@ -161,6 +174,14 @@ class Instance:
         assert state.value is None
         return bytes(room)
 
+    @staticmethod
+    def sealed(content: bytes) -> bytes:
+        """A serialised state with its checksum put right: FNV-1a in the last 8 bytes."""
+        checksum = 0xCBF29CE484222325
+        for byte in content[:-8]:
+            checksum = (checksum ^ byte) * 0x100000001B3 % 2**64
+        return content[:-8] + checksum.to_bytes(8, sys.byteorder)
+
     def load(self, content: bytes) -> int:
         """Deserialise and set a state."""
         name = "FMUState" if self.fmi == 3 else "FMUstate"
@@ -170,7 +191,7 @@ class Instance:
         status = self.call(f"{word}{name}", room, size, ctypes.byref(state))
         if status == OK:
             status = self.call(f"Set{name}", state)
-            assert self.call(f"Free{name}", ctypes.byref(state)) == OK
+        assert self.call(f"Free{name}", ctypes.byref(state)) == OK
         return status
 
     def free(self) -> None:
@@ -230,8 +251,10 @@ def token() -> str:
 def instance(library: Path, token: str) -> Iterator[Callable[..., Instance]]:
     instances: list[Instance] = []
 
-    def make(fmi: int = 3, model_exchange: bool = False, token: str = token) -> Instance:
-        instances.append(Instance(library, token, fmi, model_exchange))
+    def make(
+        fmi: int = 3, model_exchange: bool = False, token: str = token, logging: bool = True
+    ) -> Instance:
+        instances.append(Instance(library, token, fmi, model_exchange, logging))
         return instances[-1]
 
     yield make

@@ -159,11 +159,18 @@ def machine(instance) -> type[RuleBasedStateMachine]:
             name = "GetOutputDerivatives" if self.fmi == 3 else "GetRealOutputDerivatives"
             self.judge(lambda: self.motor.call(name, *arguments))
 
-        @rule(at=st.integers(0, 400), value=st.integers(0, 255), cut=st.integers(0, 3))
-        def load_damaged(self, at, value, cut):
+        @rule(
+            at=st.integers(0, 400),
+            value=st.integers(0, 255),
+            cut=st.integers(0, 3),
+            sealed=st.booleans(),
+        )
+        def load_damaged(self, at, value, cut, sealed):
             content = bytearray(self.motor.save())
             content[at % len(content)] = value
             content = bytes(content[: len(content) - cut])
+            if sealed:
+                content = self.motor.sealed(content)
             saved = self.motor.save()
             self.judge(lambda: self.motor.load(content))
             self.judge(lambda: self.motor.load(saved))

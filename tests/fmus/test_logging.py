@@ -1,0 +1,62 @@
+"""Messages reach the importer while it wants them, and only then."""
+
+import ctypes
+
+import pytest
+from fmpy.fmi3 import fmi3LogMessageCallback
+
+OK, ERROR = 0, 3
+CATEGORY = "logStatusError"
+
+
+def provoke(motor) -> int:
+    """Messages that a refused call brings."""
+    before = len(motor.messages)
+    assert motor.set(J=-1.0) == ERROR
+    return len(motor.messages) - before
+
+
+@pytest.mark.parametrize("model_exchange", [False, True])
+def test_logging_is_as_instantiated(instance, fmi, model_exchange):
+    assert provoke(instance(fmi, model_exchange, logging=True)) == 1
+    assert provoke(instance(fmi, model_exchange, logging=False)) == 0
+
+
+def test_logging_is_switched_on_and_off(instance, fmi):
+    motor = instance(fmi, logging=False)
+    for categories in ((), (CATEGORY,), (CATEGORY, CATEGORY)):
+        assert motor.set_logging(True, *categories) == OK
+        assert provoke(motor) == 1
+        assert motor.call("Reset") == OK
+        assert provoke(motor) == 1
+        assert motor.set_logging(False, *categories) == OK
+        assert provoke(motor) == 0
+
+
+@pytest.mark.parametrize("logging", [False, True])
+@pytest.mark.parametrize("category", ["logAll", "", None])
+def test_unknown_categories_are_refused_and_change_nothing(instance, fmi, logging, category):
+    motor = instance(fmi, logging=logging)
+    for on in (False, True):
+        assert motor.set_logging(on, CATEGORY, category) == ERROR
+        assert provoke(motor) == logging
+    if logging:
+        assert f'no log category "{category or ""}"; use {CATEGORY}' in motor.messages[0]
+
+
+@pytest.mark.parametrize("logging", [False, True])
+def test_a_refused_instantiation_is_logged_if_wanted(instance, fmi, logging):
+    motor = instance(fmi, token="{other}", logging=logging)
+    assert not motor.handle
+    assert len(motor.messages) == logging
+
+
+@pytest.mark.parametrize("logging", [False, True])
+def test_what_is_not_offered_is_logged_if_wanted(library, token, logging):
+    messages: list[bytes] = []
+    log = fmi3LogMessageCallback(lambda *a: messages.append(a[3]))
+    make = ctypes.CDLL(str(library)).fmi3InstantiateScheduledExecution
+    none = ctypes.c_void_p()
+    flags = [ctypes.c_bool(False), ctypes.c_bool(logging)]
+    assert not make(b"name", token.encode(), b"", *flags, none, log, none, none, none)
+    assert len(messages) == logging
