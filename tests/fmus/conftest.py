@@ -60,12 +60,14 @@ class Rig:
 class Instance:
     """One instance reached by bare C calls of either standard; calls return the status."""
 
-    def __init__(self, library: Path, token: str, fmi: int, model_exchange: bool) -> None:
+    def __init__(
+        self, library: Any, token: str, fmi: int, model_exchange: bool, name: bytes | None
+    ) -> None:
         self.fmi = fmi
-        self.library = ctypes.CDLL(str(library))
+        self.library = ctypes.CDLL(str(library)) if isinstance(library, Path) else library
         self.messages: list[str] = []
         self.reference = REFERENCE
-        name, text = b"instance", token.encode()
+        text = token.encode()
         if fmi == 2:
             log = fmi2CallbackLoggerTYPE(lambda *a: self.messages.append(a[4].decode()))
             self._keep = fmi2CallbackFunctions(logger=log), log
@@ -230,8 +232,14 @@ def token() -> str:
 def instance(library: Path, token: str) -> Iterator[Callable[..., Instance]]:
     instances: list[Instance] = []
 
-    def make(fmi: int = 3, model_exchange: bool = False, token: str = token) -> Instance:
-        instances.append(Instance(library, token, fmi, model_exchange))
+    def make(
+        fmi: int = 3,
+        model_exchange: bool = False,
+        token: str = token,
+        library: Any = library,
+        name: bytes | None = b"instance",
+    ) -> Instance:
+        instances.append(Instance(library, token, fmi, model_exchange, name))
         return instances[-1]
 
     yield make
