@@ -19,10 +19,11 @@ import tyro
 from cosim.errors import run_command
 from cosim.storage import cache_dir, replacing
 from fmus.compiler import (
-    C_FILES,
     FLAGS,
+    STANDARDS,
     TARGETS,
     BuildError,
+    Fmi,
     compile_library,
     compiler_version,
     host_target,
@@ -36,11 +37,11 @@ from fmus.description import (
     render_terminals,
 )
 from fmus.documentation import render_html
+from fmus.origin import license_text, read_origin
 from fmus.variables import SOURCES, Table, load_table, render_header
 
 __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
 
-Fmi = Literal["2", "3"]
 FMU_NAME = "VibrationMotor.fmu"
 # The first time a zip archive can tell: an archive says nothing of when it was made.
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -82,20 +83,25 @@ def build_fmus(paths: Mapping[Fmi, Path], targets: Sequence[str]) -> list[Path]:
     token = instantiation_token(table)
     header = render_header(table, token)
     libraries = {target: compile_library(header, target) for target in targets}
-    shared = {"documentation/index.html": render_html(table)}
-    shared |= {f"sources/{name}": content for name, content in source_files(header).items()}
+    origin = read_origin()
+    documentation = {
+        "documentation/index.html": render_html(table),
+        "documentation/licenses/license.txt": license_text().encode(),
+    }
     icon = (SOURCES / "icon.png").read_bytes()
     for fmi, path in paths.items():
         if fmi == "2":
-            files = {"modelDescription.xml": render_fmi2(table, token, C_FILES), "model.png": icon}
+            files = {"modelDescription.xml": render_fmi2(table, token, origin), "model.png": icon}
         else:
             files = {
-                "modelDescription.xml": render_fmi3(table, token),
-                "sources/buildDescription.xml": render_build_description(table, C_FILES),
+                "modelDescription.xml": render_fmi3(table, token, origin),
                 "terminalsAndIcons/terminalsAndIcons.xml": render_terminals(table),
                 "terminalsAndIcons/icon.png": icon,
             }
-        _write_archive(path, files | _binaries(fmi, table.name, libraries) | shared)
+        sources = source_files(header, fmi)
+        sources["buildDescription.xml"] = render_build_description(table, fmi)
+        files |= _binaries(fmi, table.name, libraries) | documentation
+        _write_archive(path, files | {f"sources/{name}": sources[name] for name in sources})
     return list(paths.values())
 
 
@@ -148,7 +154,7 @@ def _sha256(path: Path) -> str:
 
 def instantiation_token(table: Table) -> str:
     """Token that ties model description and binary: a hash of everything they are made from."""
-    digest = hashlib.sha256(render_header(table, "").encode())
+    digest = hashlib.sha256(f"{table}{read_origin()}{license_text()}".encode())
     suffixes = {".c", ".h", ".html", ".png"}
     inputs = [path for path in SOURCES.iterdir() if path.suffix in suffixes]
     for path in sorted([*inputs, *Path(__file__).parent.glob("*.py")]):
@@ -231,7 +237,7 @@ def main() -> None:
         targets |= dict.fromkeys(names)
     paths: dict[Fmi, Path] = {"3": options.out / FMU_NAME}
     if options.fmi is not None:
-        standards: tuple[Fmi, ...] = ("2", "3") if options.fmi == "both" else (options.fmi,)
+        standards = STANDARDS if options.fmi == "both" else (options.fmi,)
         paths = {fmi: options.out / f"VibrationMotor_fmi{fmi}.fmu" for fmi in standards}
     for path in build_fmus(paths, list(targets)):
         print(f"wrote {path}")

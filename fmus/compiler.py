@@ -15,17 +15,23 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from cosim.errors import UserError
 from fmus.variables import SOURCES
 
-C_FILES = ("instance.c", "access.c", "saving.c", "fmi2.c", "fmi3.c")
+Fmi = Literal["2", "3"]
+STANDARDS: tuple[Fmi, ...] = ("2", "3")
+C_FILES = ("instance.c", "access.c", "saving.c")
 H_FILES = ("motor.h", "integrate.h", "events.h", "sensitivity.h", "instance.h")
-# Without contraction to fused multiply-adds every platform computes the same bits. Functions that
-# the model description does not offer have parameters that they do not use.
-FLAGS = ("-std=gnu11", "-O3", "-g0", "-s", "-shared", "-fPIC", "-fvisibility=hidden",
-         "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unused-parameter")  # fmt: skip
+# Without contraction to fused multiply-adds every platform computes the same bits.
+SAME_BITS = "-ffp-contract=off"
+# Gives the standards' functions their plain names, under which shared libraries are searched.
+PLAIN_NAMES = {fmi: f"FMI{fmi}_OVERRIDE_FUNCTION_PREFIX" for fmi in STANDARDS}
+# Functions that the model description does not offer have parameters that they do not use.
+FLAGS = ("-std=c11", "-O3", "-g0", "-s", "-shared", "-fPIC", "-fvisibility=hidden", SAME_BITS,
+         "-Wall", "-Wextra", "-Wno-unused-parameter",
+         *(f"-D{name}=1" for name in PLAIN_NAMES.values()))  # fmt: skip
 
 
 class BuildError(UserError):
@@ -105,21 +111,28 @@ def fmi_headers() -> Path:
     return Path(spec.origin).parent / "c-code"
 
 
-def source_files(header: str) -> dict[str, bytes]:
-    """Everything there is to compile, but the FMI standards' headers.
+def unit_file(fmi: Fmi) -> str:
+    """Name of the one C file to compile for a standard; it includes all others."""
+    return f"VibrationMotor_fmi{fmi}.c"
+
+
+def source_files(header: str, fmi: Fmi) -> dict[str, bytes]:
+    """All sources of one standard's FMU, but the standard's headers.
 
     Args:
         header: content of `variables.h`.
+        fmi: the standard.
 
     Returns:
         Content by file name.
     """
-    files = {name: (SOURCES / name).read_bytes() for name in (*C_FILES, *H_FILES)}
+    names = (unit_file(fmi), f"fmi{fmi}.c", *C_FILES, *H_FILES)
+    files = {name: (SOURCES / name).read_bytes() for name in names}
     return files | {"variables.h": header.encode()}
 
 
 def compile_library(header: str, target: str) -> bytes:
-    """Compile the C code into a shared library.
+    """Compile the C code into a shared library that has the functions of every standard.
 
     Args:
         header: content of `variables.h`.
@@ -138,11 +151,13 @@ def compile_library(header: str, target: str) -> bytes:
         raise BuildError(f"cc builds for this machine only; install ziglang to build for {target}")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        for name, content in source_files(header).items():
-            (work / name).write_bytes(content)
+        for fmi in STANDARDS:
+            for name, content in source_files(header, fmi).items():
+                (work / name).write_bytes(content)
+        units = [unit_file(fmi) for fmi in STANDARDS]
         output = f"motor{TARGETS[target].suffix}"
         run = subprocess.run(
-            [*command, *FLAGS, f"-I{fmi_headers()}", *C_FILES, "-lm", "-o", output],
+            [*command, *FLAGS, f"-I{fmi_headers()}", *units, "-lm", "-o", output],
             cwd=work,
             env=os.environ | {"ZIG_LOCAL_CACHE_DIR": str(work / "cache")},
             capture_output=True,

@@ -3,40 +3,31 @@
 Only the markup of the standards lives here; what the variables are is `fmus.variables`.
 """
 
-from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
+from fmus.compiler import PLAIN_NAMES, SAME_BITS, TARGETS, Fmi, unit_file
+from fmus.origin import Origin
 from fmus.variables import TIME_REFERENCE, Table, Variable
 
-LICENSE = "MIT"
 LOG_CATEGORY = "logStatusError"
-# Fig. 7 shows the first seconds of the motor's response.
-DEFAULT_STOP_S = 2.0
+# Fig. 7 shows the first seconds of the motor's response. A turn at its speed takes 9 ms.
+DEFAULT_STOP_S, DEFAULT_STEP_S = 2.0, 1e-3
+# For the solvers of Model Exchange.
+DEFAULT_TOLERANCE = 1e-6
 
 _INITIAL = {"output": "calculated", "parameter": "exact", "local": "calculated"}
 _ENUMERATION = "Solver"
-_COMMON = {
-    "license": LICENSE,
-    "generationTool": "fmus.build",
-    "variableNamingConvention": "structured",
-}
 
 
-def render_fmi3(table: Table, token: str) -> bytes:
+def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
     """`modelDescription.xml` of FMI 3.0.
 
     Args:
         table: the variables.
         token: instantiation token that ties the description to its binary.
+        origin: whose work of which version the FMU is.
     """
-    root = ET.Element(
-        "fmiModelDescription",
-        _COMMON,
-        fmiVersion="3.0",
-        modelName=table.name,
-        instantiationToken=token,
-        description=table.description,
-    )
+    root = _root(table, origin, fmiVersion="3.0", instantiationToken=token)
     capabilities = {
         "modelIdentifier": table.name,
         "canGetAndSetFMUState": "true",
@@ -57,7 +48,7 @@ def render_fmi3(table: Table, token: str) -> bytes:
     for variable in table.group("parameter", "Enumeration"):
         element = ET.SubElement(definitions, "EnumerationType", name=_ENUMERATION)
         _add_items(element, variable)
-    _add_frame(root, table)
+    _add_frame(root)
     variables = ET.SubElement(root, "ModelVariables")
     ET.SubElement(variables, "Float64", _time() | {"unit": "s"})
     for variable in table.variables:
@@ -73,30 +64,22 @@ def render_fmi3(table: Table, token: str) -> bytes:
         ("EventIndicator", table.event_indicators),
     ):
         for variable in unknowns:
+            initial = name == "InitialUnknown"
             attributes = {"valueReference": str(variable.reference)}
-            if name != "InitialUnknown":  # these depend on parameters too: on everything
-                attributes["dependencies"] = _references(table, variable.depends)
-            ET.SubElement(structure, name, attributes)
+            ET.SubElement(structure, name, attributes | _dependencies(table, variable, initial))
     return _to_bytes(root)
 
 
-def render_fmi2(table: Table, token: str, sources: Iterable[str]) -> bytes:
+def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
     """`modelDescription.xml` of FMI 2.0.
 
     Args:
         table: the variables.
         token: GUID that ties the description to its binary.
-        sources: names of the C files in the archive's `sources` folder.
+        origin: whose work of which version the FMU is.
     """
-    root = ET.Element(
-        "fmiModelDescription",
-        _COMMON,
-        fmiVersion="2.0",
-        modelName=table.name,
-        guid=token,
-        description=table.description,
-        numberOfEventIndicators=str(len(table.event_indicators)),
-    )
+    root = _root(table, origin, fmiVersion="2.0", guid=token)
+    root.set("numberOfEventIndicators", str(len(table.event_indicators)))
     capabilities = {
         "modelIdentifier": table.name,
         "canNotUseMemoryManagementFunctions": "true",
@@ -104,7 +87,6 @@ def render_fmi2(table: Table, token: str, sources: Iterable[str]) -> bytes:
         "canSerializeFMUstate": "true",
         "providesDirectionalDerivative": "true",
     }
-    files = list(sources)
     for interface, extra in (
         ("ModelExchange", {"completedIntegratorStepNotNeeded": "true"}),
         (
@@ -113,22 +95,19 @@ def render_fmi2(table: Table, token: str, sources: Iterable[str]) -> bytes:
         ),
     ):
         listing = ET.SubElement(ET.SubElement(root, interface, capabilities | extra), "SourceFiles")
-        for name in files:
-            ET.SubElement(listing, "File", name=name)
+        ET.SubElement(listing, "File", name=unit_file("2"))
     _add_units(root, table)
     definitions = ET.SubElement(root, "TypeDefinitions")
     for variable in table.group("parameter", "Enumeration"):
         element = ET.SubElement(definitions, "SimpleType", name=_ENUMERATION)
         _add_items(ET.SubElement(element, "Enumeration"), variable)
-    _add_frame(root, table)
-    # FMI 2 counts variables from 1: the time is the first, the table follows.
-    index = {variable.name: k for k, variable in enumerate(table.variables, start=2)}
+    _add_frame(root)
+    # FMI 2 counts variables from 1, as the table's value references do; the time needs no variable.
     variables = ET.SubElement(root, "ModelVariables")
-    ET.SubElement(ET.SubElement(variables, "ScalarVariable", _time()), "Real", unit="s")
     for variable in table.variables:
         attributes = _values(variable)
         if variable.derivative:
-            attributes["derivative"] = str(index[variable.derivative])
+            attributes["derivative"] = str(table[variable.derivative].reference)
         scalar = ET.SubElement(variables, "ScalarVariable", _identity(variable))
         ET.SubElement(scalar, variable.type.replace("Float64", "Real"), attributes)
     structure = ET.SubElement(root, "ModelStructure")
@@ -139,10 +118,9 @@ def render_fmi2(table: Table, token: str, sources: Iterable[str]) -> bytes:
     ):
         listing = ET.SubElement(structure, name)
         for variable in unknowns:
-            attributes = {"index": str(index[variable.name])}
-            if name != "InitialUnknowns":
-                attributes["dependencies"] = " ".join(str(index[n]) for n in variable.depends)
-            ET.SubElement(listing, "Unknown", attributes)
+            initial = name == "InitialUnknowns"
+            attributes = {"index": str(variable.reference)}
+            ET.SubElement(listing, "Unknown", attributes | _dependencies(table, variable, initial))
     return _to_bytes(root)
 
 
@@ -175,14 +153,45 @@ def render_terminals(table: Table) -> bytes:
     return _to_bytes(root)
 
 
-def render_build_description(table: Table, sources: Iterable[str]) -> bytes:
-    """`buildDescription.xml` of FMI 3.0, by which importers compile the sources."""
+def render_build_description(table: Table, fmi: Fmi) -> bytes:
+    """`buildDescription.xml`, by which importers compile the sources; FMI 2.0 takes FMI 3.0's.
+
+    Args:
+        table: the variables.
+        fmi: standard of the FMU.
+    """
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
-    files = ET.SubElement(build, "SourceFileSet", language="C11")
-    for name in sources:
-        ET.SubElement(files, "SourceFile", name=name)
+    definition = {
+        "name": PLAIN_NAMES[fmi],
+        "value": "1",
+        "optional": "true",
+        "description": f"for a shared library; without it {table.name}_ precedes every function",
+    }
+    # Windows has the mathematics in its C library; the first one is for all other platforms.
+    for platform in ("", *(target for target in TARGETS if target.endswith("windows"))):
+        build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
+        files = ET.SubElement(build, "SourceFileSet", language="C11", compilerOptions=SAME_BITS)
+        ET.SubElement(files, "SourceFile", name=unit_file(fmi))
+        ET.SubElement(files, "PreprocessorDefinition", definition)
+        if platform:
+            build.set("platform", platform)
+        else:
+            ET.SubElement(build, "Library", name="m", external="true", description="mathematics")
     return _to_bytes(root)
+
+
+def _root(table: Table, origin: Origin, **attributes: str) -> ET.Element:
+    return ET.Element(
+        "fmiModelDescription",
+        origin._asdict()
+        | {
+            "modelName": table.name,
+            "description": table.description,
+            "generationTool": "fmus.build",
+            "variableNamingConvention": "structured",
+        }
+        | attributes,
+    )
 
 
 def _add_units(root: ET.Element, table: Table) -> None:
@@ -199,7 +208,7 @@ def _add_items(element: ET.Element, variable: Variable) -> None:
         ET.SubElement(element, "Item", name=name, value=str(value), description=description)
 
 
-def _add_frame(root: ET.Element, table: Table) -> None:
+def _add_frame(root: ET.Element) -> None:
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name=LOG_CATEGORY, description="refused calls")
     ET.SubElement(
@@ -207,7 +216,8 @@ def _add_frame(root: ET.Element, table: Table) -> None:
         "DefaultExperiment",
         startTime="0",
         stopTime=repr(DEFAULT_STOP_S),
-        stepSize=repr(table["step_size"].start),
+        tolerance=repr(DEFAULT_TOLERANCE),
+        stepSize=repr(DEFAULT_STEP_S),
     )
 
 
@@ -255,8 +265,13 @@ def _initial_unknowns(table: Table) -> list[Variable]:
     return [unknowns[reference] for reference in sorted(unknowns)]
 
 
-def _references(table: Table, names: Iterable[str]) -> str:
-    return " ".join(str(table[name].reference) for name in names)
+def _dependencies(table: Table, variable: Variable, initial: bool) -> dict[str, str]:
+    names = table.initial_dependencies(variable) if initial else variable.depends
+    references = sorted(table[name].reference for name in names)
+    return {
+        "dependencies": " ".join(str(reference) for reference in references),
+        "dependenciesKind": " ".join([variable.dependence] * len(references)),
+    }
 
 
 def _to_bytes(root: ET.Element) -> bytes:

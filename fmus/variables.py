@@ -33,6 +33,10 @@ class Variable:
         nominal: typical size, or None.
         derivative: name of the state whose time derivative this is, or None.
         depends: names of the inputs and states that determine it at any moment.
+        parameters: names of the parameters that determine it at the start, beside those that
+            determine the states it depends on.
+        dependence: how it depends on all these, as FMI says it: "dependent", or "constant" where
+            each has a constant factor.
         event_indicator: whether a change of its sign is an event of Model Exchange.
         items: (name, description) of each choice of an Enumeration, counted from 1.
     """
@@ -50,6 +54,8 @@ class Variable:
     nominal: float | None = None
     derivative: str | None = None
     depends: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    dependence: str = "dependent"
     event_indicator: bool = False
     items: tuple[tuple[str, str], ...] = ()
 
@@ -102,6 +108,13 @@ class Table:
         """Event indicators of Model Exchange, in their order."""
         return tuple(v for v in self.variables if v.event_indicator)
 
+    def initial_dependencies(self, variable: Variable) -> set[str]:
+        """Names of the inputs and parameters that determine a variable at the start."""
+        names = set(variable.parameters)
+        for known in map(self.__getitem__, variable.depends):
+            names |= {known.name} if known.causality == "input" else set(known.parameters)
+        return names
+
     def __getitem__(self, name: str) -> Variable:
         """Variable of that name.
 
@@ -149,7 +162,8 @@ def _variable(
 ) -> Variable:
     row = dict(row)
     row["type"] = row.get("type", "Float64")
-    row["depends"] = tuple(row.get("depends", ()))
+    for key in ("depends", "parameters"):
+        row[key] = tuple(row.get(key, ()))
     row["items"] = tuple((item["name"], item["description"]) for item in row.get("items", ()))
     if record := row.pop("record", None):
         value, quantity = params.describe(getattr(params, record))[row.pop("field", row["name"])]

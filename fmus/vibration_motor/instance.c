@@ -67,8 +67,8 @@ Instance *instance_new(const char *name, const char *token, bool model_exchange,
     static char no_name[] = "";
     Instance draft = {.log = log, .callback = callback, .environment = environment, .name = no_name,
                       .logging = logging};
-    if (!name || !*name) {
-        fail(&draft, "instantiate", "the instance name is empty");
+    if (!name || !name[strspn(name, " \t\n\v\f\r")]) {
+        fail(&draft, "instantiate", "the instance name is blank");
         return NULL;
     }
     if (!token || strcmp(token, INSTANTIATION_TOKEN) != 0) {

@@ -62,13 +62,19 @@ class Instance:
     """One instance reached by bare C calls of either standard; calls return the status."""
 
     def __init__(
-        self, library: Path, token: str, fmi: int, model_exchange: bool, logging: bool
+        self,
+        library: Any,
+        token: str,
+        fmi: int,
+        model_exchange: bool,
+        logging: bool,
+        name: bytes | None,
     ) -> None:
         self.fmi = fmi
-        self.library = ctypes.CDLL(str(library))
+        self.library = ctypes.CDLL(str(library)) if isinstance(library, Path) else library
         self.messages: list[str] = []
         self.reference = REFERENCE
-        name, text = b"instance", token.encode()
+        text = token.encode()
         if fmi == 2:
             log = fmi2CallbackLoggerTYPE(lambda *a: self.messages.append(a[4].decode()))
             self._keep = fmi2CallbackFunctions(logger=log), log
@@ -252,9 +258,14 @@ def instance(library: Path, token: str) -> Iterator[Callable[..., Instance]]:
     instances: list[Instance] = []
 
     def make(
-        fmi: int = 3, model_exchange: bool = False, token: str = token, logging: bool = True
+        fmi: int = 3,
+        model_exchange: bool = False,
+        token: str = token,
+        logging: bool = True,
+        library: Any = library,
+        name: bytes | None = b"instance",
     ) -> Instance:
-        instances.append(Instance(library, token, fmi, model_exchange, logging))
+        instances.append(Instance(library, token, fmi, model_exchange, logging, name))
         return instances[-1]
 
     yield make

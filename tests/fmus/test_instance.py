@@ -130,6 +130,15 @@ def test_a_model_description_of_another_build_is_refused(instance, fmi):
     assert ("{100%}" if fmi == 3 else "{100%%}") in motor.messages[-1]
 
 
+@pytest.mark.parametrize("model_exchange", [False, True])
+@pytest.mark.parametrize("name", [None, b"", b" ", b" \t\r\n"])
+def test_a_blank_instance_name_is_refused(instance, fmi, model_exchange, name):
+    motor = instance(fmi, model_exchange, name=name)
+    assert not motor.handle
+    assert "instance name is blank" in motor.messages[-1]
+    assert instance(fmi, model_exchange, name=b" a").handle
+
+
 def test_no_instance_is_an_error_and_no_crash(library):
     functions = ctypes.CDLL(str(library))
     names = {n for c, p in ((_FMU3, "fmi3"), (_FMU2, "fmi2")) for n in dir(c) if n.startswith(p)}
