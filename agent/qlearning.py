@@ -35,8 +35,6 @@ from agent.rng import PROBABILITY_SHIFT, next_word
 from cosim.features import DIRECTION_COUNT
 from cosim.jit import inlined, kernel
 
-KERNEL_VERSION = 1  # raise it when a change alters the bits of a trained table
-
 ACTION_BITS = np.uint64(DIRECTION_COUNT - 1)
 _ONE = np.uint64(1)
 SQRT_2 = np.sqrt(2.0)
