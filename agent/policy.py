@@ -19,7 +19,13 @@ import numpy as np
 
 from agent.grid import least_rotation_argmax
 from agent.learning import LearningConfig, TrainingState
-from agent.process import Process, ProcessConfig, build_process, nearest_bearings
+from agent.process import (
+    Process,
+    ProcessConfig,
+    build_process,
+    nearest_bearings,
+    refuse_without_effect,
+)
 from agent.transitions import Transitions
 from cosim.errors import UserError
 from cosim.features import AXIS_COUNT, DIRECTION_COUNT, Observation
@@ -61,6 +67,9 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     With transitions it was trained on moves that last, without on the grid. Its kernel version is
     the hash of the code that training runs; a number in files of earlier versions.
+
+    Raises:
+        ScenarioError: a reading of the process has no effect on what it is trained on.
     """
 
     scenario: Scenario
@@ -70,6 +79,9 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     transitions: Transitions | None = None
     schema_version: int = SCHEMA_VERSION
     kernel_version: str | int = msgspec.field(default_factory=_training_code)
+
+    def __post_init__(self) -> None:
+        refuse_without_effect(self.process, transitions=self.transitions is not None)
 
 
 @dataclass(frozen=True)
