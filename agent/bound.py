@@ -7,6 +7,7 @@ large board), each robot's own optimum, as if it were alone, is a lower bound: m
 
 import hashlib
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,9 +20,9 @@ from cosim.errors import run_command
 from cosim.features import DIRECTION_COUNT, DIRECTIONS
 from cosim.jit import kernel
 from cosim.scenario import find_scenario
+from cosim.sources import code_digest, with_imports
 from cosim.storage import cache_dir, replacing
 
-BOUND_VERSION = 1  # raise it when a change alters a cached optimum
 MAX_JOINT_STATES = 4_000_000  # two robots on about 45 x 45 cells, some seconds
 
 _BLOCKED = -1
@@ -181,12 +182,12 @@ def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
 
 def optimum(process: Process) -> Bound:
     """Exact optimum of a process without slip, computed or found in the cache."""
-    key = hashlib.sha256(process.terrain.tobytes())
-    key.update(repr((BOUND_VERSION, process.terrain.shape, process.swept)).encode())
-    key.update(repr(process.thresholds.contact).encode())
-    path = cache_dir("bounds") / f"{key.hexdigest()[:16]}.npz"
     robots, columns, rows = process.terrain.shape
     relaxed = robots > 1 and ((columns - 2) * (rows - 2)) ** robots > MAX_JOINT_STATES
+    code = code_digest(with_imports([Path(__file__)]))
+    facts = (code, process.terrain.shape, process.thresholds.contact, process.swept, relaxed)
+    key = hashlib.sha256(repr(facts).encode() + process.terrain.tobytes())
+    path = cache_dir("bounds") / f"{key.hexdigest()[:16]}.npz"
     if path.exists():
         with np.load(path, allow_pickle=False) as file:
             return Bound(file["path_cells"], file["steps"], relaxed)

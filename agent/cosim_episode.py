@@ -42,10 +42,10 @@ class CoSimEpisode:
         self.status = np.full(scenario.robots, MOVING)
         self.rewards = np.zeros(scenario.robots)
         self.outcome = RUNNING
-        self.seed(0)
+        self.seed(None)
 
-    def seed(self, seed: int) -> None:
-        """Seed start cells and speed noise."""
+    def seed(self, seed: int | None) -> None:
+        """Seed start cells and speed noise; with entropy if None."""
         self._seed = np.random.SeedSequence(seed)
 
     def reset(self, starts: np.ndarray | None) -> None:

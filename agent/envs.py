@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 
 from agent.grid import RUNNING, TIMEOUT
-from agent.grid_episode import Episode, GridEpisode
+from agent.grid_episode import Episode, GridEpisode, direction_error
 from agent.parallel_env import NavigationParallelEnv, episode_info, render_episode
 from agent.process import ProcessConfig
 from cosim.errors import UserError
@@ -29,7 +29,8 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
     Observations are the features of Section III as MultiDiscrete (a lone robot: column and row),
     actions the eight directions, rewards Eq. (8). An episode that reaches the step limit is
     truncated, every other end terminates it. `info` has `outcome` (a name of
-    `agent.grid.OUTCOMES`), `is_success` and `path_length` in cm.
+    `agent.grid.OUTCOMES`), `is_success` and `path_length` in cm. What is random in an environment
+    that was never seeded comes from entropy, which `np_random_seed` tells.
     """
 
     metadata = {"render_modes": ["ansi", "rgb_array"], "render_fps": 10}  # noqa: RUF012
@@ -62,6 +63,7 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
         self.observation_space = spaces.MultiDiscrete(list(self.episode.sizes))
         self.action_space = spaces.Discrete(DIRECTION_COUNT)
         self.render_mode = render_mode
+        self.episode.seed(self.np_random_seed)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -78,7 +80,13 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
         return self.episode.observation()[0], episode_info(self.episode, 0)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Move in a direction."""
+        """Move in a direction.
+
+        Raises:
+            ActionError: the action is no direction.
+        """
+        if not self.action_space.contains(action):
+            raise direction_error(action)
         self.episode.step(np.array([action]))
         ended = self.episode.outcome != RUNNING
         truncated = self.episode.outcome == TIMEOUT

@@ -5,7 +5,7 @@ the full co-simulation. Spaces, agents' names and pictures are the environments'
 """
 
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from agent.grid import (
 from agent.process import Process, ProcessConfig, build_process, feature_sizes
 from agent.rng import seeded_state
 from cosim.errors import UserError
+from cosim.features import DIRECTION_COUNT
 from cosim.scenario import Scenario
 
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS}
@@ -40,6 +41,10 @@ _LENGTHS = (0.0, 1.0, math.sqrt(2.0))  # of a move over so many rows and columns
 
 class StartsError(UserError, ValueError):
     """Start cells that cannot be used; the message says which."""
+
+
+class ActionError(UserError, ValueError):
+    """An action that cannot be taken; the message says whose."""
 
 
 class Episode(Protocol):
@@ -62,8 +67,8 @@ class Episode(Protocol):
         """(N,) int64, MOVING, ARRIVED, LEFT or HIT of `agent.grid`."""
         ...
 
-    def seed(self, seed: int) -> None:
-        """Seed everything random."""
+    def seed(self, seed: int | None) -> None:
+        """Seed everything random; with entropy if None, as it is from the beginning."""
         ...
 
     def reset(self, starts: np.ndarray | None) -> None:
@@ -116,15 +121,15 @@ class GridEpisode:
         self._cells = np.zeros((n, 2), dtype=np.int64)
         self._float_rewards = np.zeros(n, dtype=np.float32)
         self._slips = config.slip_probability > 0.0
-        self.seed(0)
+        self.seed(None)
 
     @property
     def status(self) -> np.ndarray:
         """(N,) int64, status of each robot."""
         return self.world[:, STATUS]
 
-    def seed(self, seed: int) -> None:
-        """Seed the generator of start cells and slips."""
+    def seed(self, seed: int | None) -> None:
+        """Seed the generator of start cells and slips; with entropy if None."""
         self._random = seeded_state(seed)
 
     def reset(self, starts: np.ndarray | None) -> None:
@@ -176,6 +181,12 @@ class GridEpisode:
 
     def close(self) -> None:
         """Nothing to free."""
+
+
+def direction_error(action: Any, whose: str = "") -> ActionError:
+    """What is said of an action that is no direction."""
+    last = DIRECTION_COUNT - 1
+    return ActionError(f"action {action!r}{whose} is no direction; choose one from 0 to {last}")
 
 
 def place_checked(process: Process, world: np.ndarray, starts: np.ndarray) -> None:

@@ -29,7 +29,7 @@ from cosim.errors import run_command
 from cosim.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
 from cosim.params import TABLE_I
 from cosim.scenario import Scenario
-from cosim.sources import ROOT, code_digest, with_imports
+from cosim.sources import code_digest, with_imports
 from cosim.steering import DRIVE, HOLD
 from cosim.storage import cache_dir
 from fmus.build import cached_fmu
@@ -213,6 +213,12 @@ def identify(
     return Transitions(source_digest(config, fmu), seed, tuple(m for moves in walks for m in moves))
 
 
+def transitions_path(config: CoSimConfig, fmu: Path) -> Path:
+    """Where the cache keeps the transitions of these parameters and this FMU."""
+    code = code_digest(with_imports([Path(__file__)]))
+    return cache_dir("transitions") / f"{source_digest(config, fmu)}-{code}.json"
+
+
 def cached_transitions(
     config: CoSimConfig, fmu: Path, *, progress: Callable[[int, int], None] | None = None
 ) -> Transitions:
@@ -222,9 +228,7 @@ def cached_transitions(
         FmuError, TransitionsError: see `identify`.
         OSError: the cache cannot be written.
     """
-    episode = ROOT / "cosim" / "episode.py"
-    code = code_digest(with_imports([Path(__file__), episode]))
-    path = cache_dir("transitions") / f"{source_digest(config, fmu)}-{code}.json"
+    path = transitions_path(config, fmu)
     try:
         return Transitions.load(path)
     except TransitionsError:

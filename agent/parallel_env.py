@@ -8,7 +8,7 @@ from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
 from agent.grid import MOVING, OUTCOMES, RUNNING, SUCCESS
-from agent.grid_episode import Episode
+from agent.grid_episode import ActionError, Episode, direction_error
 from agent.rendering import board_pixels, board_text
 from cosim.features import DIRECTION_COUNT
 
@@ -37,7 +37,8 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
     Agents `robot_1`, `robot_2`, … observe their features (Section III) as MultiDiscrete and choose
     one of eight directions; rewards are Eq. (8) and (11). A robot that arrives is terminated and
     stays where it is; a failure terminates the robots that failed and truncates those still on
-    their way, whose next state therefore still has a value.
+    their way, whose next state therefore still has a value. What is random in an environment that
+    was never seeded comes from entropy.
     """
 
     metadata = {  # noqa: RUF012
@@ -90,12 +91,16 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Let every agent take its action."""
+        """Let every agent take its action; those of agents that have ended are ignored.
+
+        Raises:
+            ActionError: an agent has no action, or one that is no direction; or an unknown agent
+                has one.
+        """
         if not self.agents:
             gym.logger.warn("step() does nothing after the end of an episode")
             return {}, {}, {}, {}, {}
-        joint = [actions.get(agent, 0) for agent in self.possible_agents]
-        self.episode.step(np.array(joint, dtype=np.int64))
+        self.episode.step(self._joint(actions))
         ended = self.episode.outcome != RUNNING
         moving = self.episode.status == MOVING
         robots = {agent: self.possible_agents.index(agent) for agent in self.agents}
@@ -105,6 +110,22 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
         observations, infos = self._observations(), self._infos()
         self.agents = [a for a, i in robots.items() if moving[i] and not ended]
         return observations, rewards, terminations, truncations, infos
+
+    def _joint(self, actions: dict[str, int]) -> np.ndarray:
+        """(N,) int64, action of each robot; 0 for those that have ended."""
+        for agent in actions:
+            if agent not in self.possible_agents:
+                raise ActionError(
+                    f"{agent} is no agent; choose from {', '.join(self.possible_agents)}"
+                )
+        joint = np.zeros(len(self.possible_agents), dtype=np.int64)
+        for agent in self.agents:
+            if agent not in actions:
+                raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
+            if not self.action_spaces[agent].contains(actions[agent]):
+                raise direction_error(actions[agent], f" of {agent}")
+            joint[self.possible_agents.index(agent)] = actions[agent]
+        return joint
 
     def _observations(self) -> dict[str, np.ndarray]:
         rows = dict(zip(self.possible_agents, self.episode.observation(), strict=True))

@@ -19,12 +19,18 @@ import numpy as np
 
 from agent.grid import least_rotation_argmax
 from agent.learning import LearningConfig, TrainingState
-from agent.process import Process, ProcessConfig, build_process, nearest_bearings
-from agent.qlearning import KERNEL_VERSION
+from agent.process import (
+    Process,
+    ProcessConfig,
+    build_process,
+    nearest_bearings,
+    refuse_without_effect,
+)
 from agent.transitions import Transitions
 from cosim.errors import UserError
 from cosim.features import AXIS_COUNT, DIRECTION_COUNT, Observation
 from cosim.scenario import Scenario
+from cosim.sources import code_digest, with_imports
 from cosim.storage import replacing
 
 SCHEMA_VERSION = 1
@@ -52,10 +58,18 @@ class Seed(msgspec.Struct, frozen=True):
         return np.random.SeedSequence(self.entropy, spawn_key=self.spawn_key)
 
 
+def _training_code() -> str:
+    return code_digest(with_imports([Path(__file__).with_name("training.py")]))
+
+
 class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything that decides the bits of a policy, kept in its file.
 
-    With transitions it was trained on moves that last, without on the grid.
+    With transitions it was trained on moves that last, without on the grid. Its kernel version is
+    the hash of the code that training runs; a number in files of earlier versions.
+
+    Raises:
+        ScenarioError: a reading of the process has no effect on what it is trained on.
     """
 
     scenario: Scenario
@@ -64,7 +78,10 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: Seed
     transitions: Transitions | None = None
     schema_version: int = SCHEMA_VERSION
-    kernel_version: int = KERNEL_VERSION
+    kernel_version: str | int = msgspec.field(default_factory=_training_code)
+
+    def __post_init__(self) -> None:
+        refuse_without_effect(self.process, transitions=self.transitions is not None)
 
 
 @dataclass(frozen=True)

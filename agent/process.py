@@ -57,7 +57,8 @@ class ProcessConfig:
     clearance_m: float = 0.002
     """Gap between two robots that training with transitions counts as contact already (assumed)."""
     step_limit: int = 1000
-    """Moves after which an episode is cut, counted as a failure (assumed; none in the paper).
+    """Moves after which an episode is cut, counted as a failure (assumed; none in the paper); RL
+    steps in training with transitions.
     A low limit keeps robots that circle from unlearning it: 200 costs success in scenario 4."""
 
     def __post_init__(self) -> None:
@@ -78,6 +79,36 @@ class ProcessConfig:
                     f"process: {name} = {getattr(self, name)} is not allowed; see its "
                     "description in ProcessConfig or `python -m agent.train --help`"
                 )
+
+
+# Readings without effect in training with transitions, and on the grid, and what is so instead.
+_NOT_WITH_TRANSITIONS = {
+    "diagonal_cost": "every RL step of a move costs the same",
+    "collision": "contact is looked for on the way",
+    "partner_of_failed": "a robot learns from the moves that it has ended, whoever fails",
+    "slip_probability": "moves end where they were observed to end",
+}
+_NOT_ON_THE_GRID = {"clearance_m": "contact is a distance of cells"}
+
+
+def refuse_without_effect(config: ProcessConfig, *, transitions: bool) -> None:
+    """Refuse readings that change nothing in training.
+
+    Args:
+        config: readings.
+        transitions: whether training is on observed moves, or else on the grid.
+
+    Raises:
+        ScenarioError: names the reading.
+    """
+    where = "with transitions" if transitions else "on the grid, without transitions"
+    for name, reason in (_NOT_WITH_TRANSITIONS if transitions else _NOT_ON_THE_GRID).items():
+        value, default = getattr(config, name), getattr(ProcessConfig, name)
+        if value != default:
+            raise ScenarioError(
+                f"process: {name} = {value} has no effect in training {where}: {reason}; "
+                f"leave it at {default}"
+            )
 
 
 class Process(NamedTuple):

@@ -35,8 +35,6 @@ from agent.rng import PROBABILITY_SHIFT, next_word
 from cosim.features import DIRECTION_COUNT
 from cosim.jit import inlined, kernel
 
-KERNEL_VERSION = 1  # raise it when a change alters the bits of a trained table
-
 ACTION_BITS = np.uint64(DIRECTION_COUNT - 1)
 _ONE = np.uint64(1)
 SQRT_2 = np.sqrt(2.0)
@@ -56,7 +54,7 @@ def largest(values: np.ndarray) -> tuple[int, np.float32]:
 
 
 @inlined
-def _best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
+def best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
     """The same over the sum of the two tables of double Q-learning."""
     action = 0
     best = q[0, i, s, 0] + q[1, i, s, 0]
@@ -102,7 +100,7 @@ def _run_episodes(
             returns[i] = 0.0
             state[i] = state_index(process, world, i)
             if learning.double_q:
-                greedy[i] = _best_of_sum(q, i, state[i])
+                greedy[i] = best_of_sum(q, i, state[i])
             else:
                 greedy[i], _ = largest(q[0, i, state[i]])
         moves = 0
@@ -159,7 +157,7 @@ def _run_episodes(
                     q[updated, i, s, a] += eta * (target - q[updated, i, s, a])
                     state[i] = s_next
                     if learning.double_q:
-                        greedy[i] = _best_of_sum(q, i, s_next)
+                        greedy[i] = best_of_sum(q, i, s_next)
                     else:
                         # the row changed after `best` was found if the features hide the move
                         greedy[i] = best if s_next != s else largest(q[0, i, s_next])[0]

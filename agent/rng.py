@@ -19,8 +19,8 @@ PROBABILITY_BITS = 53  # a probability p is the event (word >> 11) < round(p·2^
 PROBABILITY_SHIFT = np.uint64(64 - PROBABILITY_BITS)
 
 
-def seeded_state(seed: int | np.random.SeedSequence) -> np.ndarray:
-    """Generator state, uint64 array of shape (1,), from a seed or a spawned seed sequence."""
+def seeded_state(seed: int | np.random.SeedSequence | None) -> np.ndarray:
+    """Generator state, (1,) uint64, from a seed, a spawned seed sequence, or entropy if None."""
     sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     return sequence.generate_state(1, np.uint64)
 

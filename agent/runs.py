@@ -104,12 +104,12 @@ def train_runs(
         OSError: the folder cannot be written.
     """
     out = out.absolute()
-    _claim(out, experiment, resume)
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker
     tasks = [
         RunTask(config, run, out, experiment.runs, checkpoint_episodes)
         for run, config in enumerate(experiment.configs())
     ]
+    _claim(out, experiment, resume)
     missing: list[RunTask] = []
     for task in tasks:
         found = load_run(task.folder, task.config)

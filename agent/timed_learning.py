@@ -1,4 +1,4 @@
-"""Q-learning where moves last: Eq. (7) between decisions, over the moves of `agent.timed`.
+"""Q-learning and double Q-learning where moves last: Eq. (7) over the moves of `agent.timed`.
 
 A robot that decides again k RL steps later has earned the rewards of those steps, discounted, and
 bootstraps with γ^k (a semi-Markov decision process). Tables, schedule and learning curves are those
@@ -20,11 +20,17 @@ from agent.grid import (
 )
 from agent.learning import EPISODES, PATH_CELLS, RETURNS, STEPS, SUCCESSES, Learning, TrainingState
 from agent.process import Process
-from agent.qlearning import ACTION_BITS, SQRT_2, largest
+from agent.qlearning import ACTION_BITS, SQRT_2, best_of_sum, largest
 from agent.rng import PROBABILITY_SHIFT, next_word
 from agent.timed import WAY_SIZE, begin_move, stand, step, waits
 from agent.transitions import MoveModel
-from cosim.jit import kernel
+from cosim.jit import inlined, kernel
+
+
+@inlined
+def _drawn_table(learning: Learning, random: np.ndarray) -> np.int64:
+    """The table that is updated: the only one, or one of the two of double Q-learning."""
+    return np.int64(next_word(random) & np.uint64(1)) if learning.double_q else np.int64(0)
 
 
 @kernel
@@ -51,6 +57,7 @@ def _run_episodes(
     discount = np.empty(n, dtype=np.float32)  # γ^k after k steps
     returns = np.empty(n, dtype=np.float64)
     eta, gamma, penalty = learning.eta, learning.gamma, -process.goal_reward
+    double_q = learning.double_q
     decisions = 0
     for episode in range(first, last):
         threshold = learning.epsilon_thresholds[episode // learning.epsilon_episodes]
@@ -67,7 +74,7 @@ def _run_episodes(
                 if world[i, STATUS] != MOVING or not waits(ways, i):
                     continue
                 s = state_index(process, world, i)
-                a = largest(q[0, i, s])[0]
+                a = best_of_sum(q, i, s) if double_q else largest(q[0, i, s])[0]
                 word = next_word(random)
                 if (word >> PROBABILITY_SHIFT) < threshold:
                     a = np.int64(word & ACTION_BITS)
@@ -81,8 +88,9 @@ def _run_episodes(
                 if blocked != RUNNING:
                     outcome = blocked
                     returns[i] += penalty
+                    k = _drawn_table(learning, random)
                     # Eq. (7) in a terminal state
-                    q[0, i, s, a] += eta * (penalty - q[0, i, s, a])
+                    q[k, i, s, a] += eta * (penalty - q[k, i, s, a])
             if outcome != RUNNING:
                 break
             steps += 1
@@ -96,15 +104,21 @@ def _run_episodes(
                 earned[i] += discount[i] * rewards[i]
                 discount[i] *= gamma
                 s, a = state[i], action[i]
-                if world[i, STATUS] == MOVING:
-                    if not waits(ways, i):
-                        continue
-                    value = largest(q[0, i, state_index(process, world, i)])[1]
+                moving = world[i, STATUS] == MOVING
+                if moving and not waits(ways, i):
+                    continue
+                k = _drawn_table(learning, random)
+                if moving:
+                    s_next = state_index(process, world, i)
+                    best, value = largest(q[k, i, s_next])
+                    if double_q:
+                        # the other table values the action that this one picks
+                        value = q[1 - k, i, s_next, best]
                     # Eq. (7) over the steps of the move
-                    q[0, i, s, a] += eta * (earned[i] + discount[i] * value - q[0, i, s, a])
+                    q[k, i, s, a] += eta * (earned[i] + discount[i] * value - q[k, i, s, a])
                 else:
                     # Eq. (7) in a terminal state
-                    q[0, i, s, a] += eta * (earned[i] - q[0, i, s, a])
+                    q[k, i, s, a] += eta * (earned[i] - q[k, i, s, a])
         if episode % learning.log_episodes >= learning.log_episodes - learning.log_window:
             row = episode // learning.log_episodes
             curve[row, EPISODES] += 1.0

@@ -27,7 +27,7 @@ from agent.grid import (
     place_randomly,
     slipped,
 )
-from agent.grid_episode import FEATURE_COLUMNS, place_checked
+from agent.grid_episode import FEATURE_COLUMNS, ActionError, direction_error, place_checked
 from agent.process import Process, ProcessConfig, build_process, feature_sizes
 from agent.rendering import board_pixels, board_text
 from agent.rng import seeded_state
@@ -122,7 +122,8 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._columns = [FEATURE_COLUMNS[name] for name in feature_sizes(scenario, process)]
         self._last = self.single_observation_space.nvec - 1
         self._worlds = np.zeros((num_envs, 1, COLUMN_COUNT), dtype=np.int64)
-        self._random = np.stack([seeded_state(0)] * num_envs)
+        entropy = int(self.np_random_seed or 0)
+        self._random = np.stack([seeded_state(entropy + m) for m in range(num_envs)])
         self._steps = np.zeros(num_envs, dtype=np.int64)
         self._rewards = np.zeros(num_envs)
         self._outcomes = np.full(num_envs, RUNNING)
@@ -134,7 +135,7 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin episodes; one seed counts up over the environments.
+        """Begin episodes; one seed counts up over the environments, as entropy does without one.
 
         `options={"starts": (num_envs, 1, 2) cells}` gives the start cells,
         `options={"reset_mask": (num_envs,) bool}` restarts some environments only.
@@ -142,8 +143,11 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             StartsError: start cells cannot be used.
         """
-        if seed is None or isinstance(seed, int | np.integer):
-            seeds = [None if seed is None else int(seed) + m for m in range(self.num_envs)]
+        if seed is None:
+            seeds = [None] * self.num_envs
+        elif isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
+            seeds = [int(seed) + m for m in range(self.num_envs)]
         else:
             seeds = list(seed)
         for m, value in enumerate(seeds):
@@ -164,12 +168,25 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all environments; one that has ended begins anew with its next step."""
+        """Step all environments; one that has ended begins anew with its next step.
+
+        Raises:
+            ActionError: the actions are not one direction per environment.
+        """
+        actions = np.asarray(actions)
+        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
+            raise ActionError(
+                f"actions of shape {actions.shape} and type {actions.dtype}; give one whole number "
+                f"to each of the {self.num_envs} environments"
+            )
+        wrong = np.flatnonzero((actions < 0) | (actions >= DIRECTION_COUNT))
+        if len(wrong):
+            raise direction_error(int(actions[wrong[0]]), f" of environment {wrong[0]}")
         _step_all(
             self.process,
             self._worlds,
             self._random,
-            np.asarray(actions, dtype=np.int64),
+            actions.astype(np.int64),
             self._steps,
             self._rewards,
             self._outcomes,

@@ -36,9 +36,9 @@ class Reproduce:
     """Run every experiment of the paper, draw every figure, and write the report.
 
     Results go to DIR/results, figures to DIR/figures, the page to DIR/report; open it with
-    `python -m analysis.serve DIR/report`. The same command goes on after an interrupt: finished
-    stages are kept, a training that was under way continues from its checkpoints. How long each
-    stage took is in DIR/results/timings.json.
+    `python -m analysis.serve DIR/report`. The same command goes on after an interrupt: stages that
+    the same code has finished are kept, a training that was under way continues from its
+    checkpoints. How long each stage took is in DIR/results/timings.json.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/reproduction")

@@ -14,7 +14,9 @@ from typing import Any
 
 from analysis.profiles import Profile
 from analysis.report_tables import TIMINGS_FILE, read_timings
+from analysis.results import RESULTS
 from cosim.errors import UserError
+from cosim.sources import ROOT, code_digest, with_imports
 from cosim.storage import replacing
 
 SCHEMA_VERSION = 1
@@ -22,6 +24,14 @@ SCHEMA_VERSION = 1
 
 class TimingsError(UserError):
     """A results folder of another reproduction."""
+
+
+def code_of(stage: str) -> str | None:
+    """Hash (16 hex digits) of the code that makes a result; None if the stage is of no result."""
+    if stage not in RESULTS:
+        return None
+    module = ROOT.joinpath(*RESULTS[stage].module.split(".")).with_suffix(".py")
+    return code_digest(with_imports([module]))
 
 
 class Timings:
@@ -58,8 +68,9 @@ class Timings:
         }
 
     def finished(self, stage: str) -> bool:
-        """Whether the stage has been completed."""
-        return stage in self._content["stages"] and self._content["stages"][stage]["finished"]
+        """Whether the stage has been completed, by code that does what it does now."""
+        entry = self._content["stages"].get(stage, {})
+        return entry.get("finished", False) and entry.get("code") == code_of(stage)
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -68,8 +79,10 @@ class Timings:
         A stage that is finished and made again is timed anew.
         """
         stages = self._content["stages"]
-        before = {"seconds": 0.0, "attempts": 0} if self.finished(name) else stages.get(name)
-        earlier_s, attempts = (before["seconds"], before["attempts"]) if before else (0.0, 0)
+        before = stages.get(name, {})
+        anew = before.get("finished", True)
+        earlier_s, attempts = (0.0, 0) if anew else (before["seconds"], before["attempts"])
+        code = code_of(name)
         began, finished = time.perf_counter(), False
         try:
             yield
@@ -79,6 +92,7 @@ class Timings:
                 "seconds": round(earlier_s + time.perf_counter() - began, 3),
                 "attempts": attempts + 1,
                 "finished": finished,
+                "code": code,
             }
             self._write()
 

@@ -179,7 +179,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
         "dither": config.steering.dither_rad_s,
         "coupling": [config.order, config.reaction],
         "fmu": hashlib.sha256(motor_fmu.read_bytes()).hexdigest(),
-        "code": code_digest(path for path in with_imports([Path(__file__)])),
+        "code": code_digest(with_imports([Path(__file__)])),
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 

@@ -85,7 +85,8 @@ class Case:
         policy = self.policy
         tables = hashlib.sha256(msgspec.json.encode(policy.config.process, order="sorted"))
         tables.update(np.ascontiguousarray(policy.values).tobytes())
-        episode = with_imports([ROOT / "cosim" / "episode.py"])
+        # what is recorded of an episode does not change it
+        code = with_imports([Path(__file__)], but=[ROOT / "cosim" / "episode_recording.py"])
         return {
             "scenario": policy.config.scenario.name,
             "scenario_digest": policy.config.scenario.digest(),
@@ -93,7 +94,7 @@ class Case:
             "seed": self.seed,
             "motor_fmu_digest": hashlib.sha256(self.fmu.read_bytes()).hexdigest()[:16],
             "parameters": {name: row["value"] for name, row in self.config.table().items()},
-            "code_digest": code_digest([*episode, ROOT / "agent" / "policy.py"]),
+            "code_digest": code_digest(code),
         }
 
     @cached_property

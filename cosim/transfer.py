@@ -51,7 +51,8 @@ class Transfer:
     quick: bool = False
     """Two episodes in every row instead of all starts, 200 or 50: to see that it works."""
     budget_minutes: Annotated[float | None, tyro.conf.arg(metavar="M")] = None
-    """Start no episode after so many minutes; the table then has the episodes that are there."""
+    """Start no episode after so many minutes; rows then have as much of the beginning of their
+    samples as is there."""
     scenarios: tuple[str, ...] = tuple(BUILT_IN)
     """Scenarios to measure, built in or files (.toml)."""
     methods: tuple[Method, ...] = METHODS

@@ -5,6 +5,7 @@ Rows read results from files; episodes are simulated by `cosim.transfer`.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 from agent.methods import BEST, Method
@@ -37,22 +38,32 @@ class Row:
     on: ResultFile
 
     def results(self, safety: bool) -> dict[int, EpisodeResult]:
-        """Results so far by index of the start.
+        """Results so far by index of the start: the longest beginning of the sample that is known.
+
+        Whatever else is known is left out, since what is known first is not drawn at random: short
+        episodes end before long ones, and those that the layer leaves alone cost nothing. For the
+        same reason a beginning that only ends before the first episode that the layer changes is
+        no sample: it was chosen for having none.
 
         An episode without the layer in which the layer would have changed no decision is, bit for
         bit, the one with it, and stands for it.
         """
-        off = {k: self.off.results[k] for k in self.indices if k in self.off.results}
+        known = list(takewhile(self.off.results.__contains__, self.indices))
         if not safety:
-            return off
-        same = {k: r for k, r in off.items() if r.conflicts == 0}
-        return same | {k: self.on.results[k] for k in self.indices if k in self.on.results}
+            return {k: self.off.results[k] for k in known}
+        changed = [k for k in known if self.off.results[k].conflicts > 0]
+        missing = next((k for k in changed if k not in self.on.results), None)
+        if missing is not None:
+            known = [] if missing == changed[0] else known[: known.index(missing)]
+        same = {k: self.off.results[k] for k in known if k not in changed}
+        return same | {k: self.on.results[k] for k in known if k in self.on.results}
 
     def missing(self, safety: bool) -> list[Job]:
         """Episodes to simulate; with the layer, those that it is known to change."""
         if not safety:
             return [Job(self.off.case, k) for k in self.indices if k not in self.off.results]
-        changed = [k for k, r in self.results(False).items() if r.conflicts > 0]
+        off = {k: self.off.results[k] for k in self.indices if k in self.off.results}
+        changed = [k for k, r in off.items() if r.conflicts > 0]
         return [Job(self.on.case, k) for k in changed if k not in self.on.results]
 
 
@@ -78,19 +89,19 @@ def report_of(rows: list[Row], sessions: list[dict[str, float]]) -> dict[str, An
 
 
 def _entry(row: Row, safety: bool) -> dict[str, Any]:
-    case, results = (row.on if safety else row.off).case, row.results(safety)
-    # with the layer, only those that it has changed
-    simulated = [r for r in results.values() if not safety or r.conflicts > 0]
+    file, results = row.on if safety else row.off, row.results(safety)
+    # with the layer, only those that it has changed; whether they count already or not
+    simulated = [file.results[k] for k in row.indices if k in file.results]
     return {
         "scenario": row.scenario,
         "method": row.method,
         "mu": row.mu,
-        "safety_margin_m": case.config.safety_margin_m,
+        "safety_margin_m": file.case.config.safety_margin_m,
         "planned": len(row.indices),
-        **summary(case, results),
+        **summary(file.case, results),
         "simulated": len(simulated),
         "wall_s": sum(r.wall_s for r in simulated),
-        "digest": case.digest,
+        "digest": file.case.digest,
         "failures": failures(results),
     }
 

@@ -154,7 +154,7 @@ def _sha256(path: Path) -> str:
 
 def instantiation_token(table: Table) -> str:
     """Token that ties model description and binary: a hash of everything they are made from."""
-    digest = hashlib.sha256(f"{table}{read_origin()}{license_text()}".encode())
+    digest = hashlib.sha256(f"{table!r}{read_origin()}{license_text()}".encode())
     suffixes = {".c", ".h", ".html", ".png"}
     inputs = [path for path in SOURCES.iterdir() if path.suffix in suffixes]
     for path in sorted([*inputs, *Path(__file__).parent.glob("*.py")]):

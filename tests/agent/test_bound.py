@@ -110,7 +110,6 @@ def test_no_policy_beats_the_optimum():
 def test_large_joint_processes_are_relaxed_to_robots_alone(monkeypatch):
     exact = mean_bounds(crossing())
     monkeypatch.setattr(bound_module, "MAX_JOINT_STATES", 10)
-    monkeypatch.setattr(bound_module, "BOUND_VERSION", 0)  # not the one in the cache
     process = build_process(crossing(), ProcessConfig())
     assert optimum(process).relaxed
     relaxed = mean_bounds(crossing())

@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from agent import envs, grid
-from agent.grid_episode import StartsError
+from agent.grid_episode import ActionError, StartsError
 from agent.parallel_env import NavigationParallelEnv
 from agent.policy import Policy
 from agent.process import ProcessConfig, build_process
@@ -190,6 +190,105 @@ def test_vector_environment_restarts_some_and_takes_starts():
     raise AssertionError("no episode ended")
 
 
+def beginnings(env, count=20):
+    """Start cells of many episodes of a Gymnasium environment that is not seeded."""
+    return [env.reset()[0].tolist() for _ in range(count)]
+
+
+def test_environments_never_seeded_differ():
+    first, second = beginnings(gym.make(IDS[0])), beginnings(gym.make(IDS[0]))
+    assert first != second
+    assert len({tuple(cell) for cell in first}) > 1
+    rows = np.stack([NavigationVectorEnv(8, "1b").reset()[0] for _ in range(4)])
+    assert len(np.unique(rows.reshape(-1, 2), axis=0)) > 4
+    several = gym.make_vec(IDS[1], num_envs=8, vectorization_mode="sync")
+    assert len({tuple(cell) for cell in several.reset()[0].tolist()}) > 1
+    pairs = [envs.parallel_env("4") for _ in range(8)]
+    assert len({str(pair.reset()[0]["robot_1"]) for pair in pairs}) > 1
+
+
+def test_entropy_of_an_environment_can_be_given_to_another():
+    env, again = envs.NavigationEnv("1b"), envs.NavigationEnv("1b")
+    first = env.reset()[0].tolist()
+    assert again.reset(seed=env.np_random_seed)[0].tolist() == first
+    assert beginnings(env) == beginnings(again)
+    many, same = NavigationVectorEnv(5, "1b"), NavigationVectorEnv(5, "1b")
+    seen = many.reset()[0]
+    assert np.array_equal(same.reset(seed=many.np_random_seed)[0], seen)
+    assert same.np_random_seed == many.np_random_seed
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: envs.NavigationEnv("1b"), lambda: NavigationVectorEnv(3, "1b")]
+)
+def test_a_reset_without_seed_goes_on_with_the_stream(make):
+    first, second = make(), make()
+    begun = [env.reset(seed=7)[0].tolist() for env in (first, second)]
+    assert begun[0] == begun[1]
+    cells = beginnings(first)
+    assert cells == beginnings(second)
+    assert any(cell != begun[0] for cell in cells)
+
+
+@pytest.mark.parametrize("action", [-1, 8, 1.5, None, [0]])
+def test_actions_that_are_no_directions_are_refused(action):
+    env = envs.NavigationEnv("1a")
+    env.reset(options={"starts": [[5, 5]]})
+    with pytest.raises(ActionError, match="is no direction; choose one from 0 to 7"):
+        env.step(action)
+    assert env.step(0)[0].tolist() == [6, 5]
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        ([0, 8], "action 8 of environment 1 is no direction"),
+        ([-1, 0], "action -1 of environment 0"),
+        ([0], "to each of the 2 environments"),
+        ([0.0, 1.0], "type float64; give one whole number"),
+    ],
+)
+def test_vector_environment_names_the_one_with_a_wrong_action(actions, message):
+    env = NavigationVectorEnv(2, "1a")
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match=message):
+        env.step(np.array(actions))
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        ({"robot_1": 0}, "robot_2 has no action"),
+        ({}, "robot_1 has no action"),
+        (
+            {"robot_1": 0, "robot_2": 0, "robot_3": 0},
+            "robot_3 is no agent; choose from robot_1, robot_2",
+        ),
+        ({"robot_1": 0, "robot_2": 8}, "action 8 of robot_2 is no direction"),
+        ({"robot_1": 0, "robot_2": None}, "action None of robot_2"),
+    ],
+)
+def test_every_agent_needs_an_action_and_nobody_else_has_one(actions, message):
+    env = envs.parallel_env("2")
+    env.reset(options={"starts": [[0, 29], [5, 5]]})
+    with pytest.raises(ActionError, match=message):
+        env.step(actions)
+    observations, *_ = env.step({"robot_1": 0, "robot_2": 0})
+    assert [seen.tolist()[:2] for seen in observations.values()] == [[1, 29], [6, 5]]
+
+
+def test_action_of_a_robot_that_has_arrived_is_ignored():
+    env = envs.parallel_env("2")
+    env.reset(options={"starts": [[15, 19], [5, 5]]})
+    env.step({"robot_1": 6, "robot_2": 0})
+    assert env.agents == ["robot_2"]
+    for action in ({"robot_1": 6, "robot_2": 0}, {"robot_1": None, "robot_2": 0}, {"robot_2": 0}):
+        observations, *_ = env.step(action)
+        assert list(observations) == ["robot_2"]
+    assert observations["robot_2"].tolist()[:2] == [9, 5]
+    assert env.episode.positions_m()[0] == pytest.approx([0.155, 0.185])
+
+
 def test_step_limit_truncates():
     env = gym.make("MiniRobots/SingleA-v0", process=ProcessConfig(step_limit=2))
     env.reset(options={"starts": [[5, 5]]})
@@ -275,7 +374,12 @@ def rollout(env, actions):
 
 
 def test_cosim_pair_is_a_parallel_environment():
-    env = envs.parallel_env("2", cosim=True)
+    env, other = (envs.parallel_env("2", cosim=True) for _ in range(2))
+    first, second = (
+        [pair.reset()[0]["robot_1"].tolist() for _ in range(5)] for pair in (env, other)
+    )
+    assert first != second
+    other.close()
     assert isinstance(env, NavigationParallelEnv)
     observations, _ = env.reset(seed=0, options={"starts": [[15, 29], [15, 0]]})
     assert observations["robot_1"].tolist() == [15, 29, 2, 1]

@@ -1,17 +1,20 @@
 """Moves that last: the same process as the grid where they take one RL step, and learning."""
 
+import json
 import math
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from agent import grid, timed
 from agent.identify import KINDS, identify
 from agent.learning import LearningConfig
 from agent.policy import Policy, PolicyConfig, Seed
 from agent.process import ProcessConfig, build_process
-from agent.rng import seeded_state
+from agent.rng import next_word, seeded_state
 from agent.store import train_policy
+from agent.train import parse, train
 from agent.transitions import (
     NO_DIRECTION,
     Move,
@@ -23,7 +26,7 @@ from agent.transitions import (
 from cosim.config import CoSimConfig
 from cosim.features import DIRECTIONS
 from cosim.params import TIMING
-from cosim.scenario import Scenario, find_scenario
+from cosim.scenario import Scenario, ScenarioError, find_scenario
 from fmus.build import cached_fmu
 
 RL_STEP_S = TIMING.rl_step_s
@@ -149,6 +152,76 @@ def test_training_on_moves_reaches_the_targets():
     assert log.success[-1] > 0.97
     again, _ = train_policy(config)
     assert np.array_equal(policy.q, again.q)
+
+
+def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
+    """One robot, two tables: one picks the next action, the other says what it is worth."""
+    alone = Scenario(
+        "alone", "", ((4, 4),), (((0, 0), (1, 3)),), columns=6, rows=6, zone=(0, 0, 0, 0)
+    )
+    learning = LearningConfig(
+        episodes=40, eta=0.5, greedy_points=0, exploration=1.0, algorithm="double_q"
+    )
+    moves = ideal_moves(duration_s=2.5 * RL_STEP_S)
+    config = PolicyConfig(alone, ProcessConfig(features=("x", "y")), learning, Seed(1), moves)
+    policy, _ = train_policy(config)
+
+    process, model = build_process(alone, config.process), build_model(moves, RL_STEP_S, 5.0)
+    world = np.zeros((1, grid.COLUMN_COUNT), dtype=np.int64)
+    ways, cells = np.zeros((1, timed.WAY_SIZE)), np.zeros((1, 2), dtype=np.int64)
+    random, rewards = seeded_state(1), np.zeros(1, dtype=np.float32)
+    q = np.zeros((2, process.state_count, 8))
+    for _ in range(learning.episodes):
+        grid.place_randomly(process, world, cells, random)
+        timed.stand(world, ways)
+        outcome = grid.RUNNING
+        while outcome == grid.RUNNING:
+            state = int(grid.state_index(process, world, 0))
+            action, word = int(q.sum(axis=0)[state].argmax()), int(next_word(random))
+            if word >> 11 < round(0.9 * 2**53):
+                action = word % 8
+            outcome = timed.begin_move(process, model, world, ways, 0, action, random)
+            target, steps = (0.0, 0) if outcome == grid.RUNNING else (-100.0, 0)
+            while outcome == grid.RUNNING and not timed.waits(ways, 0):
+                outcome = timed.step(process, model, world, ways, rewards)
+                target += 0.99**steps * rewards[0]
+                steps += 1
+            table = int(next_word(random)) & 1
+            if outcome == grid.RUNNING:
+                after = int(grid.state_index(process, world, 0))
+                target += 0.99**steps * q[1 - table, after, q[table, after].argmax()]
+            q[table, state, action] += 0.5 * (target - q[table, state, action])
+    assert policy.q[:, 0] == pytest.approx(q, abs=1e-3)
+    assert np.abs(q).max(axis=(1, 2)).min() > 10.0
+
+
+@pytest.mark.parametrize(
+    ("process", "moves", "message"),
+    [
+        ({"diagonal_cost": 1.5}, True, "diagonal_cost = 1.5 .* with transitions.* at 1.0"),
+        ({"collision": "swept"}, True, "collision = swept .* with transitions.* at cells"),
+        ({"partner_of_failed": "none"}, True, "partner_of_failed = none .* at ordinary"),
+        ({"slip_probability": 0.2}, True, "slip_probability = 0.2 .* at 0.0"),
+        ({"clearance_m": 0.003}, False, "clearance_m = 0.003 .* on the grid.* at 0.002"),
+    ],
+)
+def test_readings_without_effect_are_refused_by_name(process, moves, message, tmp_path):
+    """In Python, on the command line and from a settings file, before anything is written."""
+    (name, value), transitions = *process.items(), ideal_moves()
+    learning = LearningConfig(episodes=10, greedy_points=0)
+    other = ProcessConfig(**process)
+    assert PolicyConfig(SMALL, other, learning, Seed(0), None if moves else transitions)
+    with pytest.raises(ScenarioError, match=message):
+        PolicyConfig(SMALL, other, learning, Seed(0), transitions if moves else None)
+    file, settings, out = (tmp_path / f for f in ("moves.json", "settings.toml", "out"))
+    transitions.save(file)
+    settings.write_text(f"[process]\n{name} = {json.dumps(value)}\n")
+    arguments = ["--scenario", "2", "--out", str(out), "--learning.episodes", "10"]
+    arguments += ["--transitions", str(file)] if moves else []
+    for given in ([f"--process.{name}", str(value)], ["--config", str(settings)]):
+        with pytest.raises(ScenarioError, match=message):
+            train(parse([*arguments, *given]), Console(quiet=True))
+    assert not out.exists()
 
 
 def test_a_policy_keeps_its_transitions(tmp_path):

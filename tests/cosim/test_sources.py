@@ -1,6 +1,13 @@
-"""The code that a result depends on."""
+"""The code that a result depends on: what imports lead to, and what counts as a change of it."""
 
-from cosim.sources import ROOT, imported_files, source_digest, with_imports
+import ast
+from pathlib import Path
+
+import pytest
+
+from cosim.sources import OWN, ROOT, code_digest, imported_files, source_digest, with_imports
+
+FILES = sorted(file for package in OWN for file in (ROOT / package).rglob("*.py"))
 
 
 def test_imports_are_followed():
@@ -11,6 +18,68 @@ def test_imports_are_followed():
     assert ROOT / "cosim" / "master.py" in imported_files(ROOT / "cosim" / "episode.py")
 
 
+def test_a_file_can_be_left_out_with_what_only_it_imports():
+    rollout, recording = (ROOT / "cosim" / f"{n}.py" for n in ("rollout", "episode_recording"))
+    left = set(with_imports([rollout])) - set(with_imports([rollout], but=[recording]))
+    assert {recording, ROOT / "cosim" / "blueprint.py"} <= left
+    assert ROOT / "cosim" / "episode.py" not in left
+
+
+def imported_by_syntax(path: Path) -> set[Path]:
+    """The same as `imported_files`, from the syntax tree."""
+    found: set[Path] = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] in OWN:
+                places = [ROOT.joinpath(*parts[:n]).with_suffix(".py") for n in (len(parts), -1)]
+                found.add(next(place for place in places if place.is_file()))
+    return found
+
+
+def test_imports_are_those_of_the_syntax_tree():
+    # an example in a module's docstring may import the module
+    assert {f: imported_files(f) - {f} for f in FILES} == {f: imported_by_syntax(f) for f in FILES}
+
+
+@pytest.mark.parametrize(
+    ("statement", "modules"),
+    [
+        ("import cosim.params", {"cosim/params.py"}),
+        ("import numpy, cosim.params as p, agent.grid", {"cosim/params.py", "agent/grid.py"}),
+        ("from cosim import params", {"cosim/params.py"}),
+        (
+            "from cosim import (\n    params as p,  # :-)\n    jit,\n)",
+            {"cosim/params.py", "cosim/jit.py"},
+        ),
+        ("from cosim import params, \\\n    jit", {"cosim/params.py", "cosim/jit.py"}),
+        ("def f():\n    from cosim.params import (\n        TABLE_I,\n    )", {"cosim/params.py"}),
+        ("from cosim import nothing", {"cosim/__init__.py"}),
+        ("from . import near, nearer", {"inner/near.py", "inner/nearer.py"}),
+        ("from .near import x", {"inner/near.py"}),
+        ("from .. import far", {"far.py"}),
+        ("from ..far import (x)", {"far.py"}),
+        ("x = 'from cosim import params'", set()),
+        ("# import cosim.params", set()),
+    ],
+)
+def test_every_form_of_import_is_seen(statement, modules, tmp_path):
+    (tmp_path / "inner").mkdir()
+    for name in ("inner/near.py", "inner/nearer.py", "far.py"):
+        (tmp_path / name).touch()
+    path = tmp_path / "inner" / "module.py"
+    path.write_text(f"{statement}\n")
+    places = {(ROOT if name[:5] in ("cosim", "agent") else tmp_path) / name for name in modules}
+    assert imported_files(path) == places
+
+
 def test_digest_follows_contents_and_texts(tmp_path):
     file = tmp_path / "a.py"
     file.write_text("x = 1\n")
@@ -19,3 +88,13 @@ def test_digest_follows_contents_and_texts(tmp_path):
     assert source_digest([file], "2.0") != first
     file.write_text("x = 2\n")
     assert source_digest([file]) != first
+
+
+def test_code_is_the_same_with_other_comments_and_layout(tmp_path):
+    file = tmp_path / "a.py"
+    file.write_text('"""A."""\n\n\ndef f(x):\n    """Add."""\n    return x + 1\n')
+    first = code_digest([file])
+    file.write_text('"""B."""\ndef f(x):\n    """Increase."""\n    # why\n    return (x + 1)\n')
+    assert code_digest([file]) == first
+    file.write_text("def f(x):\n    return x + 2\n")
+    assert code_digest([file]) != first

@@ -14,10 +14,11 @@ from agent.store import train_policy
 from cosim.config import ConfigError, CoSimConfig
 from cosim.evaluation import Case, Job
 from cosim.params import SAFETY_MARGIN_M
+from cosim.result_file import ResultFile
 from cosim.rollout import EpisodeResult
 from cosim.scenario import Scenario, ScenarioError
 from cosim.transfer import Transfer, transfer
-from cosim.transfer_table import goals, markdown
+from cosim.transfer_table import Row, goals, markdown
 
 QUIET = Console(quiet=True)
 BOARD = """
@@ -115,6 +116,54 @@ def test_budget_leaves_a_table_of_what_is_there(options, tmp_path):
     assert not table["complete"]
     assert [row["episodes"] for row in table["rows"]] == [0, 0]
     assert "| 0 of 2 | – |" in markdown(table)
+
+
+PLAIN = EpisodeResult(
+    "success", 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
+)
+CHANGED = replace(PLAIN, conflicts=2)
+
+
+@pytest.fixture
+def row(tmp_path, motor_fmu) -> Row:
+    """A row of six starts of which nothing is known."""
+    starts = tuple((x, y) for x in (0, 5, 9) for y in (8, 12))
+    scenario = Scenario("six", "", ((4, 4),), (starts,), columns=14, rows=14, zone=(0, 0, 0, 0))
+    config = PolicyConfig(scenario, ProcessConfig(), LearningConfig(episodes=1), Seed(0))
+    case = Case(train_policy(config)[0], CoSimConfig(), motor_fmu, 0)
+    with_layer = replace(case, config=CoSimConfig(safety_margin_m=SAFETY_MARGIN_M))
+    files = (ResultFile(tmp_path, c) for c in (case, with_layer))
+    return Row("six", "paper", 0.15, case.sample(None), *files)
+
+
+def counted(row: Row, safety: bool) -> list[int]:
+    """Places in the sample of the episodes that count, in order."""
+    return sorted(row.indices.index(k) for k in row.results(safety))
+
+
+def test_a_row_counts_the_beginning_of_its_sample(row):
+    """A long episode is still under way, or was lost, while later ones have ended."""
+    for place in (0, 1, 3, 5):
+        row.off.add(row.indices[place], PLAIN)
+    assert counted(row, safety=False) == counted(row, safety=True) == [0, 1]
+    row.off.add(row.indices[2], PLAIN)
+    assert counted(row, safety=False) == [0, 1, 2, 3]
+    assert [row.indices.index(job.index) for job in row.missing(safety=False)] == [4]
+
+
+def test_episodes_that_the_layer_changes_are_not_left_out(row):
+    changed = [1, 2, 4]
+    for place, index in enumerate(row.indices):
+        row.off.add(index, CHANGED if place in changed else PLAIN)
+    assert counted(row, safety=False) == [0, 1, 2, 3, 4, 5]
+    # the budget ended between the passes: nothing is known of what the layer does
+    assert counted(row, safety=True) == []
+    counts = []
+    for place in changed:
+        row.on.add(row.indices[place], CHANGED)
+        counts.append(counted(row, safety=True))
+    assert counts == [[0, 1], [0, 1, 2, 3], [0, 1, 2, 3, 4, 5]]
+    assert [r.conflicts > 0 for r in row.results(safety=True).values()] == [False] * 3 + [True] * 3
 
 
 def test_goals_are_judged_by_the_worst_row(table):

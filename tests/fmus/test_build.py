@@ -19,7 +19,7 @@ from fmpy.fmi3 import _FMU3
 from fmpy.validation import validate_fmu
 
 from cosim.params import TABLE_II, TIMING, describe
-from fmus import build, compiler
+from fmus import build, compiler, variables
 from fmus.variables import load_table, render_header
 
 LICENSE = Path(__file__).parents[2] / "LICENSE"
@@ -157,6 +157,26 @@ def test_damaged_fmu_of_the_cache_is_built_again(monkeypatch, tmp_path, caplog, 
     stamp = path.stat().st_mtime_ns
     build.cached_fmu()
     assert path.stat().st_mtime_ns == stamp
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("variables.toml", 'description = "', 'description = "Another '),
+        ("variables.toml", "nominal = ", "nominal = 1"),
+        ("motor.h", "return", "return 2 *"),
+        ("documentation.html", "<p>", "<p>Also "),
+    ],
+)
+def test_token_is_another_one_when_any_part_of_the_fmu_is(name, old, new, monkeypatch, tmp_path):
+    sources = shutil.copytree(build.SOURCES, tmp_path / "sources")
+    for module in (build, variables):
+        monkeypatch.setattr(module, "SOURCES", sources)
+    before = build.instantiation_token(build.load_table())
+    text = (sources / name).read_text("utf-8")
+    assert old in text
+    (sources / name).write_text(text.replace(old, new, 1), "utf-8")
+    assert build.instantiation_token(build.load_table()) != before
 
 
 def test_exports_are_the_two_standards_and_nothing_else(library):
