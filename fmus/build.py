@@ -15,7 +15,7 @@ from typing import Literal
 import tyro
 
 from cosim.errors import run_command
-from cosim.storage import cache_dir, replacing
+from cosim.storage import cache_dir, found_or_made, replacing
 from fmus.compiler import (
     C_FILES,
     FLAGS,
@@ -109,7 +109,7 @@ def cached_fmu() -> Path:
         key.update(part.encode() + b"\0")
     folder = cache_dir("fmus") / key.hexdigest()[:16]
     path = folder / FMU_NAME
-    return path if path.is_file() else build_fmu(folder)
+    return found_or_made(path, lambda: path if path.is_file() else None, lambda: build_fmu(folder))
 
 
 def instantiation_token(table: Table) -> str:
