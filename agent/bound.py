@@ -21,7 +21,7 @@ from cosim.features import DIRECTION_COUNT, DIRECTIONS
 from cosim.jit import kernel
 from cosim.scenario import find_scenario
 from cosim.sources import code_digest, with_imports
-from cosim.storage import cache_dir, replacing
+from cosim.storage import cache_dir, found_or_made, replacing
 
 MAX_JOINT_STATES = 4_000_000  # two robots on about 45 x 45 cells, some seconds
 
@@ -188,14 +188,21 @@ def optimum(process: Process) -> Bound:
     facts = (code, process.terrain.shape, process.thresholds.contact, process.swept, relaxed)
     key = hashlib.sha256(repr(facts).encode() + process.terrain.tobytes())
     path = cache_dir("bounds") / f"{key.hexdigest()[:16]}.npz"
-    if path.exists():
+
+    def load() -> Bound | None:
+        if not path.exists():
+            return None
         with np.load(path, allow_pickle=False) as file:
             return Bound(file["path_cells"], file["steps"], relaxed)
-    path_cells = _optimum(process, _PATH_COSTS, relaxed)
-    bound = Bound(path_cells, _optimum(process, _STEP_COSTS, relaxed), relaxed)
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, path_cells=bound.path_cells, steps=bound.steps)
-    return bound
+
+    def iterate() -> Bound:
+        path_cells = _optimum(process, _PATH_COSTS, relaxed)
+        bound = Bound(path_cells, _optimum(process, _STEP_COSTS, relaxed), relaxed)
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, path_cells=bound.path_cells, steps=bound.steps)
+        return bound
+
+    return found_or_made(path, load, iterate)
 
 
 def ratios(process: Process, evaluation: Evaluation) -> tuple[float, float]:

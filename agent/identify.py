@@ -31,7 +31,7 @@ from cosim.params import TABLE_I
 from cosim.scenario import Scenario
 from cosim.sources import code_digest, with_imports
 from cosim.steering import DRIVE, HOLD
-from cosim.storage import cache_dir
+from cosim.storage import cache_dir, found_or_made
 from fmus.build import cached_fmu
 
 KINDS = 2 * AXIS_COUNT
@@ -229,12 +229,19 @@ def cached_transitions(
         OSError: the cache cannot be written.
     """
     path = transitions_path(config, fmu)
-    try:
-        return Transitions.load(path)
-    except TransitionsError:
+
+    def load() -> Transitions | None:
+        try:
+            return Transitions.load(path)
+        except TransitionsError:
+            return None
+
+    def observe() -> Transitions:
         transitions = identify(config, fmu, progress=progress)
         transitions.save(path)
         return transitions
+
+    return found_or_made(path, load, observe)
 
 
 def _show(transitions: Transitions, rl_step_s: float, console: Console) -> None:

@@ -15,7 +15,7 @@ from agent.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.process import ProcessConfig, build_process
 from agent.training import ProgressCallback, TrainingLog, run_training, training_log
 from cosim.scenario import Scenario
-from cosim.storage import cache_dir
+from cosim.storage import cache_dir, found_or_made
 
 POLICY_FILE = "policy.npz"
 LOG_FILE = "training.npz"
@@ -77,10 +77,13 @@ def find_or_train(
         OSError: the cache cannot be written.
     """
     folder = policy_folder(config)
-    found = None if retrain else load_run(folder, config)
-    if found is None:
-        found = train_policy(config, progress=progress)
-        save_run(folder, *found)
+
+    def train() -> tuple[Policy, TrainingLog]:
+        trained = train_policy(config, progress=progress)
+        save_run(folder, *trained)
+        return trained
+
+    found = train() if retrain else found_or_made(folder, lambda: load_run(folder, config), train)
     return *found, folder / POLICY_FILE
 
 

@@ -15,7 +15,7 @@ import rerun
 import rerun_cli
 
 from cosim.errors import UserError
-from cosim.storage import cache_dir, replacing
+from cosim.storage import cache_dir, found_or_made, replacing
 
 FILES = ("re_viewer.js", "re_viewer_bg.wasm")
 START_TIMEOUT_S = 30.0
@@ -32,13 +32,16 @@ def web_viewer_files() -> list[Path]:
     Raises:
         WebViewerError: rerun-sdk does not serve them.
     """
-    files = [cache_dir("web_viewer") / rerun.__version__ / name for name in FILES]
-    if not all(file.is_file() for file in files):
-        _fetch(files)
-    return files
+    folder = cache_dir("web_viewer") / rerun.__version__
+    files = [folder / name for name in FILES]
+    return found_or_made(
+        folder,
+        lambda: files if all(file.is_file() for file in files) else None,
+        lambda: _fetch(files),
+    )
 
 
-def _fetch(files: list[Path]) -> None:
+def _fetch(files: list[Path]) -> list[Path]:
     # The `rerun` command only starts this program, which would go on when the command is ended.
     program = Path(rerun_cli.__file__).with_name("rerun")
     port, grpc_port = _free_ports(2)
@@ -56,6 +59,7 @@ def _fetch(files: list[Path]) -> None:
     finally:
         viewer.terminate()
         viewer.wait()
+    return files
 
 
 def _free_ports(count: int) -> list[int]:

@@ -22,7 +22,7 @@ from cosim.params import lift_off_speed
 from cosim.signals import FEET
 from cosim.sources import code_digest, with_imports
 from cosim.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.storage import cache_dir
+from cosim.storage import cache_dir, found_or_made
 from cosim.trial import Trial, heading_angles
 
 # Motor speeds of the trials as shares of the lift-off speed, closest where robots drive.
@@ -206,8 +206,8 @@ def find_calibration(
     """
     MotorFmu(motor_fmu)  # a missing or foreign file is named before anything is hashed
     path = cache_dir("calibrations") / f"{digest(config, motor_fmu)}.npz"
-    calibration = None if again else load_calibration(path)
-    if calibration is None:
+
+    def calibrate() -> Calibration:
         columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
         with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("calibrating speeds", total=None)
@@ -215,7 +215,9 @@ def find_calibration(
                 config, motor_fmu, jobs, lambda k, n: bar.update(task, completed=k, total=n)
             )
         calibration.save(path)
-    return calibration
+        return calibration
+
+    return calibrate() if again else found_or_made(path, lambda: load_calibration(path), calibrate)
 
 
 def calibrated(config: CoSimConfig, motor_fmu: Path, console: Console) -> CoSimConfig:

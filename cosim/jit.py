@@ -2,18 +2,21 @@
 
 The cache folder is named by a hash of every source file that kernels draw on: the modules that
 import this one, and all that they import. numba itself only looks at the file of the outermost
-kernel, and would run stale code after a change in another.
+kernel, and would run stale code after a change in another. Nor does it expect two processes to
+fill the folder at once, which could take one's machine code for the other's: a lock per kernel
+lets one compile while the others wait for what it writes.
 """
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import config
+from numba.core.compiler_lock import global_compiler_lock
 
 from cosim.sources import ROOT, imported_files, source_digest, with_imports
-from cosim.storage import cache_dir
+from cosim.storage import cache_dir, lock_of
 
 Kernel = TypeVar("Kernel", bound=Callable)
 
@@ -27,12 +30,28 @@ def _kernel_sources() -> list[Path]:
 
 
 _DIGEST = source_digest(_kernel_sources(), numba.__version__)
-config.CACHE_DIR = str(cache_dir("kernels") / _DIGEST)  # pyright: ignore[reportAttributeAccessIssue]
+_FOLDER = cache_dir("kernels") / _DIGEST
+config.CACHE_DIR = str(_FOLDER)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _compiled(function: Callable, *, forceinline: bool = False) -> Any:
+    options: Any = {"cache": True, "nogil": True, "forceinline": forceinline}
+    dispatcher: Any = numba.njit(error_model="numpy", **options)(function)
+    compile_one = dispatcher.compile
+    lock = lock_of(_FOLDER / f"{function.__module__}.{function.__qualname__}")
+
+    def compile_once(signature: Any) -> Any:
+        # The compiler's own lock first: threads hold it while they compile what a kernel calls.
+        with global_compiler_lock, lock:
+            return compile_one(signature)
+
+    dispatcher.compile = compile_once
+    return dispatcher
 
 
 def kernel(function: Kernel) -> Kernel:
     """Compile a function with numba: IEEE arithmetic, no fastmath, releasing the lock."""
-    return cast(Kernel, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return cast(Kernel, _compiled(function))
 
 
 def inlined(function: Kernel) -> Kernel:
@@ -41,5 +60,4 @@ def inlined(function: Kernel) -> Kernel:
     For inner functions: numba passes a record of arrays field by field, and a call that is not
     inlined costs more than most of the work in it.
     """
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function)
-    return cast(Kernel, compiled)
+    return cast(Kernel, _compiled(function, forceinline=True))

@@ -1,12 +1,16 @@
-"""Where files go: the cache folder, and writing that leaves a whole file or none."""
+"""Where files go: the cache folder, what is made there once, and writing whole files or none."""
 
 import contextlib
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 import platformdirs
+from filelock import FileLock
+
+Found = TypeVar("Found")
 
 
 def cache_dir(kind: str) -> Path:
@@ -18,6 +22,36 @@ def cache_dir(kind: str) -> Path:
     folder = Path(root) / kind
     folder.mkdir(parents=True, exist_ok=True)
     return folder
+
+
+def lock_of(path: Path) -> FileLock:
+    """Lock of a cached file or folder between processes, to be entered; ends with its process.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return FileLock(path.with_name(f".{path.name}.lock"))
+
+
+def found_or_made(path: Path, load: Callable[[], Found | None], make: Callable[[], Found]) -> Found:
+    """What the cache has at `path`, or what is made now: by one process, while others wait for it.
+
+    Args:
+        path: of the cached file or folder.
+        load: reads it; None if it is missing or damaged.
+        make: makes and writes it.
+
+    Raises:
+        OSError: the cache cannot be written.
+    """
+    found = load()
+    if found is None:
+        with lock_of(path):
+            found = load()  # another process may have made it meanwhile
+            if found is None:
+                found = make()
+    return found
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ from typing import Literal
 import tyro
 
 from cosim.errors import run_command
-from cosim.storage import cache_dir, replacing
+from cosim.storage import cache_dir, found_or_made, replacing
 from fmus.compiler import (
     FLAGS,
     STANDARDS,
@@ -120,7 +120,9 @@ def cached_fmu() -> Path:
         key.update(part.encode() + b"\0")
     folder = cache_dir("fmus") / key.hexdigest()[:16]
     path = folder / FMU_NAME
-    return path if _is_whole(path) else _rebuild(path)
+    return found_or_made(
+        path, lambda: path if _is_whole(path) else None, lambda: _rebuild(path)
+    )
 
 
 def _rebuild(path: Path) -> Path:

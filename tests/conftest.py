@@ -1,30 +1,93 @@
-"""One cache for the whole test session, apart from the user's own."""
+"""What all tests share: one cache, hypothesis' profiles, and commands in the tests' own process."""
 
+import contextlib
+import io
 import os
-from typing import Any
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
+from xdist.scheduler import LoadScopeScheduling
 
+from cosim.errors import run_command
 from cosim.storage import cache_dir
 
-# First calls compile kernels: no deadline. The same examples every time: no surprises in CI.
-settings.register_profile("minirobots", deadline=None, derandomize=True)
+# First calls compile kernels, and machines are busy: nothing is judged by the time it takes.
+settings.register_profile(
+    "minirobots",
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    derandomize="CI" in os.environ,  # elsewhere every run tries other examples
+)
+settings.register_profile("nightly", settings.get_profile("minirobots"), max_examples=5000)
 settings.load_profile("minirobots")
 
 
-@pytest.fixture(scope="session", autouse=True)
-def session_cache(tmp_path_factory):
-    """Policies and FMUs of the tests; kernels and calibrations are shared with the user's cache."""
-    if "MINIROBOTS_CACHE" in os.environ:
-        yield
-        return
-    folder = tmp_path_factory.mktemp("cache")
-    for kind in ("kernels", "calibrations"):
-        (folder / kind).symlink_to(cache_dir(kind), target_is_directory=True)
-    os.environ["MINIROBOTS_CACHE"] = str(folder)
-    yield
-    del os.environ["MINIROBOTS_CACHE"]
+def pytest_configure(config: pytest.Config) -> None:
+    """Give the session, all its workers together, a cache apart from the user's own.
+
+    Policies and FMUs are made anew; kernels and calibrations are shared with the user's cache.
+    """
+    if "MINIROBOTS_CACHE" not in os.environ:  # workers inherit that of their session
+        folder = Path(tempfile.mkdtemp(prefix="minirobots-"))
+        for kind in ("kernels", "calibrations"):
+            (folder / kind).symlink_to(cache_dir(kind), target_is_directory=True)
+        os.environ["MINIROBOTS_CACHE"] = str(folder)
+
+        def forget() -> None:
+            del os.environ["MINIROBOTS_CACHE"]
+            shutil.rmtree(folder)
+
+        config.add_cleanup(forget)
+
+
+class _ByFixtures(LoadScopeScheduling):
+    """Gives a worker all tests that share costly fixtures: a file, or all tests of analysis."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.partition("::")[0]
+        return "tests/analysis" if file.startswith("tests/analysis/") else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
+    """See `_ByFixtures`."""
+    return _ByFixtures(config, log)
+
+
+class Ended(NamedTuple):
+    """How a command ended, and what it said."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture(scope="session")
+def command():
+    """Run a command as its module's `__main__` does, in this process, whose imports are done."""
+
+    def run(module: ModuleType, *arguments: Any) -> Ended:
+        out, err, status = io.StringIO(), io.StringIO(), 0
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
+            patch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
+            try:
+                run_command(module.main)
+            except SystemExit as end:
+                assert isinstance(end.code, int)
+                status = end.code
+        return Ended(status, out.getvalue(), err.getvalue())
+
+    return run
 
 
 def _shown(part: Any, found: set[str]) -> None:

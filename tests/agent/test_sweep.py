@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -65,17 +64,10 @@ def test_threads_and_one_job_give_the_same_bits(expected, tmp_path):
         assert all(np.array_equal(results[k][0].q, q) for k, q in enumerate(expected))
 
 
-def sleep_or_die(k):
-    if k == 1:
-        os.kill(os.getpid(), signal.SIGKILL)
-    time.sleep(0.05)
-    return k
-
-
 def test_a_task_that_always_kills_its_worker_ends_the_sweep(monkeypatch):
     monkeypatch.setattr(sweep_module, "ATTEMPTS", 2)
     with pytest.raises(SweepError, match="workers died 2 times"):
-        list(sweep(sleep_or_die, range(3), jobs=2))
+        list(sweep(signal.raise_signal, [0, signal.SIGKILL, 0], jobs=2))
 
 
 def test_errors_of_a_task_are_not_retried():

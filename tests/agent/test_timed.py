@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from agent import grid, timed
+from agent import identify as identify_module
 from agent.identify import KINDS, identify
 from agent.learning import LearningConfig
 from agent.policy import Policy, PolicyConfig, Seed
@@ -254,7 +255,8 @@ def test_missing_kinds_are_refused():
         build_model(Transitions("", 0, ideal_moves().moves[:3]), RL_STEP_S, 5.0)
 
 
-def test_moves_are_observed_in_the_co_simulation():
+def test_moves_are_observed_in_the_co_simulation(monkeypatch):
+    monkeypatch.setattr(identify_module, "WALKS", 2)
     motor_fmu = cached_fmu()
     transitions = identify(CoSimConfig(), motor_fmu, moves_per_kind=4, jobs=2)
     again = identify(CoSimConfig(), motor_fmu, moves_per_kind=4, jobs=1)

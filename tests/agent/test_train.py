@@ -13,26 +13,8 @@ import pytest
 from agent import evaluate, train
 from agent.training import TrainingLog
 from agent.worker import CHECKPOINT_FILE, load_checkpoint
-from cosim.errors import run_command
 
 SHORT = ("--learning.episodes", "4000", "--learning.epsilon-episodes", "10")
-
-
-@pytest.fixture
-def command(monkeypatch, capsys):
-    """Run a command as its module's `__main__` does; its exit status, output and errors."""
-
-    def run(module, *arguments):
-        monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
-        status = 0
-        try:
-            run_command(module.main)
-        except SystemExit as end:
-            status = end.code
-        out, err = capsys.readouterr()
-        return status, out, err
-
-    return run
 
 
 def spawn(out, *arguments):

@@ -27,7 +27,6 @@ TINY = Profile(
     transfer_quick=True,
 )
 BRIEF = ("--method", "paper", "--train-episodes", "20000")
-KILL_TIMEOUT_S = 120.0
 
 
 @pytest.fixture(scope="session")
@@ -69,10 +68,8 @@ def killed_recording(tmp_path_factory, run_folder):
     part = out / "episodes" / "ep_000.rrd.part"
     command = [sys.executable, "-m", "cosim.run", *BRIEF, "--scenario", "2", "--out", str(out)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
-        began = time.monotonic()
         while not (part.is_file() and part.stat().st_size > 1_000_000):
             assert run.poll() is None
-            assert time.monotonic() - began < KILL_TIMEOUT_S
             time.sleep(0.05)
         run.send_signal(signal.SIGKILL)
     assert part.is_file()

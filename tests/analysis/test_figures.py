@@ -26,20 +26,16 @@ def test_every_figure_is_drawn_by_someone():
 
 
 @pytest.fixture(scope="module")
-def drawn(results, tmp_path_factory):
-    """Folder of all figures of the small results, and what the command said."""
-    out = tmp_path_factory.mktemp("figures")
-    return out, figures.draw_figures(figures.Figures(results=results, out=out))
+def drawn(reproduction):
+    """Folder of all figures of the small results."""
+    return reproduction / "figures"
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_figure_is_written_with_a_caption(name, drawn):
-    out, (written, lacking) = drawn
-    assert lacking == {}
-    assert written[name] == [out / f"{name}{suffix}" for suffix in (".png", ".pdf", ".json")]
-    assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-    assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
-    caption = read_caption(out, name)
+    assert (drawn / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    assert (drawn / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    caption = read_caption(drawn, name)
     assert caption.figure == name
     assert caption.ours
     assert caption.inputs == FIGURES[name]
@@ -50,9 +46,11 @@ def test_same_results_give_the_same_files(results, drawn, tmp_path, monkeypatch,
     draw(monkeypatch, *names, "--results", results, "--out", tmp_path, "--json")
     content = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert content["lacking"] == {}
-    for files in content["drawn"].values():
-        for file in map(Path, files):
-            assert file.read_bytes() == (drawn[0] / file.name).read_bytes(), file
+    for name in names:
+        files = [Path(file) for file in content["drawn"][name]]
+        assert files == [tmp_path / f"{name}{suffix}" for suffix in (".png", ".pdf", ".json")]
+        for file in files:
+            assert file.read_bytes() == (drawn / file.name).read_bytes(), file
 
 
 def test_small_pictures_are_small(results, tmp_path, monkeypatch):

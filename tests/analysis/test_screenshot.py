@@ -9,8 +9,6 @@ from PIL import Image
 
 from analysis.screenshot import ViewerError, screenshot, shrink
 
-MAX_LOAD_S = 3.0 * 5.0  # the goal is 3 s on an idle machine
-
 
 @pytest.fixture(scope="module")
 def run_folder(tmp_path_factory):
@@ -32,7 +30,6 @@ def test_recording_opens_without_a_complaint(run_folder, tmp_path, recording, vi
     assert len(report.views) == views
     assert [(name, faults) for name, faults in report.views if faults] == []
     assert report.warnings == []
-    assert report.load_s < MAX_LOAD_S
     assert len(report.entities) > views
     shrink(picture, 640)
     with Image.open(picture) as image:

@@ -225,7 +225,7 @@ def test_halving_the_step_halves_the_error_of_a_landing():
     assert np.all(rates < 1.5), (errors, rates)
 
 
-@settings(max_examples=50)
+@settings(max_examples=settings().max_examples // 2)
 @given(
     tilt=st.tuples(*[st.floats(-0.1, 0.1)] * 2),
     height=st.floats(0.0, 1e-3),

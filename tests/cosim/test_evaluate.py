@@ -1,13 +1,12 @@
 """Evaluation in the co-simulation: real short episodes, kept, continued, counted and recorded."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
+import cosim.evaluate
 from agent.learning import LearningConfig
 from agent.policy import Policy, PolicyConfig, Seed
 from agent.process import ProcessConfig
@@ -170,24 +169,18 @@ def test_bad_options_are_refused(options, message):
         Evaluate(policies=(), **options)
 
 
-def command(*arguments) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "cosim.evaluate", *map(str, arguments)]
-    return subprocess.run(line, capture_output=True, text=True, check=False)
-
-
-def test_command_prints_json_last(whole, policy_file):
+def test_command_prints_json_last(command, whole, policy_file):
     evaluated, report = whole
     out = evaluated.file.path.parent
-    done = command(
-        policy_file, "--starts", "all", "--out", out, "--recordings", 1, "--json"
-    )  # everything is there already
+    options = ("--starts", "all", "--out", out, "--recordings", 1, "--json")
+    done = command(cosim.evaluate, policy_file, *options)  # everything is there already
     assert done.returncode == 0, done.stderr
     assert "outcomes with 95 % intervals" in done.stdout
     assert json.loads(done.stdout.splitlines()[-1]) == json.loads(json.dumps(report))
 
 
-def test_policy_of_another_scenario_is_refused(policy_file, tmp_path):
-    done = command(policy_file, "--scenario", "4", "--out", tmp_path / "out")
+def test_policy_of_another_scenario_is_refused(command, policy_file, tmp_path):
+    done = command(cosim.evaluate, policy_file, "--scenario", "4", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "was trained on scenario near" in done.stderr

@@ -60,7 +60,7 @@ def test_symmetric_inputs_give_motion_symmetric_in_every_bit(omega):
     assert abs(states[-1, 0]) > 1e-5
 
 
-@settings(max_examples=20)
+@settings(max_examples=settings().max_examples // 5)
 @given(
     st.floats(-1100.0, 1100.0),
     st.floats(-1100.0, 1100.0),

@@ -1,6 +1,5 @@
 """The archives: valid, complete, reproducible, for every platform."""
 
-import os
 import shutil
 import struct
 import subprocess
@@ -24,16 +23,6 @@ from fmus.variables import load_table, render_header
 
 LICENSE = Path(__file__).parents[2] / "LICENSE"
 SHARED_LIBRARY = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
-
-
-def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "fmus.build", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | environment,
-    )
 
 
 @pytest.mark.parametrize("standard", [2, 3])
@@ -255,22 +244,23 @@ def check_libraries(paths: list[Path], targets: list[str]) -> None:
         assert offset + size <= len(universal)
 
 
-def test_command_writes_the_named_files(tmp_path):
-    run = command("--out", str(tmp_path), "--fmi", "both")
+def test_command_writes_the_named_files(command, tmp_path):
+    line = [sys.executable, "-m", "fmus.build", "--out", str(tmp_path), "--fmi", "both"]
+    run = subprocess.run(line, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert {p.name for p in tmp_path.iterdir()} == {
         "VibrationMotor_fmi2.fmu",
         "VibrationMotor_fmi3.fmu",
     }
     assert all(str(path) in run.stdout for path in tmp_path.iterdir())
-    assert command("--out", str(tmp_path)).returncode == 0
+    assert command(build, "--out", tmp_path).returncode == 0
     assert (tmp_path / "VibrationMotor.fmu").is_file()
 
 
-def test_unwritable_folder_is_one_sentence(tmp_path):
+def test_unwritable_folder_is_one_sentence(command, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    run = command("--out", str(blocked / "sub"))
+    run = command(build, "--out", blocked / "sub")
     assert run.returncode == 2
     assert len(run.stderr.strip().splitlines()) == 1
     assert "choose another place" in run.stderr
