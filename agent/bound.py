@@ -153,6 +153,9 @@ def _moves(process: Process, robot: int) -> np.ndarray:
     after_x, after_y = x[:, None] + DIRECTIONS[:, 0], y[:, None] + DIRECTIONS[:, 1]
     terrain = process.terrain[robot]
     possible = np.isin(terrain[after_x + 1, after_y + 1], (FREE, GOAL))
+    if process.swept:  # as `agent.grid.grazed_a_corner`
+        middle = np.maximum(x[:, None], after_x), np.maximum(y[:, None], after_y)
+        possible &= ~(process.corners[middle] & (DIRECTIONS != 0).all(axis=1))
     after = np.where(possible, after_x * rows + after_y, _BLOCKED)
     after[terrain[x + 1, y + 1] == GOAL] = np.flatnonzero(terrain[x + 1, y + 1] == GOAL)[:, None]
     return after
@@ -187,6 +190,7 @@ def optimum(process: Process) -> Bound:
     code = code_digest(with_imports([Path(__file__)]))
     facts = (code, process.terrain.shape, process.thresholds.contact, process.swept, relaxed)
     key = hashlib.sha256(repr(facts).encode() + process.terrain.tobytes())
+    key.update(process.corners.tobytes())
     path = cache_dir("bounds") / f"{key.hexdigest()[:16]}.npz"
 
     def load() -> Bound | None:

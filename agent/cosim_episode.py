@@ -6,21 +6,28 @@ of every step that its move takes.
 """
 
 import numpy as np
+from rich.console import Console
 
-from agent.cosim_reward import step_reward
-from agent.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, OUT_OF_BOARD, OUTCOMES, RUNNING
+from agent.cosim_reward import failed, step_reward
+from agent.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, OUTCOMES, RUNNING
 from agent.grid_episode import place_checked
 from agent.process import ProcessConfig, build_process, feature_sizes, nearest_bearings
+from cosim.calibrating import calibrated_for
 from cosim.config import CoSimConfig
 from cosim.episode import CoSimulation
 from cosim.features import AXIS_COUNT, Observation
 from cosim.observing import draw_starts
+from cosim.params import TABLE_I
+from cosim.plant import OUT_OF_BOARD
 from cosim.scenario import Scenario
 from fmus.build import cached_fmu
 
 
 class CoSimEpisode:
     """An episode in the co-simulation, see `agent.grid_episode.Episode`.
+
+    Without a configuration robots have the default parameters; those of another diameter than
+    Table I's are calibrated first.
 
     Raises:
         UserError: the scenario cannot be used, or the motor FMU cannot be built.
@@ -38,7 +45,10 @@ class CoSimEpisode:
         sizes = feature_sizes(scenario, process)
         self.sizes = tuple(sizes.values())
         self._features = tuple(sizes)
-        self._system = CoSimulation(scenario, cached_fmu(), config)
+        fmu = cached_fmu()
+        if config is None and scenario.robot_diameter_m != TABLE_I.diameter_m:
+            config = calibrated_for(scenario, fmu, Console(stderr=True))
+        self._system = CoSimulation(scenario, fmu, config)
         self.status = np.full(scenario.robots, MOVING)
         self.rewards = np.zeros(scenario.robots)
         self.outcome = RUNNING
@@ -80,8 +90,8 @@ class CoSimEpisode:
         self.rewards = np.nan_to_num(step_reward(self.process, step, arrived))
         self.outcome = OUTCOMES.index(step.outcome) if step.outcome else RUNNING
         self.status[arrived] = ARRIVED
-        failed = (self.rewards == -self.process.goal_reward) & ~arrived
-        self.status[failed] = LEFT if self.outcome == OUT_OF_BOARD else HIT
+        lost = failed(step, arrived)
+        self.status[lost] = np.where(step.events[lost] == OUT_OF_BOARD, LEFT, HIT)
 
     def observation(self) -> np.ndarray:
         """(N, features) int64; a robot that left the board seems to be at its edge."""

@@ -9,10 +9,19 @@ import numpy as np
 from agent.process import Process
 from cosim.episode import Step
 from cosim.features import Observation
+from cosim.plant import RUNNING
+
+
+def failed(step: Step, arrived: np.ndarray) -> np.ndarray:
+    """(N,) bool, robots that failed in an RL step: they touched something or left the board.
+
+    A robot that had arrived before fails no more, whatever touches it; arguments as `step_reward`.
+    """
+    return (step.events != RUNNING) & ~(arrived & (step.action < 0))
 
 
 def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
-    """Reward of each robot that was on its way in an RL step, NaN for the others.
+    """Reward of each robot that was on its way in an RL step or failed in it, NaN for the others.
 
     Args:
         process: tables of the decision process.
@@ -34,12 +43,7 @@ def reward_parts(process: Process, step: Step, arrived: np.ndarray) -> np.ndarra
         parts[robot] = (
             (goal, 0.0, 0.0) if arrived[robot] else _step_reward(process, step.after, int(robot))
         )
-    if step.outcome == "collision":
-        parts[step.action >= 0] = (-goal, 0.0, 0.0)
-    if step.outcome == "out_of_board":
-        columns, rows = (size - 2 for size in process.terrain.shape[1:])
-        x, y = step.after.cells.T
-        parts[(x < 0) | (x >= columns) | (y < 0) | (y >= rows)] = (-goal, 0.0, 0.0)
+    parts[failed(step, arrived)] = (-goal, 0.0, 0.0)
     return parts
 
 

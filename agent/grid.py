@@ -26,7 +26,9 @@ COLUMN_COUNT = 10
 _STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the middle row
 
 MOVING, ARRIVED, LEFT, HIT = 0, 1, 2, 3  # status of a robot
-RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD, TIMEOUT = 0, 1, 2, 3, 4  # outcome of an episode
+# Outcome of an episode. In one step a robot off the board outranks a collision, of the same robot
+# and of others; both outrank the rest. So in `agent.timed` and in `cosim.plant`.
+RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD, TIMEOUT = 0, 1, 2, 3, 4
 OUTCOMES = ("running", "success", "collision", "out_of_board", "timeout")
 
 ALONE = 1 << 40  # beyond every distance on a board
@@ -128,6 +130,19 @@ def touched_on_the_way(world: np.ndarray, i: int, j: int, contact: int) -> bool:
 
 
 @inlined
+def grazed_a_corner(process: Process, world: np.ndarray, i: int) -> bool:
+    """Whether robot i touched an obstacle in the middle of its last move.
+
+    Only in a diagonal one: all others are closest at an end, which the terrain shows.
+    """
+    vx, vy = world[i, VX], world[i, VY]
+    if vx * vy == 0:
+        return False
+    x, y = max(world[i, X], world[i, X] - vx), max(world[i, Y], world[i, Y] - vy)
+    return bool(process.corners[x, y])
+
+
+@inlined
 def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.ndarray) -> int:
     """Move all robots that are still moving by one cell at once.
 
@@ -162,6 +177,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
         if process.swept:
             for j in range(n):
                 touched |= j != i and touched_on_the_way(world, i, j, contact)
+            touched |= grazed_a_corner(process, world, i)
         if world[i, STATUS] != MOVING:
             rewards[i] = np.float32(0.0)
             arrived += 1

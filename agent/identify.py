@@ -184,6 +184,7 @@ def identify(
         starts=(((middle, middle),),),
         columns=_SIDE_CELLS,
         rows=_SIDE_CELLS,
+        robot_diameter_m=config.robot.diameter_m,
     )
     target = math.ceil(moves_per_kind / WALKS)
     done = [0] * WALKS

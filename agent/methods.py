@@ -6,6 +6,7 @@ is what `python -m cosim.run` uses.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -18,8 +19,7 @@ from agent.process import ProcessConfig
 from agent.store import find_or_train
 from agent.training import ProgressCallback, TrainingLog
 from agent.transitions import Transitions
-from cosim.calibrating import calibrated
-from cosim.config import CoSimConfig
+from cosim.calibrating import calibrated_for
 from cosim.scenario import Scenario
 from fmus.build import cached_fmu
 
@@ -29,6 +29,8 @@ BEST: Method = "identified"
 
 TIMED_EPISODES = 1_500_000
 SLIP_PROBABILITY = 0.2  # assumed
+# Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
+_FREE = ("episodes", "log_episodes", "log_window", "greedy_points")
 
 
 def method_config(
@@ -53,25 +55,46 @@ def method_config(
     Raises:
         UserError: moves cannot be observed.
     """
-    if method != "identified":
-        slip = SLIP_PROBABILITY if method == "slip" else 0.0
-        learning = LearningConfig(episodes=episodes or LearningConfig().episodes)
-        process = ProcessConfig(slip_probability=slip)
-        return PolicyConfig(scenario, process, learning, Seed.of(seed))
-    # Chosen on the observed moves: a learning rate three times the paper's, and a collision that
-    # costs more than any detour.
-    learning = LearningConfig(episodes=episodes or TIMED_EPISODES, eta=0.03)
-    process = ProcessConfig(
-        goal_reward=300.0,
-        features=("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b"),
-    )
-    transitions = _observed_moves(motor_fmu or cached_fmu(), observing)
+    process, learning = _settings(method, scenario)
+    if episodes is not None:
+        learning = replace(learning, episodes=episodes)
+    transitions = None
+    if method == "identified":
+        transitions = _observed_moves(scenario, motor_fmu or cached_fmu(), observing)
     return PolicyConfig(scenario, process, learning, Seed.of(seed), transitions)
 
 
-def _observed_moves(fmu: Path, observing: Callable[[int, int], None] | None) -> Transitions:
-    """Moves with the default parameters, whatever they are in the episodes to come."""
-    config = calibrated(CoSimConfig(), fmu, Console(stderr=True))
+def method_of(config: PolicyConfig) -> Method | None:
+    """The method that a policy was trained by, whatever its seed, episodes and observed moves.
+
+    None if it is none of METHODS: somebody chose readings or numbers of learning of their own.
+    """
+    moves = config.transitions is not None
+    free = {name: getattr(config.learning, name) for name in _FREE}
+    for method in METHODS:
+        process, learning = _settings(method, config.scenario)
+        expected = process, replace(learning, **free), method == "identified"
+        if (config.process, config.learning, moves) == expected:
+            return method
+    return None
+
+
+def _settings(method: Method, scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
+    if method != "identified":
+        slip = SLIP_PROBABILITY if method == "slip" else 0.0
+        return ProcessConfig(slip_probability=slip), LearningConfig()
+    # Chosen on the observed moves: a learning rate three times the paper's, and a collision that
+    # costs more than any detour.
+    features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b")
+    process = ProcessConfig(goal_reward=300.0, features=features)
+    return process, LearningConfig(episodes=TIMED_EPISODES, eta=0.03)
+
+
+def _observed_moves(
+    scenario: Scenario, fmu: Path, observing: Callable[[int, int], None] | None
+) -> Transitions:
+    """Moves of the scenario's robots with the default parameters, whatever the episodes' are."""
+    config = calibrated_for(scenario, fmu, Console(stderr=True))
     return cached_transitions(config, fmu, progress=observing)
 
 

@@ -45,11 +45,13 @@ class ProcessConfig:
     """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
     h (the axis that the robot itself faces, forwards or backwards)."""
     zone_is_obstacle: bool = False
-    """Whether the central zone may not be entered, except the robot's own target (assumed no)."""
+    """Whether no robot's centre may enter the central zone, except its own target (assumed no).
+    Unlike a scenario's obstacles, which exist in the dynamics too, a reading of the grid alone."""
     target_obstacle: Literal["cell", "disk"] = "cell"
     """Extent of another robot's target as a static obstacle (assumed: its cell)."""
     collision: Literal["cells", "swept"] = "cells"
-    """Contact after the simultaneous moves (assumed), or at any moment of the straight moves."""
+    """Contact after the simultaneous moves (assumed), or at any moment of the straight moves; with
+    robots and with obstacles."""
     partner_of_failed: Literal["ordinary", "penalty", "none"] = "ordinary"
     """Update of a robot whose partner failed: as ever (assumed), -L as well, or none."""
     slip_probability: float = 0.0
@@ -116,7 +118,12 @@ class Process(NamedTuple):
 
     Attributes:
         terrain: (N, columns + 2, rows + 2) uint8, FREE, GOAL, OUTSIDE or OBSTACLE as robot i sees
-            cell (x, y) at [i, x + 1, y + 1]; the rim is OUTSIDE.
+            cell (x, y) at [i, x + 1, y + 1]; the rim is OUTSIDE. In the middle of an OBSTACLE cell
+            a robot would touch an obstacle, or it is another robot's target.
+        corners: (columns + 1, rows + 1) bool, whether a robot over the lower left corner of a cell
+            touches an obstacle: the middle of a diagonal move, looked at if contact is swept.
+        walls: (M, 4) float64, obstacles as rectangles left, bottom, right, top in cells.
+        squared_radius: of a robot, in cells².
         start_cells: (K, 2) int64, start cells of all robots, one robot after the other.
         start_offsets: N + 1 integers, robot i starts in rows start_offsets[i] to [i + 1]; a tuple,
             so that the number of robots is a constant for the compiler.
@@ -135,6 +142,9 @@ class Process(NamedTuple):
     """
 
     terrain: np.ndarray
+    corners: np.ndarray
+    walls: np.ndarray
+    squared_radius: float
     start_cells: np.ndarray
     start_offsets: tuple[int, ...]
     thresholds: DistanceThresholds
@@ -172,6 +182,9 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
     strides, state_count = _strides(scenario, config)
     return Process(
         terrain=terrain,
+        corners=_blocked(scenario, 0),
+        walls=scenario.walls.astype(float),
+        squared_radius=(scenario.robot_diameter_m / scenario.cell_m / 2.0) ** 2,
         start_cells=np.array([c for cells in scenario.starts for c in cells], dtype=np.int64),
         start_offsets=tuple(int(v) for v in np.cumsum([0, *(len(c) for c in scenario.starts)])),
         thresholds=thresholds,
@@ -185,6 +198,13 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
         step_limit=config.step_limit,
         partner_update=PARTNER_UPDATES.index(config.partner_of_failed),
     )
+
+
+def _blocked(scenario: Scenario, shift: int) -> np.ndarray:
+    """Where a robot touches an obstacle: over the corners of cells (shift 0) or in cells (1)."""
+    sizes = (2 * scenario.columns + 1 - shift, 2 * scenario.rows + 1 - shift)  # in half cells
+    x, y = np.ogrid[shift : sizes[0] + shift : 2, shift : sizes[1] + shift : 2]
+    return np.zeros(np.broadcast(x, y).shape, dtype=bool) | scenario.blocks(x, y)
 
 
 def _disk(centre: Cell, squared_radius: int, scenario: Scenario) -> list[Cell]:
@@ -205,7 +225,8 @@ def _terrain(
     if config.zone_is_obstacle:
         left, bottom, right, top = scenario.zone
         terrain[left + 1 : right + 2, bottom + 1 : top + 2] = OBSTACLE
-    blocked = list(scenario.obstacles)
+    terrain[1:-1, 1:-1][_blocked(scenario, 1)] = OBSTACLE
+    blocked: list[Cell] = []
     squared_radius = thresholds.contact if config.target_obstacle == "disk" else 0
     for other, target in enumerate(scenario.targets):
         if other != robot:

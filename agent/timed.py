@@ -2,8 +2,9 @@
 
 Robots are asked every RL step. One that waits begins a move, drawn from the moves observed in
 co-simulation; the others are on their way. Positions are continuous: a cell belongs to the robot
-whose centre is in it, contact is a distance of centres. The features are those of `agent.grid`,
-seen between cells as `cosim.observing` sees them. No learning here.
+whose centre is in it, contact is a distance of centres, or of a centre and an obstacle. The
+features are those of `agent.grid`, seen between cells as `cosim.observing` sees them. No learning
+here.
 """
 
 import numpy as np
@@ -32,6 +33,7 @@ from agent.grid import (
 from agent.process import FREE, GOAL, OUTSIDE, Process
 from agent.rng import next_index
 from agent.transitions import MoveModel
+from cosim.collision import touches_obstacle
 from cosim.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
 from cosim.jit import inlined
 
@@ -119,10 +121,15 @@ def _go_on(ways: np.ndarray, i: int, seconds: float) -> None:
 
 
 @inlined
-def _touch(model: MoveModel, world: np.ndarray, ways: np.ndarray) -> bool:
-    """Whether two robots touch; those of them that had not arrived are HIT."""
+def _touch(process: Process, model: MoveModel, world: np.ndarray, ways: np.ndarray) -> bool:
+    """Whether robots touch each other or obstacles; those that had not arrived are HIT."""
     touched = False
     for i in range(world.shape[0]):
+        if world[i, STATUS] == MOVING and touches_obstacle(
+            ways[i, AT_X], ways[i, AT_Y], process.squared_radius, process.walls
+        ):
+            touched = True
+            world[i, STATUS] = HIT
         for j in range(i):
             dx = ways[i, AT_X] - ways[j, AT_X]
             dy = ways[i, AT_Y] - ways[j, AT_Y]
@@ -168,14 +175,14 @@ def step(
         RUNNING, SUCCESS or COLLISION.
     """
     n = world.shape[0]
-    checks = _CHECKS if _near(model, ways) else 1
+    checks = _CHECKS if len(process.walls) > 0 or _near(model, ways) else 1
     pause = model.rl_step_s / checks
     touched = False
     for _ in range(checks):
         for i in range(n):
             if world[i, STATUS] == MOVING and not waits(ways, i):
                 _go_on(ways, i, pause)
-        touched = _touch(model, world, ways)
+        touched = _touch(process, model, world, ways)
         if touched:
             break
     for i in range(n):

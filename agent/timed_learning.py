@@ -86,7 +86,7 @@ def _run_episodes(
                 diagonal += a & 1
                 blocked = begin_move(process, model, world, ways, i, int(a), random)
                 if blocked != RUNNING:
-                    outcome = blocked
+                    outcome = max(outcome, blocked)  # out of board outranks a collision
                     returns[i] += penalty
                     k = _drawn_table(learning, random)
                     # Eq. (7) in a terminal state

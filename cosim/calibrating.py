@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from cosim.calibration import DRIVES, MANOEUVRES, Calibration, load_calibration
 from cosim.config import CoSimConfig
 from cosim.fmu import MotorFmu
 from cosim.params import lift_off_speed
+from cosim.scenario import Scenario
 from cosim.signals import FEET
 from cosim.sources import code_digest, with_imports
 from cosim.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
@@ -218,6 +220,24 @@ def find_calibration(
         return calibration
 
     return calibrate() if again else found_or_made(path, lambda: load_calibration(path), calibrate)
+
+
+def calibrated_for(scenario: Scenario, motor_fmu: Path, console: Console) -> CoSimConfig:
+    """The default parameters with the robots of a scenario, calibrated.
+
+    Robots that would hop at the default drive speed drive as fast as they can without.
+
+    Args: as of `find_calibration`.
+
+    Raises:
+        ConfigError: robots are too small for their motors.
+        FmuError: the FMU cannot be used, or failed.
+    """
+    config = CoSimConfig().sized(scenario.robot_diameter_m)
+    calibration = find_calibration(config, motor_fmu, console)
+    speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
+    steering = config.steering._replace(drive_speed_m_s=min(speeds))
+    return calibration.resolved(replace(config, steering=steering))
 
 
 def calibrated(config: CoSimConfig, motor_fmu: Path, console: Console) -> CoSimConfig:

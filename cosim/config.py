@@ -1,6 +1,6 @@
 """The parameters of one co-simulation together, checked against each other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from cosim.errors import UserError
@@ -17,6 +17,7 @@ from cosim.params import (
     TimingParams,
     describe,
     lift_off_speed,
+    resized,
 )
 
 
@@ -29,7 +30,7 @@ class CoSimConfig:
     """Everything but the scenario and the FMU that determines a co-simulation.
 
     Attributes:
-        robot: body, feet and floor.
+        robot: body, feet and floor; its diameter is the scenario's, see `sized`.
         motor: eccentric masses for Eq. (3), and parameters of the FMU where they differ from
             Table II.
         noise: of the speed measurement.
@@ -37,12 +38,14 @@ class CoSimConfig:
         steering: speeds and gains.
         order: of the coupling within a communication step; see `cosim.master`.
         reaction: whether the motors feel the acceleration of the body (the paper neglects it).
-        on_collision: whether two robots that touch end the episode or push each other on.
+        on_collision: whether two robots that touch end the episode or push each other on; a
+            robot that touches an obstacle always ends it.
         safety_margin_m: gap that the safety layer (`cosim.safety`) keeps between the ways of
-            robots; 0 switches it off.
+            robots, and from obstacles; 0 switches it off.
 
     Raises:
-        ConfigError: a parameter is out of range, or a period is no multiple of the one below it.
+        ConfigError: a parameter is out of range, the robot's parts do not fit into its body, or a
+            period is no multiple of the one below it.
     """
 
     robot: RobotParams = TABLE_I
@@ -73,6 +76,7 @@ class CoSimConfig:
             for name in names:
                 if getattr(record, name) == 0.0:
                     raise ConfigError(f"{name} must be positive")
+        self._check_geometry()
         step_s = self.timing.communication_step_s
         whole_ratio("communication_step_s", step_s, "dt_s", self.timing.dt_s)
         whole_ratio(
@@ -95,6 +99,31 @@ class CoSimConfig:
                     f"{name} = {speed:g} rad/s would make the robot hop; "
                     f"stay below lift-off at {limit:.0f} rad/s"
                 )
+
+    def _check_geometry(self) -> None:
+        robot = self.robot
+        for name in ("foot_radius_m", "motor_radius_m"):
+            if getattr(robot, name) >= robot.diameter_m / 2.0:
+                raise ConfigError(
+                    f"{name} = {getattr(robot, name):g} lies outside a robot of diameter_m = "
+                    f"{robot.diameter_m:g}; make it less than half of that"
+                )
+        if robot.motor_radius_m <= robot.motor_length_m / 2.0:
+            raise ConfigError(
+                f"two motors of motor_length_m = {robot.motor_length_m:g} do not fit beside each "
+                f"other at motor_radius_m = {robot.motor_radius_m:g} into a robot of diameter_m = "
+                f"{robot.diameter_m:g}; make the robot larger"
+            )
+
+    def sized(self, diameter_m: float) -> "CoSimConfig":
+        """These parameters for the robots of a scenario, see `cosim.params.resized`.
+
+        To be called before a calibration: motor speeds depend on the robot's inertia.
+
+        Raises:
+            ConfigError: the robot is too small for its motors.
+        """
+        return replace(self, robot=resized(self.robot, diameter_m))
 
     @property
     def ticks_per_step(self) -> int:

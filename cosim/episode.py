@@ -23,7 +23,7 @@ from cosim.assembly import (
     noise_generators,
 )
 from cosim.body import standing_state
-from cosim.config import CoSimConfig
+from cosim.config import ConfigError, CoSimConfig
 from cosim.features import (
     DIRECTION_COUNT,
     DIRECTIONS,
@@ -69,6 +69,7 @@ class Step(NamedTuple):
         completed: (N,) whether the robot ended its move within this step.
         samples: signals at every control period that was simulated.
         raw: signals at every tick of the burst at the start of the step.
+        events: (N,) what became of each robot: RUNNING, COLLISION or OUT_OF_BOARD of cosim.plant.
         outcome: of the episode, one of OUTCOMES, or "" while it goes on.
     """
 
@@ -81,6 +82,7 @@ class Step(NamedTuple):
     completed: np.ndarray
     samples: Samples
     raw: RawSamples
+    events: np.ndarray
     outcome: str
 
 
@@ -88,13 +90,15 @@ class CoSimulation:
     """Robots, motors and floor of one scenario, advanced in RL steps.
 
     Attributes:
-        scenario, config: as given.
+        scenario, config: as given; by default the default parameters, uncalibrated, with robots of
+            the scenario's diameter.
         outcome: of the episode, "" before its end.
         time_s: simulated time.
         measures: of the episode so far.
         conflicts: decisions that the safety layer changed, or would have changed.
 
     Raises:
+        ConfigError: the robot's diameter is not the scenario's.
         FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
             that the driver needs.
     """
@@ -107,13 +111,21 @@ class CoSimulation:
         driver: str = "compiled",
     ) -> None:
         self.scenario = scenario
-        self.config = config or CoSimConfig()
+        self.config = config or CoSimConfig().sized(scenario.robot_diameter_m)
+        if self.config.robot.diameter_m != scenario.robot_diameter_m:
+            raise ConfigError(
+                f"diameter_m = {self.config.robot.diameter_m:g} of the configuration is not "
+                f"robot_diameter_m = {scenario.robot_diameter_m:g} of scenario {scenario.name}; "
+                "use config.sized(scenario.robot_diameter_m)"
+            )
         self._fmu = MotorFmu(motor_fmu)
         check_motors(self._fmu, self.config, scenario.robots, adaptive=driver == "adaptive")
         self._driver_class = DRIVERS[driver]
         self._driver: Any = None
         self._plant = new_plant(
-            self.config, scenario.size_m, end_on_collision=self.config.on_collision == "end"
+            self.config,
+            scenario.size_m,
+            end_on_collision=self.config.on_collision == "end",
         )
 
     def compile(self) -> None:
@@ -140,7 +152,7 @@ class CoSimulation:
         """
         n = self.scenario.robots
         self.close()
-        self._state = new_state(n)
+        self._state = new_state(n, self.scenario.walls * self.scenario.cell_m)
         for robot, cell in enumerate(starts):
             x, y = self.scenario.centre_m(cell)
             # Assumed: robots are set down facing the middle of the board.
@@ -212,6 +224,7 @@ class CoSimulation:
             completed,
             samples,
             raw,
+            state.events.copy(),
             self.outcome,
         )
         self._step += 1

@@ -8,7 +8,7 @@ import numpy as np
 from cosim.blueprint import robot_names
 from cosim.config import CoSimConfig
 from cosim.episode import Step
-from cosim.scenario import Scenario
+from cosim.scenario import Scenario, touches_obstacle
 from cosim.series import DIRECTION_NAMES
 
 # Vibrating robots part and meet many times a second; that is one contact.
@@ -35,6 +35,7 @@ class EpisodeLog:
     def __init__(self, scenario: Scenario, config: CoSimConfig) -> None:
         self._scenario, self._config = scenario, config
         self._names = robot_names(scenario.robots)
+        self._walls_m = scenario.walls * scenario.cell_m
         self._under_way = np.zeros(scenario.robots, dtype=bool)
         self._touched_s = dict.fromkeys(combinations(range(scenario.robots), 2), -np.inf)
 
@@ -105,6 +106,9 @@ class EpisodeLog:
             target = self._scenario.targets[robot]
             if step.outcome == "out_of_board" and not (0.0 <= x <= width and 0.0 <= y <= height):
                 texts.append(f"{name} leaves the board at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm")
+            radius_m = self._config.robot.diameter_m / 2.0
+            if touches_obstacle(x, y, radius_m**2, self._walls_m):
+                texts.append(f"{name} touches an obstacle at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm")
             if step.outcome == "timeout" and tuple(step.after.cells[robot]) != target:
                 way_m = np.hypot(*(np.array(self._scenario.centre_m(target)) - (x, y)))
                 texts.append(f"{name} has not arrived: target {100.0 * way_m:.1f} cm away")

@@ -155,11 +155,15 @@ def evaluate(options: Evaluate, console: Console) -> list[Evaluated]:
     policies = [(path, Policy.load(path, scenario)) for path in policy_files(options.policies)]
     with console.status("preparing the motor FMU (some seconds the first time)"):
         fmu = cached_fmu()
-    config = calibrated(options.config(), fmu, console)
+    configs = {
+        diameter_m: calibrated(options.config().sized(diameter_m), fmu, console)
+        for diameter_m in {policy.config.scenario.robot_diameter_m for _, policy in policies}
+    }
     with console.status("preparing the kernels (some seconds the first time)"):
         files: dict[str, ResultFile] = {}
         evaluated: list[Evaluated] = []
         for path, policy in policies:
+            config = configs[policy.config.scenario.robot_diameter_m]
             case = Case(policy, config, fmu, options.seed)
             file = files.setdefault(case.digest, ResultFile(options.out, case))
             evaluated.append(Evaluated(str(path), file, options))

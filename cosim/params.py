@@ -207,9 +207,9 @@ class Fig7Params(NamedTuple):
 # 20 seeds, `python benchmarks/steering.py`); the rest is reserve (assumed).
 SAFETY_MARGIN_M = 0.006
 SAFETY_MARGIN_HELP = (
-    "Gap in m that the safety layer keeps between robots' ways, who wait or give way for it; 0 "
-    f"switches it off. Robots stray up to 1 mm, or 5 mm when they turn: {SAFETY_MARGIN_M} covers "
-    "both."
+    "Gap in m that the safety layer keeps between robots' ways, and from obstacles; robots wait or "
+    "give way for it. 0 switches it off. Robots stray up to 1 mm, or 5 mm when they turn: "
+    f"{SAFETY_MARGIN_M} covers both."
 )
 
 TABLE_II = MotorParams()
@@ -242,6 +242,16 @@ def cylinder_inertia(robot: RobotParams) -> tuple[float, float, float]:
     i_zz = robot.mass_kg * radius**2 / 2.0
     i_xx = robot.mass_kg * (3.0 * radius**2 + robot.height_m**2) / 12.0
     return i_xx, i_xx, i_zz
+
+
+def resized(robot: RobotParams, diameter_m: float) -> RobotParams:
+    """The robot with another diameter; feet and motors, just inside its rim, move with the rim."""
+    scale = diameter_m / robot.diameter_m
+    return robot._replace(
+        diameter_m=diameter_m,
+        foot_radius_m=scale * robot.foot_radius_m,
+        motor_radius_m=scale * robot.motor_radius_m,
+    )
 
 
 def motor_gain(motor: MotorParams) -> float:

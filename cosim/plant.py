@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.body import BodyParams, step_body
-from cosim.collision import PairParams, find_near_pairs, push_apart
+from cosim.collision import PairParams, find_near_pairs, push_apart, touches_obstacle
 from cosim.forces import MotorMount, motor_wrench
 from cosim.jit import inlined
 from cosim.params import SteeringParams
@@ -20,20 +20,21 @@ from cosim.signals import FEET, MOTORS, RawSamples, Samples, State
 from cosim.steering import HEADING_ERROR, MODE, steer
 from cosim.trig import sine_cosine
 
-RUNNING, COLLISION, OUT_OF_BOARD = 0, 1, 2
+RUNNING, COLLISION, OUT_OF_BOARD = 0, 1, 2  # events; a higher one outranks, as on the grid
 # Share of the squared friction limit from which a foot slides; the solver's projection rounds.
 AT_LIMIT = 1.0 - 1e-9
 
 
 class Plant(NamedTuple):
-    """Constants of the coupled system.
+    """Constants of the coupled system; no arrays, whose references numba would count all the time.
 
     Attributes:
         body: equations of motion of every robot.
         mount_d, mount_e: motors D and E.
         steering: gains and speeds.
         pair: contact between robots.
-        end_on_collision: whether a contact between robots is a COLLISION that ends the run.
+        end_on_collision: whether a contact between robots is a COLLISION that ends the run; one
+            with an obstacle always is.
         board_x, board_y: extent of the board in m, its corner at the origin.
         ticks_per_period: ticks of dt per control period.
         ticks_per_step: ticks of dt per communication step with the FMUs.
@@ -213,10 +214,23 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
 
 @inlined
 def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
-    """Sample the end of a control period; returns RUNNING, COLLISION or OUT_OF_BOARD."""
+    """Sample the end of a control period.
+
+    Board and obstacles are looked at here: robots move by some micrometres within a period.
+
+    Args:
+        plant: constants.
+        state: variables; every robot's event is written.
+        samples: written at `row`.
+        row: of the period.
+
+    Returns:
+        RUNNING, COLLISION or OUT_OF_BOARD, the highest of the robots' events.
+    """
     robots = state.bodies.shape[0]
     event = RUNNING
     dt = plant.body.dt
+    radius = 0.5 * plant.pair.diameter
     for robot in range(robots):
         body = state.bodies[robot]
         for motor in range(MOTORS):
@@ -245,8 +259,12 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
         samples.mode[row, robot] = state.commands[robot, MODE]
         samples.touching_share[row, robot] = state.touching[robot] / plant.ticks_per_period
         if not (0.0 <= body[0] <= plant.board_x and 0.0 <= body[1] <= plant.board_y):
-            event = OUT_OF_BOARD
-    for robot in range(robots):
-        if plant.end_on_collision and state.touching[robot] > 0.0:
-            event = COLLISION
+            state.events[robot] = OUT_OF_BOARD
+        elif touches_obstacle(body[0], body[1], radius * radius, state.obstacles) or (
+            plant.end_on_collision and state.touching[robot] > 0.0
+        ):
+            state.events[robot] = COLLISION
+        else:
+            state.events[robot] = RUNNING
+        event = max(event, state.events[robot])
     return event

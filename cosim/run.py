@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from agent import training
-from agent.methods import BEST, Method, method_policy
+from agent.methods import BEST, Method, method_of, method_policy
 from agent.policy import Policy
 from agent.training_recording import write_training
 from cosim.batch import Batch
@@ -46,15 +46,16 @@ class Run:
     """Built-in scenario of Fig. 5 (1a, 1b, 2, 3, 4) or a scenario file (.toml)."""
     episodes: int = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
-    method: Method = BEST
-    """How agents learn: on moves observed in co-simulation (identified, the first time some 20 s
-    more), on the grid as in Section V (paper), or on the grid with moves that go astray (slip)."""
+    method: Method | None = None
+    """How agents learn: on moves observed in co-simulation (identified, the default, the first time
+    some 20 s more), on the grid as in Section V (paper), or on the grid with moves that go astray
+    (slip)."""
     train_episodes: int | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves."""
     seed: int = 0
     """Seed of start cells and speed noise."""
-    train_seed: int = 0
-    """Seed of training: by default every --seed meets the same policy, trained once."""
+    train_seed: int | None = None
+    """Seed of training: by default 0, so that every --seed meets the same policy, trained once."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Output folder; by default runs/<scenario>-<time>."""
     policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -90,7 +91,8 @@ class Run:
     reaction: bool = False
     """Let the motors feel the acceleration of the body, which the paper neglects."""
     on_collision: Literal["end", "continue"] = "end"
-    """What happens when two robots touch: the episode ends, or they push each other on."""
+    """What happens when two robots touch: the episode ends, or they push each other on. A robot
+    that touches an obstacle always ends it: obstacles cannot be pushed against yet."""
     safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
     mu: float = TABLE_I.mu
     """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature). Above some 0.2 the
@@ -107,7 +109,7 @@ class Run:
         for name in ("episodes", "train_episodes", "jobs"):
             if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise ConfigError(f"--{name.replace('_', '-')} must be at least 1")
-        if min(self.seed, self.train_seed) < 0:
+        if min(self.seed, self.train_seed or 0) < 0:
             raise ConfigError("--seed and --train-seed must not be negative")
         if self.no_record:
             if self.record not in {"none", "default"}:
@@ -115,6 +117,18 @@ class Run:
                     f"--no-record contradicts --record {self.record}; leave out one of them"
                 )
             object.__setattr__(self, "record", "none")
+        of_training = {
+            "--method": self.method,
+            "--train-episodes": self.train_episodes,
+            "--train-seed": self.train_seed,
+            "--retrain": self.retrain or None,
+        }
+        given = [name for name, value in of_training.items() if value is not None]
+        if self.policy is not None and given:
+            raise ConfigError(
+                f"{' and '.join(given)}: nothing is trained with --policy, which names a trained "
+                "policy; leave one of them out"
+            )
         if self.record == "none" and (self.live or self.spawn):
             raise ConfigError("--live and --spawn show what is recorded; choose another --record")
 
@@ -154,7 +168,8 @@ def run(options: Run, console: Console) -> tuple[list[EpisodeResult], Path]:
     Raises:
         UserError: see its message.
     """
-    scenario, config = find_scenario(options.scenario), options.config()
+    scenario = find_scenario(options.scenario)
+    config = options.config().sized(scenario.robot_diameter_m)
     viewer = None
     if options.spawn:
         viewer = spawn_viewer(options.viewer)
@@ -168,8 +183,8 @@ def run(options: Run, console: Console) -> tuple[list[EpisodeResult], Path]:
         system = CoSimulation(scenario, fmu, config, options.driver)
         out.mkdir(parents=True, exist_ok=True)
         system.compile()
-    facts = _facts(options, scenario, fmu)
     policy, log = _policy(options, scenario, console)
+    facts = _facts(options, scenario, policy, fmu)
     policy.save(out / "policy.npz")
     if options.record != "none" and log is not None:
         write_training(out / "training.rrd", policy, log, facts)
@@ -211,9 +226,9 @@ def _policy(
             bar.update(task, completed=progress.episode, total=progress.episodes, state=state)
 
         policy, log, path = method_policy(
-            options.method,
+            options.method or BEST,
             scenario,
-            options.train_seed,
+            options.train_seed or 0,
             episodes=options.train_episodes,
             motor_fmu=options.motor_fmu,
             retrain=options.retrain,
@@ -224,16 +239,17 @@ def _policy(
     return policy, log
 
 
-def _facts(options: Run, scenario: Scenario, fmu: Path) -> dict[str, Any]:
+def _facts(options: Run, scenario: Scenario, policy: Policy, fmu: Path) -> dict[str, Any]:
     """What identifies a run, for summaries and recordings; the same for equal runs."""
+    seed = policy.config.seed
     return {
         "scenario": scenario.name,
         "title": scenario.title,
         "seed": options.seed,
-        "train_seed": options.train_seed,
+        "train_seed": seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
         "driver": options.driver,
         "motor_fmu": fmu.name,
-        "method": options.method,
+        "method": method_of(policy.config) or "other",
         "versions": versions(),
     }
 

@@ -2,8 +2,8 @@
 
 A way is the line from where a robot is to where it is going; a robot that stands has a point. A
 move whose way is blocked by a robot that is moving waits for it; one blocked by a robot that stands
-gives way to the nearest direction that is free. Policies know nothing of the layer, and it knows
-nothing of policies.
+or by an obstacle gives way to the nearest direction that is free. Policies know nothing of the
+layer, and it knows nothing of policies.
 """
 
 import math
@@ -59,7 +59,7 @@ def permitted(
         goals: (N, 2) end of each robot's move in m, NaN for a robot that stands.
         robot: that decides; it stands.
         direction: index of the direction that it wants.
-        margin_m: least gap to the other robots' ways.
+        margin_m: least gap to the other robots' ways and to obstacles.
 
     Returns:
         The direction itself if it is free, WAIT if a moving robot blocks it or nothing is free,
@@ -69,18 +69,22 @@ def permitted(
     moving = np.isfinite(goals[:, 0])
     ends = np.where(moving[:, None], goals, positions)
     cell = cells_of(bodies, scenario)[robot]
+    radius_m = scenario.robot_diameter_m / 2.0
+    sides = _sides(scenario.walls * scenario.cell_m)
     others = [k for k in range(len(bodies)) if k != robot]
     for turn in _TURNS:
         candidate = (direction + turn) % DIRECTION_COUNT
         column, row = cell + DIRECTIONS[candidate]
         on_board = 0 <= column < scenario.columns and 0 <= row < scenario.rows
-        if turn != 0 and (not on_board or (column, row) in scenario.obstacles):
+        if turn != 0 and not on_board:
             continue
         way = np.array([positions[robot], scenario.centre_m((column, row))])
+        if any(_too_close(way, side, radius_m + margin_m) for side in sides):
+            continue
         blocking = [
             k
             for k in others
-            if _too_close(way, np.array([positions[k], ends[k]]), scenario, margin_m)
+            if _too_close(way, np.array([positions[k], ends[k]]), 2.0 * radius_m + margin_m)
         ]
         if not blocking:
             return candidate
@@ -89,7 +93,16 @@ def permitted(
     return WAIT
 
 
-def _too_close(way: np.ndarray, other: np.ndarray, scenario: Scenario, margin_m: float) -> bool:
+def _sides(rectangles: np.ndarray) -> np.ndarray:
+    """(4 M, 2, 2) both ends of every side of rectangles (M, 4) left, bottom, right, top.
+
+    A way that begins outside of a rectangle comes as close to it as to the nearest of its sides.
+    """
+    corners = rectangles[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]
+    return np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+
+
+def _too_close(way: np.ndarray, other: np.ndarray, least_m: float) -> bool:
     # a robot that is too close already may move away
-    allowed = min(scenario.robot_diameter_m + margin_m, point_to_way(way[0], other))
+    allowed = min(least_m, point_to_way(way[0], other))
     return way_to_way(way, other) < allowed - _ROUNDING_M

@@ -13,9 +13,10 @@ import re
 import tomllib
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
+import numpy as np
 
 from cosim.errors import UserError
 from cosim.params import TABLE_I
@@ -28,6 +29,28 @@ MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
 
 class ScenarioError(UserError):
     """A scenario that cannot be used; the message names the field and the mend."""
+
+
+def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:
+    """Whether a disc touches an obstacle: its centre is no further from it than its radius.
+
+    The one definition, for the grid (exact, in half cells), for moves that last and for the
+    dynamics; kernels compile it with `cosim.jit.inlined`.
+
+    Args:
+        x, y: centre of the disc, in any unit; numbers, or arrays that broadcast.
+        squared_radius: of the disc.
+        obstacles: (M, 4) rectangles left, bottom, right, top.
+
+    Returns:
+        bool, or an array of them; False if there is no obstacle.
+    """
+    touched = False
+    for k in range(len(obstacles)):
+        dx = np.maximum(np.maximum(obstacles[k, 0] - x, x - obstacles[k, 2]), 0)
+        dy = np.maximum(np.maximum(obstacles[k, 1] - y, y - obstacles[k, 3]), 0)
+        touched = touched | (dx * dx + dy * dy <= squared_radius)
+    return touched
 
 
 @dataclass(frozen=True)
@@ -44,12 +67,12 @@ class Scenario:
         cell_m: edge of a cell in m (assumed: 1 cm, so that a target "occupies a single cell").
         zone: central zone as (first column, first row, last column, last row), inclusive
             (7 x 7 cells, Section V); it only places the targets (assumed).
-        obstacles: cells that no robot may enter (none in the paper).
-        robot_diameter_m: diameter of every robot (Table I).
+        obstacles: cells that no robot may touch (none in the paper).
+        robot_diameter_m: diameter of every robot (Table I), on the grid and in the dynamics.
 
     Raises:
-        ScenarioError: a size is not positive, a cell is off the board, or targets are closer than
-            one diameter.
+        ScenarioError: a size is not positive, a cell is off the board, a robot would touch an
+            obstacle at its start or target, or targets are closer than one diameter.
     """
 
     name: str
@@ -83,9 +106,10 @@ class Scenario:
                     )
             if not cells and field.startswith("starts"):
                 raise ScenarioError(f"scenario {self.name}: {field} is empty; give a start cell")
+        self._check_obstacles(fields)
         for i, a in enumerate(self.targets):
             for j, b in enumerate(self.targets[:i]):
-                if math.dist(a, b) * self.cell_m <= self.robot_diameter_m:
+                if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= self.squared_contact:
                     raise ScenarioError(
                         f"scenario {self.name}: targets {b} and {a} of robots {j + 1} and {i + 1} "
                         f"are {100 * math.dist(a, b) * self.cell_m:.1f} cm apart; robots of "
@@ -113,10 +137,40 @@ class Scenario:
                     f"give {expected}"
                 )
 
+    def _check_obstacles(self, fields: dict[str, tuple[Cell, ...]]) -> None:
+        for field, cells in fields.items():
+            middles = 2 * np.array(cells).reshape(-1, 2) + 1
+            touching = np.flatnonzero(self.blocks(middles[:, 0], middles[:, 1]))
+            if field != "obstacles" and len(touching):
+                raise ScenarioError(
+                    f"scenario {self.name}: {field} has cell {cells[touching[0]]}, where a robot "
+                    f"of {100 * self.robot_diameter_m:.1f} cm touches an obstacle; move one of them"
+                )
+
     @property
     def robots(self) -> int:
         """Number of robots N."""
         return len(self.targets)
+
+    @property
+    def squared_contact(self) -> int:
+        """Largest squared distance in cells² of the cells of two robots that touch.
+
+        Also the square of a robot's radius in half cells, in which centres and corners of cells
+        have whole coordinates.
+        """
+        # 1e-9: robots of 7 cm on cells of 1 cm touch at 7 cells, whatever 0.07 / 0.01 rounds to
+        return math.floor((self.robot_diameter_m / self.cell_m) ** 2 + 1e-9)
+
+    @property
+    def walls(self) -> np.ndarray:
+        """(M, 4) int64, the obstacles as few rectangles left, bottom, right, top, in cells."""
+        cells = [[x, y, x + 1, y + 1] for x, y in set(self.obstacles)]
+        return np.array(_joined(_joined(cells, 0), 1), dtype=np.int64).reshape(-1, 4)
+
+    def blocks(self, x: Any, y: Any) -> Any:
+        """Whether a robot at (x, y), in half cells, touches an obstacle; numbers or arrays."""
+        return touches_obstacle(x, y, self.squared_contact, 2 * self.walls)
 
     @property
     def size_m(self) -> tuple[float, float]:
@@ -131,6 +185,19 @@ class Scenario:
         """Hash (16 hex digits) of the geometry, whatever name and title are."""
         geometry = {k: v for k, v in asdict(self).items() if k not in {"name", "title"}}
         return hashlib.sha256(json.dumps(geometry, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _joined(rectangles: list[list[int]], axis: int) -> list[list[int]]:
+    """Rectangles left, bottom, right, top, those of one extent joined along x (0) or y (1)."""
+    low, high, across = axis, axis + 2, slice(1 - axis, None, 2)
+    joined: list[list[int]] = []
+    for rectangle in sorted(rectangles, key=lambda r: (r[across], r[low])):
+        last = joined[-1] if joined else None
+        if last and last[across] == rectangle[across] and last[high] == rectangle[low]:
+            last[high] = rectangle[high]
+        else:
+            joined.append(rectangle)
+    return joined
 
 
 def _sides(columns: int, rows: int) -> dict[str, tuple[Cell, ...]]:

@@ -32,6 +32,8 @@ class State(NamedTuple):
         touching: (N,) ticks of this period in which another robot was touched.
         near: (N (N − 1) / 2, 2) int64, pairs that may touch in this period.
         near_count: (1,) int64, how many they are.
+        events: (N,) int64, what became of each robot in this period, see cosim.plant.
+        obstacles: (M, 4) rectangles left, bottom, right, top in m, which stay.
     """
 
     bodies: np.ndarray
@@ -48,6 +50,8 @@ class State(NamedTuple):
     touching: np.ndarray
     near: np.ndarray
     near_count: np.ndarray
+    events: np.ndarray
+    obstacles: np.ndarray
 
 
 class Samples(NamedTuple):
@@ -105,13 +109,20 @@ class RawSamples(NamedTuple):
     friction: np.ndarray
 
 
-def new_state(robots: int) -> State:
-    """Zero state of N robots."""
+def new_state(robots: int, obstacles_m: np.ndarray | None = None) -> State:
+    """Zero state of N robots, by default without obstacles."""
     exchanged, feet = (MOTORS, 3), (FEET,)
     shapes = [(STATE_SIZE,), (COMMAND_SIZE,), exchanged, exchanged, exchanged, (6,), (MOTORS, 2)]
     arrays = [np.zeros((robots, *shape)) for shape in [*shapes, feet, feet, feet, (), ()]]
     near = np.zeros((robots * (robots - 1) // 2, 2), dtype=np.int64)
-    return State(*arrays, near=near, near_count=np.zeros(1, dtype=np.int64))
+    events = np.zeros(robots, dtype=np.int64)
+    return State(
+        *arrays,
+        near=near,
+        near_count=np.zeros(1, dtype=np.int64),
+        events=events,
+        obstacles=np.empty((0, 4)) if obstacles_m is None else obstacles_m,
+    )
 
 
 def new_samples(periods: int, robots: int) -> Samples:

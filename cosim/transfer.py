@@ -116,9 +116,11 @@ class Measurement:
     def add_rows(self, method: Method, mu: float) -> list[Row]:
         """Rows of all scenarios; trains what has not been trained yet."""
         rows: list[Row] = []
-        config = calibrated(CoSimConfig(robot=TABLE_I._replace(mu=mu)), self._fmu, self._console)
         for name in self.options.scenarios:
             policy = self._policy(method, name)
+            config = CoSimConfig(robot=TABLE_I._replace(mu=mu))
+            config = config.sized(policy.config.scenario.robot_diameter_m)
+            config = calibrated(config, self._fmu, self._console)
             cases = [
                 Case(
                     policy,

@@ -120,9 +120,7 @@ def cached_fmu() -> Path:
         key.update(part.encode() + b"\0")
     folder = cache_dir("fmus") / key.hexdigest()[:16]
     path = folder / FMU_NAME
-    return found_or_made(
-        path, lambda: path if _is_whole(path) else None, lambda: _rebuild(path)
-    )
+    return found_or_made(path, lambda: path if _is_whole(path) else None, lambda: _rebuild(path))
 
 
 def _rebuild(path: Path) -> Path:

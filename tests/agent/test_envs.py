@@ -16,7 +16,7 @@ from agent.rng import seeded_state
 from agent.store import trained_policy
 from agent.vector_env import NavigationVectorEnv
 from cosim.errors import UserError
-from cosim.scenario import find_scenario
+from cosim.scenario import Scenario, find_scenario
 
 IDS = ("MiniRobots/SingleA-v0", "MiniRobots/SingleB-v0")
 
@@ -386,4 +386,40 @@ def test_cosim_pair_is_a_parallel_environment():
     _, rewards, terminations, _, _ = env.step({"robot_1": 6, "robot_2": 2})
     assert set(rewards) == {"robot_1", "robot_2"}
     assert not any(terminations.values())
+    env.close()
+
+
+WALL = Scenario("wall", "", ((8, 14),), (((8, 5),),), obstacles=tuple((x, 9) for x in range(4, 12)))
+
+
+@pytest.mark.parametrize("cosim", [False, True])
+def test_a_wall_ends_an_episode_as_a_collision(cosim):
+    north = 2
+    env = envs.NavigationEnv(WALL, cosim=cosim)
+    env.reset(seed=0)
+    reward, terminated, info = 0.0, False, {}
+    while not terminated:
+        assert reward in (0.0, -1.0)
+        _, reward, terminated, truncated, info = env.step(north)
+        assert not truncated
+    assert reward == -100.0
+    assert info["outcome"] == "collision"
+    assert env.episode.status.tolist() == [grid.HIT]
+    env.close()
+
+
+@pytest.mark.parametrize("cosim", [False, True])
+def test_a_bystander_of_a_collision_is_truncated_without_penalty(cosim):
+    row = Scenario("row", "", ((5, 20), (11, 20), (25, 20)), (((5, 5),), ((11, 5),), ((25, 5),)))
+    env = envs.parallel_env(row, cosim=cosim)
+    env.reset(seed=0)
+    rewards, terminations, truncations = {}, {}, {}
+    while env.agents:
+        _, rewards, terminations, truncations, infos = env.step(
+            {"robot_1": 0, "robot_2": 4, "robot_3": 2}
+        )
+    assert rewards == {"robot_1": -100.0, "robot_2": -100.0, "robot_3": -1.0}
+    assert terminations == {"robot_1": True, "robot_2": True, "robot_3": False}
+    assert truncations == {"robot_1": False, "robot_2": False, "robot_3": True}
+    assert infos["robot_3"]["outcome"] == "collision"
     env.close()

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent import grid
-from agent.process import ProcessConfig, build_process
+from agent.process import OBSTACLE, ProcessConfig, build_process
 from agent.rng import seeded_state
 from cosim.features import DIRECTIONS, LARGE, MEDIUM, NEAR
 from cosim.scenario import Scenario, ScenarioError, find_scenario
@@ -131,6 +131,51 @@ def test_diagonal_cost_applies_to_diagonal_moves_only():
     assert step(process, world, NE)[1] == [np.float32(-math.sqrt(2))]
 
 
+@pytest.mark.parametrize(("diameter_m", "reach"), [(0.05, 3), (0.04, 2), (0.009, 0)])
+def test_a_cell_is_blocked_if_a_robot_in_its_middle_touches_an_obstacle(diameter_m, reach):
+    board = Scenario(
+        "b", "", ((25, 25),), (((0, 29),),), obstacles=((10, 10),), robot_diameter_m=diameter_m
+    )
+    process = build_process(board, ProcessConfig())
+    radius = 50.0 * diameter_m  # in cells
+    for x in range(30):
+        for y in range(30):
+            gap = math.hypot(max(abs(x - 10) - 0.5, 0.0), max(abs(y - 10) - 0.5, 0.0))
+            assert (process.terrain[0, x + 1, y + 1] == OBSTACLE) == (gap <= radius + 1e-9)
+    beside = world_at(process, (10 + reach + 1, 10))
+    assert step(process, beside, W) == (grid.COLLISION, [-100.0])
+    assert beside[0, grid.STATUS] == grid.HIT
+    assert step(process, world_at(process, (10 + reach + 1, 10)), N) == (grid.RUNNING, [-1.0])
+
+
+@pytest.mark.parametrize("reading", ["cells", "swept"])
+def test_swept_collision_sees_corners_that_diagonal_moves_graze(reading):
+    """A point-like robot passes from beside an obstacle to above it, over its corner."""
+    board = Scenario(
+        "b", "", ((25, 25),), (((0, 29),),), obstacles=((10, 10),), robot_diameter_m=0.009
+    )
+    process = build_process(board, ProcessConfig(collision=reading))
+    for start, action in [((11, 10), NW), ((10, 11), SE), ((9, 10), NE), ((10, 9), NE)]:
+        outcome, _ = step(process, world_at(process, start), action)
+        assert outcome == (grid.COLLISION if reading == "swept" else grid.RUNNING)
+    for start, action in [((11, 10), NE), ((12, 10), NW), ((11, 10), N)]:
+        assert step(process, world_at(process, start), action)[0] == grid.RUNNING
+    outside = world_at(process, (0, 0))
+    assert step(process, outside, SW) == (grid.OUT_OF_BOARD, [-100.0])
+
+
+def test_only_robots_that_touch_fail():
+    starts = (((5, 5),), ((11, 5),), ((25, 5),))
+    process = build_process(
+        Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts), ProcessConfig()
+    )
+    world = world_at(process, (5, 5), (11, 5), (25, 5))
+    outcome, rewards = step(process, world, E, W, N)
+    assert outcome == grid.COLLISION
+    assert world[:, grid.STATUS].tolist() == [grid.HIT, grid.HIT, grid.MOVING]
+    assert rewards == [-100.0, -100.0, -1.0]
+
+
 def test_three_robots_see_the_nearest():
     starts = (((0, 0),), ((10, 0),), ((0, 20),))
     three = Scenario("three", "", ((15, 15), (22, 15), (15, 22)), starts)
@@ -209,7 +254,7 @@ def test_ties_go_to_the_least_rotation(facing, values, expected):
     [
         ({"starts": (((15, 18),), ((3, 3),))}, "starts\\[0\\] has cell \\(15, 18\\)"),
         ({"starts": (((3, 3),), ((4, 4),))}, "no combination"),
-        ({"obstacles": ((3, 3),), "starts": (((3, 3),), ((9, 9),))}, "obstacle"),
+        ({"obstacles": ((3, 3),), "starts": (((3, 3),), ((9, 9),))}, "touches an obstacle"),
     ],
 )
 def test_unusable_starts_are_refused(change, message):

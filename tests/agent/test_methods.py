@@ -1,9 +1,12 @@
 """The named ways of training: what each learns on, and training on a file of moves."""
 
+from dataclasses import replace
+
+import msgspec
 import pytest
 
 from agent import methods, train
-from agent.methods import METHODS, method_config
+from agent.methods import METHODS, method_config, method_of
 from agent.policy import Policy
 from agent.runs import policy_paths
 from agent.transitions import Move, Transitions
@@ -26,7 +29,7 @@ def moves():
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["1b", "4"])
 def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch):
-    monkeypatch.setattr(methods, "_observed_moves", lambda fmu, observing: moves)
+    monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
     config = method_config(method, find_scenario(name), seed=3, episodes=1000)
     assert config.learning.episodes == 1000
     assert config.seed.entropy == 3
@@ -34,6 +37,11 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
     assert (config.process.slip_probability > 0.0) == (method == "slip")
     expected = {"1b": {"h"}, "4": {"b"}}[name] if method == "identified" else set()
     assert set(config.process.features) & {"b", "h"} == expected
+    assert method_of(config) == method
+    longer = msgspec.structs.replace(config, learning=replace(config.learning, greedy_points=3))
+    assert method_of(longer) == method
+    other = msgspec.structs.replace(config, learning=replace(config.learning, eta=0.5))
+    assert method_of(other) is None
 
 
 def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):

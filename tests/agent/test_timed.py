@@ -141,6 +141,32 @@ def test_robots_that_meet_between_cells_collide():
     assert rewards.tolist() == [-100.0, -100.0]
 
 
+def test_a_robot_that_strays_to_an_obstacle_collides():
+    """From a cell that is free to one that is free, along a path or to an end that is not."""
+    moves = [ideal_moves(duration_s=3.0), ideal_moves(duration_s=3.0, stop=0.3)]
+    # a robot of 4 cm in the middle of a cell three cells beside an obstacle has 5 mm left
+    board = Scenario(
+        "b", "", ((9, 9),), (((2, 2),),), 12, 12, obstacles=((5, 2),), zone=(5, 5, 6, 6),
+        robot_diameter_m=0.04,
+    )  # fmt: skip
+    process = build_process(board, ProcessConfig())
+    rewards, outcomes = np.zeros(1, dtype=np.float32), []
+    for observed, start, direction in [
+        (moves[0], (2, 3), 6),
+        (moves[1], (2, 3), 6),  # stops 3 mm to the east of the middle: 2 mm are left
+        (ideal_moves(duration_s=3.0, stop=0.6), (2, 3), 6),
+        (moves[0], (2, 2), 0),  # into a blocked cell
+    ]:
+        model = build_model(observed, RL_STEP_S, 5.0)
+        world, ways = pair_at(process, start)
+        outcome = timed.begin_move(process, model, world, ways, 0, direction, seeded_state(0))
+        while outcome == grid.RUNNING and not timed.waits(ways, 0):
+            outcome = timed.step(process, model, world, ways, rewards)
+        outcomes.append(outcome)
+    assert outcomes == [grid.RUNNING, grid.RUNNING, grid.COLLISION, grid.COLLISION]
+    assert rewards.tolist() == [-100.0]
+
+
 def test_training_on_moves_reaches_the_targets():
     config = PolicyConfig(
         SMALL,

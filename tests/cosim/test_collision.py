@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from cosim.body import ANGULAR_VELOCITY, VELOCITY, body_params, standing_state
 from cosim.collision import NEAR_M, PairParams, find_near_pairs, push_apart
 from cosim.config import CoSimConfig
-from cosim.episode import CoSimulation
+from cosim.episode import CoSimulation, run_episode
 from cosim.jit import kernel
 from cosim.params import TABLE_I, TABLE_II, TIMING
 from cosim.scenario import Scenario
@@ -130,6 +130,19 @@ def test_collision_of_three_is_reported(collision_course, motor_fmu):
     assert system.outcome == "collision"
     position = steps[-1].samples.position[-1, :, :2]
     assert np.linalg.norm(position[0] - position[1]) == pytest.approx(0.05, abs=5e-6)
+
+
+def test_small_robots_drive_on_where_large_ones_would_touch(motor_fmu, straight_policy):
+    starts = ((8, 5), (12, 5))
+    small = Scenario(
+        "small", "", ((8, 7), (12, 7)), tuple((cell,) for cell in starts), robot_diameter_m=0.03
+    )
+    system = CoSimulation(small, motor_fmu)
+    policy = straight_policy(small.targets)
+    outcome = run_episode(system, policy, starts, np.random.SeedSequence(0), lambda step: None)
+    assert outcome == "success"
+    assert system.config.robot.diameter_m == 0.03
+    assert 0.03 < system.measures.min_distance_m < 0.05
 
 
 def test_robots_that_go_on_push_but_never_overlap(collision_course, motor_fmu):

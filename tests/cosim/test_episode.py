@@ -9,7 +9,7 @@ from cosim.config import ConfigError, CoSimConfig
 from cosim.episode import CoSimulation, run_episode
 from cosim.features import LARGE, MEDIUM
 from cosim.observing import draw_starts
-from cosim.params import TABLE_I, TIMING
+from cosim.params import TABLE_I, TIMING, cylinder_inertia
 from cosim.scenario import Scenario, find_scenario
 
 SHORT = Scenario("short", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
@@ -132,6 +132,37 @@ def test_starts_never_touch():
 def test_times_that_do_not_divide_are_refused(timing, message):
     with pytest.raises(ConfigError, match=message):
         CoSimConfig(timing=TIMING._replace(**timing))
+
+
+def test_the_scenario_decides_the_diameter(motor_fmu):
+    small = Scenario("small", "", SHORT.targets, SHORT.starts, robot_diameter_m=0.03)
+    with pytest.raises(ConfigError, match=r"diameter_m = 0\.05 .* robot_diameter_m = 0\.03"):
+        CoSimulation(small, motor_fmu, CoSimConfig())
+    config = CoSimConfig().sized(0.03)
+    assert CoSimulation(small, motor_fmu, config).config == config
+    values = {name: row["value"] for name, row in config.table().items()}
+    assert values["diameter_m"] == 0.03
+    assert values["foot_radius_m"] == pytest.approx(0.6 * TABLE_I.foot_radius_m)
+    assert cylinder_inertia(config.robot)[2] == pytest.approx(0.36 * cylinder_inertia(TABLE_I)[2])
+    assert CoSimConfig().sized(0.05) == CoSimConfig()  # in every bit
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"diameter_m": 0.04},
+            r"foot_radius_m = 0\.023 lies outside a robot of diameter_m = 0\.04",
+        ),
+        ({"motor_radius_m": 0.03}, r"motor_radius_m = 0\.03 lies outside"),
+        ({"motor_radius_m": 0.005}, r"two motors of motor_length_m = 0\.0102 do not fit"),
+    ],
+)
+def test_impossible_robots_are_refused(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        CoSimConfig(robot=TABLE_I._replace(**changes))
+    with pytest.raises(ConfigError, match="make the robot larger"):
+        CoSimConfig().sized(0.01)
 
 
 def test_hopping_speed_is_refused():

@@ -34,6 +34,7 @@ def step(
         np.zeros(2, dtype=bool),
         samples,
         RawSamples(*new_raw_samples(0, 2)),
+        np.zeros(2, dtype=int),
         outcome,
     )
 

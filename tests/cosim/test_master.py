@@ -14,7 +14,7 @@ from cosim.fmu import FmuError, MotorFmu
 from cosim.forces import motor_mounts
 from cosim.master import CompiledDriver
 from cosim.params import STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.plant import COLLISION, Plant
+from cosim.plant import COLLISION, OUT_OF_BOARD, RUNNING, Plant
 from cosim.signals import new_raw_samples, new_samples, new_state
 from cosim.steering import DIRECTION, GOAL_X, START
 
@@ -49,12 +49,13 @@ def advance(
     broken_period=None,
     periods=PERIODS,
     head_on=False,
+    obstacles=None,
     **changes,
 ):
     """20 000 ticks of two robots that drive to the right, or the right one towards the other."""
     fmu = MotorFmu(motor_fmu)
     motors = [fmu.instantiate(f"r{r + 1}.{m}") for r in range(ROBOTS) for m in "DE"]
-    state = new_state(ROBOTS)
+    state = new_state(ROBOTS, obstacles)
     for robot in range(ROBOTS):
         x = 0.05 + gap_m * robot
         state.bodies[robot] = standing_state(TABLE_I, x, 0.15, heading)
@@ -98,6 +99,29 @@ def test_runs_repeat_in_every_bit(motor_fmu):
 def test_collision_ends_the_advance(motor_fmu, driver):
     progress, *_ = advance(motor_fmu, driver, gap_m=0.0499)
     assert progress == (1, COLLISION)
+
+
+@pytest.mark.parametrize("driver", ["compiled", "reference"])
+@pytest.mark.parametrize("end_on_collision", [True, False])
+def test_an_obstacle_ends_the_advance_of_the_robot_that_touches_it(
+    motor_fmu, driver, end_on_collision
+):
+    obstacles = np.array([[0.0, 0.0, 0.3, 0.1], [0.17499, 0.1, 0.2, 0.2]])
+    progress, state, samples, _ = advance(
+        motor_fmu, driver, obstacles=obstacles, end_on_collision=end_on_collision
+    )
+    assert progress == (1, COLLISION)
+    assert state.events.tolist() == [RUNNING, COLLISION]
+    assert samples.touching_share.max() == 0.0
+    obstacles[1, 0] += 2e-4
+    assert advance(motor_fmu, driver, obstacles=obstacles, periods=1)[0] == (1, RUNNING)
+
+
+@pytest.mark.parametrize("driver", ["compiled", "reference"])
+def test_leaving_the_board_outranks_a_collision_as_on_the_grid(motor_fmu, driver):
+    progress, state, *_ = advance(motor_fmu, driver, gap_m=0.0499, board_x=0.07)
+    assert progress == (1, OUT_OF_BOARD)
+    assert state.events.tolist() == [COLLISION, OUT_OF_BOARD]
 
 
 @pytest.mark.parametrize("driver", ["compiled", "reference"])

@@ -130,9 +130,27 @@ def test_policy_of_another_scenario_is_refused(run, runs, tmp_path):
     done = run("--scenario", "4", "--policy", policy, "--out", tmp_path / "x")
     assert done.returncode == 2
     assert "was trained on scenario 2" in done.stderr
-    again = run("--policy", policy, "--out", tmp_path / "y", *BRIEF, "--no-record")
+    again = run("--policy", policy, "--out", tmp_path / "y", "--time-limit", 4, "--no-record")
     assert again.returncode == 0, again.stderr
     assert not list((tmp_path / "y").rglob("*.rrd"))
+    summary = summary_of(tmp_path / "y")
+    assert (summary["method"], summary["train_seed"]) == ("paper", 3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["--method", "identified"], "--method"),
+        (["--train-seed", 0], "--train-seed"),
+        (["--train-episodes", 5, "--retrain"], "--train-episodes and --retrain"),
+    ],
+)
+def test_options_of_training_are_refused_with_a_policy(run, runs, tmp_path, arguments, names):
+    done = run("--policy", runs / "a" / "policy.npz", "--out", tmp_path / "x", *arguments)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: {names}: nothing is trained with --policy")
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "x").exists()
 
 
 def test_threads_do_not_change_the_results(run, runs, tmp_path):
