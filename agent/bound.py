@@ -16,12 +16,13 @@ import tyro
 from agent.evaluation import Evaluation, all_starts
 from agent.grid import COLUMN_COUNT, SUCCESS, VX, VY, X, Y, touched_on_the_way
 from agent.process import FREE, GOAL, Process, ProcessConfig, build_process
-from cosim.errors import run_command
+from cosim.errors import UserError, run_command
 from cosim.features import DIRECTION_COUNT, DIRECTIONS
 from cosim.jit import kernel
+from cosim.reading import Kind, read_arrays
 from cosim.scenario import find_scenario
 from cosim.sources import code_digest, with_imports
-from cosim.storage import cache_dir, found_or_made, replacing
+from cosim.storage import cache_dir, cached, replacing
 
 MAX_JOINT_STATES = 4_000_000  # two robots on about 45 x 45 cells, some seconds
 
@@ -193,20 +194,21 @@ def optimum(process: Process) -> Bound:
     key.update(process.corners.tobytes())
     path = cache_dir("bounds") / f"{key.hexdigest()[:16]}.npz"
 
-    def load() -> Bound | None:
-        if not path.exists():
-            return None
-        with np.load(path, allow_pickle=False) as file:
-            return Bound(file["path_cells"], file["steps"], relaxed)
-
-    def iterate() -> Bound:
+    def make() -> Bound:
         path_cells = _optimum(process, _PATH_COSTS, relaxed)
-        bound = Bound(path_cells, _optimum(process, _STEP_COSTS, relaxed), relaxed)
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, path_cells=bound.path_cells, steps=bound.steps)
-        return bound
+        return Bound(path_cells, _optimum(process, _STEP_COSTS, relaxed), relaxed)
 
-    return found_or_made(path, load, iterate)
+    return cached(path, _load, make, _save)
+
+
+def _load(path: Path) -> Bound:
+    arrays = read_arrays(path, Kind("optimum", "remove it", UserError), Bound._fields)
+    return Bound(arrays["path_cells"], arrays["steps"], bool(arrays["relaxed"]))
+
+
+def _save(bound: Bound, path: Path) -> None:
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **bound._asdict())
 
 
 def ratios(process: Process, evaluation: Evaluation) -> tuple[float, float]:

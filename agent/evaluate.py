@@ -13,7 +13,6 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.table import Table
 
 from agent.bound import ratios
 from agent.evaluation import Evaluation, evaluate
@@ -22,6 +21,7 @@ from agent.policy import Policy
 from agent.runs import policy_paths
 from agent.statistics import summarise
 from cosim.errors import UserError, run_command
+from cosim.tables import show_table
 
 _LISTED_FAILURES = 10
 MAX_FAILURES = 1000  # in the report; scenarios of four robots have some 700 000 starts
@@ -120,25 +120,28 @@ def _null_for_nan(values: dict[str, float]) -> dict[str, float | None]:
 
 def show(report: dict[str, Any], console: Console) -> None:
     """Print a report as tables: each policy, the first failing starts, and statistics."""
-    table = Table("policy", "scenario", "starts", *(name.replace("_", " ") for name in _MEASURES))
-    for row in report["policies"]:
-        table.add_row(
+    rows = [
+        (
             row["policy"],
             row["scenario"],
             str(row["starts"]),
             *(_text(name, row[name]) for name in _MEASURES),
         )
-    console.print(table)
+        for row in report["policies"]
+    ]
+    header = ("policy", "scenario", "starts", *(name.replace("_", " ") for name in _MEASURES))
+    show_table(console, header, rows, names=2)
     show_failures(report["policies"], console)
     for scenario, measures in report["over_policies"].items():
         runs = measures["success"]["runs"]
         if runs == 1:
             continue
-        table = Table(f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
+        rows = []
         for name, s in measures.items():
             mean, iqm, low, high = (_text(name, s[k]) for k in ("mean", "iqm", "low", "high"))
-            table.add_row(name.replace("_", " "), mean, iqm, f"{low} to {high}")
-        console.print(table)
+            rows.append((name.replace("_", " "), mean, iqm, f"{low} to {high}"))
+        header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
+        show_table(console, header, rows)
 
 
 def show_failures(policies: list[dict[str, Any]], console: Console) -> None:

@@ -14,7 +14,6 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import tyro
 from rich.console import Console
-from rich.table import Table
 
 from agent.evaluate import report_of, statistics_of
 from agent.learning import LearningConfig
@@ -25,6 +24,7 @@ from agent.train import progress_bar
 from cosim.errors import UserError, run_command
 from cosim.scenario import find_scenario
 from cosim.storage import replacing
+from cosim.tables import show_table
 
 RESULTS_FILE = "results.json"
 
@@ -215,7 +215,7 @@ def _minus(a: float | None, b: float | None) -> float:
 
 def show(content: dict[str, Any], console: Console) -> None:
     """Print the statistics of every variant: mean and 95 % interval over runs."""
-    table = Table("variant", "success", "path length in cm", "moves", "path over optimum")
+    rows = []
     for variant in content["variants"].values():
         cells = [
             _interval(variant["over_runs"][name], factor, digits, unit)
@@ -226,19 +226,21 @@ def show(content: dict[str, Any], console: Console) -> None:
                 ("ratio_to_bound", 1.0, 3, ""),
             )
         ]
-        table.add_row(variant["label"], *cells)
-    console.print(table)
+        rows.append((variant["label"], *cells))
+    header = ("variant", "success", "path length in cm", "moves", "path over optimum")
+    show_table(console, header, rows)
     if content["differences"]:
         reference = content["variants"][REFERENCES[content["experiment"]]]["label"]
-        table = Table(f"minus {reference}, run by run", "success", "path length in cm", "moves")
+        rows = []
         for name, measures in content["differences"].items():
             cells = [
                 _interval(measures["success"], 100.0, 2, " %"),
                 _interval(measures["path_length_cm"], 1.0, 2, ""),
                 _interval(measures["steps"], 1.0, 2, ""),
             ]
-            table.add_row(content["variants"][name]["label"], *cells)
-        console.print(table)
+            rows.append((content["variants"][name]["label"], *cells))
+        header = (f"minus {reference}, run by run", "success", "path length in cm", "moves")
+        show_table(console, header, rows)
     console.print(
         f"{content['seconds']:.0f} s; results in {content['out']}/: {RESULTS_FILE}, runs by variant"
     )

@@ -19,7 +19,6 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 from agent.transitions import NO_DIRECTION, Move, Transitions, TransitionsError, move_kind
 from cosim.calibrating import calibrated
@@ -31,7 +30,8 @@ from cosim.params import TABLE_I
 from cosim.scenario import Scenario
 from cosim.sources import code_digest, with_imports
 from cosim.steering import DRIVE, HOLD
-from cosim.storage import cache_dir, found_or_made
+from cosim.storage import cache_dir, cached
+from cosim.tables import show_table
 from fmus.build import cached_fmu
 
 KINDS = 2 * AXIS_COUNT
@@ -229,42 +229,35 @@ def cached_transitions(
         FmuError, TransitionsError: see `identify`.
         OSError: the cache cannot be written.
     """
-    path = transitions_path(config, fmu)
-
-    def load() -> Transitions | None:
-        try:
-            return Transitions.load(path)
-        except TransitionsError:
-            return None
-
-    def observe() -> Transitions:
-        transitions = identify(config, fmu, progress=progress)
-        transitions.save(path)
-        return transitions
-
-    return found_or_made(path, load, observe)
+    return cached(
+        transitions_path(config, fmu),
+        Transitions.load,
+        lambda: identify(config, fmu, progress=progress),
+        Transitions.save,
+    )
 
 
 def _show(transitions: Transitions, rl_step_s: float, console: Console) -> None:
-    table = Table(
-        "kind", "moves", "turn s", "whole move s", "RL steps", "drift mm", "stop off by mm"
-    )
+    rows = []
     for kind in range(KINDS):
         moves = [m for m in transitions.moves if move_kind(m.direction, m.heading) == kind]
         turn = 45 * ((kind % AXIS_COUNT + 1) % AXIS_COUNT - 1)
         durations = np.array([m.duration_s for m in moves])
         drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in moves]) * 10.0
         off = np.array([math.hypot(m.stop_x, m.stop_y) for m in moves]) * 10.0
-        table.add_row(
-            f"{'diagonal' if kind >= AXIS_COUNT else 'straight'} after {turn:+d} deg",
-            str(len(moves)),
-            f"{np.mean([m.turn_s for m in moves]):.2f}",
-            f"{durations.mean():.2f} ± {durations.std():.2f}",
-            f"{np.ceil(durations / rl_step_s).mean():.2f}",
-            f"{drift.mean():.2f} (at most {drift.max():.2f})",
-            f"{off.mean():.2f} (at most {off.max():.2f})",
+        rows.append(
+            (
+                f"{'diagonal' if kind >= AXIS_COUNT else 'straight'} after {turn:+d} deg",
+                str(len(moves)),
+                f"{np.mean([m.turn_s for m in moves]):.2f}",
+                f"{durations.mean():.2f} ± {durations.std():.2f}",
+                f"{np.ceil(durations / rl_step_s).mean():.2f}",
+                f"{drift.mean():.2f} (at most {drift.max():.2f})",
+                f"{off.mean():.2f} (at most {off.max():.2f})",
+            )
         )
-    console.print(table)
+    header = ("kind", "moves", "turn s", "whole move s", "RL steps", "drift mm", "stop off by mm")
+    show_table(console, header, rows)
 
 
 def main() -> None:

@@ -5,10 +5,7 @@ with the same JSON beside it for people; nothing in it is executed on loading. T
 `agent.qlearning`, the cache of trained policies in `agent.store`.
 """
 
-import io
 import json
-import zipfile
-import zlib
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +26,7 @@ from agent.process import (
 from agent.transitions import Transitions
 from cosim.errors import UserError
 from cosim.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+from cosim.reading import Kind, parsing, read_arrays
 from cosim.scenario import Scenario
 from cosim.sources import code_digest, with_imports
 from cosim.storage import replacing
@@ -38,6 +36,10 @@ SCHEMA_VERSION = 1
 
 class PolicyError(UserError):
     """A policy file that cannot be used; the message says what to do instead."""
+
+
+_FILE = Kind("policy file", "name a policy.npz that training has saved", PolicyError)
+_CONFIG = Kind("policy's configuration", "train it again", PolicyError)
 
 
 class Seed(msgspec.Struct, frozen=True):
@@ -193,11 +195,10 @@ class Policy:
                 f"{SCHEMA_VERSION} of this version; train it again with `python -m agent.train`"
             )
         digest, episodes = description.pop("scenario_digest", None), description.pop("episodes", 0)
-        try:
-            policy = cls(msgspec.convert(description, PolicyConfig), **arrays, episodes=episodes)
-            consistent = digest == policy.config.scenario.digest() and policy._consistent()
-        except (msgspec.ValidationError, UserError) as error:
-            raise PolicyError(f"{path}: damaged configuration ({error}); train it again") from error
+        with parsing(path, _CONFIG):
+            config = msgspec.convert(description, PolicyConfig)
+            policy = cls(config, **arrays, episodes=msgspec.convert(episodes, int))
+            consistent = digest == config.scenario.digest() and policy._consistent()
         if not consistent:
             raise PolicyError(f"{path}: tables and configuration do not fit; train it again")
         if scenario is not None and scenario.digest() != digest:
@@ -220,25 +221,6 @@ class Policy:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    if not path.is_file():
-        raise PolicyError(f"{path}: no such policy file; name a policy.npz that training has saved")
-    content = io.BytesIO(path.read_bytes())  # so that whatever fails below is the content
-    try:
-        with np.load(content, allow_pickle=False) as file:
-            description = json.loads(file["config"].tobytes())
-            arrays = {name: file[name] for name in ("q", "visits", "random")}
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        OSError,
-        EOFError,
-        ValueError,
-        LookupError,
-        TypeError,
-    ) as error:
-        raise PolicyError(
-            f"{path}: not a policy file or damaged; name a policy.npz that training has saved"
-        ) from error
-    if not isinstance(description, dict):
-        raise PolicyError(f"{path}: damaged configuration; train it again")
-    return description, arrays
+    arrays = read_arrays(path, _FILE, ("q", "visits", "random", "config"))
+    with parsing(path, _CONFIG):
+        return dict(json.loads(arrays.pop("config").tobytes())), arrays

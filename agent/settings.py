@@ -1,6 +1,5 @@
 """Settings files of the agent: TOML tables `[process]` and `[learning]`, checked field by field."""
 
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,6 +9,7 @@ import msgspec
 from agent.learning import LearningConfig
 from agent.process import ProcessConfig
 from cosim.errors import UserError
+from cosim.reading import Kind, read_toml
 
 _Config = TypeVar("_Config", ProcessConfig, LearningConfig)
 
@@ -18,18 +18,16 @@ class SettingsError(UserError):
     """A settings file that cannot be used; the message names the field."""
 
 
+_FILE = Kind("settings file", "check the path", SettingsError)
+
+
 def read_settings(path: Path) -> tuple[ProcessConfig, LearningConfig]:
     """Decision process and learning configuration of a TOML file; what it leaves out is default.
 
     Raises:
         SettingsError: the file is missing, no TOML, or a field is unknown or wrong.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise SettingsError(f"{path}: no such settings file; check the path") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingsError(f"{path}: not a TOML file ({error}); mend that line") from error
+    content = read_toml(path, _FILE)
     unknown = set(content) - {"process", "learning"}
     if unknown:
         raise SettingsError(f"{path}: unknown table '{min(unknown)}'; use [process] and [learning]")

@@ -4,7 +4,7 @@ Only the cache; one run is `agent.training`, many runs with checkpoints are `age
 """
 
 import hashlib
-import zipfile
+import logging
 from pathlib import Path
 
 import msgspec
@@ -13,12 +13,21 @@ import numpy as np
 from agent.learning import LearningConfig, initial_state
 from agent.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.process import ProcessConfig, build_process
-from agent.training import ProgressCallback, TrainingLog, run_training, training_log
+from agent.training import (
+    ProgressCallback,
+    TrainingLog,
+    TrainingLogError,
+    run_training,
+    training_log,
+)
 from cosim.scenario import Scenario
-from cosim.storage import cache_dir, found_or_made
+from cosim.storage import cache_dir, found_or_made, require_no_folder
 
 POLICY_FILE = "policy.npz"
 LOG_FILE = "training.npz"
+
+
+_LOGGER = logging.getLogger(__name__)
 
 
 def config_digest(config: PolicyConfig) -> str:
@@ -51,10 +60,14 @@ def save_run(folder: Path, policy: Policy, log: TrainingLog) -> Path:
 
 def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] | None:
     """Policy and learning curves of a configuration; None if they are missing or damaged."""
+    path = folder / POLICY_FILE  # written last
+    if not path.exists():
+        return None
     try:
-        policy = Policy.load(folder / POLICY_FILE)
+        policy = Policy.load(path)
         log = TrainingLog.load(folder / LOG_FILE)
-    except (PolicyError, OSError, ValueError, KeyError, zipfile.BadZipFile):
+    except (PolicyError, TrainingLogError) as error:
+        _LOGGER.warning("%s: it is made again", error)
         return None
     return (policy, log) if policy.config == config else None
 
@@ -74,9 +87,12 @@ def find_or_train(
 
     Raises:
         ScenarioError: the scenario cannot be used with these readings.
+        StorageError: a folder is where a file of the cache goes.
         OSError: the cache cannot be written.
     """
     folder = policy_folder(config)
+    for name in (POLICY_FILE, LOG_FILE):
+        require_no_folder(folder / name)  # before training, not after
 
     def train() -> tuple[Policy, TrainingLog]:
         trained = train_policy(config, progress=progress)

@@ -33,9 +33,9 @@ from agent.grid import (
 from agent.process import FREE, GOAL, OUTSIDE, Process
 from agent.rng import next_index
 from agent.transitions import MoveModel
-from cosim.collision import touches_obstacle
 from cosim.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
 from cosim.jit import inlined
+from cosim.obstacle import touches_obstacle
 
 # Columns of a robot's way, float64.
 FROM_X, FROM_Y, TO_X, TO_Y = 0, 1, 2, 3  # ends of its move, cells

@@ -29,7 +29,9 @@ from agent.process import build_process
 from agent.qlearning import advance
 from agent.timed_learning import advance_timed
 from agent.transitions import MoveModel, build_model
+from cosim.errors import UserError
 from cosim.params import TIMING
+from cosim.reading import Kind, read_arrays
 from cosim.storage import replacing
 
 # Learning curves evaluate all starts up to this many, and evenly spaced ones if there are more.
@@ -54,6 +56,13 @@ class Progress(NamedTuple):
 
 
 ProgressCallback = Callable[[Progress], None]
+
+
+class TrainingLogError(UserError):
+    """Learning curves that cannot be read; the message names the file and the mend."""
+
+
+_FILE = Kind("file of learning curves", "train again", TrainingLogError)
 
 
 class TrainingLog(NamedTuple):
@@ -97,12 +106,12 @@ class TrainingLog(NamedTuple):
         """Read what `save` wrote.
 
         Raises:
-            OSError, ValueError, KeyError, zipfile.BadZipFile: it is missing or damaged.
+            TrainingLogError: it is missing or damaged.
         """
-        with np.load(path, allow_pickle=False) as file:
-            # Curves from before maps were kept are as good as ever.
-            kept = (n for n in cls._fields if n in file or n not in cls._field_defaults)
-            return cls(**{name: file[name] for name in kept})
+        # Curves from before maps were kept are as good as ever.
+        optional = tuple(cls._field_defaults)
+        names = [name for name in cls._fields if name not in optional]
+        return cls(**read_arrays(path, _FILE, names, optional))
 
 
 def greedy_episodes(config: LearningConfig) -> np.ndarray:

@@ -8,13 +8,14 @@ means. Observing them is `agent.identify`, moving robots by them `agent.timed`.
 import math
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
 
 from cosim.errors import UserError
-from cosim.features import AXIS_COUNT
+from cosim.features import AXIS_COUNT, DIRECTION_COUNT
+from cosim.reading import Kind, parsing, read_json
 from cosim.storage import replacing
 
 SCHEMA_VERSION = 1
@@ -41,13 +42,13 @@ class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         stop_x, stop_y: where it stopped, from the centre of the cell aimed at, in cells.
     """
 
-    direction: int
-    heading: int
-    previous: int
+    direction: Annotated[int, msgspec.Meta(ge=0, lt=DIRECTION_COUNT)]
+    heading: Annotated[int, msgspec.Meta(ge=0, lt=DIRECTION_COUNT)]
+    previous: Annotated[int, msgspec.Meta(ge=NO_DIRECTION, lt=DIRECTION_COUNT)]
     columns: int
     rows: int
-    turn_s: float
-    duration_s: float
+    turn_s: Annotated[float, msgspec.Meta(ge=0.0)]
+    duration_s: Annotated[float, msgspec.Meta(gt=0.0)]
     drift_x: float
     drift_y: float
     stop_x: float
@@ -92,19 +93,12 @@ class Transitions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Raises:
             TransitionsError: no such file, or not a file of transitions of this version.
         """
-        try:
-            content = msgspec.json.decode(path.read_bytes())
-            version = content.pop("schema_version", None)
+        mend = f"make one with `python -m agent.identify --out {path}`"
+        kind = Kind("file of transitions", mend, TransitionsError)
+        content = read_json(path, kind, dict)
+        version = content.pop("schema_version", None)
+        with parsing(path, kind):
             transitions = msgspec.convert(content, cls)
-        except OSError:
-            raise TransitionsError(
-                f"{path}: no such file; make one with `python -m agent.identify --out {path}`"
-            ) from None
-        except (msgspec.DecodeError, msgspec.ValidationError, AttributeError, TypeError) as error:
-            raise TransitionsError(
-                f"{path}: not a file of transitions ({error}); make one with "
-                f"`python -m agent.identify --out {path}`"
-            ) from error
         if version != SCHEMA_VERSION:
             raise TransitionsError(
                 f"{path}: schema {version} is not the schema {SCHEMA_VERSION} of this version; "
@@ -158,9 +152,12 @@ def build_model(transitions: Transitions, rl_step_s: float, contact_cells: float
         TransitionsError: a kind of move was never observed.
     """
     fastest = max(
-        math.hypot(move.columns, move.rows) / (move.duration_s - move.turn_s)
-        for move in transitions.moves
-        if move.duration_s > move.turn_s
+        (
+            math.hypot(move.columns, move.rows) / (move.duration_s - move.turn_s)
+            for move in transitions.moves
+            if move.duration_s > move.turn_s
+        ),
+        default=0.0,
     )
     kinds: list[list[tuple[float, ...]]] = [[] for _ in range(_KINDS)]
     for move in transitions.moves:

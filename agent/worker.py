@@ -4,9 +4,8 @@ Workers may be other processes or machines; folders of runs and what is written 
 end are in `agent.runs`, the learning itself is in `agent.training`.
 """
 
-import io
+import logging
 import time
-import zipfile
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -19,12 +18,23 @@ from agent.policy import Policy, PolicyConfig
 from agent.process import build_process
 from agent.store import config_digest
 from agent.training import Progress, TrainingLog, run_training, training_log
+from cosim.errors import UserError
+from cosim.reading import Kind, parsing, read_arrays
 from cosim.storage import replacing
 
 CHECKPOINT_FILE = "checkpoint.npz"
 PROGRESS_FILE = ".progress"
 
 _ARRAYS = tuple(f.name for f in fields(TrainingState) if f.type is np.ndarray)
+_LOGGER = logging.getLogger(__name__)
+_NUMBERS = ("episode", "agent_steps")
+
+
+class CheckpointError(UserError):
+    """A checkpoint that cannot be read."""
+
+
+_FILE = Kind("checkpoint", "train from the start", CheckpointError)
 
 
 class RunTask(NamedTuple):
@@ -77,7 +87,7 @@ def train_run(task: RunTask) -> tuple[Policy, TrainingLog, float]:
 
 def save_checkpoint(path: Path, config: PolicyConfig, state: TrainingState) -> None:
     """Write a training state, whole or not at all."""
-    numbers = {"episode": state.episode, "agent_steps": state.agent_steps}
+    numbers = {name: getattr(state, name) for name in _NUMBERS}
     arrays = {name: getattr(state, name) for name in _ARRAYS}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, config=config_digest(config), **numbers, **arrays)
@@ -92,11 +102,13 @@ def load_checkpoint(path: Path, config: PolicyConfig, fresh: TrainingState) -> T
         fresh: the run's initial state, whose shapes the checkpoint must have.
     """
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in _ARRAYS}
-            numbers: dict[str, Any] = {n: int(file[n]) for n in ("episode", "agent_steps")}
-            known = str(file["config"]) == config_digest(config)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        arrays = read_arrays(path, _FILE, (*_ARRAYS, *_NUMBERS, "config"))
+        with parsing(path, _FILE):
+            known = str(arrays.pop("config")) == config_digest(config)
+            numbers: dict[str, Any] = {name: int(arrays.pop(name)) for name in _NUMBERS}
+    except CheckpointError as error:
+        if path.exists():
+            _LOGGER.warning("%s", error)
         return None
     fits = all(
         (a.shape, a.dtype) == (getattr(fresh, n).shape, getattr(fresh, n).dtype)
@@ -126,5 +138,5 @@ def read_progress(out: Path) -> np.ndarray:
     """(runs, 4) float64, the last `Progress` of every run going on; empty if there is none."""
     try:
         return np.fromfile(out / PROGRESS_FILE).reshape(-1, len(Progress._fields))
-    except OSError:
+    except (OSError, ValueError):  # ValueError: it is being made
         return np.empty((0, len(Progress._fields)))

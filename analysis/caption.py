@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from matplotlib.figure import Figure
 
 from analysis.style import FigureError
+from cosim.reading import Kind, read_json
 from cosim.storage import replacing
 
 
@@ -59,14 +60,6 @@ def read_caption(folder: Path, figure: str) -> Caption:
     Raises:
         FigureError: there is none, or it is damaged.
     """
-    path = folder / f"{figure}.json"
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        for name in ("ours", "inputs"):
-            content[name] = tuple(content[name])
-        return Caption(**content)
-    except (FileNotFoundError, ValueError, KeyError, TypeError):
-        raise FigureError(
-            f"{path}: no caption of a figure; draw it with `python -m analysis.figures {figure} "
-            f"--out {folder}`"
-        ) from None
+    mend = f"draw it with `python -m analysis.figures {figure} --out {folder}`"
+    kind = Kind("caption of a figure", mend, FigureError)
+    return read_json(folder / f"{figure}.json", kind, Caption)

@@ -1,6 +1,5 @@
 """Fig. 3: motion of the 1-DOF platform, from a result file of `cosim.platform`."""
 
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,22 @@ from matplotlib.figure import Figure
 from analysis.caption import Caption, Drawing
 from analysis.results import FIGURES, RESULTS
 from analysis.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, FigureError
+from cosim.reading import Kind, read_arrays
 
 COMMAND = "python -m cosim.platform"
 TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}
+_OF_EACH = (
+    "time_s",
+    "theta_rad",
+    "position_m",
+    "driving_force_n",
+    "friction_limit_n",
+    "omega_rad_s",
+    "mu",
+    "net_displacement_m",
+)
+_TABLE = ("table_mu", "table_slip_and_drift_speed_rad_s")
+_FILE = Kind(f"result of `{COMMAND}`", "write one with --out", FigureError)
 
 
 def load(path: Path) -> dict[str, np.ndarray]:
@@ -23,16 +35,8 @@ def load(path: Path) -> dict[str, np.ndarray]:
     Raises:
         FigureError: there is no such file, or it is of another kind.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = dict(file)
-    except FileNotFoundError:
-        raise FigureError(f"{path}: no such result file; run `{COMMAND}` first") from None
-    except (ValueError, EOFError, zipfile.BadZipFile):
-        arrays = {}
-    if not all(f"{name}_position_m" in arrays for name in TITLES):
-        raise FigureError(f"{path}: not a result of `{COMMAND}`; write one with --out")
-    return arrays
+    names = [f"{name}_{array}" for name in TITLES for array in _OF_EACH]
+    return read_arrays(path, _FILE, (*names, *_TABLE))
 
 
 def _unit(amplitude_m: float) -> tuple[float, str]:

@@ -15,6 +15,7 @@ from analysis.recordings import Episode, read_episode
 from analysis.rrd import Signal
 from cosim.errors import run_command
 from cosim.measures import PATH_SAMPLING_S
+from cosim.tables import show_table
 
 # Facts shown first; the others follow.
 _FIRST_FACTS = ("scenario", "title", "episode", "seed", "starts")
@@ -134,20 +135,20 @@ def show(content: dict[str, Any], console: Console, parameters: bool) -> None:
         for name, p in content["parameters"].items():
             table.add_row(name, f"{p['value']}", p["unit"], p["description"], p["source"])
         console.print(table)
-    table = Table("signal", "of", "unit", "samples", "every", title="signals")
-    for name in ("minimum", "mean", "maximum", "deviation"):
-        table.add_column(name, justify="right")
-    for row in content["signals"]:
-        period = row["period_s"]
-        table.add_row(
+    measures = ("minimum", "mean", "maximum", "deviation")
+    rows = [
+        (
             row["signal"],
             row["component"],
             row["unit"],
             str(row["samples"]),
-            f"{period:g} s" if period else "–",
-            *(_number(row[name]) for name in ("minimum", "mean", "maximum", "deviation")),
+            f"{row['period_s']:g} s" if row["period_s"] else "–",
+            *(_number(row[name]) for name in measures),
         )
-    console.print(table)
+        for row in content["signals"]
+    ]
+    header = ("signal", "of", "unit", "samples", "every", *measures)
+    show_table(console, header, rows, names=3, title="signals", numbers=len(measures))
     table = Table("what looks wrong", "where", "at", "")
     for finding in content["findings"]:
         at_s = finding["time_s"]

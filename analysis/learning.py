@@ -1,6 +1,5 @@
 """Result folders of `agent.experiments`: their content, learning curves as arrays and panels."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from agent.statistics import bootstrap_interval
 from agent.store import LOG_FILE
 from agent.training import TrainingLog
 from analysis.style import WIDTH_IN, FigureError
+from cosim.reading import Kind, read_json
 
 POINTS = 200  # drawn per curve; a point is the mean of the learning curve's points that it covers
 
@@ -45,15 +45,11 @@ def load_content(folder: Path, experiment: str) -> dict[str, Any]:
     Raises:
         FigureError: it is no result folder of that experiment.
     """
-    command = f"python -m agent.experiments {experiment} --out {folder}"
-    try:
-        content = json.loads((folder / RESULTS_FILE).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FigureError(f"{folder}: no results; run `{command}` first") from None
-    except ValueError:
-        content = {}
+    mend = f"run `python -m agent.experiments {experiment} --out {folder}`"
+    path = folder / RESULTS_FILE
+    content = read_json(path, Kind(f"result of {experiment}", mend, FigureError), dict[str, Any])
     if content.get("experiment") != experiment:
-        raise FigureError(f"{folder}: not results of {experiment}; run `{command}`")
+        raise FigureError(f"{path}: not a result of {experiment}; {mend}")
     return content
 
 

@@ -9,10 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
+
 from analysis.caption import Caption, read_caption
-from analysis.report_tables import ReportError, read_json
+from analysis.report_tables import RESULT_FILE, ReportError, read_result
 from analysis.results import FIGURES, RESULTS, missing
 from analysis.style import FORMATS, FigureError
+from cosim.reading import parsing
 from cosim.scenario import BUILT_IN
 from cosim.storage import replacing
 
@@ -30,6 +33,15 @@ class Picture(NamedTuple):
     caption: Caption
     png: str
     pdf: str
+
+
+class _Episode(msgspec.Struct):
+    """What is shown of an episode, fields as in `cosim.rollout.EpisodeResult`."""
+
+    outcome: str
+    path_length_cm: float
+    sim_time_s: float
+    recording: str | None
 
 
 class Watchable(NamedTuple):
@@ -99,9 +111,12 @@ def episodes(results: Path, out: Path) -> Iterator[Watchable]:
     """
     for name, scenario in BUILT_IN.items():
         result = RESULTS[f"episodes_{name}"]
-        summary = read_json(result.proof_in(results)) or {"episodes": []}
-        for number, episode in enumerate(summary["episodes"]):
-            recording = result.location(results) / (episode["recording"] or "")
+        path = result.proof_in(results)
+        summary = read_result(path) or {"episodes": []}
+        with parsing(path, RESULT_FILE):
+            found = msgspec.convert(summary["episodes"], list[_Episode])
+        for number, episode in enumerate(found):
+            recording = result.location(results) / (episode.recording or "")
             if not recording.is_file():
                 continue
             file = f"recordings/{name}-{number}.rrd"
@@ -109,9 +124,9 @@ def episodes(results: Path, out: Path) -> Iterator[Watchable]:
             yield Watchable(
                 name=f"{name}/{number}",
                 file=file,
-                outcome=episode["outcome"].replace("_", " "),
-                path_length_cm=episode["path_length_cm"],
-                sim_time_s=episode["sim_time_s"],
+                outcome=episode.outcome.replace("_", " "),
+                path_length_cm=episode.path_length_cm,
+                sim_time_s=episode.sim_time_s,
                 megabytes=recording.stat().st_size / 1e6,
                 robots=scenario.robots,
             )

@@ -3,13 +3,13 @@
 Reads what commands wrote and formats it, with intervals; the page around it is `analysis.report`.
 """
 
-import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NotRequired, TypedDict
 
 from analysis.results import RESULTS
 from cosim.config import CoSimConfig
 from cosim.errors import UserError
+from cosim.reading import Kind, parsing, read_json
 
 NOTHING = "–"
 _OUTCOMES = ("success", "collision", "out_of_board", "timeout")
@@ -25,6 +25,9 @@ _MEASURES = (
 
 class ReportError(UserError):
     """Results that no report can be made from."""
+
+
+RESULT_FILE = Kind("result", "make it again", ReportError)
 
 
 class Table(NamedTuple):
@@ -45,22 +48,21 @@ class Table(NamedTuple):
     rows: list[tuple[str, ...]]
 
 
-def read_json(path: Path) -> Any:
+def read_result(path: Path) -> dict[str, Any] | None:
     """Content of a result file; None if there is none.
 
     Raises:
         ReportError: it is damaged.
     """
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except ValueError as error:
-        raise ReportError(f"{path}: damaged ({error}); make it again") from error
+    return read_json(path, RESULT_FILE, dict[str, Any]) if path.exists() else None
 
 
 def learning_tables(results: Path) -> list[Table]:
-    """What training found, a table per experiment of the paper."""
+    """What training found, a table per experiment of the paper.
+
+    Raises:
+        ReportError: a file is damaged.
+    """
     titles = {
         "fig08": "One robot, greedy policies after training",
         "fig11": "Two robots, greedy policies after training",
@@ -68,9 +70,11 @@ def learning_tables(results: Path) -> list[Table]:
     }
     tables = []
     for name, title in titles.items():
-        content = read_json(RESULTS[name].proof_in(results))
+        path = RESULTS[name].proof_in(results)
+        content = read_result(path)
         if content is not None:
-            tables.append(_learning_table(title, content))
+            with parsing(path, RESULT_FILE):
+                tables.append(_learning_table(title, content))
     return tables
 
 
@@ -122,14 +126,12 @@ def transfer_tables(results: Path) -> list[Table]:
     Raises:
         ReportError: the file is damaged.
     """
-    content = read_json(RESULTS["transfer"].proof_in(results))
+    path = RESULTS["transfer"].proof_in(results)
+    content = read_result(path)
     if content is None:
         return []
-    try:
+    with parsing(path, RESULT_FILE):
         rows = [_transfer_row(row) for row in content["rows"]]
-    except (KeyError, TypeError) as error:
-        path = RESULTS["transfer"].proof_in(results)
-        raise ReportError(f"{path}: lacks {error}; make it again") from error
     outcomes = (name.replace("_", " ") for name in _OUTCOMES)
     header = ("scenario", "training", "µ", "safety layer", "episodes", *outcomes, "path over grid")
     note = (
@@ -160,16 +162,34 @@ def _named(row: dict[str, Any], name: str, factor: float, digits: int, unit: str
     return interval(statistics, factor, digits, unit)
 
 
-def read_timings(results: Path) -> dict[str, Any] | None:
+class _Stage(TypedDict):
+    seconds: float
+    attempts: int
+    finished: bool
+    code: NotRequired[str | None]
+
+
+class TimingsContent(TypedDict):
+    """What `analysis.reproduce` writes of its stages."""
+
+    schema_version: int
+    profile: dict[str, Any]
+    seed: int
+    cores: int | None
+    stages: dict[str, _Stage]
+
+
+def read_timings(results: Path) -> TimingsContent | None:
     """What `analysis.reproduce` wrote of its stages; None if it did not make these results.
 
     Raises:
         ReportError: the file is damaged.
     """
-    return read_json(results / TIMINGS_FILE)
+    path = results / TIMINGS_FILE
+    return read_json(path, RESULT_FILE, TimingsContent) if path.exists() else None
 
 
-def timing_table(timings: dict[str, Any]) -> Table:
+def timing_table(timings: TimingsContent) -> Table:
     """How long each stage of `analysis.reproduce` took."""
     rows = [
         (

@@ -19,6 +19,7 @@ import pyarrow as pa
 from rerun.chunk import RrdReader
 
 from cosim.errors import UserError
+from cosim.reading import Kind, require_file
 
 TIMELINE = "sim_time"
 # Columns read as arrays: what is added to the entity's path to name the signal, and its unit; a
@@ -100,10 +101,10 @@ def read_rrd(path: Path) -> RecordingData:
     Raises:
         RecordingReadError: there is no such file, or it is no recording.
     """
-    if not path.is_file():
-        part = path.with_name(path.name + ".part")
-        hint = f"its writer left {part}, read that" if part.is_file() else "name an .rrd file"
-        raise RecordingReadError(f"recording {path} does not exist; {hint}")
+    part = path.with_name(path.name + ".part")
+    left = not path.exists() and part.is_file()
+    mend = f"its writer left {part}, read that" if left else "name an .rrd file"
+    require_file(path, Kind("recording", mend, RecordingReadError))
     try:
         return _read_whole(path)
     except (RuntimeError, ValueError) as error:

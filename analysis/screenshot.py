@@ -16,6 +16,7 @@ from rerun.experimental import ViewerClient
 
 from cosim.errors import UserError, run_command
 from cosim.live import viewer_executable
+from cosim.reading import Kind, require_file
 from cosim.storage import replacing
 
 LOAD_TIMEOUT_S = 60.0
@@ -81,8 +82,7 @@ def screenshot(
         ViewerError: the recording does not exist or has no such tab, or the viewer does not start
             or load it.
     """
-    if not recording.is_file():
-        raise ViewerError(f"recording {recording} does not exist; name an .rrd file")
+    require_file(recording, Kind("recording", "name an .rrd file", ViewerError))
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.profiles import Profile
-from analysis.report_tables import TIMINGS_FILE, read_timings
+from analysis.report_tables import TIMINGS_FILE, TimingsContent, read_timings
 from analysis.results import RESULTS
 from cosim.errors import UserError
 from cosim.sources import ROOT, code_digest, with_imports
@@ -56,13 +56,14 @@ class Timings:
         found = read_timings(results)
         if found is not None and {name: found[name] for name in identity} != identity:
             raise TimingsError(
-                f"{results}: has the results of profile {found['profile']['name']}, seed "
+                f"{results}: has the results of profile {found['profile'].get('name')}, seed "
                 f"{found['seed']}, perhaps of another version; give the options it was started "
                 "with or choose another --out"
             )
-        self._content = found or {
+        self._content: TimingsContent = found or {
             "schema_version": SCHEMA_VERSION,
-            **identity,
+            "profile": identity["profile"],
+            "seed": seed,
             "cores": os.cpu_count(),
             "stages": {},
         }

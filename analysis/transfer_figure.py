@@ -4,7 +4,6 @@ The paper has no such figure: it says of no number whether it was reached on the
 dynamics.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from matplotlib.figure import Figure
 from analysis.caption import Caption, Drawing
 from analysis.results import FIGURES, RESULTS
 from analysis.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, WIDTH_IN, FigureError
+from cosim.reading import Kind, parsing, read_json
 
 # What a row of the table must hold; shares come with the ends of their 95 % intervals.
 _NEEDED = ("scenario", "method", "mu", "episodes", "success", "success_low", "success_high")
@@ -30,18 +30,14 @@ def load(path: Path) -> list[dict[str, Any]]:
     Raises:
         FigureError: there is no such file, or it is none of `cosim.transfer`.
     """
-    result = RESULTS["transfer"]
-    command = f"python -m {result.module}"
-    rows: list[dict[str, Any]] = []
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+    kind = Kind(
+        f"result of `python -m {RESULTS['transfer'].module}`", "write one with --out", FigureError
+    )
+    content = read_json(path, kind)
+    with parsing(path, kind):
         rows = [row for row in content["rows"] if row["success"] is not None]
-    except FileNotFoundError:
-        raise FigureError(f"{path}: no such result file; run `{command}` first") from None
-    except (ValueError, KeyError, TypeError):
-        pass
-    if not rows or not all(name in row for row in rows for name in _NEEDED):
-        raise FigureError(f"{path}: not a result of `{command}`; write one with --out")
+        if not rows or not all(name in row for row in rows for name in _NEEDED):
+            raise ValueError("no rows with episodes")
     return rows
 
 

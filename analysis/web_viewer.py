@@ -15,7 +15,7 @@ import rerun
 import rerun_cli
 
 from cosim.errors import UserError
-from cosim.storage import cache_dir, found_or_made, replacing
+from cosim.storage import cache_dir, found_or_made, replacing, seal, whole
 
 FILES = ("re_viewer.js", "re_viewer_bg.wasm")
 START_TIMEOUT_S = 30.0
@@ -36,7 +36,7 @@ def web_viewer_files() -> list[Path]:
     files = [folder / name for name in FILES]
     return found_or_made(
         folder,
-        lambda: files if all(file.is_file() for file in files) else None,
+        lambda: files if all(whole(file) for file in files) else None,
         lambda: _fetch(files),
     )
 
@@ -56,6 +56,7 @@ def _fetch(files: list[Path]) -> list[Path]:
             content = _download(f"http://{_HOST}:{port}/{file.name}", viewer)
             with replacing(file) as temporary:
                 temporary.write_bytes(content)
+            seal(file)
     finally:
         viewer.terminate()
         viewer.wait()

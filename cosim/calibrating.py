@@ -24,7 +24,7 @@ from cosim.scenario import Scenario
 from cosim.signals import FEET
 from cosim.sources import code_digest, with_imports
 from cosim.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.storage import cache_dir, found_or_made
+from cosim.storage import cache_dir, cached
 from cosim.trial import Trial, heading_angles
 
 # Motor speeds of the trials as shares of the lift-off speed, closest where robots drive.
@@ -209,17 +209,15 @@ def find_calibration(
     MotorFmu(motor_fmu)  # a missing or foreign file is named before anything is hashed
     path = cache_dir("calibrations") / f"{digest(config, motor_fmu)}.npz"
 
-    def calibrate() -> Calibration:
+    def make() -> Calibration:
         columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
         with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("calibrating speeds", total=None)
-            calibration = measure(
+            return measure(
                 config, motor_fmu, jobs, lambda k, n: bar.update(task, completed=k, total=n)
             )
-        calibration.save(path)
-        return calibration
 
-    return calibrate() if again else found_or_made(path, lambda: load_calibration(path), calibrate)
+    return cached(path, load_calibration, make, Calibration.save, again=again)
 
 
 def calibrated_for(scenario: Scenario, motor_fmu: Path, console: Console) -> CoSimConfig:

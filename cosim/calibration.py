@@ -3,7 +3,6 @@
 A record that can be kept in a file and asked; `cosim.calibrating` makes it.
 """
 
-import zipfile
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from cosim.config import CoSimConfig
 from cosim.errors import UserError
+from cosim.reading import Kind, read_arrays
 from cosim.storage import replacing
 
 # Signs of (ω_D, ω_E), Eq. (3).
@@ -200,10 +200,11 @@ def _hop_free(curve: Curve) -> float:
     return float(curve.omega_rad_s[curve.omega_rad_s < hops].max())
 
 
-def load_calibration(path: Path) -> Calibration | None:
-    """Trials of a file; None if it is missing or damaged."""
-    try:
-        with np.load(path) as data:
-            return Calibration(**{field.name: data[field.name] for field in fields(Calibration)})
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
+def load_calibration(path: Path) -> Calibration:
+    """Trials of a file.
+
+    Raises:
+        CalibrationError: it is missing or damaged.
+    """
+    kind = Kind("calibration", "make it with `python -m cosim.calibrate`", CalibrationError)
+    return Calibration(**read_arrays(path, kind, [field.name for field in fields(Calibration)]))

@@ -1,6 +1,5 @@
-"""Robots against robots, and obstacles: upright cylinders, rigid, Coulomb friction, inelastic.
+"""Robots against robots: upright cylinders, rigid, Coulomb friction, inelastic.
 
-Obstacles push nobody: touching one ends an episode, so that there is nothing to push against yet.
 A pair in contact gets one impulse per tick, after the floor contacts; the feet answer in the next
 tick. The line of contact is taken as a point at the height of the centre of mass (assumed), so
 that a push does not tip, and the axes as vertical: a robot tilts by less than a milliradian.
@@ -11,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim import scenario
 from cosim.body import BodyParams
 from cosim.contact import allowed_approach
 from cosim.jit import inlined
@@ -19,8 +17,6 @@ from cosim.jit import inlined
 # Pairs within this distance of contact are checked every tick, the others once per control period:
 # robots slower than 1 m/s cannot close it within 1 ms.
 NEAR_M = 2e-3
-
-touches_obstacle = inlined(scenario.touches_obstacle)
 
 
 class PairParams(NamedTuple):

@@ -104,8 +104,10 @@ class EpisodeRecorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._write_batch()
-        self.file.close()
+        try:
+            self._write_batch()
+        finally:
+            self.file.close()
 
     def write(self, step: Step, q_values: np.ndarray, reward_parts: np.ndarray) -> None:
         """Take one RL step.
@@ -141,8 +143,8 @@ class EpisodeRecorder:
             self._write_decisions(name, robot)
             self._write_rewards(name, robot)
         self._write_log()
-        self.file.flush()
         self._batch.clear()
+        self.file.flush()
 
     def _send(
         self, entity: str, time_s: np.ndarray, values: np.ndarray, rl_step: Any = None

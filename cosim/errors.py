@@ -1,6 +1,7 @@
 """Errors that are the caller's to mend, and how a command line reports them."""
 
 import errno
+import signal
 import sys
 from collections.abc import Callable
 
@@ -28,11 +29,13 @@ def run_command(main: Callable[[], None]) -> None:
     """Run a command line's body and leave with its exit status.
 
     A `UserError` or an operating-system error becomes one sentence on stderr and status 2,
-    Ctrl-C status 130; anything else is a defect and keeps its traceback.
+    Ctrl-C status 130; anything else is a defect and keeps its traceback. SIGTERM, as batch systems
+    send it, does what Ctrl-C does: recordings are completed, temporary files removed.
 
     Args:
         main: the command; whatever it must keep on an interrupt it has saved by its own means.
     """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         main()
     except UserError as error:

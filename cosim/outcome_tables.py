@@ -3,28 +3,27 @@
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from agent.evaluate import show_failures
 from cosim.episode import OUTCOMES
+from cosim.tables import show_table
 
 
 def show(report: dict[str, Any], console: Console) -> None:
     """Print a report as tables: outcomes, measures, the first failing starts."""
-    outcomes = Table("policy", "scenario", "episodes", title="outcomes with 95 % intervals")
-    measures = Table("policy", "scenario", title="means of successes, and closest approach")
-    for name in OUTCOMES:
-        outcomes.add_column(name.replace("_", " "))
-    for title in ("path", "× grid path", "min distance", "simulated", "energy"):
-        measures.add_column(title)
-    for row in report["policies"]:
-        outcomes.add_row(
+    outcomes = [
+        (
             row["policy"],
             row["scenario"],
             f"{row['episodes']} of {row['starts']}",
             *(rate_text(row, name) for name in OUTCOMES),
         )
-        measures.add_row(
+        for row in report["policies"]
+    ]
+    header = ("policy", "scenario", "episodes", *(name.replace("_", " ") for name in OUTCOMES))
+    show_table(console, header, outcomes, names=2, title="outcomes with 95 % intervals")
+    measures = [
+        (
             row["policy"],
             row["scenario"],
             text(row["path_length_cm"], "{:.1f} cm"),
@@ -33,8 +32,11 @@ def show(report: dict[str, Any], console: Console) -> None:
             text(row["sim_time_s"], "{:.0f} s"),
             text(row["energy_j"], "{:.1f} J"),
         )
-    console.print(outcomes)
-    console.print(measures)
+        for row in report["policies"]
+    ]
+    header = ("policy", "scenario", "path", "× grid path", "min distance", "simulated", "energy")
+    title = "means of successes, and closest approach"
+    show_table(console, header, measures, names=2, title=title)
     show_failures(report["policies"], console)
 
 

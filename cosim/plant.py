@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.body import BodyParams, step_body
-from cosim.collision import PairParams, find_near_pairs, push_apart, touches_obstacle
+from cosim.collision import PairParams, find_near_pairs, push_apart
 from cosim.forces import MotorMount, motor_wrench
 from cosim.jit import inlined
+from cosim.obstacle import touches_obstacle
 from cosim.params import SteeringParams
 from cosim.rotation import heading, rotation_matrix, to_body
 from cosim.signals import FEET, MOTORS, RawSamples, Samples, State

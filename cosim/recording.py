@@ -2,10 +2,12 @@
 
 Data goes to `<name>.rrd.part` and gets its name when it is complete, and on request to a viewer at
 the same time. Rerun drops bad data and writes on a full disk without a word, so strict mode is on,
-free space is checked and every flush has a time limit. What is written is decided by the callers,
-how a viewer is found by `cosim.live`.
+free space is checked, every flush has a time limit and writes are ours (`cosim.piped_file`). What
+is written is decided by the callers, how a viewer is found by `cosim.live`.
 """
 
+import atexit
+import os
 import shutil
 import sys
 from collections.abc import Mapping
@@ -15,8 +17,10 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.chunk import RrdReader
 
-from cosim.errors import UserError
+from cosim.errors import USER_ERROR_STATUS, UserError
+from cosim.piped_file import PipedFile
 
 APPLICATION = "minirobots"
 FLUSH_TIMEOUT_S = 30.0
@@ -55,20 +59,24 @@ class Recording:
         rr.set_strict_mode(True)
         self.path = path
         self._part = path.with_name(path.name + ".part")
-        self._complete = True
+        self._open = True
         self._viewer, self._lost = viewer, False
         path.parent.mkdir(parents=True, exist_ok=True)
         self.check_space()
         self.stream = rr.RecordingStream(
             APPLICATION, recording_id=recording_id, send_properties=False
         )
-        sinks = [rr.FileSink(str(self._part))] + ([rr.GrpcSink(viewer)] if viewer else [])
+        self._file = PipedFile(self._part)
+        sinks = [rr.FileSink(self._file.address)] + ([rr.GrpcSink(viewer)] if viewer else [])
         try:
             self.stream.set_sinks(*sinks, default_blueprint=blueprint)
         except Exception as error:  # rerun raises RuntimeError whatever the cause
+            self._part.unlink()
             raise RecordingError(
                 f"cannot write the recording {path}: {error}; choose another --out"
             ) from error
+        finally:
+            self._file.opened()
         self.stream.set_log_time_enabled(False)  # equal runs give equal files
         self.stream.set_log_tick_enabled(False)
 
@@ -98,20 +106,30 @@ class Recording:
         """Write out what was logged so far.
 
         Raises:
-            RecordingError: it did not reach the disk in time; the file is left as it is, for
-                disconnecting after such an error would wait for ever.
+            RecordingError: it did not reach the disk, or not in time.
         """
+        self._hand_over()
+        try:
+            self._file.settle()
+        except OSError as error:
+            raise self._incomplete(error) from error
+
+    def _hand_over(self) -> None:
+        """Have Rerun write out what it holds."""
         try:
             self.stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         except Exception as error:
             if self._viewer and "gRPC" in str(error):
                 self._lose_viewer()
                 return
-            self._complete = False
-            raise RecordingError(
-                f"the recording {self._part} could not be written out ({error}); free some disk "
-                "space; what it holds so far can be read"
-            ) from error
+            self._open = False
+            atexit.register(_leave, self.stream)  # disconnecting it would wait for ever
+            if self._viewer:
+                raise RecordingError(
+                    f"the viewer at {self._viewer} does not take what is recorded ({error}); start "
+                    f"it again or leave it out; what {self._part} holds so far can be read"
+                ) from error
+            raise self._incomplete(error) from error
 
     def _lose_viewer(self) -> None:
         """Say once that the viewer is gone; what follows still goes to the file."""
@@ -121,14 +139,37 @@ class Recording:
             )
         self._lost = True
 
+    def _incomplete(self, error: Exception) -> RecordingError:
+        why = error.strerror if isinstance(error, OSError) else error
+        return RecordingError(
+            f"the recording {self._part} could not be written out ({why}); free some disk space; "
+            "what it holds so far can be read"
+        )
+
     def close(self) -> None:
-        """Complete the file and give it its name."""
-        if not self._complete:
+        """Complete the file and give it its name.
+
+        Raises:
+            RecordingError: it is not whole; what there is of it keeps its provisional name.
+        """
+        if not self._open:
             return
-        self.flush()
+        self._hand_over()
+        self._open = False
         self.stream.disconnect()
-        self._complete = False
+        try:
+            self._file.close(FLUSH_TIMEOUT_S)
+            RrdReader(str(self._part)).store()  # reads the end, which says where everything is
+        except (OSError, RuntimeError, ValueError) as error:
+            raise self._incomplete(error) from error
         self._part.replace(self.path)
+
+
+def _leave(_: rr.RecordingStream) -> None:
+    """End the process before Rerun's own exit handler disconnects the stream."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(USER_ERROR_STATUS)
 
 
 def simulated(time_s: np.ndarray, rl_step: np.ndarray | None = None) -> list[rr.TimeColumn]:

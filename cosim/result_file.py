@@ -12,6 +12,7 @@ import msgspec
 
 from cosim.errors import UserError
 from cosim.evaluation import Case
+from cosim.reading import Kind, read_bytes
 from cosim.rollout import EpisodeResult
 from cosim.storage import replacing
 
@@ -20,6 +21,9 @@ SCHEMA_VERSION = 1
 
 class ResultFileError(UserError):
     """A file of results that cannot be continued; the message says what to do instead."""
+
+
+_FILE = Kind("file of results", "move it away or choose another --out", ResultFileError)
 
 
 class ResultFile:
@@ -42,7 +46,7 @@ class ResultFile:
         self.results: dict[int, EpisodeResult] = {}
         folder.mkdir(parents=True, exist_ok=True)
         header = {"schema_version": SCHEMA_VERSION, "digest": case.digest, **case.identity}
-        content = self.path.read_bytes() if self.path.exists() else b""
+        content = read_bytes(self.path, _FILE) if self.path.exists() else b""
         # A line without its end was being written when the process died.
         whole = content[: content.rfind(b"\n") + 1]
         if not whole:
@@ -65,7 +69,9 @@ class ResultFile:
                         f"{self.path}: holds results of another configuration; move it away or "
                         "choose another folder with --out"
                     )
-            except (ValueError, KeyError, TypeError, AttributeError) as error:
+            except ResultFileError:
+                raise
+            except Exception as error:  # whatever a line may be
                 raise ResultFileError(
                     f"{self.path}: line {number} is damaged ({error}); remove that line"
                 ) from error

@@ -10,7 +10,6 @@ import hashlib
 import json
 import math
 import re
-import tomllib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,6 +19,7 @@ import numpy as np
 
 from cosim.errors import UserError
 from cosim.params import TABLE_I
+from cosim.reading import Kind, read_toml
 
 Cell = tuple[int, int]
 Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
@@ -29,6 +29,9 @@ MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
 
 class ScenarioError(UserError):
     """A scenario that cannot be used; the message names the field and the mend."""
+
+
+_FILE = Kind("scenario file", "check the path", ScenarioError)
 
 
 def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:
@@ -277,12 +280,7 @@ def read_scenario(path: Path) -> Scenario:
         ScenarioError: the file is missing, no TOML, or a field is wrong; the message names it.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-        file = msgspec.convert(content, _ScenarioFile)
-    except FileNotFoundError:
-        raise ScenarioError(f"{path}: no such scenario file; check the path") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: not a TOML file ({error}); mend that line") from error
+        file = msgspec.convert(read_toml(path, _FILE), _ScenarioFile)
     except msgspec.ValidationError as error:
         raise ScenarioError(f"{path}: {_field_message(str(error))}") from error
     sides = _sides(file.columns, file.rows)

@@ -1,6 +1,10 @@
-"""Where files go: the cache folder, what is made there once, and writing whole files or none."""
+"""Where files go: the cache, which mends itself, and writing that leaves a whole file or none."""
 
 import contextlib
+import fcntl
+import glob
+import hashlib
+import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -10,7 +14,14 @@ from typing import TypeVar
 import platformdirs
 from filelock import FileLock
 
-Found = TypeVar("Found")
+from cosim.errors import UserError
+
+_LOGGER = logging.getLogger(__name__)
+Value = TypeVar("Value")
+
+
+class StorageError(UserError):
+    """A place where a file cannot be put; the message names it and the mend."""
 
 
 def cache_dir(kind: str) -> Path:
@@ -34,7 +45,7 @@ def lock_of(path: Path) -> FileLock:
     return FileLock(path.with_name(f".{path.name}.lock"))
 
 
-def found_or_made(path: Path, load: Callable[[], Found | None], make: Callable[[], Found]) -> Found:
+def found_or_made(path: Path, load: Callable[[], Value | None], make: Callable[[], Value]) -> Value:
     """What the cache has at `path`, or what is made now: by one process, while others wait for it.
 
     Args:
@@ -54,19 +65,90 @@ def found_or_made(path: Path, load: Callable[[], Found | None], make: Callable[[
     return found
 
 
+def cached(
+    path: Path,
+    load: Callable[[Path], Value],
+    make: Callable[[], Value],
+    save: Callable[[Value, Path], object],
+    *,
+    again: bool = False,
+) -> Value:
+    """What a file of the cache holds; made and kept there if it is missing, or not as it was kept.
+
+    Args:
+        path: of the file; its SHA-256 is kept beside it.
+        load: reads what `save` wrote.
+        make: makes what is to be in the file.
+        save: writes it.
+        again: make it even if it is there.
+
+    Raises:
+        StorageError: a folder is in the file's place.
+        OSError: the cache cannot be written.
+    """
+    require_no_folder(path)
+
+    def remake() -> Value:
+        if path.exists() and not again:
+            _LOGGER.warning("%s is not as it was kept: it is made again", path)
+        value = make()
+        save(value, path)
+        seal(path)
+        return value
+
+    if again:
+        return remake()
+    return found_or_made(path, lambda: load(path) if whole(path) else None, remake)
+
+
+def seal(path: Path) -> None:
+    """Keep the SHA-256 of a file beside it, for `whole`."""
+    with replacing(_seal_of(path)) as temporary:
+        temporary.write_text(_sha256(path))
+
+
+def whole(path: Path) -> bool:
+    """Whether a file is there as it was when it was sealed."""
+    try:
+        return _seal_of(path).read_bytes() == _sha256(path).encode()
+    except OSError:
+        return False
+
+
+def _seal_of(path: Path) -> Path:
+    return path.with_name(path.name + ".sha256")
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def require_no_folder(path: Path) -> None:
+    """Refuse a folder where a file is to be.
+
+    Raises:
+        StorageError: there is one.
+    """
+    if path.is_dir():
+        raise StorageError(f"{path}: a folder is where this file goes; move it away")
+
+
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` on success, remove it on failure.
 
-    Readers see the old file or the whole new one, also when two processes write at once.
+    Readers see the old file or the whole new one, also when two processes write at once. What a
+    killed process left of its temporary file is removed by the next one that writes the same.
 
     Raises:
+        StorageError: a folder is in the file's place.
         OSError: the folder cannot be written.
     """
+    require_no_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
+    _sweep(path)
+    handle, temporary = _temporary(path)
     try:
         yield temporary
         # mkstemp makes private files; results are as readable as the user's umask allows.
@@ -76,3 +158,31 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _temporary(path: Path) -> tuple[int, Path]:
+    """A new file beside `path`, locked as long as the process lives or until it is closed."""
+    while True:
+        handle, name = tempfile.mkstemp(_ending(path), _beginning(path), path.parent)
+        with contextlib.suppress(OSError):  # of a file system without locks: nobody sweeps there
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.fstat(handle).st_nlink:
+            return handle, Path(name)
+        os.close(handle)  # swept before it was locked
+
+
+def _sweep(path: Path) -> None:
+    """Remove temporary files of `path` that no process holds."""
+    for name in path.parent.glob(f"{glob.escape(_beginning(path))}*{glob.escape(_ending(path))}"):
+        with contextlib.suppress(OSError), name.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            name.unlink()
+
+
+def _beginning(path: Path) -> str:
+    return f".{path.stem}.tmp-"
+
+
+def _ending(path: Path) -> str:
+    return path.suffix

@@ -12,10 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import msgspec
 import tyro
 from rich.console import Console
-from rich.markdown import Markdown
 
 from agent.methods import BEST, METHODS, Method, method_policy
 from agent.policy import Policy
@@ -25,16 +23,18 @@ from cosim.errors import UserError, run_command
 from cosim.evaluate import tracked
 from cosim.evaluation import Case, Job, run_jobs
 from cosim.params import SAFETY_MARGIN_M, TABLE_I
+from cosim.reading import Kind, read_json
 from cosim.result_file import ResultFile
 from cosim.scenario import BUILT_IN, find_scenario
 from cosim.storage import replacing
-from cosim.transfer_table import Row, markdown, report_of
+from cosim.transfer_table import Row, markdown, report_of, show
 from fmus.build import cached_fmu
 
 TABLE_FILE, MARKDOWN_FILE, SESSIONS_FILE = "transfer.json", "transfer.md", "sessions.json"
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 # Episodes of a pair in rows of the best method at the default friction, and of all other rows.
 _MANY, _SOME, _QUICK = 200, 50, 2
+_SESSIONS = Kind("list of sessions", "remove it", UserError)
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,7 @@ class Transfer:
 
 
 def _read_sessions(path: Path) -> list[dict[str, float]]:
-    if not path.exists():
-        return []
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=list[dict[str, float]])
-    except msgspec.DecodeError as error:
-        raise UserError(f"{path}: damaged ({error}); remove it") from error
+    return read_json(path, _SESSIONS, list[dict[str, float]]) if path.exists() else []
 
 
 class Measurement:
@@ -225,7 +220,7 @@ def main() -> None:
     except KeyboardInterrupt:
         stderr.print(f"episodes so far are in {options.out}/; the same command goes on")
         raise
-    stdout.print(Markdown(markdown(report)))
+    show(report, stdout)
     stdout.print(f"table in {options.out}/: {TABLE_FILE}, {MARKDOWN_FILE}", soft_wrap=True)
     if options.json:
         print(json.dumps(report))

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
 
+from rich.console import Console
+from rich.markdown import Markdown
+
 from agent.methods import BEST, Method
 from cosim.evaluation import Job
 from cosim.outcome_tables import rate_text, ratio_text, text
 from cosim.outcomes import failures, summary
 from cosim.result_file import ResultFile
 from cosim.rollout import EpisodeResult
+from cosim.tables import show_table
 
 SCHEMA_VERSION = 1
 # What the best way of training is to reach, in every scenario and for every friction coefficient.
@@ -162,34 +166,44 @@ _HEADINGS = (
 def markdown(report: dict[str, Any]) -> str:
     """The table as Markdown, the goals below it, and how long it took."""
     lines = [_line(_HEADINGS), _line(["---"] * len(_HEADINGS))]
-    for entry in report["rows"]:
-        n = entry["episodes"]
-        others = (
-            "–"
-            if n == 0
-            else ", ".join(str(round(n * entry[name])) for name in ("out_of_board", "timeout"))
-        )
-        margin_mm = 1e3 * entry["safety_margin_m"]
-        lines.append(
-            _line(
-                [
-                    entry["scenario"],
-                    entry["method"],
-                    f"{entry['mu']:g}",
-                    f"{margin_mm:g} mm" if margin_mm else "off",
-                    str(n) if n == entry["planned"] else f"{n} of {entry['planned']}",
-                    rate_text(entry, "success"),
-                    rate_text(entry, "collision"),
-                    others,
-                    text(entry["min_distance_cm"], "{:.2f} cm"),
-                    text(entry["path_length_cm"], "{:.1f} cm"),
-                    ratio_text(entry),
-                    text(entry["sim_time_s"], "{:.0f} s"),
-                    text(entry["energy_j"], "{:.1f} J"),
-                ]
-            )
-        )
-    lines.append("")
+    lines += [_line(_cells(entry)) for entry in report["rows"]]
+    return "\n".join([*lines, "", *_findings(report)])
+
+
+def show(report: dict[str, Any], console: Console) -> None:
+    """Print what `markdown` has, in as many tables as the console is wide for."""
+    rows = [_cells(entry) for entry in report["rows"]]
+    show_table(console, _HEADINGS, rows, names=_HEADINGS.index("episodes"))
+    console.print(Markdown("\n".join(_findings(report))))
+
+
+def _cells(entry: dict[str, Any]) -> list[str]:
+    n = entry["episodes"]
+    others = (
+        "–"
+        if n == 0
+        else ", ".join(str(round(n * entry[name])) for name in ("out_of_board", "timeout"))
+    )
+    margin_mm = 1e3 * entry["safety_margin_m"]
+    return [
+        entry["scenario"],
+        entry["method"],
+        f"{entry['mu']:g}",
+        f"{margin_mm:g} mm" if margin_mm else "off",
+        str(n) if n == entry["planned"] else f"{n} of {entry['planned']}",
+        rate_text(entry, "success"),
+        rate_text(entry, "collision"),
+        others,
+        text(entry["min_distance_cm"], "{:.2f} cm"),
+        text(entry["path_length_cm"], "{:.1f} cm"),
+        ratio_text(entry),
+        text(entry["sim_time_s"], "{:.0f} s"),
+        text(entry["energy_j"], "{:.1f} J"),
+    ]
+
+
+def _findings(report: dict[str, Any]) -> list[str]:
+    lines = []
     for goal in report["goals"]:
         form = "{:.3f}" if goal["goal"].startswith("path") else "{:.1%}"
         low, high = form.format(goal["low"]), form.format(goal["high"])
@@ -204,7 +218,7 @@ def markdown(report: dict[str, Any]) -> str:
         f"(the command ran {len(report['sessions'])} times); the episodes alone took "
         f"{report['episode_wall_s'] / 60.0:.0f} min of the threads."
     )
-    return "\n".join(lines)
+    return lines
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -5,8 +5,6 @@ built on first use. Numerical work is in `vibration_motor/motor.h`, not here.
 """
 
 import hashlib
-import logging
-import shutil
 import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -17,7 +15,7 @@ from typing import Literal
 import tyro
 
 from cosim.errors import run_command
-from cosim.storage import cache_dir, found_or_made, replacing
+from cosim.storage import cache_dir, cached, replacing
 from fmus.compiler import (
     FLAGS,
     STANDARDS,
@@ -45,8 +43,6 @@ __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
 FMU_NAME = "VibrationMotor.fmu"
 # The first time a zip archive can tell: an archive says nothing of when it was made.
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
-
-_LOG = logging.getLogger(__name__)
 
 
 def build_fmu(out_dir: Path) -> Path:
@@ -120,36 +116,7 @@ def cached_fmu() -> Path:
         key.update(part.encode() + b"\0")
     folder = cache_dir("fmus") / key.hexdigest()[:16]
     path = folder / FMU_NAME
-    return found_or_made(path, lambda: path if _is_whole(path) else None, lambda: _rebuild(path))
-
-
-def _rebuild(path: Path) -> Path:
-    """Build a cached FMU, and write its hash beside it."""
-    if path.exists():
-        _LOG.warning("%s is damaged; it is built again", path)
-    for place in (path, _seal(path)):
-        if place.is_dir():
-            shutil.rmtree(place)
-    build_fmu(path.parent)
-    with replacing(_seal(path)) as temporary:
-        temporary.write_text(_sha256(path))
-    return path
-
-
-def _is_whole(path: Path) -> bool:
-    """Whether a cached FMU has the hash that stands beside it."""
-    try:
-        return _seal(path).read_bytes() == _sha256(path).encode()
-    except OSError:
-        return False
-
-
-def _seal(path: Path) -> Path:
-    return path.with_suffix(".sha256")
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return cached(path, lambda path: path, lambda: path, lambda _, path: build_fmu(path.parent))
 
 
 def instantiation_token(table: Table) -> str:

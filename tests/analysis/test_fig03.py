@@ -21,7 +21,7 @@ def test_curves_are_those_of_the_file(results):
 
 
 def test_files_that_are_no_results_are_named(tmp_path):
-    with pytest.raises(FigureError, match=r"none\.npz: no such result file; run `python -m"):
+    with pytest.raises(FigureError, match=r"none\.npz: no such result of `python -m"):
         fig03.load(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("not a result")
     with pytest.raises(FigureError, match=r"not a result of `python -m cosim\.platform`"):

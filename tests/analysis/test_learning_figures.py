@@ -117,7 +117,7 @@ def test_fig05_draws_every_scenario():
 def test_other_folders_are_refused(results, tmp_path):
     with pytest.raises(FigureError, match=r"run `python -m agent.experiments fig08"):
         load_content(tmp_path, "fig08")
-    with pytest.raises(FigureError, match="not results of fig08"):
+    with pytest.raises(FigureError, match="not a result of fig08"):
         load_content(RESULTS["fig11"].location(results), "fig08")
     copy = tmp_path / "copy"
     shutil.copytree(RESULTS["fig08"].location(results), copy)

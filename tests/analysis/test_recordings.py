@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,11 +99,14 @@ def test_recording_cut_in_the_middle_is_read(recording, episode, tmp_path):
 
 
 def test_what_is_no_episode_is_refused_in_one_sentence(tmp_path, run_folder):
-    with pytest.raises(RecordingReadError, match=r"does not exist; name an \.rrd file"):
+    with pytest.raises(RecordingReadError, match=r"no such recording; name an \.rrd file"):
         read_episode(tmp_path / "none.rrd")
     (tmp_path / "left.rrd.part").touch()
     with pytest.raises(RecordingReadError, match=r"its writer left .*left\.rrd\.part"):
         read_episode(tmp_path / "left.rrd")
+    for path, what in ((Path("/dev/null"), "a device"), (tmp_path, "a folder")):
+        with pytest.raises(RecordingReadError, match=f"{path}: {what}, no recording"):
+            read_episode(path)
     for content in (b"", b"text", b"RRF2 and then nothing of use"):
         broken = tmp_path / "broken.rrd"
         broken.write_bytes(content)

@@ -92,7 +92,7 @@ def test_empty_and_damaged_results(tmp_path):
     results = empty / "experiments" / "fig08" / "results.json"
     results.parent.mkdir(parents=True)
     results.write_text("{")
-    with pytest.raises(ReportError, match=r"results\.json: damaged"):
+    with pytest.raises(ReportError, match=r"results\.json: not a result or damaged"):
         write_report(Report(empty, tmp_path / "report"))
 
 

@@ -45,5 +45,5 @@ def test_missing_tab_is_named(run_folder, tmp_path):
 
 
 def test_missing_recording_is_named(tmp_path):
-    with pytest.raises(ViewerError, match=r"nothing\.rrd does not exist"):
+    with pytest.raises(ViewerError, match=r"nothing\.rrd: no such recording"):
         screenshot(tmp_path / "nothing.rrd", tmp_path / "a.png")

@@ -70,7 +70,7 @@ def test_rows_without_episodes_are_left_out(tmp_path):
 
 def test_other_files_are_refused(tmp_path):
     path = tmp_path / "transfer.json"
-    with pytest.raises(FigureError, match=r"run `python -m cosim\.transfer` first"):
+    with pytest.raises(FigureError, match=r"no such result of `python -m cosim\.transfer`"):
         transfer_figure.load(path)
     for content in ("no json", "[]", '{"rows": []}', '{"rows": [{"success": 1.0}]}'):
         path.write_text(content)

@@ -115,15 +115,15 @@ def test_what_matters_changes_the_digest(motor_fmu, tmp_path):
     assert len(digests) == 6
 
 
-def test_damaged_files_are_measured_again(calibration, tmp_path):
+def test_damaged_files_are_refused(calibration, tmp_path):
     path = tmp_path / "calibration.npz"
-    assert load_calibration(path) is None
+    with pytest.raises(CalibrationError, match="no such calibration"):
+        load_calibration(path)
     calibration.save(path)
-    again = load_calibration(path)
-    assert again is not None
-    assert np.array_equal(again.forward_m_s, calibration.forward_m_s)
+    assert np.array_equal(load_calibration(path).forward_m_s, calibration.forward_m_s)
     path.write_bytes(path.read_bytes()[:-200])
-    assert load_calibration(path) is None
+    with pytest.raises(CalibrationError, match="not a calibration or damaged"):
+        load_calibration(path)
 
 
 def test_command_writes_map_and_plot(calibration, tmp_path, monkeypatch, capsys):
@@ -133,7 +133,8 @@ def test_command_writes_map_and_plot(calibration, tmp_path, monkeypatch, capsys)
     assert report["hop_free_rad_s"] == calibration.hop_free_rad_s
     assert report == json.loads((tmp_path / "c" / "calibration.json").read_text())
     assert (tmp_path / "c" / "calibration.png").read_bytes().startswith(b"\x89PNG")
-    assert load_calibration(tmp_path / "c" / "calibration.npz") is not None
+    written = load_calibration(tmp_path / "c" / "calibration.npz")
+    assert np.array_equal(written.forward_m_s, calibration.forward_m_s)
 
 
 @pytest.mark.slow

@@ -54,7 +54,8 @@ def server(tmp_path):
     def end(how: signal.Signals = signal.SIGINT) -> None:
         if process.poll() is None:
             os.killpg(process.pid, how)
-            process.wait(20.0)
+            if how != signal.SIGSTOP:
+                process.wait(20.0)
 
     while True:
         try:
@@ -102,6 +103,48 @@ def test_lost_viewer_does_not_lose_the_file(server, tmp_path, capfd):
     assert rows_of(path) == {"/sim/r1/heading": count + 1}
     verify = subprocess.run([RERUN, "rrd", "verify", path], capture_output=True, check=False)
     assert verify.returncode == 0
+
+
+FROZEN = """
+import sys
+from pathlib import Path
+import numpy as np
+from cosim import recording
+from cosim.blueprint import episode_blueprint
+from cosim.errors import run_command
+
+def main():
+    recording.FLUSH_TIMEOUT_S = 5.0
+    path, url = Path(sys.argv[1]), sys.argv[2]
+    with recording.Recording(path, "test", episode_blueprint(1, (0.3, 0.3)), url) as file:
+        while True:
+            times = recording.simulated(np.arange(20_000.0))
+            values = np.random.default_rng(0).normal(size=(20_000, 6))
+            file.columns("/sim/r1/heading", times, recording.scalars(values))
+            file.flush()
+            print("sent", flush=True)
+
+run_command(main)
+"""
+
+
+def test_frozen_viewer_does_not_hold_the_command_up(server, tmp_path):
+    url, _, end = server
+    path = tmp_path / "episode.rrd"
+    command = [sys.executable, "-c", FROZEN, str(path), url]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as writer:
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == "sent\n"
+        end(signal.SIGSTOP)
+        try:
+            _, errors = writer.communicate(timeout=60.0)
+        finally:
+            writer.kill()
+    assert writer.returncode == 2
+    assert errors.startswith(f"error: the viewer at {url} does not take what is recorded")
+    assert [file.name for file in tmp_path.glob("episode*")] == ["episode.rrd.part"]
 
 
 @pytest.mark.parametrize("how", [find_viewer, spawn_viewer])

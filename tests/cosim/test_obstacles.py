@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim import collision
+from cosim import obstacle as solid
 from cosim.body import STATE_SIZE
 from cosim.config import CoSimConfig
 from cosim.episode import CoSimulation, run_episode
@@ -43,7 +43,7 @@ def wall(tmp_path):
 
 @kernel
 def compiled(x: float, y: float, squared_radius: float, obstacles: np.ndarray) -> bool:
-    return collision.touches_obstacle(x, y, squared_radius, obstacles)
+    return solid.touches_obstacle(x, y, squared_radius, obstacles)
 
 
 def distance(x, y, obstacle):

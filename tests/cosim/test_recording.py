@@ -1,5 +1,6 @@
 """Recordings: complete files, the right numbers in them, and honest failures."""
 
+import errno
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
+from analysis.rrd import read_rrd
 from cosim.blueprint import episode_blueprint
 from cosim.config import CoSimConfig
 from cosim.detail import DETAILS
@@ -177,6 +179,76 @@ def test_full_disk_is_told_before_data_is_lost(tmp_path, monkeypatch):
         with pytest.raises(RecordingError, match="free some space"):
             file.check_space()
     assert verified(path)
+
+
+# Two recordings at once whose files may not grow beyond a limit: writes fail as on a full disk.
+FULL_DISK = """
+import resource, sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+import numpy as np
+from cosim.blueprint import episode_blueprint
+from cosim.errors import run_command
+from cosim.recording import Recording, scalars, simulated
+
+def record(name, rows, limit):
+    path = Path(sys.argv[1]) / name
+    noise = np.random.default_rng(0).normal(size=(2000, 6))
+    with Recording(path, name, episode_blueprint(1, (0.3, 0.3))) as file:
+        for k in range(rows):
+            times = simulated(np.arange(2000) + 2000.0 * k)
+            file.columns("/sim/r1/motors/omega", times, scalars(noise))
+            file.flush()
+        limit(path.with_name(name + ".part"))
+
+def set_limit(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+def in_the_middle():
+    set_limit(500_000)
+    with ThreadPoolExecutor(2) as threads:
+        list(threads.map(lambda name: record(name, 50, lambda _: None), ("a.rrd", "b.rrd")))
+
+def at_the_end():
+    record("a.rrd", 5, lambda part: set_limit(part.stat().st_size + 10))
+
+run_command(globals()[sys.argv[2]])
+"""
+
+
+@pytest.mark.parametrize("when", ["in_the_middle", "at_the_end"])
+def test_full_disk_ends_in_a_sentence_and_no_file_by_its_name(tmp_path, when):
+    command = [sys.executable, "-c", FULL_DISK, str(tmp_path), when]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 2, done.stderr
+    part = tmp_path / "a.rrd.part"
+    assert done.stderr == (
+        f"error: the recording {part} could not be written out (File too large); free some disk "
+        "space; what it holds so far can be read\n"
+    )
+    left = ["a.rrd.part", "b.rrd.part"] if when == "in_the_middle" else ["a.rrd.part"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == left
+    assert len(read_rrd(part).signals["/sim/r1/motors/omega"].time_s) >= 2000
+
+
+def test_recorder_on_a_full_disk_writes_nothing_twice(recorded, tmp_path):
+    """The batch whose writing failed is not sent again when the recorder is left."""
+    _, steps = recorded
+    path = tmp_path / "full.rrd"
+    with EpisodeRecorder(path, SCENARIO, CoSimConfig(), "test", {"seed": 0}) as recorder:
+        settle = recorder.file._file.settle
+        failures = iter([OSError(errno.ENOSPC, "No space left on device")])
+
+        def fail_once() -> None:
+            settle()
+            for error in failures:
+                raise error
+
+        recorder.file._file.settle = fail_once
+        with pytest.raises(RecordingError, match=r"full\.rrd\.part .* \(No space left on device\)"):
+            for step in [step for _ in range(5) for step in steps]:
+                recorder.write(step, np.zeros((2, 8)), np.full((2, 3), np.nan))
+    assert len(rows(path, "/sim/r1/motors/omega")[0]) == 5 * 2000
 
 
 def test_unwritable_folder_is_named():

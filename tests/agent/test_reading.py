@@ -1,0 +1,268 @@
+"""Whatever is in a file, its reader gives a result or one sentence."""
+
+import io
+import json
+import logging
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from agent.bound import optimum
+from agent.learning import LearningConfig, initial_state
+from agent.policy import Policy
+from agent.process import ProcessConfig, build_process
+from agent.settings import read_settings
+from agent.store import LOG_FILE, trained_policy
+from agent.training import TrainingLog
+from agent.transitions import Transitions, build_model
+from agent.worker import load_checkpoint, save_checkpoint
+from analysis.caption import Caption, read_caption, write_caption
+from cosim.config import CoSimConfig
+from cosim.errors import UserError
+from cosim.evaluation import Case
+from cosim.reading import Kind, read_arrays
+from cosim.result_file import ResultFile
+from cosim.scenario import Scenario, read_scenario
+from fmus.build import cached_fmu
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "four_crossing.toml"
+LEARNING = LearningConfig(episodes=2000, epsilon_episodes=20, greedy_points=2)
+SMALL = Scenario(
+    "small", "", ((4, 0), (0, 4)), (((0, 0),), ((4, 4),)),
+    columns=5, rows=5, robot_diameter_m=0.01, zone=(2, 2, 3, 3),
+)  # fmt: skip
+ANY = Kind("file", "mend it", UserError)
+
+
+def read_checkpoint(path, config):
+    process = build_process(config.scenario, config.process)
+    return load_checkpoint(path, config, initial_state(process, config.learning, 0))
+
+
+def read_transitions(path):
+    return build_model(Transitions.load(path), 2.0, 5.0)
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory):
+    """A real file of every kind, by its reader."""
+    folder = tmp_path_factory.mktemp("seeds")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MINIROBOTS_CACHE", str(folder / "cache"))
+        policy, _, path = trained_policy(SMALL, None, LEARNING)
+    config = policy.config
+    process = build_process(SMALL, config.process)
+    state = initial_state(process, LEARNING, 0)
+    save_checkpoint(folder / "checkpoint.npz", config, state)
+    moves = [
+        {"direction": d, "heading": h, "previous": -1, "columns": 1, "rows": d, "turn_s": 0.5}
+        | {"duration_s": 3.5, "drift_x": 0.0, "drift_y": 0.0, "stop_x": 0.0, "stop_y": 0.0}
+        for d in (0, 1)
+        for h in range(4)
+    ]
+    transitions = {"schema_version": 1, "source": "", "seed": 0, "moves": moves}
+    (folder / "moves.json").write_text(json.dumps(transitions))
+    (folder / "settings.toml").write_text('[process]\nfeatures = ["x", "y"]\n[learning]\neta = 1\n')
+    write_caption(Caption("fig03", "Motion", "it slides", ("5 µm",), {"step_um": 5.0}), folder)
+    return {
+        "policy": (path, Policy.load),
+        "training": (path.with_name(LOG_FILE), TrainingLog.load),
+        "checkpoint": (folder / "checkpoint.npz", lambda p: read_checkpoint(p, config)),
+        "transitions": (folder / "moves.json", read_transitions),
+        "scenario": (EXAMPLE, read_scenario),
+        "settings": (folder / "settings.toml", read_settings),
+        "caption": (folder / "fig03.json", lambda p: read_caption(p.parent, p.stem)),
+    }
+
+
+KINDS = ("policy", "training", "checkpoint", "transitions", "scenario", "settings", "caption")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_real_files_are_read(seeds, kind):
+    path, read = seeds[kind]
+    assert read(path) is not None
+
+
+@st.composite
+def damage(draw, content):
+    """The content with some bytes exchanged, a part taken out or repeated, or cut off."""
+    content = bytearray(content)
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, max(len(content) - 1, 0)))
+        how = draw(st.sampled_from(("flip", "byte", "cut", "take", "repeat", "put")))
+        length = draw(st.integers(1, 64))
+        if how == "cut":
+            del content[at:]
+        elif how == "take":
+            del content[at : at + length]
+        elif how == "repeat":
+            content[at:at] = content[at : at + length]
+        elif how == "put":
+            content[at:at] = draw(st.binary(max_size=16))
+        elif at < len(content):
+            content[at] = draw(st.integers(0, 255)) if how == "byte" else content[at] ^ 0x10
+    return bytes(content)
+
+
+def headers(content):
+    """Places in a zip that say what is in it, where a change matters most."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = archive.infolist()
+    local = [m.header_offset + k for m in members for k in range(30 + len(m.filename))]
+    return [*local, *range(content.index(b"PK\1\2"), len(content))]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(
+    max_examples=150,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(data=st.data())
+def test_damage_gives_a_result_or_a_sentence(seeds, tmp_path, kind, data):
+    path, read = seeds[kind]
+    content = path.read_bytes()
+    if path.suffix == ".npz" and data.draw(st.booleans()):
+        changed = bytearray(content)
+        for at in data.draw(st.lists(st.sampled_from(headers(content)), min_size=1, max_size=3)):
+            changed[at] = data.draw(st.integers(0, 255))
+        content = bytes(changed)
+    else:
+        content = data.draw(damage(content))
+    damaged = tmp_path / path.name
+    damaged.write_bytes(content)
+    try:
+        read(damaged)
+    except UserError as error:
+        assert str(error)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda p: None, "no such"),
+        (lambda p: p.mkdir(), "a folder"),
+        (os.mkfifo, "a pipe"),
+        (lambda p: p.symlink_to("/dev/zero"), "a device"),
+        (lambda p: p.symlink_to(p), "Too many levels of symbolic links"),
+        (lambda p: p.write_bytes(b"[" * 100_000), ""),
+        (lambda p: p.write_bytes(b"\xff\xfe\x00" * 10), ""),
+    ],
+)
+def test_what_is_no_such_file_is_named(seeds, tmp_path, kind, make, said):
+    path, read = seeds[kind]
+    wrong = tmp_path / path.name
+    make(wrong)
+    if kind == "checkpoint":  # nobody names it: training starts afresh
+        assert read(wrong) is None
+        return
+    with pytest.raises(UserError, match=f"{path.stem}.*{said}"):
+        read(wrong)
+
+
+def npz(path, header):
+    with zipfile.ZipFile(path, "w") as archive:
+        content = b"\x93NUMPY\1\0" + len(header).to_bytes(2, "little") + header.encode()
+        archive.writestr("a.npy", content + b"12345678")
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,)}",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (-1,)}",
+        "{'descr': '<U0', 'fortran_order': False, 'shape': (1,)}",
+        "{'descr': '|O', 'fortran_order': False, 'shape': (1,)}",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (0, 1)}",
+        "{'descr': '<f8', 'fortran_order': ",
+        "(((((",
+    ],
+)
+def test_arrays_that_claim_another_size_are_refused(tmp_path, header):
+    path = tmp_path / "a.npz"
+    npz(path, header)
+    with pytest.raises(UserError, match="not a file or damaged"):
+        read_arrays(path, ANY, ["a"])
+
+
+def test_arrays_are_read_as_they_were_written(tmp_path):
+    path = tmp_path / "a.npz"
+    arrays = {
+        "plain": np.arange(6.0).reshape(2, 3),
+        "turned": np.asfortranarray(np.arange(6).reshape(2, 3)),
+        "empty": np.zeros((0, 3), dtype=np.float32),
+        "number": np.array(3),
+        "text": np.array("µ"),
+    }
+    np.savez_compressed(path, **arrays)
+    read = read_arrays(path, ANY, [*arrays])
+    for name, array in arrays.items():
+        assert np.array_equal(read[name], array)
+        assert (read[name].dtype, read[name].flags.writeable) == (array.dtype, True)
+    assert read["turned"].flags.f_contiguous
+    with pytest.raises(UserError, match=r"lacks 'other'"):
+        read_arrays(path, ANY, ["other"])
+
+
+@pytest.mark.parametrize("line", [b"\xff", b"[" * 100_000, b'{"index": 1e999}', b"3"])
+def test_a_damaged_line_of_results_is_named(seeds, tmp_path, line):
+    policy = Policy.load(seeds["policy"][0])
+    case = Case(policy, CoSimConfig(), cached_fmu(), 0)
+    path = ResultFile(tmp_path, case).path
+    path.write_bytes(path.read_bytes() + line + b"\n")
+    with pytest.raises(UserError, match="line 2 is damaged"):
+        ResultFile(tmp_path, case)
+
+
+@pytest.mark.usefixtures("fresh_cache")
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda p: p.write_bytes(b""),
+        lambda p: p.write_bytes(p.read_bytes()[:-50]),
+        lambda p: p.write_bytes(os.urandom(500)),
+        lambda p: p.write_bytes(flipped(p.read_bytes())),
+        lambda p: p.write_bytes(b'{"steps": []}'),
+        lambda p: np.savez(p, steps=np.zeros(3)),
+    ],
+)
+def test_damaged_optima_are_computed_again(tmp_path, caplog, damage):
+    process = build_process(SMALL, ProcessConfig())
+    bound = optimum(process)
+    (path,) = (tmp_path / "cache" / "bounds").glob("*.npz")
+    content = path.read_bytes()
+    damage(path)
+    with caplog.at_level(logging.WARNING):
+        again = optimum(process)
+    assert str(path) in caplog.text
+    assert np.array_equal(again.path_cells, bound.path_cells)
+    assert path.read_bytes() == content
+
+
+def flipped(content):
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+
+
+@pytest.mark.usefixtures("fresh_cache")
+def test_a_folder_in_the_cache_is_told_before_anything_is_computed(tmp_path):
+    process = build_process(SMALL, ProcessConfig())
+    optimum(process)
+    (path,) = (tmp_path / "cache" / "bounds").glob("*.npz")
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(UserError, match="a folder is where this file goes"):
+        optimum(process)
+    *_, policy = trained_policy(SMALL, None, LEARNING)
+    policy.unlink()
+    policy.mkdir()
+    seen = []
+    with pytest.raises(UserError, match="a folder is where this file goes"):
+        trained_policy(SMALL, None, LEARNING, progress=seen.append)
+    assert not seen

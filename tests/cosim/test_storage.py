@@ -1,0 +1,137 @@
+"""The cache mends itself, files are whole or absent, and nothing is left beside them."""
+
+import logging
+import signal
+import subprocess
+import sys
+import tempfile
+
+import pytest
+
+from cosim.storage import StorageError, cached, replacing
+
+KEPT = "kept"
+
+
+def from_cache(path, made):
+    """What the cache has; appends to `made` when it is made."""
+
+    def make():
+        made.append(KEPT)
+        return KEPT
+
+    def save(value, to):
+        with replacing(to) as temporary:
+            temporary.write_text(value)
+
+    return cached(path, lambda p: p.read_text(), make, save)
+
+
+def test_what_is_in_the_cache_is_not_made_again(tmp_path, caplog):
+    made = []
+    for _ in range(2):
+        assert from_cache(tmp_path / "file", made) == KEPT
+    assert made == [KEPT]
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda p: p.write_bytes(b""),
+        lambda p: p.write_bytes(p.read_bytes()[:2]),
+        lambda p: p.write_bytes(bytes(range(256))),
+        lambda p: p.write_bytes(b"kepu"),
+        lambda p: p.write_bytes(b"[]"),
+        lambda p: p.with_name("file.sha256").write_bytes(b"\xff"),
+        lambda p: p.with_name("file.sha256").unlink(),
+    ],
+)
+def test_a_damaged_file_is_made_again(tmp_path, caplog, damage):
+    made = []
+    path = tmp_path / "file"
+    from_cache(path, made)
+    damage(path)
+    with caplog.at_level(logging.WARNING):
+        assert from_cache(path, made) == KEPT
+    assert len(made) == 2
+    assert f"{path} is not as it was kept" in caplog.text
+    from_cache(path, made)
+    assert len(made) == 2
+
+
+def test_a_file_that_may_not_be_read_is_made_again():
+    """As another user: nothing is forbidden to root, and its pytest's folders are to all others."""
+    script = (
+        "import os, sys; from pathlib import Path; from cosim.storage import cached;"
+        "path = Path(sys.argv[1], 'file'); path.parent.chmod(0o777);"
+        "os.geteuid() == 0 and os.setuid(65534);"
+        "save = lambda value, to: to.unlink(missing_ok=True) or to.write_text(value);"
+        "get = lambda: cached(path, Path.read_text, lambda: print('made') or 'x', save);"
+        "get(); path.chmod(0); get()"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-c", script, folder]
+        run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.stdout == "made\nmade\n", run.stderr
+
+
+def test_a_folder_in_the_place_of_a_file_is_named(tmp_path):
+    made = []
+    (tmp_path / "file").mkdir()
+    with pytest.raises(StorageError, match=r"file: a folder is where this file goes"):
+        from_cache(tmp_path / "file", made)
+    assert not made  # not found out after hours of training
+
+
+def writer(path, what):
+    """A process in the middle of writing a file."""
+    script = (
+        "import sys, time; from pathlib import Path;"
+        "from cosim.errors import run_command; from cosim.storage import replacing\n"
+        "def main():\n"
+        "    with replacing(Path(sys.argv[1])) as temporary:\n"
+        "        temporary.write_text('half')\n"
+        "        print('writing', flush=True)\n"
+        f"        {what}\n"
+        "run_command(main)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, str(path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "writing\n"
+    return process
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_process_leaves_nothing(tmp_path, how):
+    process = writer(tmp_path / "result.npz", "time.sleep(60)")
+    process.send_signal(how)
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (130, "interrupted\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_killed_process_left_is_swept_and_nothing_else(tmp_path):
+    path = tmp_path / "result.npz"
+    killed = writer(path, "time.sleep(60)")
+    killed.kill()
+    killed.communicate()
+    assert len(list(tmp_path.iterdir())) == 1
+    living = writer(path, "sys.stdin.read()")  # sweeps what the killed one left
+    (temporary,) = tmp_path.iterdir()
+    other = tmp_path / ".result.npz"
+    other.touch()
+    with replacing(path) as mine:
+        mine.write_text("whole")
+    assert {*tmp_path.iterdir()} == {path, temporary, other}
+    living.kill()
+    living.communicate()
+    with replacing(path) as mine:
+        mine.write_text("again")
+    assert {*tmp_path.iterdir()} == {path, other}
+    assert path.read_text() == "again"

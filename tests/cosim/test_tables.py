@@ -1,0 +1,107 @@
+"""Tables on a terminal of 80 columns: every name and every number is whole."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from agent import evaluate, experiments
+from cosim import outcome_tables, transfer_table
+from cosim.tables import show_table
+
+SHARES = {
+    "success": 0.9876,
+    "collision": 0.0123,
+    "out_of_board": 0.0001,
+    "timeout": 0.0,
+}
+OUTCOMES = {
+    **SHARES,
+    **{f"{name}_low": max(0.0, share - 0.0456) for name, share in SHARES.items()},
+    **{f"{name}_high": min(1.0, share + 0.0456) for name, share in SHARES.items()},
+    "path_length_cm": 123.4,
+    "path_ratio_to_grid": 1.234,
+    "path_ratio_to_grid_low": 1.111,
+    "path_ratio_to_grid_high": 1.345,
+    "min_distance_cm": 12.34,
+    "sim_time_s": 123.0,
+    "energy_j": 456.7,
+}
+GRID = {
+    **SHARES,
+    "path_length_cm": 43.21,
+    "steps": 39.87,
+    "ratio_to_bound": 1.012,
+    "steps_ratio_to_bound": 1.034,
+}
+STATISTICS = {"mean": 0.9876, "iqm": 0.98, "low": 0.9, "high": 0.999, "runs": 10}
+
+
+def printed(show, *arguments, width=80) -> str:
+    output = io.StringIO()
+    show(*arguments, Console(width=width, file=output))
+    text = output.getvalue()
+    assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+    return text
+
+
+def test_one_table_if_there_is_room():
+    text = printed(lambda c: show_table(c, "ab", [("1", "2")], title="both"), width=40)
+    assert text.count("both") == 1
+    assert text.count("┏") == 1
+
+
+def test_further_tables_repeat_the_names():
+    rows = [("first row", "1" * 30, "2" * 30, "3" * 30)]
+    text = printed(lambda c: show_table(c, ("name", "a", "b", "c"), rows, title="t"))
+    assert text.count("first row") == 2
+    assert all(digit * 30 in text for digit in "123")
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_policies_in_co_simulation(width):
+    row = {"policy": "runs/fig11/c1/run_003/policy.npz", "scenario": "four-crossing"}
+    row |= {"episodes": 200, "starts": 900, "failing_starts": 0, "failures": []} | OUTCOMES
+    text = printed(outcome_tables.show, {"policies": [row]}, width=width)
+    whole = ["four-crossing", "200 of 900", "98.8% [94.2, 100.0]", "1.2% [0.0, 5.8]", "collision"]
+    whole += ["123.4 cm", "1.234 [1.111, 1.345]", "12.34 cm", "123 s", "456.7 J", "min distance"]
+    assert [word for word in whole if word not in text] == []
+
+
+def test_policies_on_the_grid():
+    row = {"policy": "runs/fig11/c1/run_003/policy.npz", "scenario": "4", "starts": 900} | GRID
+    row |= {"failing_starts": 0, "failures": []}
+    over = dict.fromkeys(GRID, STATISTICS)
+    report = {"policies": [row], "over_policies": {"4": over}}
+    text = printed(evaluate.show, report)
+    whole = ["scenario", "98.76%", "1.23%", "43.21", "39.87", "1.012", "1.034", "out of board"]
+    assert [word for word in whole if word not in text] == []
+
+
+def test_experiments():
+    over = dict.fromkeys(GRID, STATISTICS)
+    content = {
+        "experiment": "fig11",
+        "variants": {
+            "4": {"label": "scenario 4, as the paper has it", "over_runs": over},
+        },
+        "differences": {},
+        "seconds": 1.0,
+        "out": "runs/x",
+    }
+    text = printed(experiments.show, content)
+    assert "98.76 % [90.00, 99.90]" in text
+    assert "path over optimum" in text
+
+
+def test_transfer_has_all_that_its_file_has():
+    entry = {"scenario": "4", "method": "identified", "mu": 0.15, "safety_margin_m": 0.003}
+    entry |= {"episodes": 50, "planned": 200} | OUTCOMES
+    report = {"rows": [entry], "goals": [], "sessions": [{}], "simulated": 50}
+    report |= {"elapsed_s": 60.0, "episode_wall_s": 120.0}
+    text = printed(transfer_table.show, report)
+    table, _, findings = transfer_table.markdown(report).partition("\n\n")
+    cells = [c.strip() for line in table.splitlines() for c in line.strip("|").split("|")]
+    assert [c for c in cells if c != "---" and c not in text] == []
+    assert findings.split()[-2:] == text.split()[-2:]
