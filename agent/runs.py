@@ -119,20 +119,22 @@ def train_runs(
         else:
             yield RunResult(task.run, *found, seconds=0.0)
     clear_progress(out, experiment.runs)
-    for k, result in sweep(train_run, missing, jobs=jobs, backend=backend, address=address):
-        task = missing[k]
-        policy, log, seconds = result
-        facts = {
-            "scenario": experiment.scenario.name,
-            "seed": experiment.seed,
-            "run": task.run,
-            "config_digest": config_digest(task.config),
-        }
-        write_training(task.folder / RECORDING_FILE, policy, log, facts)
-        save_run(task.folder, policy, log)
-        (task.folder / CHECKPOINT_FILE).unlink(missing_ok=True)
-        yield RunResult(task.run, policy, log, seconds)
-    (out / PROGRESS_FILE).unlink(missing_ok=True)
+    try:
+        for k, result in sweep(train_run, missing, jobs=jobs, backend=backend, address=address):
+            task = missing[k]
+            policy, log, seconds = result
+            facts = {
+                "scenario": experiment.scenario.name,
+                "seed": experiment.seed,
+                "run": task.run,
+                "config_digest": config_digest(task.config),
+            }
+            write_training(task.folder / RECORDING_FILE, policy, log, facts)
+            save_run(task.folder, policy, log)
+            (task.folder / CHECKPOINT_FILE).unlink(missing_ok=True)
+            yield RunResult(task.run, policy, log, seconds)
+    finally:
+        (out / PROGRESS_FILE).unlink(missing_ok=True)
 
 
 def policy_paths(out: Path) -> list[Path]:

@@ -131,7 +131,7 @@ def _progress_writer(task: RunTask) -> Callable[[Progress], None]:
 
 def clear_progress(out: Path, runs: int) -> None:
     """Make the file that workers write their progress to."""
-    np.zeros((runs, len(Progress._fields))).tofile(out / PROGRESS_FILE)
+    (out / PROGRESS_FILE).write_bytes(np.zeros((runs, len(Progress._fields))).tobytes())
 
 
 def read_progress(out: Path) -> np.ndarray:

@@ -91,7 +91,7 @@ class Recording:
         if shutil.disk_usage(self.path.parent).free < LEAST_FREE_BYTES:
             raise RecordingError(
                 f"less than {LEAST_FREE_BYTES / 1e6:.0f} MB are free for the recording "
-                f"{self.path}; free some space or use --record none"
+                f"{self.path}; free some space or choose another --out"
             )
 
     def static(self, entity: str, *what: Any) -> None:
@@ -143,7 +143,7 @@ class Recording:
         why = error.strerror if isinstance(error, OSError) else error
         return RecordingError(
             f"the recording {self._part} could not be written out ({why}); free some disk space; "
-            "what it holds so far can be read"
+            "what it and other .part files beside it hold can be read"
         )
 
     def close(self) -> None:

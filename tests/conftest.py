@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import shutil
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -33,6 +34,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Policies and FMUs are made anew; kernels and calibrations are shared with the user's cache.
     """
+    # What a shell starts in the background ignores Ctrl-C, and so would the commands under test.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if "MINIROBOTS_CACHE" not in os.environ:  # workers inherit that of their session
         folder = Path(tempfile.mkdtemp(prefix="minirobots-"))
         for kind in ("kernels", "calibrations"):

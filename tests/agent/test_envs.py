@@ -413,7 +413,7 @@ def test_a_bystander_of_a_collision_is_truncated_without_penalty(cosim):
     row = Scenario("row", "", ((5, 20), (11, 20), (25, 20)), (((5, 5),), ((11, 5),), ((25, 5),)))
     env = envs.parallel_env(row, cosim=cosim)
     env.reset(seed=0)
-    rewards, terminations, truncations = {}, {}, {}
+    rewards, terminations, truncations, infos = {}, {}, {}, {}
     while env.agents:
         _, rewards, terminations, truncations, infos = env.step(
             {"robot_1": 0, "robot_2": 4, "robot_3": 2}

@@ -174,6 +174,9 @@ def test_only_robots_that_touch_fail():
     assert outcome == grid.COLLISION
     assert world[:, grid.STATUS].tolist() == [grid.HIT, grid.HIT, grid.MOVING]
     assert rewards == [-100.0, -100.0, -1.0]
+    world = world_at(process, (5, 5), (11, 5), (29, 5))
+    assert step(process, world, E, W, E)[0] == grid.OUT_OF_BOARD  # outranks the collision
+    assert world[:, grid.STATUS].tolist() == [grid.HIT, grid.HIT, grid.LEFT]
 
 
 def test_three_robots_see_the_nearest():

@@ -173,6 +173,6 @@ def test_a_way_is_free_if_every_point_of_it_is(obstacles):
         return
     for wanted, step in enumerate(DIRECTIONS):
         points = np.array([8.5, 5.5]) + np.linspace(0.0, 1.0, 201)[:, None] * step
-        nearest = min(distance(*point, obstacle) for point in points for obstacle in obstacles)
+        nearest = min(distance(x, y, obstacle) for x, y in points for obstacle in obstacles)
         if abs(nearest - least) > 1e-4:
             assert (allowed(tuple(obstacles), wanted) == wanted) == (nearest > least)

@@ -75,8 +75,12 @@ starts = "right"
     assert maze.zone == (8, 4, 11, 7)
 
 
-def test_the_documented_example_is_usable():
+def test_the_documented_examples_are_usable(scenario_file):
     assert find_scenario(EXAMPLE).robots == 4
+    page = (EXAMPLE.parents[1] / "scenarios.md").read_text()
+    gate = find_scenario(scenario_file(page.split("```toml")[1].split("```")[0]))
+    assert gate.robots == 2
+    assert gate.walls.tolist() == [[0, 9, 8, 10], [16, 9, 24, 10]]
 
 
 @pytest.mark.parametrize(
