@@ -10,7 +10,7 @@ INTERRUPTED_STATUS = 130
 
 _MENDS = {
     errno.ENOSPC: "the disk is full; free some space and run again",
-    errno.EFBIG: "the file grows beyond the limit of this shell; raise it (ulimit -f) and run again",
+    errno.EFBIG: "the file grows beyond the limit of this shell; raise it with ulimit -f",
     errno.EIO: "the disk does not answer as it should; choose another place",
     errno.EDQUOT: "the disk quota is used up; free some space and run again",
     errno.EACCES: "permission denied; choose another place or change its permissions",

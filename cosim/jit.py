@@ -20,7 +20,6 @@ import numba
 from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.dispatcher import Dispatcher
 
 from cosim.sources import ROOT, imported_files, source_digest, with_imports
 from cosim.storage import cache_dir, lock_of, require_no_folder
@@ -45,7 +44,7 @@ config.CACHE_DIR = str(_FOLDER)  # pyright: ignore[reportAttributeAccessIssue]
 def _compiled(function: Callable, *, forceinline: bool = False) -> Any:
     options: Any = {"cache": True, "nogil": True, "forceinline": forceinline}
     dispatcher: Any = numba.njit(error_model="numpy", **options)(function)
-    if not isinstance(dispatcher, Dispatcher):  # NUMBA_DISABLE_JIT
+    if dispatcher is function:  # NUMBA_DISABLE_JIT
         return dispatcher
     dispatcher._cache._cache_file.__class__ = _CheckedFiles  # pyright: ignore
     compile_one = dispatcher.compile
