@@ -240,7 +240,10 @@ def _policy(
 
 
 def _facts(options: Run, scenario: Scenario, policy: Policy, fmu: Path) -> dict[str, Any]:
-    """What identifies a run, for summaries and recordings; the same for equal runs."""
+    """What identifies a run, for summaries and recordings; the same for equal runs.
+
+    A training seed that was spawned from an experiment's is a list, the experiment's seed first.
+    """
     seed = policy.config.seed
     return {
         "scenario": scenario.name,
