@@ -80,8 +80,9 @@ def test_recording_shows_fig_7(recording):
 
 def test_the_same_test_gives_the_same_recording(recording, tmp_path):
     again = record(MotorTest(out=tmp_path / "again.rrd"))
+    rerun = Path(sys.executable).with_name("rerun")
     run = subprocess.run(
-        [sys.executable, "-m", "rerun", "rrd", "compare", "--unordered", recording, again],
+        [rerun, "rrd", "compare", "--unordered", recording, again],
         capture_output=True,
         text=True,
         check=False,

@@ -75,7 +75,16 @@ def send(recording: Recording, time_s: float) -> None:
 
 def test_run_reaches_the_viewer_and_the_file(server, tmp_path):
     url, received, end = server
-    brief = ("--train-episodes", "20000", "--time-limit", "4", "--out", str(tmp_path / "run"))
+    brief = (
+        "--method",
+        "paper",
+        "--train-episodes",
+        "20000",
+        "--time-limit",
+        "4",
+        "--out",
+        str(tmp_path / "run"),
+    )
     live = ("--live", "--viewer", url)
     command = [sys.executable, "-m", "cosim.run", *brief, *live]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -11,10 +11,12 @@ from pathlib import Path
 import pytest
 
 import cosim.run
+from agent import identify
 from agent.learning import LearningConfig
-from agent.policy import PolicyConfig, Seed
+from agent.policy import Policy, PolicyConfig, Seed
 from agent.process import ProcessConfig
 from agent.store import policy_folder
+from agent.transitions import Transitions
 from cosim.scenario import find_scenario
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
@@ -123,6 +125,21 @@ def test_bad_input_gets_one_sentence(run, arguments, sentence):
     assert done.stderr.count("\n") == 1
     assert sentence in done.stderr
     assert done.stdout == ""
+
+
+def test_default_method_observes_moves_and_trains_on_them(run, tmp_path, monkeypatch):
+    """In the small: a move or two of every kind instead of two dozen."""
+    few = functools.partial(identify.identify, moves_per_kind=1)
+    monkeypatch.setattr(identify, "identify", few)
+    monkeypatch.setattr(identify, "WALKS", 1)
+    monkeypatch.setattr(identify, "cache_dir", lambda kind: tmp_path / kind)
+    out = tmp_path / "run"
+    done = run("--train-episodes", 20_000, "--time-limit", 4, "--out", out, "--record", "none")
+    assert done.returncode == 0, done.stderr
+    (path,) = (tmp_path / "transitions").glob("*.json")
+    policy = Policy.load(out / "policy.npz", find_scenario("2"))
+    assert policy.config.transitions == Transitions.load(path)
+    assert summary_of(out)["method"] == "identified"
 
 
 def test_policy_of_another_scenario_is_refused(run, runs, tmp_path):
