@@ -15,12 +15,13 @@ def test_files_are_fetched_whole_and_once(monkeypatch, tmp_path):
     assert content.startswith(b"\0asm")
     assert len(content) > 10_000_000
     assert wasm.is_relative_to(tmp_path)
-    assert set(script.parent.iterdir()) == {script, wasm}
+    sums = {file.with_name(file.name + ".sha256") for file in (script, wasm)}
+    assert set(script.parent.iterdir()) == {script, wasm, *sums}
 
     # What is there needs no program any more.
     monkeypatch.setattr(rerun_cli, "__file__", str(tmp_path / "gone" / "__init__.py"))
     assert web_viewer_files() == [script, wasm]
-    wasm.unlink()
+    wasm.write_bytes(content[:-1])
     with pytest.raises(WebViewerError, match=r"gone/rerun: .*install rerun-sdk again"):
         web_viewer_files()
 

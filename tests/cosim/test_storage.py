@@ -122,7 +122,7 @@ def test_what_a_killed_process_left_is_swept_and_nothing_else(tmp_path):
     killed.kill()
     killed.communicate()
     assert len(list(tmp_path.iterdir())) == 1
-    living = writer(path, "sys.stdin.read()")  # sweeps what the killed one left
+    living = writer(path, "time.sleep(60)")  # sweeps what the killed one left
     (temporary,) = tmp_path.iterdir()
     other = tmp_path / ".result.npz"
     other.touch()
