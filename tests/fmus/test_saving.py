@@ -60,7 +60,7 @@ def test_wrong_sizes_are_refused(motor):
 def test_states_of_another_build_are_refused(motor):
     saved = motor.save()
     assert saved.startswith(b"{")
-    refuse(motor, motor.sealed(b"{0" + saved[2:]), "another build")
+    refuse(motor, motor.sealed(b"{%c" % (saved[1] ^ 1) + saved[2:]), "another build")
 
 
 @pytest.mark.parametrize(
