@@ -15,16 +15,16 @@ from typing import Annotated, Any, Literal, NamedTuple
 import tyro
 from rich.console import Console
 
-from agent.evaluate import report_of, statistics_of
-from agent.learning import LearningConfig
-from agent.process import Feature, ProcessConfig
-from agent.runs import Experiment, RunResult, train_runs
-from agent.sweep import Backend
+from agent.evaluation.grid import report_of, statistics_of
+from agent.process.readings import Feature, ProcessConfig
 from agent.train import progress_bar
-from cosim.errors import UserError, run_command
-from cosim.scenario import find_scenario
-from cosim.storage import replacing
-from cosim.tables import show_table
+from agent.training.learning import LearningConfig
+from agent.training.runs import Experiment, RunResult, train_runs
+from agent.training.sweep import Backend
+from cosim.base.errors import UserError, run_command
+from cosim.base.scenario import find_scenario
+from cosim.base.storage import replacing
+from cosim.base.tables import show_table
 
 RESULTS_FILE = "results.json"
 

@@ -12,15 +12,15 @@ from typing import Literal, get_args
 
 from rich.console import Console
 
-from agent.identify import cached_transitions
-from agent.learning import LearningConfig
-from agent.policy import Policy, PolicyConfig, Seed
-from agent.process import ProcessConfig
-from agent.store import find_or_train
-from agent.training import ProgressCallback, TrainingLog
-from agent.transitions import Transitions
-from cosim.calibrating import calibrated_for
-from cosim.scenario import Scenario
+from agent.moves.model import Transitions
+from agent.moves.observe import cached_transitions
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig
+from agent.training.loop import ProgressCallback, TrainingLog
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.store import find_or_train
+from cosim.base.scenario import Scenario
+from cosim.navigation.calibrating import calibrated_for
 from fmus.build import cached_fmu
 
 Method = Literal["identified", "paper", "slip"]

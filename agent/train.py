@@ -16,19 +16,19 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from agent.evaluate import report_of, show
-from agent.learning import LearningConfig
-from agent.process import ProcessConfig
-from agent.runs import RECORDING_FILE, Experiment, RunResult, train_runs
-from agent.settings import read_settings
-from agent.store import POLICY_FILE
-from agent.sweep import Backend
-from agent.training_recording import write_runs
-from agent.transitions import Transitions
-from agent.worker import read_progress
-from cosim.errors import UserError, run_command
-from cosim.scenario import find_scenario
-from cosim.storage import replacing
+from agent.evaluation.grid import report_of, show
+from agent.moves.model import Transitions
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig
+from agent.training.recording import write_runs
+from agent.training.runs import RECORDING_FILE, Experiment, RunResult, train_runs
+from agent.training.settings import read_settings
+from agent.training.store import POLICY_FILE
+from agent.training.sweep import Backend
+from agent.training.worker import read_progress
+from cosim.base.errors import UserError, run_command
+from cosim.base.scenario import find_scenario
+from cosim.base.storage import replacing
 
 _POLL_S = 0.2
 

@@ -10,12 +10,12 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from analysis.findings import find
-from analysis.recordings import Episode, read_episode
-from analysis.rrd import Signal
-from cosim.errors import run_command
-from cosim.measures import PATH_SAMPLING_S
-from cosim.tables import show_table
+from analysis.reading.findings import find
+from analysis.reading.recordings import Episode, read_episode
+from analysis.reading.rrd import Signal
+from cosim.base.errors import run_command
+from cosim.base.tables import show_table
+from cosim.navigation.measures import PATH_SAMPLING_S
 
 # Facts shown first; the others follow.
 _FIRST_FACTS = ("scenario", "title", "episode", "seed", "starts")

@@ -3,7 +3,7 @@
 Plant and PI controller as transfer functions from the same parameters as the FMU: poles, bandwidth,
 margins and a Bode plot, in which the FMU's own measured frequency response stands beside the
 curves. Without Coulomb friction, weight and saturation the two must agree; with them see
-`analysis.fig07`.
+`analysis.figures.fig07`.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ import tyro
 from fmpy.simulation import instantiate_fmu
 from matplotlib.figure import Figure
 
-from analysis.style import BLUE, GREY, VERMILION, WIDTH_IN, save, use_style
-from cosim.errors import run_command
-from cosim.fmu import MotorFmu
-from cosim.params import TABLE_II, MotorParams, motor_gain, motor_time_constant
+from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN, save, use_style
+from cosim.base.errors import run_command
+from cosim.base.params import TABLE_II, MotorParams, motor_gain, motor_time_constant
+from cosim.coupling.fmu import MotorFmu
 from fmus.build import cached_fmu
 
 # A sine in steps: holding each value takes 4e-5 off its amplitude, and half a step of time. The

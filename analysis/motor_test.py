@@ -2,7 +2,7 @@
 
 The motor FMU runs alone, through fmpy, once with a constant voltage and once with its PI speed
 loop. A disturbance torque acts from one third of the time on, and the other way from two thirds.
-`analysis.fig07` draws the recording; `read` gives its signals as arrays.
+`analysis.figures.fig07` draws the recording; `read` gives its signals as arrays.
 """
 
 from dataclasses import asdict, dataclass
@@ -15,11 +15,11 @@ import rerun.blueprint as rrb
 import tyro
 from fmpy.simulation import instantiate_fmu
 
-from analysis.rrd import RecordingReadError, Signal, read_rrd
-from cosim.errors import UserError, run_command
-from cosim.fmu import MotorFmu
-from cosim.params import FIG_7
-from cosim.recording import Recording, properties, scalars, simulated
+from analysis.reading.rrd import RecordingReadError, Signal, read_rrd
+from cosim.base.errors import UserError, run_command
+from cosim.base.params import FIG_7
+from cosim.coupling.fmu import MotorFmu
+from cosim.recording.file import Recording, properties, scalars, simulated
 from fmus.build import cached_fmu
 
 LOOPS = ("open_loop", "closed_loop")

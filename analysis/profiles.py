@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from agent.learning import LearningConfig
 from agent.methods import BEST, METHODS, Method
-from analysis.results import PAIR_EPISODES, SINGLE_EPISODES
-from cosim.params import TIMING
-from cosim.scenario import BUILT_IN
+from agent.training.learning import LearningConfig
+from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
+from cosim.base.params import TIMING
+from cosim.base.scenario import BUILT_IN
 
 
 @dataclass(frozen=True)

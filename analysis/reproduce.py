@@ -1,7 +1,8 @@
 """`python -m analysis.reproduce`: every experiment of the paper, its figures and the report.
 
 Composes the project's own commands, stage after stage; each keeps its own progress and files, and
-could be run alone. What lies where is `analysis.results`, how much is done `analysis.profiles`.
+could be run alone. What lies where is `analysis.reading.results`, how much is done
+`analysis.profiles`.
 """
 
 import os
@@ -14,19 +15,19 @@ from typing import Annotated, Any, NamedTuple
 import tyro
 from rich.console import Console
 
+from agent.evaluation.transfer import Transfer, transfer
 from agent.experiments import EXPERIMENTS, Experiments, Name, run_experiment
-from analysis.figures import Figures, draw_figures
+from analysis.figures.draw import Figures, draw_figures
 from analysis.motor_test import MotorTest, record
 from analysis.profiles import FULL, QUICK, Profile
-from analysis.report import Report, write_report
-from analysis.results import RESULTS
+from analysis.reading.results import RESULTS
+from analysis.report.page import Report, write_report
 from analysis.timings import Timings
+from cosim.base.errors import UserError, run_command
+from cosim.base.scenario import BUILT_IN
 from cosim.calibrate import Calibrate, calibrate
-from cosim.errors import UserError, run_command
 from cosim.platform import PlatformRun, write_platform
 from cosim.run import Run, run
-from cosim.scenario import BUILT_IN
-from cosim.transfer import Transfer, transfer
 
 LEARNING: tuple[Name, ...] = ("fig08", "fig11", "fig10")
 
@@ -61,7 +62,7 @@ class Stage(NamedTuple):
     """A part of the reproduction.
 
     Attributes:
-        name: of its result in `analysis.results`.
+        name: of its result in `analysis.reading.results`.
         title: for people.
         run: makes the result; called again after an interrupt it goes on, or begins anew.
     """

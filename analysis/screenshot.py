@@ -14,10 +14,10 @@ import tyro
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from cosim.errors import UserError, run_command
-from cosim.live import viewer_executable
-from cosim.reading import Kind, require_file
-from cosim.storage import replacing
+from cosim.base.errors import UserError, run_command
+from cosim.base.reading import Kind, require_file
+from cosim.base.storage import replacing
+from cosim.recording.live import viewer_executable
 
 LOAD_TIMEOUT_S = 60.0
 SETTLE_PERIOD_S = 1.0

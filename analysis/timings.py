@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from analysis.profiles import Profile
-from analysis.report_tables import TIMINGS_FILE, TimingsContent, read_timings
-from analysis.results import RESULTS
-from cosim.errors import UserError
-from cosim.sources import ROOT, code_digest, with_imports
-from cosim.storage import replacing
+from analysis.reading.results import RESULTS
+from analysis.report.tables import TIMINGS_FILE, TimingsContent, read_timings
+from cosim.base.errors import UserError
+from cosim.base.provenance import ROOT, code_digest, with_imports
+from cosim.base.storage import replacing
 
 SCHEMA_VERSION = 1
 

@@ -11,10 +11,10 @@ from typing import Annotated
 
 import tyro
 
-from cosim.contact import CONTACT_TOLERANCE
-from cosim.errors import UserError, run_command
-from cosim.params import TABLE_I, TABLE_II
-from cosim.prescribed import Drive, MeanMotion, mean_motion
+from benchmarks.prescribed import Drive, MeanMotion, mean_motion
+from cosim.base.errors import UserError, run_command
+from cosim.base.params import TABLE_I, TABLE_II
+from cosim.physics.contact import CONTACT_TOLERANCE
 
 QUARTER, HALF = math.pi / 2.0, math.pi
 DRIVES = {

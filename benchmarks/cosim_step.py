@@ -18,18 +18,18 @@ import mujoco
 import numpy as np
 import tyro
 
+from benchmarks.mjcf import robots_mjcf
+from benchmarks.prescribed import Drive, Rig, drive_wrench, rig, trace_body
 from benchmarks.recording import overheads
-from cosim.body import standing_state
-from cosim.calls import do_step, exchange_float64
-from cosim.config import CoSimConfig
-from cosim.episode import CoSimulation
-from cosim.errors import run_command
-from cosim.fmu import FMI_OK, Addresses, MotorFmu
-from cosim.jit import kernel
-from cosim.mjcf import robots_mjcf
-from cosim.params import STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.prescribed import Drive, Rig, drive_wrench, rig, trace_body
-from cosim.scenario import Scenario
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import run_command
+from cosim.base.jit import kernel
+from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.base.scenario import Scenario
+from cosim.coupling.calls import do_step, exchange_float64
+from cosim.coupling.fmu import FMI_OK, Addresses, MotorFmu
+from cosim.navigation.episode import CoSimulation
+from cosim.physics.body import standing_state
 from fmus.build import cached_fmu
 
 SPEED = STEERING.forward_speed_rad_s

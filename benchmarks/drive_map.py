@@ -11,9 +11,9 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from cosim.errors import UserError, run_command
-from cosim.params import TABLE_I, TABLE_II, TIMING
-from cosim.prescribed import Drive, mean_motion
+from benchmarks.prescribed import Drive, mean_motion
+from cosim.base.errors import UserError, run_command
+from cosim.base.params import TABLE_I, TABLE_II, TIMING
 
 
 class BenchmarkError(UserError):

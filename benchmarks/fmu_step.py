@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from cosim.calls import do_step, exchange_float64
-from cosim.errors import run_command
-from cosim.fmu import Addresses, Motor, MotorFmu
-from cosim.jit import kernel
-from cosim.params import FIG_7, TABLE_II, TIMING, MotorParams
+from cosim.base.errors import run_command
+from cosim.base.jit import kernel
+from cosim.base.params import FIG_7, TABLE_II, TIMING, MotorParams
+from cosim.coupling.calls import do_step, exchange_float64
+from cosim.coupling.fmu import Addresses, Motor, MotorFmu
 from fmus.build import cached_fmu
 
 INPUT, OUTPUTS = "omega_noise", ("theta", "omega")

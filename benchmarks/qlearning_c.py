@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from agent.learning import Learning, TrainingState
-from agent.process import ProcessConfig
-from cosim.scenario import Scenario
+from agent.process.readings import ProcessConfig
+from agent.training.learning import Learning, TrainingState
+from cosim.base.scenario import Scenario
 from fmus.compiler import compiler_command
 
 SOURCE = Path(__file__).with_name("qlearning.c")

@@ -11,11 +11,11 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import tyro
 
-from cosim.config import CoSimConfig
-from cosim.episode import CoSimulation
-from cosim.errors import run_command
-from cosim.params import SPEED_NOISE, TABLE_II
-from cosim.scenario import Scenario
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import run_command
+from cosim.base.params import SPEED_NOISE, TABLE_II
+from cosim.base.scenario import Scenario
+from cosim.navigation.episode import CoSimulation
 from fmus.build import cached_fmu
 
 NORTH = 2

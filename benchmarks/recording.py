@@ -19,13 +19,13 @@ import tyro
 from rerun.chunk import RrdReader
 
 from analysis.screenshot import ViewerError, screenshot
-from cosim.config import CoSimConfig
-from cosim.detail import DETAILS, Level
-from cosim.episode import CoSimulation, Step
-from cosim.episode_recording import EpisodeRecorder
-from cosim.errors import run_command
-from cosim.params import TIMING
-from cosim.scenario import Scenario
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import run_command
+from cosim.base.params import TIMING
+from cosim.base.scenario import Scenario
+from cosim.navigation.episode import CoSimulation, Step
+from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.levels import DETAILS, Level
 from fmus.build import cached_fmu
 
 NORTH, SOUTH = 2, 6

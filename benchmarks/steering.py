@@ -1,7 +1,7 @@
 """`python benchmarks/steering.py`: how straight and how fast controllers of the steering drive.
 
-Every controller is the kernel of `cosim.steering` with other parameters, so that one code is
-compared with itself. FMUs, noise and friction are those of an episode.
+Every controller is the kernel of `cosim.coupling.steering` with other parameters, so that one code
+is compared with itself. FMUs, noise and friction are those of an episode.
 """
 
 import json
@@ -14,12 +14,12 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from cosim.config import CoSimConfig
-from cosim.errors import UserError, run_command
-from cosim.fmu import MotorFmu
-from cosim.params import STEERING, TABLE_I, SteeringParams
-from cosim.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
-from cosim.trial import Trial, heading_angles
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import UserError, run_command
+from cosim.base.params import STEERING, TABLE_I, SteeringParams
+from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
+from cosim.navigation.trial import Trial, heading_angles
 from fmus.build import cached_fmu
 
 LINE_M, CELL_M = 0.2, 0.01

@@ -16,7 +16,9 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
-from agent.learning import (
+from agent.methods import method_config
+from agent.process.readings import Feature, ProcessConfig, build_process
+from agent.training.learning import (
     EPISODES,
     PATH_CELLS,
     SUCCESSES,
@@ -25,13 +27,11 @@ from agent.learning import (
     build_learning,
     initial_state,
 )
-from agent.methods import method_config
-from agent.policy import PolicyConfig
-from agent.process import Feature, ProcessConfig, build_process
-from agent.timed_learning import advance_timed
-from agent.training import move_model
-from cosim.errors import run_command
-from cosim.scenario import find_scenario
+from agent.training.loop import move_model
+from agent.training.moves_qlearning import advance_timed
+from agent.training.policy import PolicyConfig
+from cosim.base.errors import run_command
+from cosim.base.scenario import find_scenario
 
 PAPER: tuple[Feature, ...] = ("x", "y", "d", "g")
 WITH_BEARING: tuple[Feature, ...] = (*PAPER, "b")

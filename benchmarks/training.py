@@ -17,14 +17,14 @@ import gymnasium as gym
 import numpy as np
 import tyro
 
-import agent.envs
-from agent.learning import LearningConfig, TrainingState, build_learning, initial_state
-from agent.process import ProcessConfig, build_process
-from agent.qlearning import advance
-from agent.runs import Experiment, train_runs
+import agent.envs.single
+from agent.process.readings import ProcessConfig, build_process
+from agent.training.learning import LearningConfig, TrainingState, build_learning, initial_state
+from agent.training.qlearning import advance
+from agent.training.runs import Experiment, train_runs
 from benchmarks.qlearning_c import build_reference, reference_state, train_reference
-from cosim.errors import run_command
-from cosim.scenario import BUILT_IN, find_scenario
+from cosim.base.errors import run_command
+from cosim.base.scenario import BUILT_IN, find_scenario
 
 PAPER_S = 600.0  # "execution time about 10 min", Section V
 GYMNASIUM_STEPS = 50_000

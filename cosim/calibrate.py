@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from cosim.calibrating import digest, find_calibration
-from cosim.calibration import DRIVES, MANOEUVRES, Calibration
-from cosim.config import ConfigError, CoSimConfig
-from cosim.errors import run_command
-from cosim.params import SPEED_NOISE, STEERING, TABLE_I, TIMING
-from cosim.storage import replacing
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.errors import run_command
+from cosim.base.params import SPEED_NOISE, STEERING, TABLE_I, TIMING
+from cosim.base.storage import replacing
+from cosim.navigation.calibrating import digest, find_calibration
+from cosim.navigation.calibration import DRIVES, MANOEUVRES, Calibration
 from fmus.build import cached_fmu
 
 SCHEMA_VERSION = 1

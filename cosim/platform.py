@@ -1,8 +1,8 @@
 """1-DOF platform of Eq. (1), Fig. 2 and 3: sliding friction under a turning eccentric mass.
 
 Between two events (slip, stop, reversal) the motion is a closed form, so positions and net speeds
-are exact up to the root that ends a stroke. Not the robot: that is `cosim.body`, which this module
-predicts wherever all feet slide alike. `python -m cosim.platform` writes results for Fig. 3.
+are exact up to the root that ends a stroke. Not the robot: that is `cosim.physics.body`, which this
+module predicts wherever all feet slide alike. `python -m cosim.platform` writes results for Fig. 3.
 """
 
 import itertools
@@ -17,11 +17,11 @@ import numpy as np
 import tyro
 from scipy.optimize import root_scalar
 
-from cosim.errors import UserError, run_command
-from cosim.forces import platform_force
-from cosim.params import FIG_3, TABLE_I, TABLE_II, Fig3Params, MotorParams, RobotParams
-from cosim.storage import replacing
-from cosim.stroke import Stroke, distance, next_stroke
+from cosim.base.errors import UserError, run_command
+from cosim.base.params import FIG_3, TABLE_I, TABLE_II, Fig3Params, MotorParams, RobotParams
+from cosim.base.storage import replacing
+from cosim.physics.forces import platform_force
+from cosim.physics.stroke import Stroke, distance, next_stroke
 
 # Two angles a turn apart by this much in rad are the same: each cycle shrinks the difference.
 REPEAT_TOLERANCE = 1e-12

@@ -11,22 +11,22 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from agent import training
+from agent.evaluation.batch import Batch
+from agent.evaluation.rollout import EpisodeResult
 from agent.methods import BEST, Method, method_of, method_policy
-from agent.policy import Policy
-from agent.training_recording import write_training
-from cosim.batch import Batch
-from cosim.calibrating import calibrated
-from cosim.config import ConfigError, CoSimConfig
-from cosim.detail import DETAILS
-from cosim.episode import CoSimulation
-from cosim.errors import run_command
-from cosim.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
-from cosim.params import SAFETY_MARGIN_HELP, SPEED_NOISE, STEERING, TABLE_I, TIMING
-from cosim.rollout import EpisodeResult
-from cosim.scenario import Scenario, find_scenario
-from cosim.sources import versions
-from cosim.storage import replacing
+from agent.training import loop as training
+from agent.training.policy import Policy
+from agent.training.recording import write_training
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.errors import run_command
+from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, STEERING, TABLE_I, TIMING
+from cosim.base.provenance import versions
+from cosim.base.scenario import Scenario, find_scenario
+from cosim.base.storage import replacing
+from cosim.navigation.calibrating import calibrated
+from cosim.navigation.episode import CoSimulation
+from cosim.recording.levels import DETAILS
+from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
 from fmus.build import cached_fmu
 
 SUMMARY_SCHEMA_VERSION = 1

@@ -14,8 +14,8 @@ from typing import Literal
 
 import tyro
 
-from cosim.errors import run_command
-from cosim.storage import cache_dir, cached, replacing
+from cosim.base.errors import run_command
+from cosim.base.storage import cache_dir, cached, replacing
 from fmus.compiler import (
     FLAGS,
     STANDARDS,

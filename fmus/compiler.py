@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from cosim.errors import UserError
+from cosim.base.errors import UserError
 from fmus.variables import SOURCES
 
 Fmi = Literal["2", "3"]

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
-from cosim.errors import run_command
-from cosim.storage import cache_dir
+from cosim.base.errors import run_command
+from cosim.base.storage import cache_dir
 
 # First calls compile kernels, and machines are busy: nothing is judged by the time it takes.
 settings.register_profile(

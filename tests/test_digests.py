@@ -16,18 +16,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.identify import identify
-from agent.learning import LearningConfig
-from agent.policy import Policy, PolicyConfig, Seed
-from agent.process import ProcessConfig
-from agent.store import train_policy
-from analysis.recordings import read_episode
-from cosim.config import CoSimConfig
-from cosim.episode import CoSimulation
-from cosim.episode_recording import EpisodeRecorder
-from cosim.observing import draw_starts
-from cosim.rollout import roll_out
-from cosim.scenario import find_scenario
+from agent.evaluation.rollout import roll_out
+from agent.moves.observe import identify
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.store import train_policy
+from analysis.reading.recordings import read_episode
+from cosim.base.config import CoSimConfig
+from cosim.base.scenario import find_scenario
+from cosim.navigation.episode import CoSimulation
+from cosim.navigation.observing import draw_starts
+from cosim.recording.episode import EpisodeRecorder
 from fmus.build import cached_fmu
 
 EXPECTED = Path(__file__).with_name("digests.json")

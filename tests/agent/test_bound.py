@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent import bound as bound_module
-from agent import grid
-from agent.bound import optimum, ratios
-from agent.evaluation import all_starts, evaluate
-from agent.learning import LearningConfig
-from agent.process import ProcessConfig, build_process
-from agent.store import trained_policy
-from cosim.scenario import Scenario, find_scenario
+from agent.process import bound as bound_module
+from agent.process import grid
+from agent.process.bound import optimum, ratios
+from agent.process.exact import all_starts, evaluate
+from agent.process.readings import ProcessConfig, build_process
+from agent.training.learning import LearningConfig
+from agent.training.store import trained_policy
+from cosim.base.scenario import Scenario, find_scenario
 
 
 def mean_bounds(scenario, **readings):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from agent.learning import LearningConfig, build_learning, initial_state
-from agent.process import ProcessConfig, build_process
-from agent.qlearning import advance
+from agent.process.readings import ProcessConfig, build_process
+from agent.training.learning import LearningConfig, build_learning, initial_state
+from agent.training.qlearning import advance
 from benchmarks.qlearning_c import build_reference, reference_state, train_reference
-from cosim.scenario import find_scenario
+from cosim.base.scenario import find_scenario
 
 EPISODES = 100_000
 

@@ -7,16 +7,17 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-from agent import envs, grid
-from agent.grid_episode import ActionError, StartsError
-from agent.parallel_env import NavigationParallelEnv
-from agent.policy import Policy
-from agent.process import ProcessConfig, build_process
-from agent.rng import seeded_state
-from agent.store import trained_policy
-from agent.vector_env import NavigationVectorEnv
-from cosim.errors import UserError
-from cosim.scenario import Scenario, find_scenario
+from agent.envs import single as envs
+from agent.envs.grid_episode import ActionError, StartsError
+from agent.envs.parallel import NavigationParallelEnv
+from agent.envs.vector import NavigationVectorEnv
+from agent.process import grid
+from agent.process.readings import ProcessConfig, build_process
+from agent.process.rng import seeded_state
+from agent.training.policy import Policy
+from agent.training.store import trained_policy
+from cosim.base.errors import UserError
+from cosim.base.scenario import Scenario, find_scenario
 
 IDS = ("MiniRobots/SingleA-v0", "MiniRobots/SingleB-v0")
 

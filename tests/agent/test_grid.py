@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent import grid
-from agent.process import OBSTACLE, ProcessConfig, build_process
-from agent.rng import seeded_state
-from cosim.features import DIRECTIONS, LARGE, MEDIUM, NEAR
-from cosim.scenario import Scenario, ScenarioError, find_scenario
+from agent.process import grid
+from agent.process.readings import OBSTACLE, ProcessConfig, build_process
+from agent.process.rng import seeded_state
+from cosim.base.scenario import Scenario, ScenarioError, find_scenario
+from cosim.navigation.features import DIRECTIONS, LARGE, MEDIUM, NEAR
 
 E, NE, N, NW, W, SW, S, SE = range(8)
 

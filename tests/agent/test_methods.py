@@ -7,11 +7,11 @@ import pytest
 
 from agent import methods, train
 from agent.methods import METHODS, method_config, method_of
-from agent.policy import Policy
-from agent.runs import policy_paths
-from agent.transitions import Move, Transitions
-from cosim.features import DIRECTIONS
-from cosim.scenario import find_scenario
+from agent.moves.model import Move, Transitions
+from agent.training.policy import Policy
+from agent.training.runs import policy_paths
+from cosim.base.scenario import find_scenario
+from cosim.navigation.features import DIRECTIONS
 
 
 @pytest.fixture

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from agent import grid
-from agent.evaluation import evaluate
-from agent.learning import LearningConfig
-from agent.policy import Policy, PolicyError
-from agent.process import ProcessConfig
-from agent.store import trained_policy
-from cosim.features import Observation
-from cosim.scenario import Scenario, find_scenario
+from agent.process import grid
+from agent.process.exact import evaluate
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig
+from agent.training.policy import Policy, PolicyError
+from agent.training.store import trained_policy
+from cosim.base.scenario import Scenario, find_scenario
+from cosim.navigation.features import Observation
 
 pytestmark = pytest.mark.usefixtures("fresh_cache")
 

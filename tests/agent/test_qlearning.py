@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from agent.learning import (
+from agent.process.readings import ProcessConfig, build_process
+from agent.process.rng import next_word
+from agent.training.learning import (
     LearningConfig,
     LearningError,
     build_learning,
     epsilon_of_episodes,
     initial_state,
 )
-from agent.process import ProcessConfig, build_process
-from agent.qlearning import advance
-from agent.rng import next_word
-from cosim.scenario import Scenario, find_scenario
+from agent.training.qlearning import advance
+from cosim.base.scenario import Scenario, find_scenario
 
 
 def train(process, config, seed=0, stops=None):

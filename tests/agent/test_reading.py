@@ -12,22 +12,22 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agent.bound import optimum
-from agent.learning import LearningConfig, initial_state
-from agent.policy import Policy
-from agent.process import ProcessConfig, build_process
-from agent.settings import read_settings
-from agent.store import LOG_FILE, trained_policy
-from agent.training import TrainingLog
-from agent.transitions import Transitions, build_model
-from agent.worker import load_checkpoint, save_checkpoint
-from analysis.caption import Caption, read_caption, write_caption
-from cosim.config import CoSimConfig
-from cosim.errors import UserError
-from cosim.evaluation import Case
-from cosim.reading import Kind, read_arrays
-from cosim.result_file import ResultFile
-from cosim.scenario import Scenario, read_scenario
+from agent.evaluation.cases import Case
+from agent.evaluation.result_file import ResultFile
+from agent.moves.model import Transitions, build_model
+from agent.process.bound import optimum
+from agent.process.readings import ProcessConfig, build_process
+from agent.training.learning import LearningConfig, initial_state
+from agent.training.loop import TrainingLog
+from agent.training.policy import Policy
+from agent.training.settings import read_settings
+from agent.training.store import LOG_FILE, trained_policy
+from agent.training.worker import load_checkpoint, save_checkpoint
+from analysis.figures.caption import Caption, read_caption, write_caption
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, read_arrays
+from cosim.base.scenario import Scenario, read_scenario
 from fmus.build import cached_fmu
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "four_crossing.toml"

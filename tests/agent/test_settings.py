@@ -2,9 +2,9 @@
 
 import pytest
 
-from agent.learning import LearningConfig
-from agent.process import ProcessConfig
-from agent.settings import SettingsError, read_settings
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig
+from agent.training.settings import SettingsError, read_settings
 
 
 def test_given_fields_override_defaults(tmp_path):

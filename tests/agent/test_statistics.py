@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agent.statistics import bootstrap_interval, interquartile_mean, summarise
+from agent.evaluation.statistics import bootstrap_interval, interquartile_mean, summarise
 
 
 def test_interquartile_mean_is_the_mean_of_the_middle_half():

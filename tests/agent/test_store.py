@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from agent.evaluation import evaluate
-from agent.learning import LearningConfig
-from agent.process import ProcessConfig
-from agent.store import LOG_FILE, trained_policy
-from cosim.scenario import find_scenario
+from agent.process.exact import evaluate
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig
+from agent.training.store import LOG_FILE, trained_policy
+from cosim.base.scenario import find_scenario
 
 pytestmark = pytest.mark.usefixtures("fresh_cache")
 
@@ -70,7 +70,7 @@ def test_scenario_2_reaches_100_percent_of_all_900_starts():
     result = evaluate(policy.process, policy.values)
     assert result.outcome.shape == (900,)
     assert result.rate("success") == 1.0
-    # the exact optimum is 14.85 cm and 11.917 moves (agent.bound)
+    # the exact optimum is 14.85 cm and 11.917 moves (agent.process.bound)
     assert 14.85 <= result.mean_path_cells() < 17.0
     assert 11.91 <= result.mean_steps() < 12.5
     assert log.success[-100:].min() == 1.0

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from agent import sweep as sweep_module
-from agent.learning import LearningConfig
-from agent.process import ProcessConfig
-from agent.runs import Experiment
-from agent.sweep import SweepError, sweep
-from agent.worker import RunTask, train_run
-from cosim.scenario import find_scenario
+from agent.process.readings import ProcessConfig
+from agent.training import sweep as sweep_module
+from agent.training.learning import LearningConfig
+from agent.training.runs import Experiment
+from agent.training.sweep import SweepError, sweep
+from agent.training.worker import RunTask, train_run
+from cosim.base.scenario import find_scenario
 
 EXPERIMENT = Experiment(
     find_scenario("2"), ProcessConfig(), LearningConfig(episodes=2000, greedy_points=1), 3, 4

@@ -7,16 +7,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from agent import grid, timed
-from agent import identify as identify_module
-from agent.identify import KINDS, identify
-from agent.learning import LearningConfig
-from agent.policy import Policy, PolicyConfig, Seed
-from agent.process import ProcessConfig, build_process
-from agent.rng import next_word, seeded_state
-from agent.store import train_policy
-from agent.train import parse, train
-from agent.transitions import (
+from agent.moves import kernels as timed
+from agent.moves import observe as identify_module
+from agent.moves.model import (
     NO_DIRECTION,
     Move,
     Transitions,
@@ -24,10 +17,18 @@ from agent.transitions import (
     build_model,
     move_kind,
 )
-from cosim.config import CoSimConfig
-from cosim.features import DIRECTIONS
-from cosim.params import TIMING
-from cosim.scenario import Scenario, ScenarioError, find_scenario
+from agent.moves.observe import KINDS, identify
+from agent.process import grid
+from agent.process.readings import ProcessConfig, build_process
+from agent.process.rng import next_word, seeded_state
+from agent.train import parse, train
+from agent.training.learning import LearningConfig
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.store import train_policy
+from cosim.base.config import CoSimConfig
+from cosim.base.params import TIMING
+from cosim.base.scenario import Scenario, ScenarioError, find_scenario
+from cosim.navigation.features import DIRECTIONS
 from fmus.build import cached_fmu
 
 RL_STEP_S = TIMING.rl_step_s

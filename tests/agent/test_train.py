@@ -10,9 +10,10 @@ import time
 import numpy as np
 import pytest
 
-from agent import evaluate, train
-from agent.training import TrainingLog
-from agent.worker import CHECKPOINT_FILE, load_checkpoint
+from agent import train
+from agent.evaluation import grid as evaluate
+from agent.training.loop import TrainingLog
+from agent.training.worker import CHECKPOINT_FILE, load_checkpoint
 
 SHORT = ("--learning.episodes", "4000", "--learning.epsilon-episodes", "10")
 

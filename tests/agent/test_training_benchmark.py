@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from agent.learning import LearningConfig
+from agent.training.learning import LearningConfig
 from benchmarks import training
 
 

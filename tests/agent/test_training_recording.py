@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from agent.learning import LearningConfig, map_points
-from agent.maps import policy_maps
-from agent.policy import PolicyConfig, Seed
-from agent.process import ProcessConfig
-from agent.store import train_policy
-from agent.training import TrainingLog
-from agent.training_recording import joined, write_runs, write_training
-from cosim.blueprint import training_blueprint
-from cosim.scenario import find_scenario
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig, map_points
+from agent.training.loop import TrainingLog
+from agent.training.maps import policy_maps
+from agent.training.policy import PolicyConfig, Seed
+from agent.training.recording import joined, write_runs, write_training
+from agent.training.store import train_policy
+from cosim.base.scenario import find_scenario
+from cosim.recording.blueprint import training_blueprint
 
 LEARNING = LearningConfig(episodes=4000, epsilon_episodes=10, greedy_points=5)
 

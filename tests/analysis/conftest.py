@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 
 from analysis.profiles import Profile
+from analysis.reading.results import RESULTS
 from analysis.reproduce import Reproduce, reproduce
-from analysis.results import RESULTS
 
 # Everything in the small: few, short, but real runs.
 TINY = Profile(

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from analysis import fig03
-from analysis.results import RESULTS
-from analysis.style import FigureError, save
+from analysis.figures import fig03
+from analysis.figures.style import FigureError, save
+from analysis.reading.results import RESULTS
 
 
 def test_curves_are_those_of_the_file(results):

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from analysis import figures
-from analysis.caption import read_caption
-from analysis.results import FIGURES
-from analysis.style import FigureError
-from cosim.errors import run_command
+from analysis.figures import draw as figures
+from analysis.figures.caption import read_caption
+from analysis.figures.style import FigureError
+from analysis.reading.results import FIGURES
+from cosim.base.errors import run_command
 
 MAX_SMALL_BYTES = 150_000
 

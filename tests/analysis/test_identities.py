@@ -3,20 +3,21 @@
 import numba
 import pytest
 
-from agent.bound import optimum
-from agent.identify import transitions_path
-from agent.learning import LearningConfig, initial_state
-from agent.policy import Policy, PolicyConfig, Seed
-from agent.process import ProcessConfig, build_process
-from agent.store import policy_folder
+from agent.evaluation.cases import Case
+from agent.moves.observe import transitions_path
+from agent.process.bound import optimum
+from agent.process.readings import ProcessConfig, build_process
+from agent.training.learning import LearningConfig, initial_state
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.store import policy_folder
 from analysis.timings import Timings, code_of
-from cosim import jit, sources
-from cosim.calibrating import digest
-from cosim.config import CoSimConfig
-from cosim.evaluation import Case
-from cosim.scenario import Scenario
-from cosim.sources import ROOT
-from cosim.storage import cache_dir
+from cosim.base import jit
+from cosim.base import provenance as sources
+from cosim.base.config import CoSimConfig
+from cosim.base.provenance import ROOT
+from cosim.base.scenario import Scenario
+from cosim.base.storage import cache_dir
+from cosim.navigation.calibrating import digest
 from fmus.build import cached_fmu
 
 SMALL = Scenario("small", "", ((4, 4),), (((0, 0),),), columns=6, rows=6, zone=(0, 0, 0, 0))
@@ -52,63 +53,116 @@ IDENTITIES = {
     "reproduced transfer": lambda: code_of("transfer"),
 }
 
-MECHANICS = "body collision config contact fmu forces master params plant rotation signals steering"
-EPISODE = f"{MECHANICS} episode features measures observing safety scenario"
-PROCESS = "grid process rng"
-LEARNING = f"{PROCESS} evaluation learning maps qlearning timed timed_learning training transitions"
-# Modules that matter, and modules that do not, by package.
+# Modules that matter, and modules that do not.
 ON_THE_WAY = {
-    "bound": {"agent": f"{PROCESS} bound evaluation", "cosim": "features scenario"},
-    "calibration": {"cosim": f"{MECHANICS} calibrating calibration trial"},
-    "evaluation": {
-        "agent": f"{PROCESS} evaluation policy",
-        "cosim": f"{EPISODE} evaluation rollout",
-    },
-    "kernels": {
-        "agent": f"{PROCESS} bound evaluation qlearning timed timed_learning vector_env",
-        "cosim": "body contact features forces params plant rotation steering",
-    },
-    "moves": {
-        "agent": "identify transitions",
-        "cosim": f"{EPISODE} calibrating calibration trial",
-        "fmus": "variables",
-    },
-    "policy": {"agent": LEARNING, "cosim": "features params scenario"},
-    "reproduced experiment": {"agent": f"{LEARNING} bound experiments", "cosim": "scenario"},
-    "reproduced motor test": {"analysis": "motor_test", "cosim": "params recording"},
-    "reproduced transfer": {
-        "agent": f"{LEARNING} identify methods",
-        "cosim": f"{EPISODE} calibration outcomes rollout transfer transfer_table",
-        "fmus": "build variables",
-    },
+    "bound": """
+        agent.process.bound agent.process.exact agent.process.grid agent.process.readings
+        agent.process.rng cosim.base.scenario cosim.navigation.features
+    """,
+    "calibration": """
+        cosim.base.config cosim.base.params cosim.coupling.fmu cosim.coupling.master
+        cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
+        cosim.navigation.calibrating cosim.navigation.calibration cosim.navigation.trial
+        cosim.physics.body cosim.physics.collision cosim.physics.contact
+        cosim.physics.forces cosim.physics.rotation
+    """,
+    "evaluation": """
+        agent.evaluation.cases agent.evaluation.rollout agent.process.exact
+        agent.process.grid agent.process.readings agent.process.rng agent.training.policy
+        cosim.base.config cosim.base.params cosim.base.scenario cosim.coupling.fmu
+        cosim.coupling.master cosim.coupling.plant cosim.coupling.signals
+        cosim.coupling.steering cosim.navigation.episode cosim.navigation.features
+        cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
+        cosim.physics.body cosim.physics.collision cosim.physics.contact
+        cosim.physics.forces cosim.physics.rotation
+    """,
+    "kernels": """
+        agent.envs.vector agent.moves.kernels agent.process.bound agent.process.exact
+        agent.process.grid agent.process.readings agent.process.rng
+        agent.training.moves_qlearning agent.training.qlearning cosim.base.params
+        cosim.coupling.plant cosim.coupling.steering cosim.navigation.features
+        cosim.physics.body cosim.physics.contact cosim.physics.forces cosim.physics.rotation
+    """,
+    "moves": """
+        agent.moves.model agent.moves.observe cosim.base.config cosim.base.params
+        cosim.base.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
+        cosim.coupling.signals cosim.coupling.steering cosim.navigation.calibrating
+        cosim.navigation.calibration cosim.navigation.episode cosim.navigation.features
+        cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
+        cosim.navigation.trial cosim.physics.body cosim.physics.collision
+        cosim.physics.contact cosim.physics.forces cosim.physics.rotation fmus.variables
+    """,
+    "policy": """
+        agent.moves.kernels agent.moves.model agent.process.exact agent.process.grid
+        agent.process.readings agent.process.rng agent.training.learning agent.training.loop
+        agent.training.maps agent.training.moves_qlearning agent.training.qlearning
+        cosim.base.params cosim.base.scenario cosim.navigation.features
+    """,
+    "reproduced experiment": """
+        agent.experiments agent.moves.kernels agent.moves.model agent.process.bound
+        agent.process.exact agent.process.grid agent.process.readings agent.process.rng
+        agent.training.learning agent.training.loop agent.training.maps
+        agent.training.moves_qlearning agent.training.qlearning cosim.base.scenario
+    """,
+    "reproduced motor test": """
+        analysis.motor_test cosim.base.params cosim.recording.file
+    """,
+    "reproduced transfer": """
+        agent.evaluation.outcomes agent.evaluation.rollout agent.evaluation.transfer
+        agent.evaluation.transfer_table agent.methods agent.moves.kernels agent.moves.model
+        agent.moves.observe agent.process.exact agent.process.grid agent.process.readings
+        agent.process.rng agent.training.learning agent.training.loop agent.training.maps
+        agent.training.moves_qlearning agent.training.qlearning cosim.base.config
+        cosim.base.params cosim.base.scenario cosim.coupling.fmu cosim.coupling.master
+        cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
+        cosim.navigation.calibration cosim.navigation.episode cosim.navigation.features
+        cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
+        cosim.physics.body cosim.physics.collision cosim.physics.contact
+        cosim.physics.forces cosim.physics.rotation fmus.build fmus.variables
+    """,
 }
 ELSEWHERE = {
-    "bound": {"agent": "qlearning train", "analysis": "style", "cosim": "body"},
-    "calibration": {"agent": "grid", "analysis": "style", "cosim": "episode recording run"},
-    "evaluation": {
-        "agent": "timed train",
-        "analysis": "style",
-        "cosim": "blueprint episode_recording outcomes recording run transfer",
-    },
-    "kernels": {"agent": "train", "analysis": "style", "cosim": "blueprint run"},
-    "moves": {"agent": "grid qlearning", "analysis": "style", "cosim": "blueprint run"},
-    "policy": {"agent": "store train", "analysis": "style", "cosim": "body episode run"},
-    "reproduced experiment": {
-        "agent": "identify",
-        "analysis": "style figures",
-        "cosim": "body run",
-    },
-    "reproduced motor test": {"agent": "grid", "analysis": "figures", "cosim": "run"},
-    "reproduced transfer": {"agent": "experiments", "analysis": "style", "cosim": "run"},
+    "bound": """
+        agent.train agent.training.qlearning analysis.figures.style cosim.physics.body
+    """,
+    "calibration": """
+        agent.process.grid analysis.figures.style cosim.navigation.episode
+        cosim.recording.file cosim.run
+    """,
+    "evaluation": """
+        agent.evaluation.outcomes agent.evaluation.transfer agent.moves.kernels agent.train
+        analysis.figures.style cosim.recording.blueprint cosim.recording.episode
+        cosim.recording.file cosim.run
+    """,
+    "kernels": """
+        agent.train analysis.figures.style cosim.recording.blueprint cosim.run
+    """,
+    "moves": """
+        agent.process.grid agent.training.qlearning analysis.figures.style
+        cosim.recording.blueprint cosim.run
+    """,
+    "policy": """
+        agent.train agent.training.store analysis.figures.style cosim.navigation.episode
+        cosim.physics.body cosim.run
+    """,
+    "reproduced experiment": """
+        agent.moves.observe analysis.figures.draw analysis.figures.style cosim.physics.body
+        cosim.run
+    """,
+    "reproduced motor test": """
+        agent.process.grid analysis.figures.draw cosim.run
+    """,
+    "reproduced transfer": """
+        agent.experiments analysis.figures.style cosim.run
+    """,
 }
 LAID_OUT = {"kernels"}  # compiled code knows its lines
 
 
-def modules(where: dict[str, dict[str, str]]) -> list:
+def modules(where: dict[str, str]) -> list[tuple[str, str]]:
     return [
-        (kind, f"{package}/{name}.py")
-        for kind, packages in where.items()
-        for package, names in packages.items()
+        (kind, f"{name.replace('.', '/')}.py")
+        for kind, names in where.items()
         for name in names.split()
     ]
 
@@ -164,7 +218,7 @@ def test_a_stage_that_other_code_has_finished_is_not_finished(tmp_path, tiny, ch
     for stage in ("fig08", "platform"):
         with timings.stage(stage):
             pass
-    change("agent/qlearning.py", "\nCHANGED = 1\n")
+    change("agent/training/qlearning.py", "\nCHANGED = 1\n")
     again = Timings(tmp_path, tiny, seed=0)
     assert (again.finished("fig08"), again.finished("platform")) == (False, True)
     with again.stage("fig08"):

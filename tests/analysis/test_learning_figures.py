@@ -11,8 +11,8 @@ import pytest
 from rich.console import Console
 
 from agent.experiments import EXPERIMENTS, main, show
-from analysis import fig05
-from analysis.learning import (
+from analysis.figures import fig05
+from analysis.figures.learning import (
     POINTS,
     Variant,
     draw_learning_curves,
@@ -22,11 +22,11 @@ from analysis.learning import (
     settled_after,
     thinned,
 )
-from analysis.learning_figures import fig10, path_ratio, with_interval
-from analysis.results import RESULTS
-from analysis.style import FigureError
-from cosim.errors import run_command
-from cosim.scenario import BUILT_IN
+from analysis.figures.learning_figures import fig10, path_ratio, with_interval
+from analysis.figures.style import FigureError
+from analysis.reading.results import RESULTS
+from cosim.base.errors import run_command
+from cosim.base.scenario import BUILT_IN
 
 
 @pytest.fixture(autouse=True)

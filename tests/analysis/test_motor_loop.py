@@ -9,10 +9,11 @@ import control
 import numpy as np
 import pytest
 
-from analysis import fig07, motor_loop
+from analysis import motor_loop
+from analysis.figures import fig07
 from analysis.motor_loop import figures_of_merit, measured_response, speed_loop
 from analysis.motor_test import MotorTest, MotorTestError, read, record, simulate
-from cosim.params import FIG_7, TABLE_II
+from cosim.base.params import FIG_7, TABLE_II
 
 # The held sine is 4e-5 smaller than the sine it stands for, and the FMU integrates with RK4.
 SAME_AMPLITUDE, SAME_PHASE_DEG = 1e-4, 0.05

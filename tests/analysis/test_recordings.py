@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from analysis import inspect
-from analysis.findings import find, intervals, sliding
-from analysis.recordings import _moves, read_episode
-from analysis.rrd import RecordingReadError, Signal, Texts, read_rrd
-from cosim.params import TABLE_II, TIMING
+from analysis.reading.findings import find, intervals, sliding
+from analysis.reading.recordings import _moves, read_episode
+from analysis.reading.rrd import RecordingReadError, Signal, Texts, read_rrd
+from cosim.base.params import TABLE_II, TIMING
 
 
 @pytest.fixture(scope="module")

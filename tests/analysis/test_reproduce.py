@@ -7,10 +7,10 @@ import pytest
 from rich.console import Console
 
 from analysis.profiles import FULL, QUICK
+from analysis.reading.results import FIGURES, RESULTS
 from analysis.reproduce import Reproduce, run_stages, stages
-from analysis.results import FIGURES, RESULTS
 from analysis.timings import Timings, TimingsError
-from cosim.errors import UserError
+from cosim.base.errors import UserError
 
 CONSOLE = Console(stderr=True, record=True, width=200)
 

@@ -4,7 +4,7 @@ import importlib.util
 
 import pytest
 
-from analysis.results import FIGURES, RESULTS, missing, recordings
+from analysis.reading.results import FIGURES, RESULTS, missing, recordings
 
 
 def test_figures_are_drawn_from_defined_results():

@@ -8,7 +8,7 @@ import urllib.request
 
 import pytest
 
-from analysis.serve import HOST, ServeError, address, server
+from analysis.report.server import HOST, ServeError, address, server
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.container import ErrorbarContainer
 
-from analysis import transfer_figure
-from analysis.style import FigureError
+from analysis.figures import transfer as transfer_figure
+from analysis.figures.style import FigureError
 
 
 def row(scenario, method, success, margin_m=0.0, mu=0.15):

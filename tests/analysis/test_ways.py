@@ -6,12 +6,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from analysis import motor_cycle, ways
-from analysis.board import ROBOT_COLOURS
-from analysis.recordings import read_episode
-from analysis.results import recordings
-from analysis.style import FigureError
-from cosim.params import STEERING, TABLE_I, TABLE_II
+from analysis.figures import motor_cycle
+from analysis.figures import paths as ways
+from analysis.figures.board import ROBOT_COLOURS
+from analysis.figures.style import FigureError
+from analysis.reading.recordings import read_episode
+from analysis.reading.results import recordings
+from cosim.base.params import STEERING, TABLE_I, TABLE_II
 
 
 @pytest.fixture(autouse=True)

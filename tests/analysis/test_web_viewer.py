@@ -3,7 +3,7 @@
 import pytest
 import rerun_cli
 
-from analysis.web_viewer import FILES, WebViewerError, web_viewer_files
+from analysis.report.web_viewer import FILES, WebViewerError, web_viewer_files
 
 
 def test_files_are_fetched_whole_and_once(monkeypatch, tmp_path):

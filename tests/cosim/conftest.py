@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from cosim.features import DIRECTION_COUNT, Observation
+from cosim.navigation.features import DIRECTION_COUNT, Observation
 from fmus.build import cached_fmu
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from cosim.fmu import FmuError, MotorFmu
+from cosim.coupling.fmu import FmuError, MotorFmu
 
 LIBRARY = f"binaries/{fmpy.platform_tuple}/VibrationMotor{fmpy.sharedLibraryExtension}"
 
@@ -79,7 +79,7 @@ def test_nothing_is_left_by_a_run_that_is_killed(motor_fmu, cache, tmp_path):
     MotorFmu(motor_fmu)
     (tmp_path / "temporary").mkdir()
     code = (
-        "import os, sys; from pathlib import Path; from cosim.fmu import MotorFmu; "
+        "import os, sys; from pathlib import Path; from cosim.coupling.fmu import MotorFmu; "
         "fmu = MotorFmu(Path(sys.argv[1])); os.kill(os.getpid(), int(sys.argv[2]))"
     )
     run = subprocess.run(

@@ -8,7 +8,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cosim.body import (
+from benchmarks.prescribed import coast
+from cosim.base.jit import kernel
+from cosim.base.params import TABLE_I, TABLE_II, TIMING, cylinder_inertia
+from cosim.physics.body import (
     ANGULAR_VELOCITY,
     NORMAL_IMPULSE,
     POSITION,
@@ -19,10 +22,7 @@ from cosim.body import (
     standing_state,
     step_body,
 )
-from cosim.jit import kernel
-from cosim.params import TABLE_I, TABLE_II, TIMING, cylinder_inertia
-from cosim.prescribed import coast
-from cosim.rotation import dot, heading, rotation_matrix
+from cosim.physics.rotation import dot, heading, rotation_matrix
 
 DT, G, MU, M = TIMING.dt_s, TABLE_II.g, TABLE_I.mu, TABLE_I.mass_kg
 LEVEL = body_params(TABLE_I, TABLE_II, DT)

@@ -8,13 +8,13 @@ import pytest
 from rich.console import Console
 
 from cosim import calibrate
-from cosim.calibrating import calibrated, digest, find_calibration
-from cosim.calibration import MANOEUVRES, Calibration, CalibrationError, load_calibration
-from cosim.config import CoSimConfig
-from cosim.fmu import MotorFmu
-from cosim.params import STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.trial import Trial, heading_angles
+from cosim.base.config import CoSimConfig
+from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
+from cosim.navigation.calibrating import calibrated, digest, find_calibration
+from cosim.navigation.calibration import MANOEUVRES, Calibration, CalibrationError, load_calibration
+from cosim.navigation.trial import Trial, heading_angles
 
 SILENT = Console(quiet=True)
 

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.body import ANGULAR_VELOCITY, VELOCITY, body_params, standing_state
-from cosim.collision import NEAR_M, PairParams, find_near_pairs, push_apart
-from cosim.config import CoSimConfig
-from cosim.episode import CoSimulation, run_episode
-from cosim.jit import kernel
-from cosim.params import TABLE_I, TABLE_II, TIMING
-from cosim.scenario import Scenario
+from cosim.base.config import CoSimConfig
+from cosim.base.jit import kernel
+from cosim.base.params import TABLE_I, TABLE_II, TIMING
+from cosim.base.scenario import Scenario
+from cosim.navigation.episode import CoSimulation, run_episode
+from cosim.physics.body import ANGULAR_VELOCITY, VELOCITY, body_params, standing_state
+from cosim.physics.collision import NEAR_M, PairParams, find_near_pairs, push_apart
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots)
 BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)

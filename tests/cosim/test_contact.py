@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim import body, contact
-from cosim.params import TABLE_I, TABLE_II, TIMING
+from cosim.base.params import TABLE_I, TABLE_II, TIMING
+from cosim.physics import body, contact
 
 PARAMS = contact.contact_params(TABLE_I, 0.0)
 # Contacts iterated until nothing changes: their laws then hold to rounding.

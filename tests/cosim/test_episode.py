@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cosim.config import ConfigError, CoSimConfig
-from cosim.episode import CoSimulation, run_episode
-from cosim.features import LARGE, MEDIUM
-from cosim.observing import draw_starts
-from cosim.params import TABLE_I, TIMING, cylinder_inertia
-from cosim.scenario import Scenario, find_scenario
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.params import TABLE_I, TIMING, cylinder_inertia
+from cosim.base.scenario import Scenario, find_scenario
+from cosim.navigation.episode import CoSimulation, run_episode
+from cosim.navigation.features import LARGE, MEDIUM
+from cosim.navigation.observing import draw_starts
 
 SHORT = Scenario("short", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 EAST, NORTH, SOUTH = 0, 2, 6

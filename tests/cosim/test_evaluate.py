@@ -6,20 +6,20 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-import cosim.evaluate
-from agent.learning import LearningConfig
-from agent.policy import Policy, PolicyConfig, Seed
-from agent.process import ProcessConfig
-from agent.store import train_policy
-from cosim.config import ConfigError, CoSimConfig
-from cosim.errors import UserError
-from cosim.evaluate import Evaluate, evaluate, report_of
-from cosim.evaluation import Case
-from cosim.outcomes import rate, summary
-from cosim.params import TABLE_I
-from cosim.result_file import ResultFile, ResultFileError
-from cosim.rollout import EpisodeResult
-from cosim.scenario import Scenario
+from agent.evaluation import evaluate as evaluate_command
+from agent.evaluation.cases import Case
+from agent.evaluation.evaluate import Evaluate, evaluate, report_of
+from agent.evaluation.outcomes import rate, summary
+from agent.evaluation.result_file import ResultFile, ResultFileError
+from agent.evaluation.rollout import EpisodeResult
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.store import train_policy
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.errors import UserError
+from cosim.base.params import TABLE_I
+from cosim.base.scenario import Scenario
 
 # Targets one cell away, straight ahead: an episode takes some simulated seconds.
 NEAR = Scenario(
@@ -173,14 +173,14 @@ def test_command_prints_json_last(command, whole, policy_file):
     evaluated, report = whole
     out = evaluated.file.path.parent
     options = ("--starts", "all", "--out", out, "--recordings", 1, "--json")
-    done = command(cosim.evaluate, policy_file, *options)  # everything is there already
+    done = command(evaluate_command, policy_file, *options)  # everything is there already
     assert done.returncode == 0, done.stderr
     assert "outcomes with 95 % intervals" in done.stdout
     assert json.loads(done.stdout.splitlines()[-1]) == json.loads(json.dumps(report))
 
 
 def test_policy_of_another_scenario_is_refused(command, policy_file, tmp_path):
-    done = command(cosim.evaluate, policy_file, "--scenario", "4", "--out", tmp_path / "out")
+    done = command(evaluate_command, policy_file, "--scenario", "4", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "was trained on scenario near" in done.stderr

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.assembly import check_motors, new_motors
-from cosim.config import ConfigError, CoSimConfig
-from cosim.episode import CoSimulation
-from cosim.fmu import FmuError, MotorFmu
-from cosim.params import TABLE_II, TIMING
-from cosim.scenario import find_scenario
-from cosim.trial import Trial
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.params import TABLE_II, TIMING
+from cosim.base.scenario import find_scenario
+from cosim.coupling.assembly import check_motors, new_motors
+from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.navigation.episode import CoSimulation
+from cosim.navigation.trial import Trial
 
 
 def variable(root, name: str):

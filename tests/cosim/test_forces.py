@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.forces import motor_force, motor_mounts, motor_wrench, platform_force
-from cosim.params import TABLE_I, TABLE_II
+from cosim.base.params import TABLE_I, TABLE_II
+from cosim.physics.forces import motor_force, motor_mounts, motor_wrench, platform_force
 
 D, E = motor_mounts(TABLE_I, TABLE_II)
 angles = st.floats(-10.0, 10.0)

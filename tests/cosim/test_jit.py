@@ -5,8 +5,8 @@ import subprocess
 import sys
 
 SCRIPT = """
-from cosim.errors import run_command
-from cosim.forces import platform_force
+from cosim.base.errors import run_command
+from cosim.physics.forces import platform_force
 force = platform_force
 run_command(lambda: print(force(0.1, 0.2, 9.81, 0.3, 0.4), force.stats.cache_hits))
 """

@@ -13,10 +13,10 @@ import pytest
 from rerun.chunk import RrdReader
 from rich.console import Console
 
-from cosim.blueprint import episode_blueprint
-from cosim.config import ConfigError
-from cosim.live import DEFAULT_VIEWER, LiveError, find_viewer, spawn_viewer
-from cosim.recording import Recording, scalars, simulated
+from cosim.base.config import ConfigError
+from cosim.recording.blueprint import episode_blueprint
+from cosim.recording.file import Recording, scalars, simulated
+from cosim.recording.live import DEFAULT_VIEWER, LiveError, find_viewer, spawn_viewer
 from cosim.run import Run, run
 
 RERUN = Path(sys.executable).with_name("rerun")
@@ -118,9 +118,9 @@ FROZEN = """
 import sys
 from pathlib import Path
 import numpy as np
-from cosim import recording
-from cosim.blueprint import episode_blueprint
-from cosim.errors import run_command
+from cosim.recording import file as recording
+from cosim.recording.blueprint import episode_blueprint
+from cosim.base.errors import run_command
 
 def main():
     recording.FLUSH_TIMEOUT_S = 5.0

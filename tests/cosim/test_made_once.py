@@ -8,10 +8,10 @@ SCRIPT = """
 import os
 import sys
 
-from agent.learning import LearningConfig
-from agent.store import trained_policy
-from cosim.jit import kernel
-from cosim.scenario import find_scenario
+from agent.training.learning import LearningConfig
+from agent.training.store import trained_policy
+from cosim.base.jit import kernel
+from cosim.base.scenario import find_scenario
 from fmus import build
 
 os.environ["MINIROBOTS_CACHE"] = sys.argv[1]  # but for the kernels

@@ -6,17 +6,17 @@ import re
 import numpy as np
 import pytest
 
-from cosim.adaptive import AdaptiveDriver
-from cosim.body import body_params, standing_state
-from cosim.collision import PairParams
-from cosim.episode import DRIVERS
-from cosim.fmu import FmuError, MotorFmu
-from cosim.forces import motor_mounts
-from cosim.master import CompiledDriver
-from cosim.params import STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.plant import COLLISION, OUT_OF_BOARD, RUNNING, Plant
-from cosim.signals import new_raw_samples, new_samples, new_state
-from cosim.steering import DIRECTION, GOAL_X, START
+from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.coupling.adaptive import AdaptiveDriver
+from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.coupling.master import CompiledDriver
+from cosim.coupling.plant import COLLISION, OUT_OF_BOARD, RUNNING, Plant
+from cosim.coupling.signals import new_raw_samples, new_samples, new_state
+from cosim.coupling.steering import DIRECTION, GOAL_X, START
+from cosim.navigation.episode import DRIVERS
+from cosim.physics.body import body_params, standing_state
+from cosim.physics.collision import PairParams
+from cosim.physics.forces import motor_mounts
 
 PERIODS, ROBOTS = 200, 2
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from cosim.fmu import MotorFmu
-from cosim.measures import PATH_SAMPLING_S, Measures
-from cosim.params import SPEED_NOISE, STEERING, TIMING
-from cosim.signals import Samples, new_samples
+from cosim.base.params import SPEED_NOISE, STEERING, TIMING
+from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.signals import Samples, new_samples
+from cosim.navigation.measures import PATH_SAMPLING_S, Measures
 
 PERIOD_S = 1e-3
 

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.contact import foot_positions
-from cosim.jit import kernel
-from cosim.mjcf import robots_mjcf
-from cosim.params import TABLE_I, TABLE_II
-from cosim.prescribed import Drive, Rig, drive_wrench, mean_motion, rig
-from cosim.rotation import cross, plus, rotated, rotation_matrix, to_body, to_world
+from benchmarks.mjcf import robots_mjcf
+from benchmarks.prescribed import Drive, Rig, drive_wrench, mean_motion, rig
+from cosim.base.jit import kernel
+from cosim.base.params import TABLE_I, TABLE_II
+from cosim.physics.contact import foot_positions
+from cosim.physics.rotation import cross, plus, rotated, rotation_matrix, to_body, to_world
 
 # Compiled modules without type information.
 mujoco: Any = importlib.import_module("mujoco")

@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim import obstacle as solid
-from cosim.body import STATE_SIZE
-from cosim.config import CoSimConfig
-from cosim.episode import CoSimulation, run_episode
-from cosim.episode_log import EpisodeLog
-from cosim.features import DIRECTIONS
-from cosim.jit import kernel
-from cosim.params import SAFETY_MARGIN_M, TABLE_I, TIMING
-from cosim.plant import COLLISION, RUNNING
-from cosim.safety import WAIT, permitted
-from cosim.scenario import Scenario, ScenarioError, find_scenario, touches_obstacle
+from cosim.base.config import CoSimConfig
+from cosim.base.jit import kernel
+from cosim.base.params import SAFETY_MARGIN_M, TABLE_I, TIMING
+from cosim.base.scenario import Scenario, ScenarioError, find_scenario, touches_obstacle
+from cosim.coupling.plant import COLLISION, RUNNING
+from cosim.navigation.episode import CoSimulation, run_episode
+from cosim.navigation.features import DIRECTIONS
+from cosim.navigation.safety import WAIT, permitted
+from cosim.physics import obstacle as solid
+from cosim.physics.body import STATE_SIZE
+from cosim.recording.episode_log import EpisodeLog
 
 E, NE, N, W, S = 0, 1, 2, 4, 6
 RADIUS_M = TABLE_I.diameter_m / 2.0

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim import platform, stroke
-from cosim.params import FIG_3, TABLE_I
+from cosim import platform
+from cosim.base.params import FIG_3, TABLE_I
+from cosim.physics import stroke
 from cosim.platform import robot_platform
 
 # mu: omega_c, omega_net, then mm/s at 700 to 1100 rad/s, from an integration with small steps.

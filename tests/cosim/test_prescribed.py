@@ -8,11 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.prescribed import Drive, MeanMotion, drive_body, mean_motion, rig, trace_body
 from cosim import platform
-from cosim.body import NORMAL_IMPULSE, STATE_SIZE, standing_state
-from cosim.forces import motor_mounts, motor_wrench
-from cosim.params import TABLE_I, TABLE_II, TIMING, RobotParams, cylinder_inertia, lift_off_speed
-from cosim.prescribed import Drive, MeanMotion, drive_body, mean_motion, rig, trace_body
+from cosim.base.params import (
+    TABLE_I,
+    TABLE_II,
+    TIMING,
+    RobotParams,
+    cylinder_inertia,
+    lift_off_speed,
+)
+from cosim.physics.body import NORMAL_IMPULSE, STATE_SIZE, standing_state
+from cosim.physics.forces import motor_mounts, motor_wrench
 
 DT = TIMING.dt_s
 RIG = rig(TABLE_I, TABLE_II, DT)

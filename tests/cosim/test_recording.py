@@ -12,19 +12,19 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from analysis.rrd import read_rrd
-from cosim.blueprint import episode_blueprint
-from cosim.config import CoSimConfig
-from cosim.detail import DETAILS
-from cosim.episode import CoSimulation
-from cosim.episode_recording import EpisodeRecorder
-from cosim.fmu import FmuError
-from cosim.params import TIMING
-from cosim.policy_map import PolicyMap
-from cosim.recording import Recording, RecordingError, properties, scalars, simulated
-from cosim.scenario import Scenario
-from cosim.series import reduce
-from cosim.signals import RawSamples
+from analysis.reading.rrd import read_rrd
+from cosim.base.config import CoSimConfig
+from cosim.base.params import TIMING
+from cosim.base.scenario import Scenario
+from cosim.coupling.fmu import FmuError
+from cosim.coupling.signals import RawSamples
+from cosim.navigation.episode import CoSimulation
+from cosim.recording.blueprint import episode_blueprint
+from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.file import Recording, RecordingError, properties, scalars, simulated
+from cosim.recording.levels import DETAILS
+from cosim.recording.policy_map import PolicyMap
+from cosim.recording.series import reduce
 
 SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 SOUTH, NORTH = 6, 2
@@ -187,9 +187,9 @@ import resource, sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 import numpy as np
-from cosim.blueprint import episode_blueprint
-from cosim.errors import run_command
-from cosim.recording import Recording, scalars, simulated
+from cosim.recording.blueprint import episode_blueprint
+from cosim.base.errors import run_command
+from cosim.recording.file import Recording, scalars, simulated
 
 def record(name, rows, limit):
     path = Path(sys.argv[1]) / name
@@ -260,8 +260,8 @@ def test_data_of_a_killed_writer_survives(tmp_path):
     path = tmp_path / "killed.rrd"
     script = (
         "import os, numpy as np; from pathlib import Path;"
-        "from cosim.blueprint import episode_blueprint;"
-        "from cosim.recording import Recording, scalars, simulated;"
+        "from cosim.recording.blueprint import episode_blueprint;"
+        "from cosim.recording.file import Recording, scalars, simulated;"
         f"file = Recording(Path({str(path)!r}), 'x', episode_blueprint(1, (0.3, 0.3)));"
         "file.columns('/sim/r1/heading', simulated(np.arange(5.0)), scalars(np.arange(5.0)));"
         "file.flush(); os.kill(os.getpid(), 9)"

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim import rotation
+from cosim.physics import rotation
 
 component = st.floats(-10.0, 10.0).map(lambda x: x if abs(x) > 1e-6 else 0.0)
 vector = st.tuples(component, component, component)

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 import cosim.run
-from agent import identify
-from agent.learning import LearningConfig
-from agent.policy import Policy, PolicyConfig, Seed
-from agent.process import ProcessConfig
-from agent.store import policy_folder
-from agent.transitions import Transitions
-from cosim.scenario import find_scenario
+from agent.moves import observe as identify
+from agent.moves.model import Transitions
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.store import policy_folder
+from cosim.base.scenario import find_scenario
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
 

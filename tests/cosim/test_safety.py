@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.body import STATE_SIZE
-from cosim.config import CoSimConfig
-from cosim.episode import CoSimulation, run_episode
-from cosim.features import DIRECTIONS
-from cosim.params import SAFETY_MARGIN_M
-from cosim.safety import WAIT, permitted, way_to_way
-from cosim.scenario import Scenario
+from cosim.base.config import CoSimConfig
+from cosim.base.params import SAFETY_MARGIN_M
+from cosim.base.scenario import Scenario
+from cosim.navigation.episode import CoSimulation, run_episode
+from cosim.navigation.features import DIRECTIONS
+from cosim.navigation.safety import WAIT, permitted, way_to_way
+from cosim.physics.body import STATE_SIZE
 
 E, N, W, S = 0, 2, 4, 6
 FACING = Scenario(

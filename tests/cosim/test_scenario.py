@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.scenario import BUILT_IN, Scenario, ScenarioError, find_scenario
+from cosim.base.scenario import BUILT_IN, Scenario, ScenarioError, find_scenario
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "four_crossing.toml"
 

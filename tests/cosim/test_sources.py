@@ -5,24 +5,34 @@ from pathlib import Path
 
 import pytest
 
-from cosim.sources import OWN, ROOT, code_digest, imported_files, source_digest, with_imports
+from cosim.base.provenance import (
+    OWN,
+    ROOT,
+    code_digest,
+    imported_files,
+    source_digest,
+    with_imports,
+)
 
 FILES = sorted(file for package in OWN for file in (ROOT / package).rglob("*.py"))
 
 
 def test_imports_are_followed():
-    files = with_imports([ROOT / "cosim" / "episode.py"])
+    files = with_imports([ROOT / "cosim" / "navigation" / "episode.py"])
     names = {file.name for file in files}
     assert {"episode.py", "master.py", "params.py", "errors.py"} <= names
-    assert not {"run.py", "recording.py", "policy.py"} & names
-    assert ROOT / "cosim" / "master.py" in imported_files(ROOT / "cosim" / "episode.py")
+    assert not {"run.py", "file.py", "policy.py"} & names
+    assert ROOT / "cosim" / "coupling" / "master.py" in imported_files(
+        ROOT / "cosim" / "navigation" / "episode.py"
+    )
 
 
 def test_a_file_can_be_left_out_with_what_only_it_imports():
-    rollout, recording = (ROOT / "cosim" / f"{n}.py" for n in ("rollout", "episode_recording"))
+    rollout = ROOT / "agent" / "evaluation" / "rollout.py"
+    recording = ROOT / "cosim" / "recording" / "episode.py"
     left = set(with_imports([rollout])) - set(with_imports([rollout], but=[recording]))
-    assert {recording, ROOT / "cosim" / "blueprint.py"} <= left
-    assert ROOT / "cosim" / "episode.py" not in left
+    assert {recording, ROOT / "cosim" / "recording" / "blueprint.py"} <= left
+    assert ROOT / "cosim" / "navigation" / "episode.py" not in left
 
 
 def imported_by_syntax(path: Path) -> set[Path]:
@@ -52,22 +62,31 @@ def test_imports_are_those_of_the_syntax_tree():
 @pytest.mark.parametrize(
     ("statement", "modules"),
     [
-        ("import cosim.params", {"cosim/params.py"}),
-        ("import numpy, cosim.params as p, agent.grid", {"cosim/params.py", "agent/grid.py"}),
-        ("from cosim import params", {"cosim/params.py"}),
+        ("import cosim.base.params", {"cosim/base/params.py"}),
         (
-            "from cosim import (\n    params as p,  # :-)\n    jit,\n)",
-            {"cosim/params.py", "cosim/jit.py"},
+            "import numpy, cosim.base.params as p, agent.process.grid",
+            {"cosim/base/params.py", "agent/process/grid.py"},
         ),
-        ("from cosim import params, \\\n    jit", {"cosim/params.py", "cosim/jit.py"}),
-        ("def f():\n    from cosim.params import (\n        TABLE_I,\n    )", {"cosim/params.py"}),
+        ("from cosim.base import params", {"cosim/base/params.py"}),
+        (
+            "from cosim.base import (\n    params as p,  # :-)\n    jit,\n)",
+            {"cosim/base/params.py", "cosim/base/jit.py"},
+        ),
+        (
+            "from cosim.base import params, \\\n    jit",
+            {"cosim/base/params.py", "cosim/base/jit.py"},
+        ),
+        (
+            "def f():\n    from cosim.base.params import (\n        TABLE_I,\n    )",
+            {"cosim/base/params.py"},
+        ),
         ("from cosim import nothing", {"cosim/__init__.py"}),
         ("from . import near, nearer", {"inner/near.py", "inner/nearer.py"}),
         ("from .near import x", {"inner/near.py"}),
         ("from .. import far", {"far.py"}),
         ("from ..far import (x)", {"far.py"}),
-        ("x = 'from cosim import params'", set()),
-        ("# import cosim.params", set()),
+        ("x = 'from cosim.base import params'", set()),
+        ("# import cosim.base.params", set()),
     ],
 )
 def test_every_form_of_import_is_seen(statement, modules, tmp_path):

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from cosim import steering
-from cosim.params import STEERING
-from cosim.steering import (
+from cosim.base.params import STEERING
+from cosim.coupling import steering
+from cosim.coupling.steering import (
     COMMAND_SIZE,
     DIRECT,
     DRIVE,

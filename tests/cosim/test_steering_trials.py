@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks import steering
 from benchmarks.steering import drive_line
-from cosim.config import CoSimConfig
-from cosim.fmu import MotorFmu
+from cosim.base.config import CoSimConfig
+from cosim.coupling.fmu import MotorFmu
 
 
 def check(runs, speed_m_s, length_m):

@@ -8,7 +8,7 @@ import tempfile
 
 import pytest
 
-from cosim.storage import StorageError, cached, replacing
+from cosim.base.storage import StorageError, cached, replacing
 
 KEPT = "kept"
 
@@ -63,7 +63,7 @@ def test_a_damaged_file_is_made_again(tmp_path, caplog, damage):
 def test_a_file_that_may_not_be_read_is_made_again():
     """As another user: nothing is forbidden to root, and its pytest's folders are to all others."""
     script = (
-        "import os, sys; from pathlib import Path; from cosim.storage import cached;"
+        "import os, sys; from pathlib import Path; from cosim.base.storage import cached;"
         "path = Path(sys.argv[1], 'file'); path.parent.chmod(0o777);"
         "os.geteuid() == 0 and os.setuid(65534);"
         "save = lambda value, to: to.unlink(missing_ok=True) or to.write_text(value);"
@@ -88,7 +88,7 @@ def writer(path, what):
     """A process in the middle of writing a file."""
     script = (
         "import sys, time; from pathlib import Path;"
-        "from cosim.errors import run_command; from cosim.storage import replacing\n"
+        "from cosim.base.errors import run_command; from cosim.base.storage import replacing\n"
         "def main():\n"
         "    with replacing(Path(sys.argv[1])) as temporary:\n"
         "        temporary.write_text('half')\n"

@@ -5,9 +5,11 @@ import io
 import pytest
 from rich.console import Console
 
-from agent import evaluate, experiments
-from cosim import outcome_tables, transfer_table
-from cosim.tables import show_table
+from agent import experiments
+from agent.evaluation import grid as evaluate
+from agent.evaluation import tables as outcome_tables
+from agent.evaluation import transfer_table
+from cosim.base.tables import show_table
 
 SHARES = {
     "success": 0.9876,

@@ -7,18 +7,18 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from agent.learning import LearningConfig
-from agent.policy import PolicyConfig, Seed
-from agent.process import ProcessConfig
-from agent.store import train_policy
-from cosim.config import ConfigError, CoSimConfig
-from cosim.evaluation import Case, Job
-from cosim.params import SAFETY_MARGIN_M
-from cosim.result_file import ResultFile
-from cosim.rollout import EpisodeResult
-from cosim.scenario import Scenario, ScenarioError
-from cosim.transfer import Transfer, transfer
-from cosim.transfer_table import Row, goals, markdown
+from agent.evaluation.cases import Case, Job
+from agent.evaluation.result_file import ResultFile
+from agent.evaluation.rollout import EpisodeResult
+from agent.evaluation.transfer import Transfer, transfer
+from agent.evaluation.transfer_table import Row, goals, markdown
+from agent.process.readings import ProcessConfig
+from agent.training.learning import LearningConfig
+from agent.training.policy import PolicyConfig, Seed
+from agent.training.store import train_policy
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.params import SAFETY_MARGIN_M
+from cosim.base.scenario import Scenario, ScenarioError
 
 QUIET = Console(quiet=True)
 BOARD = """

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from cosim.jit import kernel
-from cosim.trig import sine_cosine
+from cosim.base.jit import kernel
+from cosim.physics.trig import sine_cosine
 
 
 @kernel

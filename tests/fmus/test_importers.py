@@ -9,9 +9,9 @@ import fmpy
 import numpy as np
 import pytest
 
-from cosim.calls import do_step, exchange_float64
-from cosim.fmu import MotorFmu
-from cosim.jit import kernel
+from cosim.base.jit import kernel
+from cosim.coupling.calls import do_step, exchange_float64
+from cosim.coupling.fmu import MotorFmu
 
 STEPS, STEP_S, SET_POINT = 1000, 1e-3, 700.0
 SAME = 1e-9

@@ -4,7 +4,7 @@ import control
 import numpy as np
 import pytest
 
-from cosim.params import FIG_7, TABLE_II, breakaway_voltage, motor_gain, motor_time_constant
+from cosim.base.params import FIG_7, TABLE_II, breakaway_voltage, motor_gain, motor_time_constant
 
 TAU_S = motor_time_constant(TABLE_II)
 # Speed that a disturbance torque shifts the open loop by: d R / (bR + K_T²), in rad/s.

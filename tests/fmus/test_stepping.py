@@ -6,9 +6,9 @@ import itertools
 import numpy as np
 import pytest
 
-from cosim.calls import do_step
-from cosim.fmu import MotorFmu
-from cosim.jit import kernel
+from cosim.base.jit import kernel
+from cosim.coupling.calls import do_step
+from cosim.coupling.fmu import MotorFmu
 
 OK, ERROR = 0, 3
 STEP_S = 1e-5

@@ -1,0 +1,208 @@
+"""One episode of the decision process, as environments step it: the kernels of the grid.
+
+`Episode` is what environments need of a world; this module has the grid, `agent.envs.cosim_episode`
+the full co-simulation. Spaces, agents' names and pictures are the environments'.
+"""
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+
+from agent.process.grid import (
+    AXIS,
+    BEARING,
+    CLASS,
+    COLUMN_COUNT,
+    MOVING,
+    RUNNING,
+    SIGN,
+    STATUS,
+    TIMEOUT,
+    VX,
+    VY,
+    X,
+    Y,
+    move,
+    place,
+    place_randomly,
+    slipped,
+)
+from agent.process.readings import Process, ProcessConfig, build_process, feature_sizes
+from agent.process.rng import seeded_state
+from cosim.base.errors import UserError
+from cosim.base.scenario import Scenario
+from cosim.navigation.features import DIRECTION_COUNT
+
+FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS}
+
+_LENGTHS = (0.0, 1.0, math.sqrt(2.0))  # of a move over so many rows and columns
+
+
+class StartsError(UserError, ValueError):
+    """Start cells that cannot be used; the message says which."""
+
+
+class ActionError(UserError, ValueError):
+    """An action that cannot be taken; the message says whose."""
+
+
+class Episode(Protocol):
+    """A world with N robots in which episodes are played.
+
+    Attributes:
+        scenario: board, targets and start cells.
+        sizes: number of values of each feature that a robot observes.
+        outcome: RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD or TIMEOUT of `agent.process.grid`.
+        rewards: (N,) float64, rewards of the last step.
+    """
+
+    scenario: Scenario
+    sizes: tuple[int, ...]
+    outcome: int
+    rewards: np.ndarray
+
+    @property
+    def status(self) -> np.ndarray:
+        """(N,) int64, MOVING, ARRIVED, LEFT or HIT of `agent.process.grid`."""
+        ...
+
+    def seed(self, seed: int | None) -> None:
+        """Seed everything random; with entropy if None, as it is from the beginning."""
+        ...
+
+    def reset(self, starts: np.ndarray | None) -> None:
+        """Begin an episode from (N, 2) start cells, drawn if None."""
+        ...
+
+    def step(self, actions: np.ndarray) -> None:
+        """Let every robot that moves take its (N,) action."""
+        ...
+
+    def observation(self) -> np.ndarray:
+        """(N, features) int64, what each robot sees, every feature counted from 0."""
+        ...
+
+    def path_length_cm(self) -> np.ndarray:
+        """(N,) float64, way of each robot since the start."""
+        ...
+
+    def positions_m(self) -> np.ndarray:
+        """(N, 2) float64, robots' centres in the board's frame."""
+        ...
+
+    def close(self) -> None:
+        """Free what the episode holds."""
+        ...
+
+
+class GridEpisode:
+    """An episode on the grid, see `Episode`.
+
+    Raises:
+        ScenarioError: the scenario cannot be used with these readings.
+    """
+
+    def __init__(self, scenario: Scenario, config: ProcessConfig | None = None) -> None:
+        config = config or ProcessConfig()
+        self.scenario = scenario
+        self.process = build_process(scenario, config)
+        sizes = feature_sizes(scenario, config)
+        self.sizes = tuple(sizes.values())
+        # column of a world, what is added to count from 0, and the largest value
+        self._features = [
+            (FEATURE_COLUMNS[name], 1 if name == "g" else 0, size - 1)
+            for name, size in sizes.items()
+        ]
+        n = scenario.robots
+        self.world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
+        self.rewards = np.zeros(n)
+        self.outcome = RUNNING
+        self._cells = np.zeros((n, 2), dtype=np.int64)
+        self._float_rewards = np.zeros(n, dtype=np.float32)
+        self._slips = config.slip_probability > 0.0
+        self.seed(None)
+
+    @property
+    def status(self) -> np.ndarray:
+        """(N,) int64, status of each robot."""
+        return self.world[:, STATUS]
+
+    def seed(self, seed: int | None) -> None:
+        """Seed the generator of start cells and slips; with entropy if None."""
+        self._random = seeded_state(seed)
+
+    def reset(self, starts: np.ndarray | None) -> None:
+        """Begin an episode.
+
+        Raises:
+            StartsError: start cells are off the board, blocked or in contact.
+        """
+        if starts is None:
+            place_randomly(self.process, self.world, self._cells, self._random)
+        else:
+            place_checked(self.process, self.world, starts)
+        self.outcome = RUNNING
+        self.rewards[:] = 0.0
+        self._steps = 0
+        self._path_cells = [0.0] * len(self.world)
+
+    def step(self, actions: np.ndarray) -> None:
+        """One move of every robot that moves."""
+        executed = np.array(actions, dtype=np.int64)
+        if self._slips:
+            for i in np.flatnonzero(self.world[:, STATUS] == MOVING):
+                executed[i] = slipped(self.process, executed[i], self._random)
+        outcome = move(self.process, self.world, executed, self._float_rewards)
+        self._steps += 1
+        if outcome == RUNNING and self._steps == self.process.step_limit:
+            outcome = TIMEOUT
+        self.outcome = outcome
+        self.rewards[:] = self._float_rewards
+        for i, row in enumerate(self.world.tolist()):
+            # plain numbers: for a robot or two numpy would take longer than the move itself
+            self._path_cells[i] += _LENGTHS[abs(row[VX]) + abs(row[VY])]
+
+    def observation(self) -> np.ndarray:
+        """(N, features) int64; a robot that left the board seems to be at its edge."""
+        rows = [
+            [min(max(row[column] + shift, 0), last) for column, shift, last in self._features]
+            for row in self.world.tolist()
+        ]
+        return np.array(rows, dtype=np.int64)
+
+    def path_length_cm(self) -> np.ndarray:
+        """(N,) float64."""
+        return 100.0 * self.scenario.cell_m * np.array(self._path_cells)
+
+    def positions_m(self) -> np.ndarray:
+        """(N, 2) float64, centres of the robots' cells."""
+        return (self.world[:, [X, Y]] + 0.5) * self.scenario.cell_m
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+
+def direction_error(action: Any, whose: str = "") -> ActionError:
+    """What is said of an action that is no direction."""
+    last = DIRECTION_COUNT - 1
+    return ActionError(f"action {action!r}{whose} is no direction; choose one from 0 to {last}")
+
+
+def place_checked(process: Process, world: np.ndarray, starts: np.ndarray) -> None:
+    """Put robots on the start cells that a user gave.
+
+    Raises:
+        StartsError: they are not (N, 2), off the board, blocked or in contact.
+    """
+    cells = np.asarray(starts, dtype=np.int64)
+    columns, rows = (size - 2 for size in process.terrain.shape[1:])
+    if cells.shape != (len(world), 2):
+        raise StartsError(f"starts of shape {cells.shape}; give one cell [x, y] per robot")
+    if (cells < 0).any() or (cells >= (columns, rows)).any():
+        raise StartsError(f"starts {cells.tolist()} are off the {columns} x {rows} board")
+    terrain = process.terrain[np.arange(len(world)), cells[:, 0] + 1, cells[:, 1] + 1]
+    if terrain.any():
+        raise StartsError(f"starts {cells.tolist()} are on an obstacle or on the robot's target")
+    if not place(process, world, cells):
+        raise StartsError(f"starts {cells.tolist()} let robots touch; move them further apart")

@@ -1,0 +1,146 @@
+"""PettingZoo environment for pairs of robots and more; made by `agent.envs.parallel_env`."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from pettingzoo import ParallelEnv
+
+from agent.envs.grid_episode import ActionError, Episode, direction_error
+from agent.envs.rendering import board_pixels, board_text
+from agent.process.grid import MOVING, OUTCOMES, RUNNING, SUCCESS
+from cosim.navigation.features import DIRECTION_COUNT
+
+
+def episode_info(episode: Episode, robot: int) -> dict[str, Any]:
+    """What environments say about an episode besides the observation."""
+    return {
+        "outcome": OUTCOMES[episode.outcome],
+        "is_success": episode.outcome == SUCCESS,
+        "path_length": float(episode.path_length_cm()[robot]),
+    }
+
+
+def render_episode(episode: Episode, mode: str | None) -> Any:
+    """The board as text ("ansi"), pixels ("rgb_array"), or nothing but a warning."""
+    if mode is None:
+        gym.logger.warn("render() does nothing without a render_mode")
+        return None
+    draw = board_text if mode == "ansi" else board_pixels
+    return draw(episode.scenario, episode.positions_m())
+
+
+class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
+    """Robots that learn to reach their targets without touching each other.
+
+    Agents `robot_1`, `robot_2`, … observe their features (Section III) as MultiDiscrete and choose
+    one of eight directions; rewards are Eq. (8) and (11). A robot that arrives is terminated and
+    stays where it is; a failure terminates the robots that failed and truncates those still on
+    their way, whose next state therefore still has a value. What is random in an environment that
+    was never seeded comes from entropy.
+    """
+
+    metadata = {  # noqa: RUF012
+        "name": "minirobots_v0",
+        "render_modes": ["ansi", "rgb_array"],
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
+
+    def __init__(self, episode: Episode, render_mode: str | None = None) -> None:
+        self.episode = episode
+        self.render_mode = render_mode
+        self.possible_agents = [f"robot_{k + 1}" for k in range(episode.scenario.robots)]
+        self.agents = []
+        self.observation_spaces: dict[str, spaces.Space] = {
+            agent: spaces.MultiDiscrete(list(episode.sizes)) for agent in self.possible_agents
+        }
+        self.action_spaces: dict[str, spaces.Space] = {
+            agent: spaces.Discrete(DIRECTION_COUNT) for agent in self.possible_agents
+        }
+
+    def observation_space(self, agent: str) -> spaces.Space:
+        """The same object on every call, as PettingZoo asks."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space:
+        """The same object on every call, as PettingZoo asks."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+        """Begin an episode; `options={"starts": [[x, y], …]}` gives the start cells.
+
+        Raises:
+            StartsError: start cells cannot be used.
+        """
+        if seed is not None:
+            self.episode.seed(seed)
+        self.episode.reset((options or {}).get("starts"))
+        self.agents = list(self.possible_agents)
+        return self._observations(), self._infos()
+
+    def step(
+        self, actions: dict[str, int]
+    ) -> tuple[
+        dict[str, np.ndarray],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Let every agent take its action; those of agents that have ended are ignored.
+
+        Raises:
+            ActionError: an agent has no action, or one that is no direction; or an unknown agent
+                has one.
+        """
+        if not self.agents:
+            gym.logger.warn("step() does nothing after the end of an episode")
+            return {}, {}, {}, {}, {}
+        self.episode.step(self._joint(actions))
+        ended = self.episode.outcome != RUNNING
+        moving = self.episode.status == MOVING
+        robots = {agent: self.possible_agents.index(agent) for agent in self.agents}
+        rewards = {agent: float(self.episode.rewards[i]) for agent, i in robots.items()}
+        terminations = {agent: not moving[i] for agent, i in robots.items()}
+        truncations = {agent: bool(ended and moving[i]) for agent, i in robots.items()}
+        observations, infos = self._observations(), self._infos()
+        self.agents = [a for a, i in robots.items() if moving[i] and not ended]
+        return observations, rewards, terminations, truncations, infos
+
+    def _joint(self, actions: dict[str, int]) -> np.ndarray:
+        """(N,) int64, action of each robot; 0 for those that have ended."""
+        for agent in actions:
+            if agent not in self.possible_agents:
+                raise ActionError(
+                    f"{agent} is no agent; choose from {', '.join(self.possible_agents)}"
+                )
+        joint = np.zeros(len(self.possible_agents), dtype=np.int64)
+        for agent in self.agents:
+            if agent not in actions:
+                raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
+            if not self.action_spaces[agent].contains(actions[agent]):
+                raise direction_error(actions[agent], f" of {agent}")
+            joint[self.possible_agents.index(agent)] = actions[agent]
+        return joint
+
+    def _observations(self) -> dict[str, np.ndarray]:
+        rows = dict(zip(self.possible_agents, self.episode.observation(), strict=True))
+        return {agent: rows[agent] for agent in self.agents}
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        return {
+            agent: episode_info(self.episode, self.possible_agents.index(agent))
+            for agent in self.agents
+        }
+
+    def render(self) -> Any:
+        """The board as text or pixels."""
+        return render_episode(self.episode, self.render_mode)
+
+    def close(self) -> None:
+        """Free the simulation."""
+        self.episode.close()

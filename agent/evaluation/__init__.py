@@ -1,0 +1,1 @@
+"""What policies achieve in the co-simulation."""

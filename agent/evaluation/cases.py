@@ -1,0 +1,205 @@
+"""Episodes of a policy from enumerated starts in the co-simulation, in threads.
+
+Every start has an index, every index its own noise: an episode is determined by its case and its
+index, whatever else runs, in whatever order. Results are kept by `agent.evaluation.result_file`,
+statistics are `agent.evaluation.outcomes`, the command lines `cosim.evaluate` and `cosim.transfer`.
+"""
+
+import hashlib
+import itertools
+import threading
+from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from agent.evaluation.rollout import EpisodeResult, roll_out
+from agent.process.exact import all_starts
+from agent.training.policy import Policy
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import UserError
+from cosim.base.provenance import ROOT, code_digest, versions, with_imports
+from cosim.base.scenario import Cell
+from cosim.navigation.episode import CoSimulation, Step
+from cosim.recording.episode import EpisodeRecorder
+
+# What is drawn from the seed: the order of the starts, and the noise of every one.
+_ORDER, _NOISE = 0, 1
+
+
+@dataclass(frozen=True)
+class Case:
+    """A policy under one configuration of the co-simulation.
+
+    Attributes:
+        policy: acts; its scenario is the one simulated.
+        config: of the co-simulation.
+        fmu: motor FMU file.
+        seed: of samples of starts and of the speed noise.
+    """
+
+    policy: Policy
+    config: CoSimConfig
+    fmu: Path
+    seed: int
+
+    @cached_property
+    def starts(self) -> np.ndarray:
+        """(K, N, 2) int64, all combinations of start cells in which no robots touch.
+
+        Raises:
+            UserError: there are too many.
+        """
+        return all_starts(self.policy.process)
+
+    def sample(self, count: int | None) -> list[int]:
+        """Indices of distinct starts in an order drawn with the seed.
+
+        A smaller sample is the beginning of a larger one, and whatever was simulated of a sample
+        is a sample itself.
+
+        Args:
+            count: how many; None for all.
+
+        Raises:
+            UserError: there are not so many.
+        """
+        available = len(self.starts)
+        if count is not None and count > available:
+            raise UserError(
+                f"scenario {self.policy.config.scenario.name} has only {available} starts, "
+                f"not {count}; ask for at most that many, or for all"
+            )
+        sequence = np.random.SeedSequence(self.seed, spawn_key=(_ORDER,))
+        order = np.random.default_rng(sequence).permutation(available)
+        return [int(index) for index in order[:count]]
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """Everything that decides the result of an episode, for people and for the digest."""
+        policy = self.policy
+        tables = hashlib.sha256(msgspec.json.encode(policy.config.process, order="sorted"))
+        tables.update(np.ascontiguousarray(policy.values).tobytes())
+        # what is recorded of an episode does not change it
+        code = with_imports([Path(__file__)], but=[ROOT / "cosim" / "recording" / "episode.py"])
+        return {
+            "scenario": policy.config.scenario.name,
+            "scenario_digest": policy.config.scenario.digest(),
+            "policy_digest": tables.hexdigest()[:16],
+            "seed": self.seed,
+            "motor_fmu_digest": hashlib.sha256(self.fmu.read_bytes()).hexdigest()[:16],
+            "parameters": {name: row["value"] for name, row in self.config.table().items()},
+            "code_digest": code_digest(code),
+        }
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the identity."""
+        text = msgspec.json.encode(self.identity, order="sorted")
+        return hashlib.sha256(text).hexdigest()[:16]
+
+    def start_cells(self, index: int) -> tuple[Cell, ...]:
+        """Start cell of each robot."""
+        return tuple((int(x), int(y)) for x, y in self.starts[index])
+
+    def system(self) -> CoSimulation:
+        """A co-simulation for any number of episodes, one after the other."""
+        return CoSimulation(self.policy.config.scenario, self.fmu, self.config)
+
+    def recorder(self, path: Path, index: int) -> EpisodeRecorder:
+        """Recorder of the episode from a start."""
+        scenario = self.policy.config.scenario
+        facts = {
+            "scenario": scenario.name,
+            "title": scenario.title,
+            "seed": self.seed,
+            "driver": "compiled",
+            "motor_fmu": self.fmu.name,
+            "train_episodes": self.policy.episodes,
+            "versions": versions(),
+            "episode": index,
+            "starts": self.start_cells(index),
+        }
+        return EpisodeRecorder(path, scenario, self.config, f"{self.digest}-{index}", facts)
+
+
+@dataclass(frozen=True)
+class Job:
+    """An episode to simulate.
+
+    Attributes:
+        case: policy and configuration.
+        index: of the start.
+        recording: where to record it, if at all.
+    """
+
+    case: Case
+    index: int
+    recording: Path | None = None
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Equal for equal episodes."""
+        return self.case.digest, self.index
+
+    def run(self, system: CoSimulation, stop: threading.Event) -> EpisodeResult:
+        """Simulate it, until `stop` is set.
+
+        Raises:
+            UserError: of the FMU or the recording.
+            KeyboardInterrupt: it was stopped.
+        """
+
+        def watch(_: Step) -> None:
+            if stop.is_set():
+                raise KeyboardInterrupt
+
+        sequence = np.random.SeedSequence(self.case.seed, spawn_key=(_NOISE, self.index))
+        arguments = (system, self.case.policy, self.case.start_cells(self.index), sequence)
+        if self.recording is None:
+            return roll_out(*arguments, watch=watch)
+        with self.case.recorder(self.recording, self.index) as recorder:
+            result = roll_out(*arguments, recorder, watch)
+        return replace(result, recording=self.recording.name)
+
+
+def run_jobs(jobs: Iterable[Job], threads: int) -> Iterator[tuple[Job, EpisodeResult]]:
+    """Simulate episodes in threads; results in the order in which they end.
+
+    Compiled code runs without the interpreter lock, so threads share the work without sharing
+    anything else. A job is taken from `jobs` when a thread is free for it. On an interrupt, an
+    error, or when the iterator is closed, running episodes end after their RL step, without result.
+
+    Args:
+        jobs: may be endless, or look at the results so far.
+        threads: episodes at the same time.
+
+    Raises:
+        UserError: of an FMU or a recording.
+    """
+    stop = threading.Event()
+    own = threading.local()
+
+    def run(job: Job) -> tuple[Job, EpisodeResult]:
+        if getattr(own, "case", None) is not job.case:
+            own.case, own.system = job.case, job.case.system()
+        return job, job.run(own.system, stop)
+
+    waiting = iter(jobs)
+    with ThreadPoolExecutor(threads) as pool:
+        running: set[Future[tuple[Job, EpisodeResult]]] = set()
+        try:
+            running |= {pool.submit(run, job) for job in itertools.islice(waiting, threads)}
+            while running:
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                # before the results are dealt with, so that no thread waits for that
+                running |= {pool.submit(run, job) for job in itertools.islice(waiting, len(done))}
+                for future in done:
+                    yield future.result()
+        finally:
+            stop.set()

@@ -1,0 +1,1 @@
+"""Moves observed in the co-simulation, and the process made of them."""

@@ -1,0 +1,213 @@
+"""The decision process with the dynamics' time: moves that last, and robots that move at once.
+
+Robots are asked every RL step. One that waits begins a move, drawn from the moves observed in
+co-simulation; the others are on their way. Positions are continuous: a cell belongs to the robot
+whose centre is in it, contact is a distance of centres, or of a centre and an obstacle. The
+features are those of `agent.process.grid`, seen between cells as `cosim.navigation.observing` sees
+them. No learning here.
+"""
+
+import numpy as np
+
+from agent.moves.model import MoveModel
+from agent.process.grid import (
+    ARRIVED,
+    AXIS,
+    BEARING,
+    CLASS,
+    COLLISION,
+    HIT,
+    LEFT,
+    MOVING,
+    OUT_OF_BOARD,
+    RUNNING,
+    SIGN,
+    SQUARED,
+    STATUS,
+    SUCCESS,
+    VX,
+    VY,
+    X,
+    Y,
+    nearest_other,
+)
+from agent.process.readings import FREE, GOAL, OUTSIDE, Process
+from agent.process.rng import next_index
+from cosim.base.jit import inlined
+from cosim.navigation.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
+from cosim.physics.obstacle import touches_obstacle
+
+# Columns of a robot's way, float64.
+FROM_X, FROM_Y, TO_X, TO_Y = 0, 1, 2, 3  # ends of its move, cells
+DRIFT_X, DRIFT_Y = 4, 5  # way during the turn, cells
+TURN_S, DURATION_S = 6, 7  # time of the turn, and of the whole move
+ELAPSED_S = 8  # since the move began; at least DURATION_S for a robot that waits
+AT_X, AT_Y = 9, 10  # position, cells
+WAY_SIZE = 11
+
+_CHECKS = 4  # of contact per RL step: robots come closer by some 3 mm between two of them
+
+
+@inlined
+def stand(world: np.ndarray, ways: np.ndarray) -> None:
+    """Let every robot wait at the centre of its cell."""
+    for i in range(world.shape[0]):
+        ways[i, AT_X] = world[i, X] + 0.5
+        ways[i, AT_Y] = world[i, Y] + 0.5
+        ways[i, DURATION_S] = 0.0
+        ways[i, ELAPSED_S] = 0.0
+
+
+@inlined
+def waits(ways: np.ndarray, i: int) -> bool:
+    """Whether robot i has ended its move."""
+    return ways[i, ELAPSED_S] >= ways[i, DURATION_S]
+
+
+@inlined
+def begin_move(
+    process: Process,
+    model: MoveModel,
+    world: np.ndarray,
+    ways: np.ndarray,
+    i: int,
+    direction: int,
+    random: np.ndarray,
+) -> int:
+    """Let robot i begin a move towards the neighbouring cell in a direction.
+
+    Returns:
+        RUNNING, or COLLISION or OUT_OF_BOARD if it may not enter that cell.
+    """
+    vx, vy = DIRECTIONS[direction, 0], DIRECTIONS[direction, 1]
+    world[i, VX], world[i, VY] = vx, vy
+    terrain = process.terrain[i, world[i, X] + vx + 1, world[i, Y] + vy + 1]
+    if terrain not in (FREE, GOAL):
+        world[i, STATUS] = LEFT if terrain == OUTSIDE else HIT
+        return OUT_OF_BOARD if terrain == OUTSIDE else COLLISION
+    kind = direction % 2 * AXIS_COUNT + (world[i, AXIS] - direction) % AXIS_COUNT
+    first = model.offsets[kind]
+    row = first + next_index(random, model.offsets[kind + 1] - first)
+    drift_x, drift_y = model.moves[row, 2], model.moves[row, 3]
+    stop_x, stop_y = model.moves[row, 4], model.moves[row, 5]
+    for _ in range(direction // 2):
+        drift_x, drift_y = -drift_y, drift_x
+        stop_x, stop_y = -stop_y, stop_x
+    ways[i, FROM_X], ways[i, FROM_Y] = ways[i, AT_X], ways[i, AT_Y]
+    ways[i, TO_X] = world[i, X] + vx + 0.5 + stop_x
+    ways[i, TO_Y] = world[i, Y] + vy + 0.5 + stop_y
+    ways[i, DRIFT_X], ways[i, DRIFT_Y] = drift_x, drift_y
+    ways[i, TURN_S] = model.moves[row, 0]
+    ways[i, DURATION_S] = model.moves[row, 1]
+    ways[i, ELAPSED_S] = 0.0
+    world[i, AXIS] = direction % AXIS_COUNT
+    world[i, SQUARED] = nearest_other(process, world, i)[0]
+    return RUNNING
+
+
+@inlined
+def _go_on(ways: np.ndarray, i: int, seconds: float) -> None:
+    """Position of robot i some seconds later: it turns and drifts, then drives to its end."""
+    ways[i, ELAPSED_S] += seconds
+    elapsed, turn, duration = ways[i, ELAPSED_S], ways[i, TURN_S], ways[i, DURATION_S]
+    if elapsed < turn:
+        share = elapsed / turn
+        ways[i, AT_X] = ways[i, FROM_X] + share * ways[i, DRIFT_X]
+        ways[i, AT_Y] = ways[i, FROM_Y] + share * ways[i, DRIFT_Y]
+        return
+    rest = 0.0 if elapsed >= duration else (duration - elapsed) / (duration - turn)
+    ways[i, AT_X] = ways[i, TO_X] + rest * (ways[i, FROM_X] + ways[i, DRIFT_X] - ways[i, TO_X])
+    ways[i, AT_Y] = ways[i, TO_Y] + rest * (ways[i, FROM_Y] + ways[i, DRIFT_Y] - ways[i, TO_Y])
+
+
+@inlined
+def _touch(process: Process, model: MoveModel, world: np.ndarray, ways: np.ndarray) -> bool:
+    """Whether robots touch each other or obstacles; those that had not arrived are HIT."""
+    touched = False
+    for i in range(world.shape[0]):
+        if world[i, STATUS] == MOVING and touches_obstacle(
+            ways[i, AT_X], ways[i, AT_Y], process.squared_radius, process.walls
+        ):
+            touched = True
+            world[i, STATUS] = HIT
+        for j in range(i):
+            dx = ways[i, AT_X] - ways[j, AT_X]
+            dy = ways[i, AT_Y] - ways[j, AT_Y]
+            if dx * dx + dy * dy <= model.contact_cells:
+                touched = True
+                for k in (i, j):
+                    if world[k, STATUS] == MOVING:
+                        world[k, STATUS] = HIT
+    return touched
+
+
+@inlined
+def _near(model: MoveModel, ways: np.ndarray) -> bool:
+    """Whether any two robots could touch within an RL step."""
+    for i in range(ways.shape[0]):
+        for j in range(i):
+            dx = ways[i, AT_X] - ways[j, AT_X]
+            dy = ways[i, AT_Y] - ways[j, AT_Y]
+            if dx * dx + dy * dy <= model.near_cells:
+                return True
+    return False
+
+
+@inlined
+def step(
+    process: Process,
+    model: MoveModel,
+    world: np.ndarray,
+    ways: np.ndarray,
+    rewards: np.ndarray,
+) -> int:
+    """Let one RL step pass.
+
+    Args:
+        process: the decision process.
+        model: for the length of the step and the distance of contact.
+        world: columns of `agent.process.grid`, updated; CLASS, SIGN and BEARING are what each robot
+            sees now, SQUARED stays that of its last decision. ways: (N, WAY_SIZE), updated.
+            rewards: (N,) float32, written with Eq. (8) or (11) for every robot that was moving.
+
+    Returns:
+        RUNNING, SUCCESS or COLLISION.
+    """
+    n = world.shape[0]
+    checks = _CHECKS if len(process.walls) > 0 or _near(model, ways) else 1
+    pause = model.rl_step_s / checks
+    touched = False
+    for _ in range(checks):
+        for i in range(n):
+            if world[i, STATUS] == MOVING and not waits(ways, i):
+                _go_on(ways, i, pause)
+        touched = _touch(process, model, world, ways)
+        if touched:
+            break
+    for i in range(n):
+        world[i, X], world[i, Y] = int(ways[i, AT_X]), int(ways[i, AT_Y])
+    arrived = 0
+    farthest = process.move_reward.shape[2] - 1
+    for i in range(n):
+        rewards[i] = np.float32(0.0)
+        if world[i, STATUS] == ARRIVED:
+            arrived += 1
+            continue
+        nearest, world[i, BEARING] = nearest_other(process, world, i)
+        # Eq. (9) and (10)
+        world[i, CLASS] = distance_class(nearest, process.thresholds)
+        world[i, SIGN] = gradient_sign(nearest, world[i, SQUARED])
+        at_goal = process.terrain[i, world[i, X] + 1, world[i, Y] + 1] == GOAL
+        # Eq. (8), and its last case by Eq. (11)
+        if world[i, STATUS] == HIT:
+            rewards[i] = -process.goal_reward
+        elif at_goal and waits(ways, i):
+            world[i, STATUS] = ARRIVED
+            rewards[i] = process.goal_reward
+            arrived += 1
+        else:
+            approaching = 1 if world[i, SIGN] < 0 else 0
+            rewards[i] = process.move_reward[0, approaching, min(nearest, farthest)]
+    if touched:
+        return COLLISION
+    return SUCCESS if arrived == n else RUNNING

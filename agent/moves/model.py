@@ -1,0 +1,180 @@
+"""What a move does under the dynamics: moves observed in co-simulation, and their distribution.
+
+P(Δcell, duration | direction, heading, previous direction) is kept as the moves themselves, so that
+training draws whole moves (how long the turn took, when and where the robot stopped) instead of
+means. Observing them is `agent.identify`, moving robots by them `agent.moves.kernels`.
+"""
+
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, parsing, read_json
+from cosim.base.storage import replacing
+from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
+
+SCHEMA_VERSION = 1
+NO_DIRECTION = -1  # before the first move
+
+_KINDS = 2 * AXIS_COUNT  # straight or diagonal, and the turn before it
+
+
+class TransitionsError(UserError):
+    """A file of transitions that cannot be used; the message says what to do instead."""
+
+
+class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One move of a robot towards the centre of a neighbouring cell.
+
+    Attributes:
+        direction: index of the commanded direction.
+        heading: index of the direction that the robot faced when it was asked.
+        previous: direction of its move before, NO_DIRECTION for the first.
+        columns, rows: Δcell, of the cell that its centre is in.
+        turn_s: time until it first drove.
+        duration_s: time until it stopped at the end of the line, or was asked anew.
+        drift_x, drift_y: way of its centre during the turn, in cells.
+        stop_x, stop_y: where it stopped, from the centre of the cell aimed at, in cells.
+    """
+
+    direction: Annotated[int, msgspec.Meta(ge=0, lt=DIRECTION_COUNT)]
+    heading: Annotated[int, msgspec.Meta(ge=0, lt=DIRECTION_COUNT)]
+    previous: Annotated[int, msgspec.Meta(ge=NO_DIRECTION, lt=DIRECTION_COUNT)]
+    columns: int
+    rows: int
+    turn_s: Annotated[float, msgspec.Meta(ge=0.0)]
+    duration_s: Annotated[float, msgspec.Meta(gt=0.0)]
+    drift_x: float
+    drift_y: float
+    stop_x: float
+    stop_y: float
+
+
+class Transitions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Observed moves, and what they were observed with.
+
+    Attributes:
+        source: digest of the co-simulation's parameters and motor FMU.
+        seed: of the directions and the speed noise.
+        moves: in the order of observation.
+    """
+
+    source: str
+    seed: int
+    moves: tuple[Move, ...]
+
+    def counts(self, rl_step_s: float) -> dict[tuple[int, int, int], Counter[tuple[int, int, int]]]:
+        """How often (Δcolumn, Δrow, RL steps) followed (direction, heading, previous direction)."""
+        counts: dict[tuple[int, int, int], Counter[tuple[int, int, int]]] = {}
+        for move in self.moves:
+            given = counts.setdefault((move.direction, move.heading, move.previous), Counter())
+            given[move.columns, move.rows, math.ceil(move.duration_s / rl_step_s)] += 1
+        return counts
+
+    def save(self, path: Path) -> None:
+        """Write as JSON, whole or not at all.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        content = {"schema_version": SCHEMA_VERSION} | msgspec.to_builtins(self)
+        with replacing(path) as temporary:
+            temporary.write_bytes(msgspec.json.encode(content) + b"\n")
+
+    @classmethod
+    def load(cls, path: Path) -> "Transitions":
+        """Read what `save` wrote.
+
+        Raises:
+            TransitionsError: no such file, or not a file of transitions of this version.
+        """
+        mend = f"make one with `python -m agent.identify --out {path}`"
+        kind = Kind("file of transitions", mend, TransitionsError)
+        content = read_json(path, kind, dict)
+        version = content.pop("schema_version", None)
+        with parsing(path, kind):
+            transitions = msgspec.convert(content, cls)
+        if version != SCHEMA_VERSION:
+            raise TransitionsError(
+                f"{path}: schema {version} is not the schema {SCHEMA_VERSION} of this version; "
+                "make it again with `python -m agent.identify`"
+            )
+        return transitions
+
+
+class MoveModel(NamedTuple):
+    """Transitions for the kernels: observed moves sorted by kind.
+
+    The floor is the same in all directions: a move is turned to the first quadrant, so that its
+    kind is whether it is diagonal, and the angle between the robot's axis and its direction.
+
+    Attributes:
+        moves: (M, 6) float64, time of the turn and of the whole move in s, the way during the
+            turn, and where the robot stopped, from the centre of the cell aimed at, in cells.
+        offsets: _KINDS + 1 integers, moves of kind k are rows offsets[k] to offsets[k + 1].
+        rl_step_s: time between two decisions.
+        contact_cells: squared distance in cells² at which robots touch.
+        near_cells: squared distance in cells² beyond which no robots meet within an RL step.
+    """
+
+    moves: np.ndarray
+    offsets: tuple[int, ...]
+    rl_step_s: float
+    contact_cells: float
+    near_cells: float
+
+
+def move_kind(direction: int, axis: int) -> int:
+    """Kind of a move: diagonal or not, and the turn from the robot's axis to the direction."""
+    return direction % 2 * AXIS_COUNT + (axis - direction) % AXIS_COUNT
+
+
+def _turned_back(x: float, y: float, quadrants: int) -> tuple[float, float]:
+    for _ in range(quadrants):
+        x, y = y, -x
+    return x, y
+
+
+def build_model(transitions: Transitions, rl_step_s: float, contact_cells: float) -> MoveModel:
+    """Moves by kind, for the kernels.
+
+    Args:
+        transitions: observed moves.
+        rl_step_s: time between two decisions.
+        contact_cells: centre distance in cells at which training counts a contact.
+
+    Raises:
+        TransitionsError: a kind of move was never observed.
+    """
+    fastest = max(
+        (
+            math.hypot(move.columns, move.rows) / (move.duration_s - move.turn_s)
+            for move in transitions.moves
+            if move.duration_s > move.turn_s
+        ),
+        default=0.0,
+    )
+    kinds: list[list[tuple[float, ...]]] = [[] for _ in range(_KINDS)]
+    for move in transitions.moves:
+        quadrants = move.direction // 2
+        drift = _turned_back(move.drift_x, move.drift_y, quadrants)
+        stop = _turned_back(move.stop_x, move.stop_y, quadrants)
+        kind = move_kind(move.direction, move.heading)
+        kinds[kind].append((move.turn_s, move.duration_s, *drift, *stop))
+    if not all(kinds):
+        raise TransitionsError(
+            f"the transitions have no move of kind {[bool(k) for k in kinds].index(False)} of "
+            f"{_KINDS}; identify with more moves"
+        )
+    return MoveModel(
+        np.array([row for rows in kinds for row in rows]),
+        tuple(int(v) for v in np.cumsum([0, *(len(rows) for rows in kinds)])),
+        rl_step_s,
+        contact_cells**2,
+        (contact_cells + 2.0 * fastest * rl_step_s) ** 2,
+    )

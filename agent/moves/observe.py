@@ -1,0 +1,297 @@
+"""`python -m agent.identify`: observe moves in co-simulation and write their distribution.
+
+One robot drives about on a large board in the full co-simulation and is asked every RL step, as in
+an episode; directions are drawn so that every kind of move is seen equally often. What training
+makes of the moves is `agent.moves.model`.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+
+from agent.moves.model import NO_DIRECTION, Move, Transitions, TransitionsError, move_kind
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.errors import run_command
+from cosim.base.params import TABLE_I
+from cosim.base.provenance import code_digest, with_imports
+from cosim.base.scenario import Scenario
+from cosim.base.storage import cache_dir, cached
+from cosim.base.tables import show_table
+from cosim.coupling.steering import DRIVE, HOLD
+from cosim.navigation.calibrating import calibrated
+from cosim.navigation.episode import CoSimulation, Step
+from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
+from fmus.build import cached_fmu
+
+KINDS = 2 * AXIS_COUNT
+# Walks are simulated side by side; their number decides the bits, the number of threads does not.
+WALKS = 4
+MOVES_PER_KIND = 24
+_SIDE_CELLS = 400
+_MARGIN_CELLS = 30  # a walk stays this far from the edge: no edge is in a move's distribution
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Observe moves of one robot in the co-simulation and keep what they did.
+
+    The file lists every move (direction, heading, previous direction; Δcell, duration, where it
+    stopped); `python -m agent.train --transitions FILE` trains with them.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("runs/transitions.json")
+    """File to write (.json)."""
+    moves: int = MOVES_PER_KIND
+    """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
+    seed: int = 0
+    """Seed of the directions and the speed noise."""
+    jobs: int = 2
+    """Walks to simulate at the same time, in threads; the results do not depend on it."""
+    mu: float = TABLE_I.mu
+    """Coulomb friction coefficient of the feet."""
+    motor_fmu: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Motor FMU to use instead of the built-in."""
+    json: bool = False
+    """Print a JSON object as the last line of output."""
+
+    def __post_init__(self) -> None:
+        if min(self.moves, self.jobs) < 1:
+            raise ConfigError("--moves and --jobs must be at least 1")
+
+
+class _Walker:
+    """Chooses directions so that all kinds of moves become equally frequent, and books moves."""
+
+    def __init__(self, rng: np.random.Generator, target: int, cell_m: float) -> None:
+        self._rng = rng
+        self._target = target
+        self._cell_m = cell_m
+        self._seen = np.zeros(KINDS, dtype=int)
+        self._previous = NO_DIRECTION
+        self._begun: tuple[int, int, np.ndarray] | None = None  # direction, heading, cell
+        self._turn_s = math.nan
+        self._from = self._turned = np.zeros(2)
+        self._elapsed_s = 0.0
+        self.moves: list[Move] = []
+
+    @property
+    def done(self) -> bool:
+        """Whether every kind was seen often enough."""
+        return bool((self._seen >= self._target).all())
+
+    def choose(self, cell: np.ndarray, heading: int) -> int:
+        """A direction of a kind seen least so far, away from the edge."""
+        kinds = np.array([move_kind(d, heading) for d in range(DIRECTION_COUNT)])
+        after = cell + DIRECTIONS
+        inside = ((after >= _MARGIN_CELLS) & (after < _SIDE_CELLS - _MARGIN_CELLS)).all(axis=1)
+        seen = np.where(inside, self._seen[kinds], np.iinfo(int).max)
+        return int(self._rng.choice(np.flatnonzero(seen == seen.min())))
+
+    def book(self, step: Step, config: CoSimConfig) -> None:
+        """Follow one RL step, and note the move that ends in it."""
+        period_s = config.timing.control_period_s
+        if step.decided[0]:
+            if self._begun is not None:  # asked anew before the end of the line
+                self._end(step.before.cells[0], self._elapsed_s, np.zeros(2))
+            heading = int(step.before.direction[0])
+            self._begun = int(step.action[0]), heading, step.before.cells[0]
+            self._turn_s, self._elapsed_s = math.nan, 0.0
+            self._from = self._turned = step.samples.position[0, 0, :2]
+        mode = step.samples.mode[:, 0]
+        driving = np.flatnonzero(mode == DRIVE)
+        if math.isnan(self._turn_s) and len(driving):
+            self._turn_s = self._elapsed_s + period_s * float(driving[0])
+            self._turned = step.samples.position[driving[0], 0, :2]
+        if step.completed[0] and self._begun is not None:
+            stopped_s = self._elapsed_s + period_s * float(np.flatnonzero(mode == HOLD)[0])
+            direction, _, cell = self._begun
+            goal = cell + DIRECTIONS[direction] + 0.5
+            stop = step.samples.position[-1, 0, :2] / self._cell_m - goal
+            self._end(step.after.cells[0], stopped_s, stop)
+        self._elapsed_s += period_s * len(mode)
+
+    def _end(self, cell: np.ndarray, duration_s: float, stop: np.ndarray) -> None:
+        assert self._begun is not None
+        direction, heading, before = self._begun
+        turn_s = duration_s if math.isnan(self._turn_s) else self._turn_s
+        drift = (self._turned - self._from) / self._cell_m
+        self.moves.append(
+            Move(
+                direction,
+                heading,
+                self._previous,
+                int(cell[0] - before[0]),
+                int(cell[1] - before[1]),
+                round(turn_s, 6),
+                round(duration_s, 6),
+                round(float(drift[0]), 6),
+                round(float(drift[1]), 6),
+                round(float(stop[0]), 6),
+                round(float(stop[1]), 6),
+            )
+        )
+        self._seen[move_kind(direction, heading)] += 1
+        self._previous = direction
+        self._begun = None
+
+
+def source_digest(config: CoSimConfig, fmu: Path) -> str:
+    """Hash (16 hex digits) of the parameters and the motor FMU that moves depend on."""
+    digest = hashlib.sha256(msgspec.json.encode(config, order="sorted"))
+    digest.update(fmu.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def identify(
+    config: CoSimConfig,
+    fmu: Path,
+    *,
+    moves_per_kind: int = MOVES_PER_KIND,
+    seed: int = 0,
+    jobs: int = 2,
+    progress: Callable[[int, int], None] | None = None,
+) -> Transitions:
+    """Observe moves in co-simulation.
+
+    Args:
+        config: of the co-simulation.
+        fmu: motor FMU file.
+        moves_per_kind: least number of moves of each of the KINDS kinds.
+        seed: of directions and speed noise.
+        jobs: threads; the result does not depend on it.
+        progress: called with moves done and moves asked for.
+
+    Raises:
+        FmuError: an FMU failed.
+        TransitionsError: a robot cannot drive with these parameters.
+    """
+    middle = _SIDE_CELLS // 2
+    scenario = Scenario(
+        name="identification",
+        title="one robot on a large board",
+        targets=((0, 0),),
+        starts=(((middle, middle),),),
+        columns=_SIDE_CELLS,
+        rows=_SIDE_CELLS,
+        robot_diameter_m=config.robot.diameter_m,
+    )
+    target = math.ceil(moves_per_kind / WALKS)
+    done = [0] * WALKS
+
+    def walk(number: int) -> list[Move]:
+        direction_seed, noise_seed = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(2)
+        walker = _Walker(np.random.default_rng(direction_seed), target, scenario.cell_m)
+        system = CoSimulation(scenario, fmu, config)
+        observation = system.reset(((middle, middle),), noise_seed)
+        try:
+            while not walker.done:
+                direction = walker.choose(observation.cells[0], int(observation.direction[0]))
+                step = system.advance(np.array([direction]))
+                if step.outcome == "out_of_board":
+                    raise TransitionsError("the robot strays from its line; check the parameters")
+                walker.book(step, config)
+                observation = step.after
+                done[number] = len(walker.moves)
+                if progress is not None:
+                    progress(sum(done), KINDS * target * WALKS)
+        finally:
+            system.close()
+        return walker.moves
+
+    with ThreadPoolExecutor(jobs) as threads:
+        walks = list(threads.map(walk, range(WALKS)))
+    return Transitions(source_digest(config, fmu), seed, tuple(m for moves in walks for m in moves))
+
+
+def transitions_path(config: CoSimConfig, fmu: Path) -> Path:
+    """Where the cache keeps the transitions of these parameters and this FMU."""
+    code = code_digest(with_imports([Path(__file__)]))
+    return cache_dir("transitions") / f"{source_digest(config, fmu)}-{code}.json"
+
+
+def cached_transitions(
+    config: CoSimConfig, fmu: Path, *, progress: Callable[[int, int], None] | None = None
+) -> Transitions:
+    """The transitions of these parameters and this FMU: found in the cache, or observed and kept.
+
+    Raises:
+        FmuError, TransitionsError: see `identify`.
+        OSError: the cache cannot be written.
+    """
+    return cached(
+        transitions_path(config, fmu),
+        Transitions.load,
+        lambda: identify(config, fmu, progress=progress),
+        Transitions.save,
+    )
+
+
+def _show(transitions: Transitions, rl_step_s: float, console: Console) -> None:
+    rows = []
+    for kind in range(KINDS):
+        moves = [m for m in transitions.moves if move_kind(m.direction, m.heading) == kind]
+        turn = 45 * ((kind % AXIS_COUNT + 1) % AXIS_COUNT - 1)
+        durations = np.array([m.duration_s for m in moves])
+        drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in moves]) * 10.0
+        off = np.array([math.hypot(m.stop_x, m.stop_y) for m in moves]) * 10.0
+        rows.append(
+            (
+                f"{'diagonal' if kind >= AXIS_COUNT else 'straight'} after {turn:+d} deg",
+                str(len(moves)),
+                f"{np.mean([m.turn_s for m in moves]):.2f}",
+                f"{durations.mean():.2f} ± {durations.std():.2f}",
+                f"{np.ceil(durations / rl_step_s).mean():.2f}",
+                f"{drift.mean():.2f} (at most {drift.max():.2f})",
+                f"{off.mean():.2f} (at most {off.max():.2f})",
+            )
+        )
+    header = ("kind", "moves", "turn s", "whole move s", "RL steps", "drift mm", "stop off by mm")
+    show_table(console, header, rows)
+
+
+def main() -> None:
+    """Command line; see `Identify`."""
+    options = tyro.cli(
+        Identify, prog="python -m agent.identify", config=(tyro.conf.FlagCreatePairsOff,)
+    )
+    console, fmu = Console(stderr=True), options.motor_fmu or cached_fmu()
+    config = calibrated(CoSimConfig(robot=TABLE_I._replace(mu=options.mu)), fmu, console)
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("moves observed", total=None)
+        transitions = identify(
+            config,
+            fmu,
+            moves_per_kind=options.moves,
+            seed=options.seed,
+            jobs=options.jobs,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    transitions.save(options.out)
+    _show(transitions, config.timing.rl_step_s, Console())
+    print(f"transitions in {options.out}")
+    if options.json:
+        durations = [m.duration_s for m in transitions.moves]
+        facts = {
+            "moves": len(durations),
+            "mean_duration_s": float(np.mean(durations)),
+            "unfinished": sum(
+                (m.columns, m.rows) != tuple(DIRECTIONS[m.direction]) for m in transitions.moves
+            ),
+            "out": str(options.out),
+        }
+        print(json.dumps(facts))
+
+
+if __name__ == "__main__":
+    run_command(main)

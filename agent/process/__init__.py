@@ -1,0 +1,1 @@
+"""The decision process of the paper, exactly: readings, kernels, evaluation, bounds."""

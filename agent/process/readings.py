@@ -1,0 +1,323 @@
+"""The decision process of Sections III and V as data: readings, maps, reward and state tables.
+
+`ProcessConfig` names every reading that the paper leaves open; `build_process` turns a scenario
+and a configuration into the arrays that the kernels of `agent.process.grid` walk on. No dynamics
+here.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from agent.process.rng import probability_threshold
+from cosim.base.scenario import Cell, Scenario, ScenarioError
+from cosim.navigation.features import (
+    AXIS_COUNT,
+    DIRECTION_COUNT,
+    DISTANCE_CLASSES,
+    GRADIENT_SIGNS,
+    DistanceThresholds,
+    distance_thresholds,
+)
+
+FREE, GOAL, OUTSIDE, OBSTACLE = 0, 1, 2, 3  # terrain of a cell, as one robot sees it
+
+Feature = Literal["x", "y", "d", "g", "b", "h"]
+PARTNER_UPDATES = ("ordinary", "penalty", "none")
+
+
+@dataclass(frozen=True)
+class ProcessConfig:
+    """How the paper's decision process is read; the defaults are the readings of this project."""
+
+    goal_reward: float = 100.0
+    """L of Eq. (8): reward of the goal, and minus the reward of a failure (Section III)."""
+    step_cost: float = 1.0
+    """Cost of every move, Eq. (8) and (11)."""
+    diagonal_cost: float = 1.0
+    """Factor on the step cost of a diagonal move (assumed 1; sqrt 2 rewards centimetres)."""
+    approach_coefficient: float = 1.5
+    """c of Eq. (12), at least 1: how much closing in on the other robot costs (Section V)."""
+    distance_limit_m: float = 0.1
+    """D of Eq. (11): beyond it the other robot costs nothing (Section III)."""
+    features: tuple[Feature, ...] = ("x", "y", "d", "g")
+    """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
+    h (the axis that the robot itself faces, forwards or backwards)."""
+    zone_is_obstacle: bool = False
+    """Whether no robot's centre may enter the central zone, except its own target (assumed no).
+    Unlike a scenario's obstacles, which exist in the dynamics too, a reading of the grid alone."""
+    target_obstacle: Literal["cell", "disk"] = "cell"
+    """Extent of another robot's target as a static obstacle (assumed: its cell)."""
+    collision: Literal["cells", "swept"] = "cells"
+    """Contact after the simultaneous moves (assumed), or at any moment of the straight moves; with
+    robots and with obstacles."""
+    partner_of_failed: Literal["ordinary", "penalty", "none"] = "ordinary"
+    """Update of a robot whose partner failed: as ever (assumed), -L as well, or none."""
+    slip_probability: float = 0.0
+    """Probability of moving 45 degrees left or right of the action while learning (assumed 0)."""
+    clearance_m: float = 0.002
+    """Gap between two robots that training with transitions counts as contact already (assumed)."""
+    step_limit: int = 1000
+    """Moves after which an episode is cut, counted as a failure (assumed; none in the paper); RL
+    steps in training with transitions.
+    A low limit keeps robots that circle from unlearning it: 200 costs success in scenario 4."""
+
+    def __post_init__(self) -> None:
+        checks = {
+            "goal_reward": self.goal_reward > 0,
+            "step_cost": self.step_cost >= 0,
+            "diagonal_cost": self.diagonal_cost >= 0,
+            "approach_coefficient": self.approach_coefficient >= 1,
+            "distance_limit_m": self.distance_limit_m > 0,
+            "features": len(set(self.features)) == len(self.features) > 0,
+            "slip_probability": 0 <= self.slip_probability <= 1,
+            "clearance_m": self.clearance_m >= 0,
+            "step_limit": self.step_limit >= 1,
+        }
+        for name, valid in checks.items():
+            if not valid:
+                raise ScenarioError(
+                    f"process: {name} = {getattr(self, name)} is not allowed; see its "
+                    "description in ProcessConfig or `python -m agent.train --help`"
+                )
+
+
+# Readings without effect in training with transitions, and on the grid, and what is so instead.
+_NOT_WITH_TRANSITIONS = {
+    "diagonal_cost": "every RL step of a move costs the same",
+    "collision": "contact is looked for on the way",
+    "partner_of_failed": "a robot learns from the moves that it has ended, whoever fails",
+    "slip_probability": "moves end where they were observed to end",
+}
+_NOT_ON_THE_GRID = {"clearance_m": "contact is a distance of cells"}
+
+
+def refuse_without_effect(config: ProcessConfig, *, transitions: bool) -> None:
+    """Refuse readings that change nothing in training.
+
+    Args:
+        config: readings.
+        transitions: whether training is on observed moves, or else on the grid.
+
+    Raises:
+        ScenarioError: names the reading.
+    """
+    where = "with transitions" if transitions else "on the grid, without transitions"
+    for name, reason in (_NOT_WITH_TRANSITIONS if transitions else _NOT_ON_THE_GRID).items():
+        value, default = getattr(config, name), getattr(ProcessConfig, name)
+        if value != default:
+            raise ScenarioError(
+                f"process: {name} = {value} has no effect in training {where}: {reason}; "
+                f"leave it at {default}"
+            )
+
+
+class Process(NamedTuple):
+    """The decision process of one scenario, for the kernels.
+
+    Attributes:
+        terrain: (N, columns + 2, rows + 2) uint8, FREE, GOAL, OUTSIDE or OBSTACLE as robot i sees
+            cell (x, y) at [i, x + 1, y + 1]; the rim is OUTSIDE. In the middle of an OBSTACLE cell
+            a robot would touch an obstacle, or it is another robot's target.
+        corners: (columns + 1, rows + 1) bool, whether a robot over the lower left corner of a cell
+            touches an obstacle: the middle of a diagonal move, looked at if contact is swept.
+        walls: (M, 4) float64, obstacles as rectangles left, bottom, right, top in cells.
+        squared_radius: of a robot, in cells².
+        start_cells: (K, 2) int64, start cells of all robots, one robot after the other.
+        start_offsets: N + 1 integers, robot i starts in rows start_offsets[i] to [i + 1]; a tuple,
+            so that the number of robots is a constant for the compiler.
+        thresholds: squared distances of Eq. (9) in cells².
+        move_reward: (2, 2, D² + 1) float32, Eq. (11): reward of a move that ends nothing, at
+            [diagonal, approaching, squared distance in cells², at most D²].
+        goal_reward: float32, L.
+        strides: six integers, state index = x·s₀ + y·s₁ + d·s₂ + (g + 1)·s₃ + b·s₄ + h·s₅.
+        state_count: number of states of one robot's table.
+        bearings: (2 columns + 3, 2 rows + 3) uint8, direction of another robot at offset (dx, dy),
+            negative offsets counting from the end.
+        swept: whether contact is checked along the moves.
+        slip_threshold: `agent.process.rng.probability_threshold` of the slip probability.
+        step_limit: moves after which an episode is cut.
+        partner_update: index into `PARTNER_UPDATES`.
+    """
+
+    terrain: np.ndarray
+    corners: np.ndarray
+    walls: np.ndarray
+    squared_radius: float
+    start_cells: np.ndarray
+    start_offsets: tuple[int, ...]
+    thresholds: DistanceThresholds
+    move_reward: np.ndarray
+    goal_reward: np.float32
+    strides: tuple[int, ...]
+    state_count: int
+    bearings: np.ndarray
+    swept: bool
+    slip_threshold: np.uint64
+    step_limit: int
+    partner_update: int
+
+
+def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
+    """Tables of the decision process of a scenario under the given readings.
+
+    Raises:
+        ScenarioError: a start cell cannot be used, or no combination of starts is free of contact.
+    """
+    thresholds = distance_thresholds(scenario)
+    terrain = np.stack([_terrain(scenario, config, thresholds, i) for i in range(scenario.robots)])
+    for robot, cells in enumerate(scenario.starts):
+        for x, y in cells:
+            if terrain[robot, x + 1, y + 1] != FREE:
+                raise ScenarioError(
+                    f"scenario {scenario.name}: starts[{robot}] has cell ({x}, {y}), which is "
+                    "the robot's target or an obstacle to it; choose a free cell"
+                )
+    if not _has_free_starts(scenario.starts, thresholds.contact, ()):
+        raise ScenarioError(
+            f"scenario {scenario.name}: starts leave no combination in which the robots do not "
+            "touch; move the start cells further apart"
+        )
+    strides, state_count = _strides(scenario, config)
+    return Process(
+        terrain=terrain,
+        corners=_blocked(scenario, 0),
+        walls=scenario.walls.astype(float),
+        squared_radius=(scenario.robot_diameter_m / scenario.cell_m / 2.0) ** 2,
+        start_cells=np.array([c for cells in scenario.starts for c in cells], dtype=np.int64),
+        start_offsets=tuple(int(v) for v in np.cumsum([0, *(len(c) for c in scenario.starts)])),
+        thresholds=thresholds,
+        move_reward=_move_reward(scenario, config),
+        goal_reward=np.float32(config.goal_reward),
+        strides=strides,
+        state_count=state_count,
+        bearings=_bearings(scenario),
+        swept=config.collision == "swept",
+        slip_threshold=probability_threshold(config.slip_probability),
+        step_limit=config.step_limit,
+        partner_update=PARTNER_UPDATES.index(config.partner_of_failed),
+    )
+
+
+def _blocked(scenario: Scenario, shift: int) -> np.ndarray:
+    """Where a robot touches an obstacle: over the corners of cells (shift 0) or in cells (1)."""
+    sizes = (2 * scenario.columns + 1 - shift, 2 * scenario.rows + 1 - shift)  # in half cells
+    x, y = np.ogrid[shift : sizes[0] + shift : 2, shift : sizes[1] + shift : 2]
+    return np.zeros(np.broadcast(x, y).shape, dtype=bool) | scenario.blocks(x, y)
+
+
+def _disk(centre: Cell, squared_radius: int, scenario: Scenario) -> list[Cell]:
+    return [
+        (x, y)
+        for x in range(scenario.columns)
+        for y in range(scenario.rows)
+        if (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= squared_radius
+    ]
+
+
+def _terrain(
+    scenario: Scenario, config: ProcessConfig, thresholds: DistanceThresholds, robot: int
+) -> np.ndarray:
+    """Terrain as one robot sees it, uint8 of shape (columns + 2, rows + 2)."""
+    terrain = np.full((scenario.columns + 2, scenario.rows + 2), OUTSIDE, dtype=np.uint8)
+    terrain[1:-1, 1:-1] = FREE
+    if config.zone_is_obstacle:
+        left, bottom, right, top = scenario.zone
+        terrain[left + 1 : right + 2, bottom + 1 : top + 2] = OBSTACLE
+    terrain[1:-1, 1:-1][_blocked(scenario, 1)] = OBSTACLE
+    blocked: list[Cell] = []
+    squared_radius = thresholds.contact if config.target_obstacle == "disk" else 0
+    for other, target in enumerate(scenario.targets):
+        if other != robot:
+            blocked += _disk(target, squared_radius, scenario)
+    for x, y in blocked:
+        terrain[x + 1, y + 1] = OBSTACLE
+    goal_x, goal_y = scenario.targets[robot]
+    terrain[goal_x + 1, goal_y + 1] = GOAL
+    return terrain
+
+
+def _has_free_starts(
+    starts: tuple[tuple[Cell, ...], ...], contact: int, placed: tuple[Cell, ...]
+) -> bool:
+    """Whether the robots not yet placed have start cells out of contact with all others."""
+    if len(placed) == len(starts):
+        return True
+    return any(
+        all((x - u) ** 2 + (y - v) ** 2 > contact for u, v in placed)
+        and _has_free_starts(starts, contact, (*placed, (x, y)))
+        for x, y in starts[len(placed)]
+    )
+
+
+def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
+    """Eq. (11) and (12) tabulated over the squared distance, see `Process.move_reward`."""
+    limit_cells = config.distance_limit_m / scenario.cell_m  # D, in cells
+    largest = math.ceil(limit_cells**2 - 1e-9)
+    reward = np.empty((2, 2, largest + 1), dtype=np.float32)
+    for diagonal in range(2):
+        cost = config.step_cost * (config.diagonal_cost if diagonal else 1.0)
+        for approaching in range(2):
+            # Eq. (12)
+            b = config.approach_coefficient if approaching else 1.0
+            for squared in range(largest + 1):
+                distance = min(math.sqrt(squared), limit_cells)
+                # Eq. (11)
+                reward[diagonal, approaching, squared] = -b * (1.0 - distance / limit_cells) - cost
+    return reward
+
+
+def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
+    """Number of values of each feature in use, in the order of the state index.
+
+    A lone robot sees nobody: it has x, y and h only.
+    """
+    sizes = {
+        "x": scenario.columns,
+        "y": scenario.rows,
+        "d": len(DISTANCE_CLASSES),
+        "g": len(GRADIENT_SIGNS),
+        "b": DIRECTION_COUNT,
+        "h": AXIS_COUNT,
+    }
+    seen = {"x", "y", "h"} if scenario.robots == 1 else set(sizes)
+    return {name: sizes[name] for name in sizes if name in config.features and name in seen}
+
+
+def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...], int]:
+    """Strides of the state index and the number of states; a feature not used has stride 0."""
+    strides: dict[str, int] = dict.fromkeys(("x", "y", "d", "g", "b", "h"), 0)
+    states = 1
+    for name, size in reversed(feature_sizes(scenario, config).items()):
+        strides[name] = states
+        states *= size
+    return tuple(strides.values()), states
+
+
+def _bearings(scenario: Scenario) -> np.ndarray:
+    """Sector of 45° around a direction in which each offset lies, see `Process.bearings`."""
+    # offsets reach one cell beyond the board, where a robot that just left it is
+    dx, dy = (
+        np.concatenate([np.arange(size + 2), np.arange(-size - 1, 0)])
+        for size in (scenario.columns, scenario.rows)
+    )
+    turns = np.arctan2(dy[None, :], dx[:, None]) / (2.0 * np.pi / DIRECTION_COUNT)
+    return np.rint(turns).astype(np.int64).astype(np.uint8) % DIRECTION_COUNT
+
+
+def nearest_bearings(process: Process, cells: np.ndarray) -> np.ndarray:
+    """(N,) int64, direction index of each robot's nearest other one (the first, if several are).
+
+    Args:
+        process: for its table of bearings.
+        cells: (N, 2) int64, cells of the robots.
+    """
+    if len(cells) == 1:
+        return np.zeros(1, dtype=np.int64)
+    offsets = cells[None, :, :] - cells[:, None, :]
+    squared = (offsets**2).sum(axis=2)
+    np.fill_diagonal(squared, np.iinfo(np.int64).max)
+    nearest = offsets[np.arange(len(cells)), squared.argmin(axis=1)]
+    return process.bearings[nearest[:, 0], nearest[:, 1]].astype(np.int64)

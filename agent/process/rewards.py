@@ -1,0 +1,59 @@
+"""Rewards of moves made in the co-simulation: the process of the paper seen between cells.
+
+A move of the co-simulation takes several RL steps, and each of them earns a reward, as in
+`agent.moves.kernels`. The observations are those of `cosim.navigation.episode`, the numbers those
+of `agent.process.readings`.
+"""
+
+import numpy as np
+
+from agent.process.readings import Process
+from cosim.coupling.plant import RUNNING
+from cosim.navigation.episode import Step
+from cosim.navigation.features import Observation
+
+
+def failed(step: Step, arrived: np.ndarray) -> np.ndarray:
+    """(N,) bool, robots that failed in an RL step: they touched something or left the board.
+
+    A robot that had arrived before fails no more, whatever touches it; arguments as `step_reward`.
+    """
+    return (step.events != RUNNING) & ~(arrived & (step.action < 0))
+
+
+def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
+    """Reward of each robot that was on its way in an RL step or failed in it, NaN for the others.
+
+    Args:
+        process: tables of the decision process.
+        step: an RL step of the co-simulation.
+        arrived: (N,) bool, robots at their targets after the step.
+
+    Returns:
+        (N,) float64, Eq. (8) and (11).
+    """
+    return reward_parts(process, step, arrived).sum(axis=1)
+
+
+def reward_parts(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
+    """The same by parts, (N, 3) float64: goal or failure, step, nearness of another robot."""
+    parts = np.full((len(step.action), 3), np.nan)
+    goal = float(process.goal_reward)
+    for robot in np.flatnonzero(step.action >= 0):
+        # Eq. (8)
+        parts[robot] = (
+            (goal, 0.0, 0.0) if arrived[robot] else _step_reward(process, step.after, int(robot))
+        )
+    parts[failed(step, arrived)] = (-goal, 0.0, 0.0)
+    return parts
+
+
+def _step_reward(process: Process, after: Observation, robot: int) -> tuple[float, float, float]:
+    squared = ((after.cells - after.cells[robot]) ** 2).sum(axis=1)
+    squared[robot] = np.iinfo(np.int64).max  # no robot is near itself
+    limit = process.move_reward.shape[2] - 1
+    approaching = int(after.gradient_sign[robot] < 0)
+    # Eq. (11)
+    of_step = process.move_reward[0, approaching]
+    step = float(of_step[limit])  # nearness costs nothing at the limit
+    return 0.0, step, float(of_step[min(int(squared.min()), limit)]) - step

@@ -1,0 +1,1 @@
+"""Q-learning: from a configuration to a policy in a file."""

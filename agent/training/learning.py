@@ -1,0 +1,192 @@
+"""What a training run is given and what it is made of: numbers of Section V, schedule, state.
+
+The compiled loop over a `TrainingState` is `agent.training.qlearning`, or
+`agent.training.moves_qlearning` for moves that last; files, progress bars and policies are
+elsewhere.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from agent.process.readings import Process
+from agent.process.rng import probability_threshold, seeded_state
+from cosim.base.errors import UserError
+from cosim.navigation.features import DIRECTION_COUNT
+
+# Maps are kept of boards with up to this many cells times robots: 10 MB.
+MAX_MAPPED_CELLS = 100_000
+
+
+class LearningError(UserError):
+    """A learning configuration that cannot be used; the message names the field."""
+
+
+@dataclass(frozen=True)
+class LearningConfig:
+    """Numbers of Section V and what the paper leaves open about learning."""
+
+    episodes: int = 5_000_000
+    """Training episodes (Section V)."""
+    eta: float = 0.01
+    """Learning rate of Eq. (7) (Section V; Section III says 0.001)."""
+    gamma: float = 0.99
+    """Discount rate (Section V)."""
+    epsilon: float = 0.9
+    """Probability of a random action at the start (Section V)."""
+    epsilon_decay: float = 0.999
+    """Factor on epsilon every `epsilon_episodes` episodes (Section V)."""
+    epsilon_episodes: int = 500
+    """Episodes between two reductions of epsilon (Section V)."""
+    exploration: float = 0.6
+    """Share of the episodes with exploration; epsilon is 0 afterwards (Section V)."""
+    schedule: Literal["geometric", "linear"] = "geometric"
+    """Reduction by the factor (assumed), or linear to 0 at the end of exploration."""
+    algorithm: Literal["q", "double_q"] = "q"
+    """Q-learning of Eq. (7), or double Q-learning (two tables per robot)."""
+    log_episodes: int = 1000
+    """Episodes between two points of the learning curves."""
+    log_window: int = 100
+    """Last episodes that a point of the learning curves is the mean of (Section V.B: 100)."""
+    greedy_points: int = 50
+    """Exact evaluations of the greedy policy during training, evenly spread; 0 for none."""
+
+    def __post_init__(self) -> None:
+        checks = {
+            "episodes": self.episodes >= 1,
+            "eta": 0 < self.eta <= 1,
+            "gamma": 0 <= self.gamma <= 1,
+            "epsilon": 0 <= self.epsilon <= 1,
+            "epsilon_decay": 0 <= self.epsilon_decay <= 1,
+            "epsilon_episodes": self.epsilon_episodes >= 1,
+            "exploration": 0 <= self.exploration <= 1,
+            "log_episodes": self.log_episodes >= 1,
+            "log_window": 1 <= self.log_window <= self.log_episodes,
+            "greedy_points": self.greedy_points >= 0,
+        }
+        for name, valid in checks.items():
+            if not valid:
+                raise LearningError(
+                    f"learning: {name} = {getattr(self, name)} is not allowed; see its "
+                    "description in `python -m agent.train --help`"
+                )
+
+
+class Learning(NamedTuple):
+    """A `LearningConfig` for the kernel.
+
+    Attributes:
+        eta: float32.
+        gamma: float32.
+        epsilon_thresholds: uint64, exploration threshold of each block of episodes.
+        epsilon_episodes: episodes per block.
+        double_q: whether there are two tables per robot.
+        log_episodes: episodes per point of the learning curves.
+        log_window: last episodes of a point that count.
+    """
+
+    eta: np.float32
+    gamma: np.float32
+    epsilon_thresholds: np.ndarray
+    epsilon_episodes: int
+    double_q: bool
+    log_episodes: int
+    log_window: int
+
+
+# Columns of a learning-curve row: sums over the window's episodes.
+EPISODES, SUCCESSES, PATH_CELLS, STEPS, RETURNS = 0, 1, 2, 3, 4  # RETURNS and after: one per robot
+
+
+@dataclass
+class TrainingState:
+    """Everything a training run is made of between two episodes.
+
+    Attributes:
+        q: (tables, N, states, 8) float32, Q tables; two tables for double Q-learning.
+        visits: (N, states) uint32, how often each robot decided in each state.
+        random: (1,) uint64, generator state.
+        curve: (points, RETURNS + N) float64, sums over the window of each point: episodes,
+            successes, path length in cells (mean over robots, successes only), moves (the same),
+            return of each robot.
+        greedy: (G, 3) float64, exact evaluations during training: success rate, path length in
+            cells, moves.
+        maps: (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell
+            (`cosim.recording.policy_map`) after the evaluations of `map_points`.
+        episode: episodes done.
+        agent_steps: decisions of all robots so far.
+    """
+
+    q: np.ndarray
+    visits: np.ndarray
+    random: np.ndarray
+    curve: np.ndarray
+    greedy: np.ndarray
+    maps: np.ndarray
+    episode: int = 0
+    agent_steps: int = 0
+
+
+def epsilon_of_episodes(config: LearningConfig, episodes: np.ndarray) -> np.ndarray:
+    """Exploration probability in each of the given episodes, float64.
+
+    Products instead of powers, so that every platform has the same bits.
+    """
+    blocks = -(-config.episodes // config.epsilon_episodes)
+    explored = config.exploration * config.episodes
+    starts = np.arange(blocks) * config.epsilon_episodes
+    if config.schedule == "geometric":
+        factors = np.full(blocks, config.epsilon_decay)
+        factors[0] = config.epsilon
+        # "coefficient of 0.999 at every 500 episodes", Section V
+        epsilon = np.multiply.accumulate(factors)
+    else:
+        epsilon = config.epsilon * np.maximum(0.0, 1.0 - starts / max(explored, 1.0))
+    return np.where(episodes < explored, epsilon[episodes // config.epsilon_episodes], 0.0)
+
+
+def build_learning(config: LearningConfig) -> Learning:
+    """The kernel's form of a learning configuration.
+
+    A block of constant epsilon never crosses the end of exploration: blocks are as long as the
+    greatest common divisor of the schedule's period and that end.
+    """
+    explored = int(np.ceil(config.exploration * config.episodes))
+    block = int(np.gcd(config.epsilon_episodes, explored)) if explored else config.epsilon_episodes
+    epsilon = epsilon_of_episodes(config, np.arange(0, config.episodes, block))
+    return Learning(
+        eta=np.float32(config.eta),
+        gamma=np.float32(config.gamma),
+        epsilon_thresholds=np.array([probability_threshold(e) for e in epsilon], dtype=np.uint64),
+        epsilon_episodes=block,
+        double_q=config.algorithm == "double_q",
+        log_episodes=config.log_episodes,
+        log_window=config.log_window,
+    )
+
+
+def map_points(config: LearningConfig) -> np.ndarray:
+    """Indices of the greedy evaluations with maps, (S,): 1st, 2nd, 4th, 8th … and the last."""
+    count = min(config.greedy_points, config.episodes)
+    powers = 2 ** np.arange(count.bit_length()) - 1
+    return np.unique(np.append(powers, count - 1)) if count else np.zeros(0, dtype=np.int64)
+
+
+def initial_state(
+    process: Process, config: LearningConfig, seed: int | np.random.SeedSequence
+) -> TrainingState:
+    """Tables of zeros and a seeded generator."""
+    robots = process.terrain.shape[0]
+    tables = 2 if config.algorithm == "double_q" else 1
+    points = -(-config.episodes // config.log_episodes)
+    columns, rows = (size - 2 for size in process.terrain.shape[1:])
+    moments = len(map_points(config)) if robots * columns * rows <= MAX_MAPPED_CELLS else 0
+    return TrainingState(
+        q=np.zeros((tables, robots, process.state_count, DIRECTION_COUNT), dtype=np.float32),
+        visits=np.zeros((robots, process.state_count), dtype=np.uint32),
+        random=seeded_state(seed),
+        curve=np.zeros((points, RETURNS + robots)),
+        greedy=np.full((min(config.greedy_points, config.episodes), 3), np.nan),
+        maps=np.zeros((moments, robots, 3, columns, rows), dtype=np.float32),
+    )

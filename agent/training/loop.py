@@ -1,0 +1,219 @@
+"""One training run from start to end: chunks with progress and checkpoints, learning curves.
+
+The compiled loop is `agent.training.qlearning`; where results are kept is `agent.training.store`;
+many runs at once are `agent.train`. How a run is cut into chunks cannot change its bits.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.moves.model import MoveModel, build_model
+from agent.process.exact import all_starts, evaluate
+from agent.process.readings import build_process
+from agent.training.learning import (
+    EPISODES,
+    PATH_CELLS,
+    RETURNS,
+    STEPS,
+    SUCCESSES,
+    LearningConfig,
+    TrainingState,
+    build_learning,
+    epsilon_of_episodes,
+    map_points,
+)
+from agent.training.maps import cell_map
+from agent.training.moves_qlearning import advance_timed
+from agent.training.policy import PolicyConfig
+from agent.training.qlearning import advance
+from cosim.base.errors import UserError
+from cosim.base.params import TIMING
+from cosim.base.reading import Kind, read_arrays
+from cosim.base.storage import replacing
+
+# Learning curves evaluate all starts up to this many, and evenly spaced ones if there are more.
+MAX_CURVE_STARTS = 5_000
+CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
+
+
+class Progress(NamedTuple):
+    """How far a run is: given to the progress callback after every chunk.
+
+    Attributes:
+        episode: episodes done.
+        episodes: episodes in all.
+        success: success rate at the last finished point of the learning curve; NaN before it.
+        epsilon: exploration probability of the last episode.
+    """
+
+    episode: int
+    episodes: int
+    success: float
+    epsilon: float
+
+
+ProgressCallback = Callable[[Progress], None]
+
+
+class TrainingLogError(UserError):
+    """Learning curves that cannot be read; the message names the file and the mend."""
+
+
+_FILE = Kind("file of learning curves", "train again", TrainingLogError)
+
+
+class TrainingLog(NamedTuple):
+    """Learning curves: K points of behaviour (exploring) and G exact greedy evaluations.
+
+    Attributes:
+        episode: (K,) int64, episodes done at each point.
+        success: (K,) success rate over the last episodes (Section V.B: 100) before each point.
+        path_length_cm: (K,) mean over robots and successful episodes; NaN without a success.
+        steps: (K,) moves, the same means.
+        returns: (K, N) mean undiscounted return of each robot.
+        epsilon: (K,) exploration probability.
+        greedy_episode: (G,) int64, episodes done at each greedy evaluation.
+        greedy_success: (G,) exact success rate over all starts (see `MAX_CURVE_STARTS`).
+        greedy_path_length_cm: (G,) mean over robots and successful starts.
+        greedy_steps: (G,) moves, the same mean.
+        map_episode: (S,) int64, episodes done at each moment whose maps are kept.
+        maps: (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell.
+    """
+
+    episode: np.ndarray
+    success: np.ndarray
+    path_length_cm: np.ndarray
+    steps: np.ndarray
+    returns: np.ndarray
+    epsilon: np.ndarray
+    greedy_episode: np.ndarray
+    greedy_success: np.ndarray
+    greedy_path_length_cm: np.ndarray
+    greedy_steps: np.ndarray
+    map_episode: np.ndarray = np.zeros(0, dtype=np.int64)
+    maps: np.ndarray = np.zeros((0, 0, 3, 0, 0), dtype=np.float32)
+
+    def save(self, path: Path) -> None:
+        """Write as `.npz`, whole or not at all."""
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **self._asdict())
+
+    @classmethod
+    def load(cls, path: Path) -> "TrainingLog":
+        """Read what `save` wrote.
+
+        Raises:
+            TrainingLogError: it is missing or damaged.
+        """
+        # Curves from before maps were kept are as good as ever.
+        optional = tuple(cls._field_defaults)
+        names = [name for name in cls._fields if name not in optional]
+        return cls(**read_arrays(path, _FILE, names, optional))
+
+
+def greedy_episodes(config: LearningConfig) -> np.ndarray:
+    """(G,) int64, episodes after which the greedy policy is evaluated, the last one included."""
+    points = np.arange(1, config.greedy_points + 1) * config.episodes
+    return np.unique(np.maximum(points // max(config.greedy_points, 1), 1))
+
+
+def move_model(config: PolicyConfig) -> MoveModel | None:
+    """The moves of a configuration for the kernels; None if it is trained on the grid."""
+    if config.transitions is None:
+        return None
+    scenario = config.scenario
+    contact_m = scenario.robot_diameter_m + config.process.clearance_m
+    return build_model(config.transitions, TIMING.rl_step_s, contact_m / scenario.cell_m)
+
+
+def run_training(
+    task: PolicyConfig,
+    state: TrainingState,
+    *,
+    progress: ProgressCallback | None = None,
+    checkpoint: Callable[[TrainingState], None] | None = None,
+    checkpoint_episodes: int = 500_000,
+) -> None:
+    """Train a state to its last episode, in place.
+
+    Args:
+        task: the configuration that the state was made with.
+        state: fresh, or read from a checkpoint.
+        progress: called after every chunk.
+        checkpoint: called every `checkpoint_episodes` episodes with the state.
+        checkpoint_episodes: episodes between two checkpoints.
+    """
+    config = task.learning
+    process, model = build_process(task.scenario, task.process), move_model(task)
+    learning = build_learning(config)
+    evaluations = greedy_episodes(config)
+    starts = all_starts(process)
+    starts = starts[:: -(-len(starts) // MAX_CURVE_STARTS)]
+    while state.episode < config.episodes:
+        until = min(config.episodes, (state.episode // CHUNK_EPISODES + 1) * CHUNK_EPISODES)
+        due = np.searchsorted(evaluations, state.episode, side="right")
+        if due < len(evaluations):
+            until = min(until, int(evaluations[due]))
+        before = state.episode
+        if model is None:
+            advance(process, learning, state, until)
+        else:
+            advance_timed(process, model, learning, state, until)
+        if until in evaluations:
+            values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
+            result = evaluate(process, values, starts)
+            state.greedy[due] = (
+                result.rate("success"),
+                result.mean_path_cells(),
+                result.mean_steps(),
+            )
+            for moment in np.flatnonzero(map_points(config)[: len(state.maps)] == due):
+                state.maps[moment] = [
+                    cell_map(process, table, visits)
+                    for table, visits in zip(values, state.visits, strict=True)
+                ]
+        if progress is not None:
+            progress(_progress(config, state))
+        if checkpoint is not None and before // checkpoint_episodes < until // checkpoint_episodes:
+            checkpoint(state)
+
+
+def _progress(config: LearningConfig, state: TrainingState) -> Progress:
+    finished = state.episode // config.log_episodes
+    last = state.curve[finished - 1] if finished else np.full(2, np.nan)
+    epsilon = epsilon_of_episodes(config, np.array([state.episode - 1]))
+    return Progress(
+        state.episode,
+        config.episodes,
+        float(last[SUCCESSES] / last[EPISODES]),
+        float(epsilon[0]),
+    )
+
+
+def training_log(config: LearningConfig, state: TrainingState, cell_m: float) -> TrainingLog:
+    """Learning curves of a finished run; points without a counted episode are left out."""
+    counted = state.curve[:, EPISODES] > 0
+    curve = state.curve[counted]
+    ends = np.minimum((np.flatnonzero(counted) + 1) * config.log_episodes, config.episodes)
+    cell_cm = 100.0 * cell_m
+    with np.errstate(invalid="ignore"):  # 0/0 where no episode of a window succeeded
+        success = curve[:, SUCCESSES] / curve[:, EPISODES]
+        path_length_cm = cell_cm * curve[:, PATH_CELLS] / curve[:, SUCCESSES]
+        steps = curve[:, STEPS] / curve[:, SUCCESSES]
+    return TrainingLog(
+        episode=ends,
+        success=success,
+        path_length_cm=path_length_cm,
+        steps=steps,
+        returns=curve[:, RETURNS:] / curve[:, EPISODES, None],
+        epsilon=epsilon_of_episodes(config, ends - 1),
+        greedy_episode=greedy_episodes(config),
+        greedy_success=state.greedy[:, 0],
+        greedy_path_length_cm=cell_cm * state.greedy[:, 1],
+        greedy_steps=state.greedy[:, 2],
+        map_episode=greedy_episodes(config)[map_points(config)][: len(state.maps)],
+        maps=state.maps,
+    )

@@ -1,0 +1,157 @@
+"""Q-learning and double Q-learning where moves last: Eq. (7) over moves.
+
+A robot that decides again k RL steps later has earned the rewards of those steps, discounted, and
+bootstraps with γ^k (a semi-Markov decision process). Tables, schedule and learning curves are those
+of `agent.training.qlearning`, whose loop this one replaces when training has transitions.
+"""
+
+import numpy as np
+
+from agent.moves.kernels import WAY_SIZE, begin_move, stand, step, waits
+from agent.moves.model import MoveModel
+from agent.process.grid import (
+    ARRIVED,
+    COLUMN_COUNT,
+    MOVING,
+    RUNNING,
+    STATUS,
+    SUCCESS,
+    TIMEOUT,
+    place_randomly,
+    state_index,
+)
+from agent.process.readings import Process
+from agent.process.rng import PROBABILITY_SHIFT, next_word
+from agent.training.learning import (
+    EPISODES,
+    PATH_CELLS,
+    RETURNS,
+    STEPS,
+    SUCCESSES,
+    Learning,
+    TrainingState,
+)
+from agent.training.qlearning import ACTION_BITS, SQRT_2, best_of_sum, largest
+from cosim.base.jit import inlined, kernel
+
+
+@inlined
+def _drawn_table(learning: Learning, random: np.ndarray) -> np.int64:
+    """The table that is updated: the only one, or one of the two of double Q-learning."""
+    return np.int64(next_word(random) & np.uint64(1)) if learning.double_q else np.int64(0)
+
+
+@kernel
+def _run_episodes(
+    process: Process,
+    model: MoveModel,
+    learning: Learning,
+    q: np.ndarray,
+    visits: np.ndarray,
+    random: np.ndarray,
+    curve: np.ndarray,
+    first: int,
+    last: int,
+) -> int:
+    """Train over episodes [first, last); all arrays are updated. Returns the decisions made."""
+    n = len(process.start_offsets) - 1
+    world = np.empty((n, COLUMN_COUNT), dtype=np.int64)
+    ways = np.empty((n, WAY_SIZE))
+    cells = np.empty((n, 2), dtype=np.int64)
+    state = np.empty(n, dtype=np.uint64)
+    action = np.empty(n, dtype=np.int64)
+    rewards = np.empty(n, dtype=np.float32)
+    earned = np.empty(n, dtype=np.float32)  # since the decision, discounted to it
+    discount = np.empty(n, dtype=np.float32)  # γ^k after k steps
+    returns = np.empty(n, dtype=np.float64)
+    eta, gamma, penalty = learning.eta, learning.gamma, -process.goal_reward
+    double_q = learning.double_q
+    decisions = 0
+    for episode in range(first, last):
+        threshold = learning.epsilon_thresholds[episode // learning.epsilon_episodes]
+        place_randomly(process, world, cells, random)
+        stand(world, ways)
+        for i in range(n):
+            returns[i] = 0.0
+        moves = 0
+        diagonal = 0
+        outcome = RUNNING
+        steps = 0
+        while outcome == RUNNING:
+            for i in range(n):
+                if world[i, STATUS] != MOVING or not waits(ways, i):
+                    continue
+                s = state_index(process, world, i)
+                a = best_of_sum(q, i, s) if double_q else largest(q[0, i, s])[0]
+                word = next_word(random)
+                if (word >> PROBABILITY_SHIFT) < threshold:
+                    a = np.int64(word & ACTION_BITS)
+                state[i], action[i] = s, a
+                earned[i], discount[i] = np.float32(0.0), np.float32(1.0)
+                visits[i, s] += np.uint32(1)
+                decisions += 1
+                moves += 1
+                diagonal += a & 1
+                blocked = begin_move(process, model, world, ways, i, int(a), random)
+                if blocked != RUNNING:
+                    outcome = max(outcome, blocked)  # out of board outranks a collision
+                    returns[i] += penalty
+                    k = _drawn_table(learning, random)
+                    # Eq. (7) in a terminal state
+                    q[k, i, s, a] += eta * (penalty - q[k, i, s, a])
+            if outcome != RUNNING:
+                break
+            steps += 1
+            outcome = step(process, model, world, ways, rewards)
+            if outcome == RUNNING and steps == process.step_limit:
+                outcome = TIMEOUT  # a cut, not an end: moves that go on are not learnt from
+            for i in range(n):
+                if rewards[i] == np.float32(0.0) and world[i, STATUS] == ARRIVED:
+                    continue  # before this step
+                returns[i] += rewards[i]
+                earned[i] += discount[i] * rewards[i]
+                discount[i] *= gamma
+                s, a = state[i], action[i]
+                moving = world[i, STATUS] == MOVING
+                if moving and not waits(ways, i):
+                    continue
+                k = _drawn_table(learning, random)
+                if moving:
+                    s_next = state_index(process, world, i)
+                    best, value = largest(q[k, i, s_next])
+                    if double_q:
+                        # the other table values the action that this one picks
+                        value = q[1 - k, i, s_next, best]
+                    # Eq. (7) over the steps of the move
+                    q[k, i, s, a] += eta * (earned[i] + discount[i] * value - q[k, i, s, a])
+                else:
+                    # Eq. (7) in a terminal state
+                    q[k, i, s, a] += eta * (earned[i] - q[k, i, s, a])
+        if episode % learning.log_episodes >= learning.log_episodes - learning.log_window:
+            row = episode // learning.log_episodes
+            curve[row, EPISODES] += 1.0
+            if outcome == SUCCESS:
+                curve[row, SUCCESSES] += 1.0
+                curve[row, PATH_CELLS] += (moves + (SQRT_2 - 1.0) * diagonal) / n
+                curve[row, STEPS] += moves / n
+            for i in range(n):
+                curve[row, RETURNS + i] += returns[i]
+    return decisions
+
+
+def advance_timed(
+    process: Process, model: MoveModel, learning: Learning, state: TrainingState, until: int
+) -> None:
+    """Train a state up to episode `until` over moves that last, in place."""
+    state.agent_steps += _run_episodes(
+        process,
+        model,
+        learning,
+        state.q,
+        state.visits,
+        state.random,
+        state.curve,
+        state.episode,
+        until,
+    )
+    state.episode = until

@@ -1,0 +1,226 @@
+"""A trained policy: what to do at an observation, and its file.
+
+The file is one `.npz` (Q tables, visit counts, generator state, and its configuration as JSON)
+with the same JSON beside it for people; nothing in it is executed on loading. Training is in
+`agent.training.qlearning`, the cache of trained policies in `agent.training.store`.
+"""
+
+import json
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from agent.moves.model import Transitions
+from agent.process.grid import least_rotation_argmax
+from agent.process.readings import (
+    Process,
+    ProcessConfig,
+    build_process,
+    nearest_bearings,
+    refuse_without_effect,
+)
+from agent.training.learning import LearningConfig, TrainingState
+from cosim.base.errors import UserError
+from cosim.base.provenance import code_digest, with_imports
+from cosim.base.reading import Kind, parsing, read_arrays
+from cosim.base.scenario import Scenario
+from cosim.base.storage import replacing
+from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+
+SCHEMA_VERSION = 1
+
+
+class PolicyError(UserError):
+    """A policy file that cannot be used; the message says what to do instead."""
+
+
+_FILE = Kind("policy file", "name a policy.npz that training has saved", PolicyError)
+_CONFIG = Kind("policy's configuration", "train it again", PolicyError)
+
+
+class Seed(msgspec.Struct, frozen=True):
+    """What a run's generator was seeded with, see `numpy.random.SeedSequence`."""
+
+    entropy: int
+    spawn_key: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, seed: int | np.random.SeedSequence) -> "Seed":
+        """From what `agent.training.learning.initial_state` takes."""
+        if isinstance(seed, np.random.SeedSequence):
+            return cls(int(seed.entropy), tuple(int(k) for k in seed.spawn_key))  # pyright: ignore
+        return cls(int(seed))
+
+    def sequence(self) -> np.random.SeedSequence:
+        """The seed sequence."""
+        return np.random.SeedSequence(self.entropy, spawn_key=self.spawn_key)
+
+
+def _training_code() -> str:
+    return code_digest(with_imports([Path(__file__).with_name("loop.py")]))
+
+
+class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything that decides the bits of a policy, kept in its file.
+
+    With transitions it was trained on moves that last, without on the grid. Its kernel version is
+    the hash of the code that training runs; a number in files of earlier versions.
+
+    Raises:
+        ScenarioError: a reading of the process has no effect on what it is trained on.
+    """
+
+    scenario: Scenario
+    process: ProcessConfig
+    learning: LearningConfig
+    seed: Seed
+    transitions: Transitions | None = None
+    schema_version: int = SCHEMA_VERSION
+    kernel_version: str | int = msgspec.field(default_factory=_training_code)
+
+    def __post_init__(self) -> None:
+        refuse_without_effect(self.process, transitions=self.transitions is not None)
+
+
+@dataclass(frozen=True)
+class Policy:
+    """Greedy policy over one table per robot.
+
+    Attributes:
+        config: what it was trained with.
+        q: (tables, N, states, 8) float32, Q tables; two for double Q-learning.
+        visits: (N, states) uint32, decisions made in each state.
+        random: (1,) uint64, generator state after training.
+        episodes: episodes trained.
+    """
+
+    config: PolicyConfig
+    q: np.ndarray = field(repr=False)
+    visits: np.ndarray = field(repr=False)
+    random: np.ndarray = field(repr=False)
+    episodes: int
+
+    @classmethod
+    def of_training(cls, config: PolicyConfig, state: TrainingState) -> "Policy":
+        """Snapshot of a training run."""
+        arrays = (state.q.copy(), state.visits.copy(), state.random.copy())
+        return cls(config, *arrays, episodes=state.episode)
+
+    @cached_property
+    def process(self) -> Process:
+        """The decision process that it was trained on."""
+        return build_process(self.config.scenario, self.config.process)
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """(N, states, 8) float32, action values; the mean of the two tables of double Q."""
+        return self.q.mean(axis=0) if len(self.q) > 1 else self.q[0]
+
+    def states(self, observation: Observation) -> np.ndarray:
+        """(N,) int64, row of each robot's table for an observation.
+
+        Raises:
+            ValueError: a cell is off the board, or the number of robots differs.
+        """
+        scenario, process = self.config.scenario, self.process
+        cells = np.asarray(observation.cells, dtype=np.int64)
+        if cells.shape != (scenario.robots, 2):
+            raise ValueError(f"observation of shape {cells.shape} for {scenario.robots} robots")
+        if (cells < 0).any() or (cells >= (scenario.columns, scenario.rows)).any():
+            raise ValueError(f"cells {cells.tolist()} are off the board")
+        strides = process.strides
+        return (
+            cells[:, 0] * strides[0]
+            + cells[:, 1] * strides[1]
+            + np.asarray(observation.distance_class) * strides[2]
+            + (np.asarray(observation.gradient_sign) + 1) * strides[3]
+            + nearest_bearings(process, cells) * strides[4]
+            + np.asarray(observation.direction) % AXIS_COUNT * strides[5]
+        )
+
+    def q_values(self, observation: Observation) -> np.ndarray:
+        """(N, 8) float32, action values of each robot."""
+        return self.values[np.arange(len(self.values)), self.states(observation)]
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """(N,) int64, greedy direction of each robot; ties go to the least rotation.
+
+        Raises:
+            ValueError: see `states`.
+        """
+        rows = zip(self.q_values(observation), observation.direction, strict=True)
+        return np.array([least_rotation_argmax(v, int(f)) for v, f in rows], dtype=np.int64)
+
+    def save(self, path: Path) -> None:
+        """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        text = msgspec.json.format(msgspec.json.encode(self._description()), indent=1)
+        with replacing(path.with_suffix(".json")) as temporary:
+            temporary.write_bytes(text + b"\n")
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(
+                file,
+                q=self.q,
+                visits=self.visits,
+                random=self.random,
+                config=np.frombuffer(text, dtype=np.uint8),
+            )
+
+    def _description(self) -> dict[str, Any]:
+        builtins = msgspec.to_builtins(self.config)
+        return builtins | {
+            "scenario_digest": self.config.scenario.digest(),
+            "episodes": self.episodes,
+        }
+
+    @classmethod
+    def load(cls, path: Path, scenario: Scenario | None = None) -> "Policy":
+        """Read a policy; with `scenario`, only if it was trained on that geometry.
+
+        Raises:
+            PolicyError: no such file, not a policy, another schema, or another scenario.
+        """
+        path = Path(path)
+        description, arrays = _read(path)
+        if description.get("schema_version") != SCHEMA_VERSION:
+            raise PolicyError(
+                f"{path}: policy schema {description.get('schema_version')} is not the schema "
+                f"{SCHEMA_VERSION} of this version; train it again with `python -m agent.train`"
+            )
+        digest, episodes = description.pop("scenario_digest", None), description.pop("episodes", 0)
+        with parsing(path, _CONFIG):
+            config = msgspec.convert(description, PolicyConfig)
+            policy = cls(config, **arrays, episodes=msgspec.convert(episodes, int))
+            consistent = digest == config.scenario.digest() and policy._consistent()
+        if not consistent:
+            raise PolicyError(f"{path}: tables and configuration do not fit; train it again")
+        if scenario is not None and scenario.digest() != digest:
+            raise PolicyError(
+                f"{path}: the policy was trained on scenario {policy.config.scenario.name} "
+                f"(digest {digest}), not on scenario {scenario.name} (digest "
+                f"{scenario.digest()}); choose that scenario or train a new policy"
+            )
+        return policy
+
+    def _consistent(self) -> bool:
+        tables = 2 if self.config.learning.algorithm == "double_q" else 1
+        shape = (tables, self.config.scenario.robots, self.process.state_count, DIRECTION_COUNT)
+        return (
+            (self.q.shape, self.q.dtype) == (shape, np.float32)
+            and (self.visits.shape, self.visits.dtype) == (shape[1:3], np.uint32)
+            and (self.random.shape, self.random.dtype) == ((1,), np.uint64)
+            and bool(np.isfinite(self.q).all())
+        )
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    arrays = read_arrays(path, _FILE, ("q", "visits", "random", "config"))
+    with parsing(path, _CONFIG):
+        return dict(json.loads(arrays.pop("config").tobytes())), arrays

@@ -1,0 +1,193 @@
+"""Independent Q-learning and double Q-learning of N robots: Eq. (7) as one compiled loop.
+
+The loop advances a `TrainingState` by any number of episodes; the state holds everything, the
+generator included, so that cutting a run into chunks or resuming it cannot change a bit.
+Configuration and state are `agent.training.learning`.
+"""
+
+import numpy as np
+
+from agent.process.grid import (
+    COLUMN_COUNT,
+    MOVING,
+    RUNNING,
+    STATUS,
+    SUCCESS,
+    TIMEOUT,
+    VX,
+    VY,
+    move,
+    place_randomly,
+    slipped,
+    state_index,
+)
+from agent.process.readings import Process
+from agent.process.rng import PROBABILITY_SHIFT, next_word
+from agent.training.learning import (
+    EPISODES,
+    PATH_CELLS,
+    RETURNS,
+    STEPS,
+    SUCCESSES,
+    Learning,
+    TrainingState,
+)
+from cosim.base.jit import inlined, kernel
+from cosim.navigation.features import DIRECTION_COUNT
+
+ACTION_BITS = np.uint64(DIRECTION_COUNT - 1)
+_ONE = np.uint64(1)
+SQRT_2 = np.sqrt(2.0)
+
+
+@inlined
+def largest(values: np.ndarray) -> tuple[int, np.float32]:
+    """Index of the largest of eight values, the lowest of equals (Eq. 6), and that value."""
+    # Eq. (6) as a tournament of three rounds, not a chain of seven comparisons: it limits speed
+    a, va = (1, values[1]) if values[1] > values[0] else (0, values[0])
+    b, vb = (3, values[3]) if values[3] > values[2] else (2, values[2])
+    c, vc = (5, values[5]) if values[5] > values[4] else (4, values[4])
+    d, vd = (7, values[7]) if values[7] > values[6] else (6, values[6])
+    a, va = (b, vb) if vb > va else (a, va)
+    c, vc = (d, vd) if vd > vc else (c, vc)
+    return (c, vc) if vc > va else (a, va)
+
+
+@inlined
+def best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
+    """The same over the sum of the two tables of double Q-learning."""
+    action = 0
+    best = q[0, i, s, 0] + q[1, i, s, 0]
+    for k in range(1, DIRECTION_COUNT):
+        value = q[0, i, s, k] + q[1, i, s, k]
+        if value > best:
+            best = value
+            action = k
+    return action
+
+
+@kernel
+def _run_episodes(
+    process: Process,
+    learning: Learning,
+    q: np.ndarray,
+    visits: np.ndarray,
+    random: np.ndarray,
+    curve: np.ndarray,
+    first: int,
+    last: int,
+) -> int:
+    """Train over episodes [first, last); all arrays are updated. Returns the agent steps."""
+    n = len(process.start_offsets) - 1
+    world = np.empty((n, COLUMN_COUNT), dtype=np.int64)
+    cells = np.empty((n, 2), dtype=np.int64)
+    chosen = np.empty(n, dtype=np.int64)
+    executed = np.empty(n, dtype=np.int64)
+    state = np.empty(n, dtype=np.uint64)
+    greedy = np.empty(n, dtype=np.int64)
+    moved = np.empty(n, dtype=np.bool_)
+    rewards = np.empty(n, dtype=np.float32)
+    returns = np.empty(n, dtype=np.float64)
+    eta, gamma = learning.eta, learning.gamma
+    penalty = -process.goal_reward
+    slips = process.slip_threshold > np.uint64(0)
+    agent_steps = 0
+    for episode in range(first, last):
+        threshold = learning.epsilon_thresholds[episode // learning.epsilon_episodes]
+        explores = threshold > np.uint64(0)
+        place_randomly(process, world, cells, random)
+        for i in range(n):
+            returns[i] = 0.0
+            state[i] = state_index(process, world, i)
+            if learning.double_q:
+                greedy[i] = best_of_sum(q, i, state[i])
+            else:
+                greedy[i], _ = largest(q[0, i, state[i]])
+        moves = 0
+        diagonal_moves = 0
+        outcome = RUNNING
+        step = 0
+        while outcome == RUNNING:
+            step += 1
+            for i in range(n):
+                moved[i] = world[i, STATUS] == MOVING
+                if moved[i]:
+                    chosen[i] = greedy[i]
+                    if explores:
+                        # no branch on what cannot be predicted: it would cost more than the draw
+                        word = next_word(random)
+                        explored = np.int64(word & ACTION_BITS)
+                        chosen[i] = (
+                            explored if (word >> PROBABILITY_SHIFT) < threshold else greedy[i]
+                        )
+                    executed[i] = chosen[i]
+                    if slips:
+                        executed[i] = slipped(process, chosen[i], random)
+            outcome = move(process, world, executed, rewards)
+            failed = outcome not in (RUNNING, SUCCESS)
+            if outcome == RUNNING and step == process.step_limit:
+                outcome = TIMEOUT  # a cut, not an end: the update still bootstraps
+            for i in range(n):
+                if not moved[i]:
+                    continue
+                moves += 1
+                diagonal_moves += world[i, VX] & world[i, VY] & 1
+                returns[i] += rewards[i]
+                s, a = state[i], chosen[i]
+                visits[i, s] += np.uint32(1)
+                updated = 0
+                if learning.double_q:
+                    updated = np.int64(next_word(random) & _ONE)
+                if world[i, STATUS] == MOVING:
+                    s_next = state_index(process, world, i)
+                    target = rewards[i]
+                    if failed and process.partner_update == 2:
+                        continue
+                    if failed and process.partner_update == 1:
+                        target = penalty
+                        best = 0
+                    else:
+                        best, value = largest(q[updated, i, s_next])
+                        if learning.double_q:
+                            # the other table values the action that this one picks
+                            value = q[1 - updated, i, s_next, best]
+                        # Eq. (4): a reward, and what is expected from the next state on
+                        target += gamma * value
+                    # Eq. (7), down the gradient of the squared error of Eq. (5)
+                    q[updated, i, s, a] += eta * (target - q[updated, i, s, a])
+                    state[i] = s_next
+                    if learning.double_q:
+                        greedy[i] = best_of_sum(q, i, s_next)
+                    else:
+                        # the row changed after `best` was found if the features hide the move
+                        greedy[i] = best if s_next != s else largest(q[0, i, s_next])[0]
+                else:
+                    # Eq. (7) in a terminal state
+                    q[updated, i, s, a] += eta * (rewards[i] - q[updated, i, s, a])
+        agent_steps += moves
+        if episode % learning.log_episodes >= learning.log_episodes - learning.log_window:
+            row = episode // learning.log_episodes
+            curve[row, EPISODES] += 1.0
+            if outcome == SUCCESS:
+                curve[row, SUCCESSES] += 1.0
+                straight_moves = moves - diagonal_moves
+                curve[row, PATH_CELLS] += (straight_moves + SQRT_2 * diagonal_moves) / n
+                curve[row, STEPS] += moves / n
+            for i in range(n):
+                curve[row, RETURNS + i] += returns[i]
+    return agent_steps
+
+
+def advance(process: Process, learning: Learning, state: TrainingState, until: int) -> None:
+    """Train a state up to episode `until` on the grid, in place."""
+    state.agent_steps += _run_episodes(
+        process,
+        learning,
+        state.q,
+        state.visits,
+        state.random,
+        state.curve,
+        state.episode,
+        until,
+    )
+    state.episode = until

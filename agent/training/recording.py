@@ -1,0 +1,146 @@
+"""Training as Rerun recordings: learning curves, and what the tables say at several moments.
+
+One run is `write_training`; the mean and the scatter of many runs are `write_runs`.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from agent.training.loop import TrainingLog
+from agent.training.maps import policy_maps
+from agent.training.policy import Policy
+from cosim.recording.blueprint import robot_names, training_blueprint
+from cosim.recording.file import Recording, properties, scalars
+from cosim.recording.floor import map_colours, unit_arrows
+from cosim.recording.policy_map import PolicyMap
+from cosim.recording.scene import SERIES, palette
+
+_ARROW_CELLS = 0.8
+_WHITE = np.array([0xFFFFFFFF], dtype=np.uint32)  # the viewer's background is dark
+# Entity below /train, fields of `TrainingLog` of its times and values, name in plots.
+_CURVES = (
+    ("success", "episode", "success", "exploring"),
+    ("path_length", "episode", "path_length_cm", "exploring"),
+    ("epsilon", "episode", "epsilon", "epsilon"),
+    ("greedy/success", "greedy_episode", "greedy_success", "greedy, all starts"),
+    ("greedy/path_length", "greedy_episode", "greedy_path_length_cm", "greedy, all starts"),
+)
+
+
+def write_training(path: Path, policy: Policy, log: TrainingLog, facts: dict[str, Any]) -> None:
+    """Write one run: curves and, at several moments, maps on the timeline `episode`.
+
+    Args:
+        path: of the recording.
+        policy: trained policy with its tables and visit counts.
+        log: learning curves and maps.
+        facts: what identifies the run, for the recording's properties.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    robots = policy.config.scenario.robots
+    identity = f"training-{facts.get('scenario')}-{facts.get('seed')}"
+    with Recording(path, identity, training_blueprint(robots)) as file:
+        file.stream.send_property("training", properties(facts))
+        for entity, times, values, name in _CURVES:
+            _send(file, entity, getattr(log, times), getattr(log, values), [name])
+        _send(file, "return", log.episode, log.returns, robot_names(robots))
+        moments = {
+            int(episode): [PolicyMap(m[0], m[1].astype(np.int64), m[2]) for m in maps]
+            for episode, maps in zip(log.map_episode, log.maps, strict=True)
+        }
+        moments[policy.episodes] = policy_maps(policy)
+        for episode, maps in moments.items():
+            file.stream.set_time("episode", sequence=episode)
+            for name, of_robot in zip(robot_names(robots), maps, strict=True):
+                _write_maps(file, name, of_robot)
+
+
+def write_runs(path: Path, logs: Sequence[TrainingLog], facts: dict[str, Any]) -> None:
+    """Write many runs together: mean ± standard deviation of their curves.
+
+    Args:
+        path: of the recording.
+        logs: learning curves of runs of one configuration.
+        facts: what identifies them, for the recording's properties.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    identity = f"training-{facts.get('scenario')}-{facts.get('seed')}-runs"
+    with Recording(path, identity, training_blueprint(0)) as file:
+        file.stream.send_property("training", properties(facts | {"runs": len(logs)}))
+        for entity, times, values, name in _CURVES:
+            episode, table = joined(logs, times, values)
+            _send_scatter(file, entity, episode, table, f"{name}, mean ± σ")
+        returns = [log._replace(returns=log.returns.mean(axis=1)) for log in logs]
+        episode, table = joined(returns, "episode", "returns")
+        _send_scatter(file, "return", episode, table, "mean over robots, mean ± σ")
+
+
+def joined(logs: Sequence[TrainingLog], times: str, values: str) -> tuple[np.ndarray, np.ndarray]:
+    """Episodes that all runs have a value at, (K,), and the values there, (runs, K)."""
+    common = getattr(logs[0], times)
+    for log in logs:
+        known = np.isfinite(getattr(log, values))
+        common = np.intersect1d(common, getattr(log, times)[known])
+    rows = [getattr(log, values)[np.isin(getattr(log, times), common)] for log in logs]
+    return common, np.array(rows)
+
+
+def _colours(entity: str, count: int) -> np.ndarray:
+    """Colours of the curves of an entity; greedy ones differ from exploring ones in one plot."""
+    first = int(entity.startswith("greedy/"))
+    return palette([SERIES[(first + k) % len(SERIES)] for k in range(count)])
+
+
+def _send(
+    file: Recording, entity: str, episode: np.ndarray, values: np.ndarray, names: list[str]
+) -> None:
+    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    style = rr.SeriesLines(names=names, colors=_colours(entity, len(names)))
+    file.static(f"/train/{entity}", style)
+    times = [rr.TimeColumn("episode", sequence=episode[known])]
+    file.columns(f"/train/{entity}", times, scalars(values[known]))
+
+
+def _send_scatter(
+    file: Recording, entity: str, episode: np.ndarray, table: np.ndarray, name: str
+) -> None:
+    """Mean and variance over runs, which the viewer draws as a line with a band of ± σ."""
+    file.static(
+        f"/train/{entity}", rr.Measurements.from_fields(names=[name], colors=_colours(entity, 1))
+    )
+    if not len(episode):  # there is no path without a success
+        return
+    variance = table.var(axis=0, ddof=1) if len(table) > 1 else np.zeros(len(episode))
+    rows = rr.Measurements.columns(values=table.mean(axis=0), variances=variance)
+    file.columns(f"/train/{entity}", [rr.TimeColumn("episode", sequence=episode)], rows)
+
+
+def _write_maps(file: Recording, name: str, maps: PolicyMap) -> None:
+    """Maps of a robot at the time that is set."""
+    known = maps.visits > 0
+    visits = np.log10(np.maximum(maps.visits, 1))
+    file.stream.log(f"/q/{name}/value_map", _image(maps.value, known))
+    file.stream.log(f"/q/{name}/visits", _image(visits, known))
+    file.stream.log(f"/q/{name}/policy", _arrows(maps.action, known))
+
+
+def _image(values: np.ndarray, known: np.ndarray) -> rr.Image:
+    """A map over (columns, rows) as an image, a pixel per cell, y up; unvisited cells are black."""
+    image = np.flipud(map_colours(values, known).transpose(1, 0, 2))
+    return rr.Image(np.ascontiguousarray(image))
+
+
+def _arrows(action: np.ndarray, known: np.ndarray) -> rr.Arrows2D:
+    """Greedy directions as arrows, in the pixels of the maps, which are cells."""
+    columns, rows = np.nonzero(known)
+    centres = np.stack([columns + 0.5, known.shape[1] - rows - 0.5], axis=1)
+    vectors = unit_arrows(action[known]) * np.array([1, -1]) * _ARROW_CELLS
+    return rr.Arrows2D(vectors=vectors, origins=centres - vectors / 2.0, colors=_WHITE)

@@ -1,0 +1,127 @@
+"""Trained policies found again: train once per configuration, keep policy and learning curves.
+
+Only the cache; one run is `agent.training.loop`, many runs with checkpoints are `agent.train`.
+"""
+
+import hashlib
+import logging
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from agent.process.readings import ProcessConfig, build_process
+from agent.training.learning import LearningConfig, initial_state
+from agent.training.loop import (
+    ProgressCallback,
+    TrainingLog,
+    TrainingLogError,
+    run_training,
+    training_log,
+)
+from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
+from cosim.base.scenario import Scenario
+from cosim.base.storage import cache_dir, found_or_made, require_no_folder
+
+POLICY_FILE = "policy.npz"
+LOG_FILE = "training.npz"
+
+
+_LOGGER = logging.getLogger(__name__)
+
+
+def config_digest(config: PolicyConfig) -> str:
+    """Hash (16 hex digits) of everything that decides a policy's bits."""
+    return hashlib.sha256(msgspec.json.encode(config, order="sorted")).hexdigest()[:16]
+
+
+def policy_folder(config: PolicyConfig) -> Path:
+    """Where the cache keeps the policy of a configuration."""
+    return cache_dir("policies") / f"{config.scenario.name}-{config_digest(config)}"
+
+
+def train_policy(
+    config: PolicyConfig, *, progress: ProgressCallback | None = None
+) -> tuple[Policy, TrainingLog]:
+    """Train from nothing, without looking at or writing any file."""
+    process = build_process(config.scenario, config.process)
+    state = initial_state(process, config.learning, config.seed.sequence())
+    run_training(config, state, progress=progress)
+    log = training_log(config.learning, state, config.scenario.cell_m)
+    return Policy.of_training(config, state), log
+
+
+def save_run(folder: Path, policy: Policy, log: TrainingLog) -> Path:
+    """Write learning curves and policy; the policy comes last, so that it marks a whole run."""
+    log.save(folder / LOG_FILE)
+    policy.save(folder / POLICY_FILE)
+    return folder / POLICY_FILE
+
+
+def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] | None:
+    """Policy and learning curves of a configuration; None if they are missing or damaged."""
+    path = folder / POLICY_FILE  # written last
+    if not path.exists():
+        return None
+    try:
+        policy = Policy.load(path)
+        log = TrainingLog.load(folder / LOG_FILE)
+    except (PolicyError, TrainingLogError) as error:
+        _LOGGER.warning("%s: it is made again", error)
+        return None
+    return (policy, log) if policy.config == config else None
+
+
+def find_or_train(
+    config: PolicyConfig, *, retrain: bool = False, progress: ProgressCallback | None = None
+) -> tuple[Policy, TrainingLog, Path]:
+    """The policy of a configuration: found in the cache, or trained and kept there.
+
+    Args:
+        config: everything that decides the policy's bits.
+        retrain: train even if the policy is there.
+        progress: called after every chunk of training; not at all if the policy is found.
+
+    Returns:
+        The policy, its learning curves and the path of its file.
+
+    Raises:
+        ScenarioError: the scenario cannot be used with these readings.
+        StorageError: a folder is where a file of the cache goes.
+        OSError: the cache cannot be written.
+    """
+    folder = policy_folder(config)
+    for name in (POLICY_FILE, LOG_FILE):
+        require_no_folder(folder / name)  # before training, not after
+
+    def train() -> tuple[Policy, TrainingLog]:
+        trained = train_policy(config, progress=progress)
+        save_run(folder, *trained)
+        return trained
+
+    found = train() if retrain else found_or_made(folder, lambda: load_run(folder, config), train)
+    return *found, folder / POLICY_FILE
+
+
+def trained_policy(
+    scenario: Scenario,
+    process: ProcessConfig | None = None,
+    learning: LearningConfig | None = None,
+    seed: int | np.random.SeedSequence = 0,
+    *,
+    retrain: bool = False,
+    progress: ProgressCallback | None = None,
+) -> tuple[Policy, TrainingLog, Path]:
+    """`find_or_train` on the grid, with the defaults of this project for what is left out.
+
+    Args:
+        scenario: board, starts and targets.
+        process: readings of the decision process (default: those of `ProcessConfig`).
+        learning: learning configuration (default: Section V).
+        seed: of the generator.
+        retrain, progress: see `find_or_train`.
+    """
+    config = PolicyConfig(
+        scenario, process or ProcessConfig(), learning or LearningConfig(), Seed.of(seed)
+    )
+    return find_or_train(config, retrain=retrain, progress=progress)

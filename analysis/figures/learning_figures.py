@@ -1,0 +1,186 @@
+"""Figures 8, 10 and 11: learning curves of the paper's experiments, and path lengths beside bounds.
+
+Curves are drawn by `analysis.figures.learning`; here is which experiment each figure shows, and
+what its caption says.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from analysis.figures.caption import Caption, Drawing
+from analysis.figures.learning import (
+    Variant,
+    draw_learning_curves,
+    load_content,
+    load_variants,
+    settled_after,
+)
+from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN
+from analysis.reading.results import FIGURES, RESULTS
+
+# Success rate that counts as learnt.
+LEARNT = 0.99
+_CURVES = (
+    "Upper row: mean over the last 100 episodes, exploring; lower row: the greedy policy at that "
+    "time from every start; bands: 95 % intervals of the mean over runs"
+)
+
+
+def fig08(results: Path) -> Drawing:
+    """Learning curves of one robot.
+
+    Raises:
+        FigureError: there are no such results.
+    """
+    return _learning_figure(
+        results,
+        "fig08",
+        f"Success rate and path length of one robot over episodes, scenarios 1a and 1b. {_CURVES}",
+        "in both scenarios the optimal policy is achieved quickly.",
+    )
+
+
+def fig11(results: Path) -> Drawing:
+    """Learning curves of pairs.
+
+    Raises:
+        FigureError: there are no such results.
+    """
+    return _learning_figure(
+        results,
+        "fig11",
+        f"Success rate and path length of pairs over episodes, scenarios 2, 3 and 4. {_CURVES}",
+        "both robots learn to reach their targets without colliding, also where the targets make "
+        "the scenario harder.",
+    )
+
+
+def fig10(results: Path) -> Drawing:
+    """What the coefficient c of Eq. (12) changes.
+
+    Raises:
+        FigureError: there are no such results.
+    """
+    drawing = _learning_figure(
+        results,
+        "fig10",
+        f"Success rate and path length of a pair for values of c in Eq. (12), scenario 4. "
+        f"{_CURVES}",
+        "better results are obtained when c = 1.5.",
+    )
+    differences = load_content(RESULTS["fig10"].location(results), "fig10")["differences"]
+    numbers = dict(drawing.caption.numbers)
+    parts = []
+    for name, measures in differences.items():
+        difference = measures["path_length_cm"]
+        numbers[f"{name}_path_minus_c1.5_cm"] = difference
+        if difference["mean"] is not None:
+            parts.append(
+                f"{name.replace('c', 'c = ', 1)} {difference['mean']:+.2f} "
+                f"[{difference['low']:+.2f}, {difference['high']:+.2f}] cm"
+            )
+    text = f"Path length minus that of c = 1.5, run by run: {'; '.join(parts) or 'not known'}."
+    caption = drawing.caption
+    return drawing._replace(
+        caption=Caption(
+            caption.figure,
+            caption.title,
+            caption.claim,
+            (*caption.ours, text),
+            numbers,
+            caption.inputs,
+        )
+    )
+
+
+def _learning_figure(results: Path, figure: str, title: str, claim: str) -> Drawing:
+    folder = RESULTS[figure].location(results)
+    content = load_content(folder, figure)
+    variants = load_variants(folder, content)
+    numbers: dict[str, Any] = {"episodes": content["episodes"]}
+    ours = []
+    for name, variant in variants.items():
+        over_runs = content["variants"][name]["over_runs"]
+        numbers[name] = {key: over_runs[key] for key in ("success", "path_length_cm", "steps")}
+        numbers[name]["learnt_after_episodes"] = settled_after(variant, LEARNT)
+        ours.append(_sentence(variant, numbers[name]))
+    caption = Caption(figure, title, claim, tuple(ours), numbers, FIGURES[figure])
+    return Drawing(draw_learning_curves(variants), caption)
+
+
+def _sentence(variant: Variant, numbers: dict[str, Any]) -> str:
+    after = numbers["learnt_after_episodes"]
+    since = f"above 99 % from {after:,} episodes on" if after else "not above 99 % at the end"
+    success = with_interval(numbers["success"], 100.0, 1, " %")
+    path = with_interval(numbers["path_length_cm"], 1.0, 2, " cm")
+    runs = numbers["success"]["runs"]
+    return f"{variant.label}: success {success} ({since}), path {path}, {runs} runs."
+
+
+def with_interval(statistics: dict[str, Any], factor: float, digits: int, unit: str) -> str:
+    """Mean and 95 % interval in words, "–" where a statistic has no value."""
+    if statistics["mean"] is None:
+        return "–"
+    mean, low, high = (f"{factor * statistics[k]:.{digits}f}" for k in ("mean", "low", "high"))
+    return f"{mean}{unit} [{low}, {high}]"
+
+
+def path_ratio(results: Path) -> Drawing:
+    """Path length and moves of every run over those of the exact optimum.
+
+    Raises:
+        FigureError: there are no such results.
+    """
+    variants: dict[str, dict[str, Any]] = {}
+    for name in FIGURES["path_ratio"]:
+        variants |= load_content(RESULTS[name].location(results), name)["variants"]
+    numbers, ours = {}, []
+    for name, variant in variants.items():
+        path, moves = (
+            variant["over_runs"][key] for key in ("ratio_to_bound", "steps_ratio_to_bound")
+        )
+        numbers[name] = {"path_length": path, "moves": moves}
+        ours.append(
+            f"{variant['label']}: path {with_interval(path, 1.0, 3, '')}, "
+            f"moves {with_interval(moves, 1.0, 3, '')}."
+        )
+    caption = Caption(
+        "path_ratio",
+        "Path length (left) and moves (right) of the greedy policies over those of the shortest "
+        "collision-free joint paths; dots: runs; bars: mean and 95 % interval over runs",
+        "“optimal” is the shortest path; the paths found are called optimal for one robot and "
+        "sub-optimal for pairs, without a measure.",
+        tuple(ours),
+        numbers,
+        FIGURES["path_ratio"],
+    )
+    return Drawing(_draw_ratios(variants), caption)
+
+
+def _draw_ratios(variants: dict[str, dict[str, Any]]) -> Figure:
+    figure, grid = plt.subplots(1, 2, figsize=(WIDTH_IN, 2.8), sharey=True)
+    measures = (
+        ("ratio_to_bound", "path length", BLUE),
+        ("steps_ratio_to_bound", "moves", VERMILION),
+    )
+    random = np.random.default_rng(0)  # spreads dots that would hide each other
+    for axes, (key, title, colour) in zip(grid, measures, strict=True):
+        for place, variant in enumerate(variants.values()):
+            values = [run[key] for run in variant["runs"] if run[key] is not None]
+            spread = random.uniform(-0.15, 0.15, len(values))
+            axes.plot(place + spread, values, ".", color=GREY, markersize=4, alpha=0.6)
+            s = variant["over_runs"][key]
+            if s["mean"] is not None:
+                below, above = s["mean"] - s["low"], s["high"] - s["mean"]
+                bars = np.maximum([[below], [above]], 0.0)
+                axes.errorbar(place, s["mean"], bars, fmt="o", color=colour, capsize=4)
+        axes.axhline(1.0, color=GREY, linewidth=0.8)
+        axes.set_xticks(range(len(variants)), [v["scenario"] for v in variants.values()])
+        axes.set_xlabel("scenario")
+        axes.set_title(title, loc="left")
+    grid[0].set_ylabel("ratio to the exact optimum")
+    return figure

@@ -1,0 +1,248 @@
+"""Forces, friction and motion over one turn of the motors, from a burst of a recording.
+
+The paper has no such figure. A burst holds speeds, contact forces and positions at every tick; the
+angles that a burst may lack are those of the slower samples, continued with the speeds.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from analysis.figures.caption import Caption, Drawing
+from analysis.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    WIDTH_IN,
+    FigureError,
+)
+from analysis.reading.findings import sliding
+from analysis.reading.recordings import Episode, read_episode
+from analysis.reading.results import FIGURES, RESULTS, recordings
+from cosim.physics.forces import MotorMount, motor_force
+
+# A robot drives straight where its motors turn against each other, each within this share of the
+# forward speed; it turns on the spot where they turn alike.
+STEADY = 0.15
+SCENARIO = "2"
+
+
+class Cycle(NamedTuple):
+    """One turn of motor D while a robot drives; n ticks.
+
+    Attributes:
+        robot: name.
+        time_s: (n,).
+        theta: (n, 2) angles of D and E, rad.
+        omega: (n, 2) speeds of D and E, rad/s.
+        apart_rad: mean angle between the masses; 0 where they push together.
+        driving_n: (n,) force of both eccentric masses along the body's x axis, Eq. (3).
+        friction_n: (n,) friction of all feet along it.
+        holds_n: (n,) largest friction that the feet's load allows.
+        normal_n: (n, 3) load of feet A, B, C.
+        slides: (n, 3) bool, feet that slide.
+        ahead_m: (n,) way along the body's x axis since the first tick.
+    """
+
+    robot: str
+    time_s: np.ndarray
+    theta: np.ndarray
+    omega: np.ndarray
+    apart_rad: float
+    driving_n: np.ndarray
+    friction_n: np.ndarray
+    holds_n: np.ndarray
+    normal_n: np.ndarray
+    slides: np.ndarray
+    ahead_m: np.ndarray
+
+
+class _Turn(NamedTuple):
+    """A whole turn in a burst: robot, rows of its raw signals, and angles and speeds there."""
+
+    robot: str
+    rows: np.ndarray
+    theta: np.ndarray
+    omega: np.ndarray
+    omega_dot: np.ndarray
+
+    def apart_rad(self) -> float:
+        """Mean angle between the masses: 0 where they push together, π where they cancel."""
+        return abs(float(np.angle(np.exp(1j * self.theta.sum(axis=1)).mean())))
+
+
+def find_cycle(episode: Episode) -> Cycle:
+    """The turn, of all in the episode's bursts in which a robot drives, with masses most in step.
+
+    Nothing keeps the motors in step: their masses drift between pushing together and against each
+    other, and what a turn looks like depends on it.
+
+    Raises:
+        FigureError: there is none.
+        RecordingReadError: the recording has no bursts, angles or parameters.
+    """
+    turns = [turn for robot in episode.robots for turn in _turns(episode, robot)]
+    if not turns:
+        raise FigureError(
+            f"{episode.path}: no burst holds a whole turn of the motors in which a robot drives; "
+            "record a longer episode"
+        )
+    return _cycle(episode, min(turns, key=_Turn.apart_rad))
+
+
+def _turns(episode: Episode, robot: str) -> Iterator[_Turn]:
+    """The last whole turn of every burst in which a robot drives straight on."""
+    raw, dt_s = episode.signal(f"/raw/{robot}/omega"), episode.parameter("dt_s")
+    speed = episode.parameter("forward_speed_rad_s")
+    edges = np.flatnonzero(np.diff(raw.time_s) > 1.5 * dt_s) + 1
+    for burst in np.split(np.arange(len(raw.time_s)), edges):
+        omega = raw.values[burst]
+        steady = np.abs(np.abs(omega) / speed - 1.0).max() < STEADY
+        if not steady or omega[0, 0] * omega[0, 1] > 0.0:
+            continue
+        theta = _angles(episode, robot, raw.time_s[burst], omega, dt_s)
+        if theta is None:
+            continue
+        turned = np.abs(theta[:, 0] - theta[-1, 0])
+        if turned[0] >= 2.0 * np.pi:
+            first = int(np.flatnonzero(turned >= 2.0 * np.pi)[-1])
+            omega_dot = np.gradient(omega, dt_s, axis=0)
+            yield _Turn(robot, burst[first:], theta[first:], omega[first:], omega_dot[first:])
+
+
+def _cycle(episode: Episode, turn: _Turn) -> Cycle:
+    robot, rows = turn.robot, turn.rows
+    friction, normal, position = (
+        episode.signal(f"/raw/{robot}/{name}") for name in ("friction", "normal", "position")
+    )
+    mu, load = episode.parameter("mu"), normal.values[rows]
+    time_s = position.time_s[rows]
+    headings = episode.signal(f"/sim/{robot}/heading")
+    heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
+    way = position.values[rows, :2] - position.values[rows[0], :2]
+    return Cycle(
+        robot,
+        time_s,
+        turn.theta,
+        turn.omega,
+        turn.apart_rad(),
+        _driving_force(episode, turn),
+        friction.values[rows][:, ::2].sum(axis=1),
+        mu * load.sum(axis=1),
+        load,
+        sliding(friction, normal, mu)[rows],
+        way @ [np.cos(heading), np.sin(heading)],
+    )
+
+
+def _angles(
+    episode: Episode, robot: str, time_s: np.ndarray, omega: np.ndarray, dt_s: float
+) -> np.ndarray | None:
+    """Angles at a burst's ticks, (n, 2) rad; None if they are not known where it begins."""
+    recorded = episode.signals.get(f"/raw/{robot}/theta")
+    if recorded is not None:
+        return recorded.values[np.searchsorted(recorded.time_s, time_s)]
+    slow = episode.signal(f"/sim/{robot}/motors/theta")
+    before = np.flatnonzero(np.abs(slow.time_s - (time_s[0] - dt_s)) < 0.5 * dt_s)
+    if not len(before):
+        return None
+    return slow.values[before[0]] + dt_s * np.cumsum(omega, axis=0)
+
+
+def _driving_force(episode: Episode, turn: _Turn) -> np.ndarray:
+    m, r, inertia, g = (episode.parameter(name) for name in ("m", "r", "J", "g"))
+    total = np.zeros(len(turn.theta))
+    for motor, sin_phi in enumerate((1.0, -1.0)):
+        mount = MotorMount(m, r, inertia, g, 0.0, 0.0, sin_phi)  # forces do not depend on places
+        columns = (values[:, motor] for values in (turn.theta, turn.omega, turn.omega_dot))
+        states = zip(*columns, strict=True)
+        total += [motor_force(mount, *map(float, state))[0] for state in states]
+    return total
+
+
+def draw(cycle: Cycle) -> Figure:
+    """Forces, loads, speeds and way over the angle of motor D."""
+    figure, grid = plt.subplots(2, 2, figsize=(WIDTH_IN, 4.4), sharex=True)
+    direction = np.sign(cycle.omega[0, 0])
+    degrees = np.rad2deg(direction * cycle.theta[:, 0])
+    degrees -= 360.0 * np.floor(degrees[0] / 360.0)
+    (force, load), (speed, way) = grid
+    force.fill_between(
+        degrees, -cycle.holds_n, cycle.holds_n, color=GREY, alpha=0.3, lw=0, label="friction holds"
+    )
+    force.plot(degrees, cycle.driving_n, color=BLACK, label="driving force")
+    force.plot(degrees, cycle.friction_n, color=VERMILION, label="friction")
+    force.set(ylabel="force along x in N")
+    for name, values, colour in zip("ABC", cycle.normal_n.T, (BLUE, ORANGE, GREEN), strict=True):
+        load.plot(degrees, values, color=colour, label=f"foot {name}")
+    load.set(ylabel="normal force in N")
+    for name, values, colour in zip("DE", np.abs(cycle.omega).T, (BLUE, VERMILION), strict=True):
+        speed.plot(degrees, values, color=colour, label=f"motor {name}")
+    speed.set(ylabel="speed in rad/s")
+    way.plot(degrees, 1e6 * cycle.ahead_m, color=BLUE)
+    way.set(ylabel="way ahead in µm")
+    for axes in (force, load, speed):
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
+        axes.legend(loc="upper right", ncols=3, columnspacing=1.0, handlelength=1.5)
+    ticks = np.arange(90.0 * np.ceil(degrees[0] / 90.0), degrees[-1] + 1e-6, 90.0)
+    for axes in (speed, way):
+        axes.set_xlabel("angle of motor D in degrees")
+        axes.set_xticks(ticks, [f"{tick % 360.0:.0f}" for tick in ticks])
+    return figure
+
+
+def caption(cycle: Cycle) -> Caption:
+    """The caption of one turn."""
+    turn_s = float(cycle.time_s[-1] - cycle.time_s[0])
+    speed = float(np.abs(cycle.omega).mean())
+    step_um = 1e6 * float(cycle.ahead_m[-1])
+    slides, holds = float(cycle.slides.mean()), float(cycle.holds_n.min())
+    lifted = float((cycle.normal_n == 0.0).any(axis=1).mean())
+    driving = float(np.abs(cycle.driving_n).max())
+    return Caption(
+        "motor_cycle",
+        f"Robot {cycle.robot} driving at {cycle.time_s[0]:.3f} s of a recorded episode of scenario "
+        f"{SCENARIO}, every tick of one turn of its motors",
+        "above a critical motor speed the forces of the eccentric masses overcome friction at the "
+        "contact points, and the robot slides (it has no such figure).",
+        (
+            f"At {speed:.0f} rad/s, with masses {np.rad2deg(cycle.apart_rad):.0f}° from pushing "
+            f"together, a turn takes {1e3 * turn_s:.2f} ms and moves the robot {step_um:.1f} µm.",
+            f"The masses push with up to {driving:.2f} N, the friction that the load allows falls "
+            f"to {holds:.3f} N; the feet slide in {slides:.0%} of the ticks, and some foot is in "
+            f"the air in {lifted:.0%}.",
+        ),
+        {
+            "omega_rad_s": speed,
+            "apart_rad": cycle.apart_rad,
+            "turn_s": turn_s,
+            "step_um": step_um,
+            "sliding_share": slides,
+            "lifted_share": lifted,
+            "driving_max_n": driving,
+            "friction_limit_min_n": holds,
+        },
+        FIGURES["motor_cycle"],
+    )
+
+
+def make(results: Path) -> Drawing:
+    """Draw the figure of a results folder.
+
+    Raises:
+        FigureError: there is no recording, or none of its bursts holds a turn.
+    """
+    paths = recordings(SCENARIO, results)
+    if not paths:
+        command = RESULTS[f"episodes_{SCENARIO}"].command(results)
+        raise FigureError(f"scenario {SCENARIO}: no recordings; run `{command}` first")
+    cycle = find_cycle(read_episode(paths[0]))
+    return Drawing(draw(cycle), caption(cycle))

@@ -1,0 +1,1 @@
+"""Recordings and result files as arrays."""

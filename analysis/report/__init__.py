@@ -1,0 +1,1 @@
+"""The page with figures, tables and recordings."""

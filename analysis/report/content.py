@@ -1,0 +1,169 @@
+"""What a report shows besides tables: figures and recordings, placed in the report's folder.
+
+Finds what a results folder has; how it looks is the business of `analysis/templates`.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from analysis.figures.caption import Caption, read_caption
+from analysis.figures.style import FORMATS, FigureError
+from analysis.reading.results import FIGURES, RESULTS, missing
+from analysis.report.tables import RESULT_FILE, ReportError, read_result
+from cosim.base.reading import parsing
+from cosim.base.scenario import BUILT_IN
+from cosim.base.storage import replacing
+
+
+class Picture(NamedTuple):
+    """A figure on the page.
+
+    Attributes:
+        label: its number in the paper, or its name.
+        caption: the paper's claim and our numbers.
+        png, pdf: relative to the page.
+    """
+
+    label: str
+    caption: Caption
+    png: str
+    pdf: str
+
+
+class _Episode(msgspec.Struct):
+    """What is shown of an episode, fields as in `agent.evaluation.rollout.EpisodeResult`."""
+
+    outcome: str
+    path_length_cm: float
+    sim_time_s: float
+    recording: str | None
+
+
+class Watchable(NamedTuple):
+    """A recorded episode on the page.
+
+    Attributes:
+        name: scenario and number, as `--episode` takes it.
+        file: recording, relative to the page.
+        outcome: of the episode, in words.
+        path_length_cm: mean over the robots.
+        sim_time_s: how long it lasted.
+        megabytes: size of the recording.
+        robots: their number.
+    """
+
+    name: str
+    file: str
+    outcome: str
+    path_length_cm: float
+    sim_time_s: float
+    megabytes: float
+    robots: int
+
+
+def place(source: Path, target: Path) -> Path:
+    """Have a file under another name too; a second name of the same file where that is possible."""
+    with replacing(target) as temporary:
+        temporary.unlink()
+        try:
+            os.link(source, temporary)
+        except OSError:  # another file system, or one without hard links
+            shutil.copyfile(source, temporary)
+    return target
+
+
+def pictures(figures: Path, out: Path) -> Iterator[Picture]:
+    """Figures that have been drawn, in the paper's order."""
+    for name in FIGURES:
+        try:
+            caption = read_caption(figures, name)
+        except FigureError:
+            continue
+        files = [f"figures/{name}{ending}" for ending in FORMATS]
+        for file in files:
+            place(figures / Path(file).name, out / file)
+        number = name.removeprefix("fig")
+        label = f"Fig. {int(number)}" if number.isdecimal() else name.replace("_", " ").capitalize()
+        yield Picture(label, caption, *files)
+
+
+def not_drawn(figures: Path, results: Path) -> dict[str, list[str]]:
+    """Figures that have not been drawn, with the commands that make them."""
+    commands = {}
+    for name in FIGURES:
+        if not (figures / f"{name}.json").is_file():
+            needed = [result.command(Path("results")) for result in missing(name, results)]
+            drawing = f"python -m analysis.figures {name} --results results --out figures"
+            commands[name] = [*needed, drawing]
+    return commands
+
+
+def episodes(results: Path, out: Path) -> Iterator[Watchable]:
+    """Recorded episodes in the order of the scenarios.
+
+    Raises:
+        ReportError: a summary is damaged.
+    """
+    for name, scenario in BUILT_IN.items():
+        result = RESULTS[f"episodes_{name}"]
+        path = result.proof_in(results)
+        summary = read_result(path) or {"episodes": []}
+        with parsing(path, RESULT_FILE):
+            found = msgspec.convert(summary["episodes"], list[_Episode])
+        for number, episode in enumerate(found):
+            recording = result.location(results) / (episode.recording or "")
+            if not recording.is_file():
+                continue
+            file = f"recordings/{name}-{number}.rrd"
+            place(recording, out / file)
+            yield Watchable(
+                name=f"{name}/{number}",
+                file=file,
+                outcome=episode.outcome.replace("_", " "),
+                path_length_cm=episode.path_length_cm,
+                sim_time_s=episode.sim_time_s,
+                megabytes=recording.stat().st_size / 1e6,
+                robots=scenario.robots,
+            )
+
+
+class Training(NamedTuple):
+    """A recorded training on the page.
+
+    Attributes:
+        scenario: its name.
+        file: recording, relative to the page.
+    """
+
+    scenario: str
+    file: str
+
+
+def trainings(results: Path, out: Path) -> Iterator[Training]:
+    """Recorded trainings of the policies that drove the episodes."""
+    for name in BUILT_IN:
+        recording = RESULTS[f"episodes_{name}"].location(results) / "training.rrd"
+        if recording.is_file():
+            file = f"recordings/{name}-training.rrd"
+            place(recording, out / file)
+            yield Training(name, file)
+
+
+def chosen(found: list[Watchable], name: str | None) -> Watchable | None:
+    """The episode to open first: a success of a pair rather than another; None if there is none.
+
+    Raises:
+        ReportError: there is no episode of that name.
+    """
+    if name is None:
+        return max(found, key=lambda e: (e.outcome == "success", e.robots), default=None)
+    for episode in found:
+        if episode.name == name:
+            return episode
+    known = ", ".join(episode.name for episode in found) or "none"
+    raise ReportError(f"--episode {name}: no such recording; choose one of: {known}")

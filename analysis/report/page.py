@@ -1,0 +1,133 @@
+"""`python -m analysis.report`: one page that shows what there is, from result files only.
+
+The page stands in a folder with all it needs: figures, recordings, the Rerun viewer. It asks no
+other machine for anything. `analysis.serve` opens it.
+"""
+
+import importlib.metadata
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import jinja2
+import tyro
+
+from analysis.report.content import chosen, episodes, not_drawn, pictures, place, trainings
+from analysis.report.server import PAGE
+from analysis.report.tables import (
+    ReportError,
+    learning_tables,
+    parameter_table,
+    read_timings,
+    timing_table,
+    transfer_tables,
+)
+from analysis.report.web_viewer import web_viewer_files
+from cosim.base.errors import run_command
+from cosim.base.params import SPEED_NOISE, TABLE_I, TIMING
+from cosim.base.scenario import BUILT_IN
+from cosim.base.storage import replacing
+
+_PACKAGES = ("minirobots", "fmpy", "numba", "numpy", "rerun-sdk")
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write a page with every figure beside the paper's claim, tables, and recordings to watch.
+
+    Results are those of `python -m analysis.reproduce`, or of single commands with the same
+    folders; what is missing is named on the page with the command that makes it. Open the page
+    with `python -m analysis.serve DIR`.
+    """
+
+    results: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/reproduction/results")
+    """Folder of results."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/reproduction/report")
+    """Folder to write the page to."""
+    figures: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder of `python -m analysis.figures`; by default `figures` beside the results."""
+    episode: Annotated[str | None, tyro.conf.arg(metavar="SCENARIO/N")] = None
+    """Episode that the viewer opens first, such as 4/0; by default the success of a pair."""
+
+
+def write_report(options: Report) -> Path:
+    """Write the page and what it needs.
+
+    Returns:
+        The page.
+
+    Raises:
+        ReportError: there is no results folder, a result is damaged, or there is no such episode.
+        WebViewerError: the viewer's files cannot be had.
+        OSError: the folder cannot be written.
+    """
+    results, out = options.results, options.out
+    if not results.is_dir():
+        raise ReportError(
+            f"{results}: no such folder; make results with `python -m analysis.reproduce`"
+        )
+    figures = options.figures or results.parent / "figures"
+    found = list(episodes(results, out))
+    timings = read_timings(results)
+    content = {
+        "pictures": list(pictures(figures, out)),
+        "missing": not_drawn(figures, results),
+        "tables": [*learning_tables(results), *transfer_tables(results)],
+        "episodes": found,
+        "trainings": list(trainings(results, out)),
+        "chosen": chosen(found, options.episode),
+        "profile": timings and timings["profile"],
+        "timing": timings and timing_table(timings),
+        "parameters": parameter_table(),
+        "versions": {name: importlib.metadata.version(name) for name in _PACKAGES},
+        "facts": _facts(),
+    }
+    script, wasm = web_viewer_files()
+    for file in (script, wasm):
+        place(file, out / "viewer" / file.name)
+    viewer = {
+        "script": script.name,
+        "wasm": wasm.name,
+        "megabytes": round(wasm.stat().st_size / 1e6),
+    }
+    _render("viewer.html.j2", viewer, out / "viewer" / PAGE)
+    _render("report.html.j2", content, out / PAGE)
+    return out / PAGE
+
+
+def _facts() -> dict[str, str]:
+    """Numbers in the text and the diagram."""
+    scenario = BUILT_IN["2"]
+    numbers = {
+        "diameter_cm": 100.0 * TABLE_I.diameter_m,
+        "board_cm": 100.0 * scenario.columns * scenario.cell_m,
+        "rl_step_s": TIMING.rl_step_s,
+        "control_ms": 1e3 * TIMING.control_period_s,
+        "dt_us": 1e6 * TIMING.dt_s,
+        "noise_percent": 100.0 * SPEED_NOISE.relative_amplitude,
+    }
+    return {name: f"{number:g}" for name, number in numbers.items()}
+
+
+def _render(template: str, content: dict[str, Any], path: Path) -> None:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("analysis.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    text = environment.get_template(template).render(content)
+    with replacing(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Command line; see `Report`."""
+    options = tyro.cli(Report, prog="python -m analysis.report")
+    print(f"report: {write_report(options)}")
+    print(f"open it with: python -m analysis.serve {options.out}")
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,220 @@
+"""Result files as tables of text: learning, transfer to the co-simulation, episodes, timings.
+
+Reads what commands wrote and formats it, with intervals; the page around it is `analysis.report`.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple, NotRequired, TypedDict
+
+from analysis.reading.results import RESULTS
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, parsing, read_json
+
+NOTHING = "–"
+_OUTCOMES = ("success", "collision", "out_of_board", "timeout")
+TIMINGS_FILE = "timings.json"
+# Column, measure of `agent.process.exact`, factor, digits, unit.
+_MEASURES = (
+    ("success", "success", 100.0, 1, " %"),
+    ("path length, cm", "path_length_cm", 1.0, 2, ""),
+    ("moves", "steps", 1.0, 2, ""),
+    ("path over shortest", "ratio_to_bound", 1.0, 3, ""),
+)
+
+
+class ReportError(UserError):
+    """Results that no report can be made from."""
+
+
+RESULT_FILE = Kind("result", "make it again", ReportError)
+
+
+class Table(NamedTuple):
+    """A table as it is shown.
+
+    Attributes:
+        title: what it shows.
+        note: how to read it.
+        command: that made its numbers; empty if none did alone.
+        header: of the columns.
+        rows: of text, as long as the header.
+    """
+
+    title: str
+    note: str
+    command: str
+    header: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+
+def read_result(path: Path) -> dict[str, Any] | None:
+    """Content of a result file; None if there is none.
+
+    Raises:
+        ReportError: it is damaged.
+    """
+    return read_json(path, RESULT_FILE, dict[str, Any]) if path.exists() else None
+
+
+def learning_tables(results: Path) -> list[Table]:
+    """What training found, a table per experiment of the paper.
+
+    Raises:
+        ReportError: a file is damaged.
+    """
+    titles = {
+        "fig08": "One robot, greedy policies after training",
+        "fig11": "Two robots, greedy policies after training",
+        "fig10": "The coefficient c of Eq. (12), scenario 4",
+    }
+    tables = []
+    for name, title in titles.items():
+        path = RESULTS[name].proof_in(results)
+        content = read_result(path)
+        if content is not None:
+            with parsing(path, RESULT_FILE):
+                tables.append(_learning_table(title, content))
+    return tables
+
+
+def _learning_table(title: str, content: dict[str, Any]) -> Table:
+    rows, differences = [], content.get("differences", {})
+    for key, variant in content["variants"].items():
+        row = [variant["label"]]
+        for _, measure, factor, digits, unit in _MEASURES:
+            row.append(interval(variant["over_runs"][measure], factor, digits, unit))
+        if differences:
+            difference = differences.get(key)
+            row.append(interval(difference["path_length_cm"]) if difference else NOTHING)
+        rows.append(tuple(row))
+    header = ["", *(column for column, *_ in _MEASURES)]
+    if differences:
+        header.append("difference in cm, same seeds")
+    runs = len(next(iter(content["variants"].values()))["runs"])
+    note = (
+        f"Every start, evaluated exactly, for each of {_runs(runs)} of {content['episodes']:,} "
+        "training episodes: mean and 95 % bootstrap interval over the runs."
+    )
+    command = (
+        f"python -m agent.experiments {content['experiment']} --runs {runs} "
+        f"--episodes {content['episodes']} --seed {content['seed']}"
+    )
+    return Table(title, note, command, tuple(header), rows)
+
+
+def _runs(count: int) -> str:
+    return "1 run" if count == 1 else f"{count} runs"
+
+
+def interval(
+    statistics: dict[str, Any], factor: float = 1.0, digits: int = 2, unit: str = ""
+) -> str:
+    """Mean and 95 % interval of statistics, or of any record with mean, low and high."""
+    mean, low, high = (statistics.get(name) for name in ("mean", "low", "high"))
+    if mean is None:
+        return NOTHING
+    text = f"{factor * mean:.{digits}f}{unit}"
+    if low is not None and high is not None:
+        text += f" [{factor * low:.{digits}f}, {factor * high:.{digits}f}]"
+    return text.replace("-", "−")
+
+
+def transfer_tables(results: Path) -> list[Table]:
+    """What policies achieve in co-simulation, by training method; none if it was not evaluated.
+
+    Raises:
+        ReportError: the file is damaged.
+    """
+    path = RESULTS["transfer"].proof_in(results)
+    content = read_result(path)
+    if content is None:
+        return []
+    with parsing(path, RESULT_FILE):
+        rows = [_transfer_row(row) for row in content["rows"]]
+    outcomes = (name.replace("_", " ") for name in _OUTCOMES)
+    header = ("scenario", "training", "µ", "safety layer", "episodes", *outcomes, "path over grid")
+    note = (
+        "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
+        "intervals."
+    )
+    title = "Success in co-simulation by training method"
+    return [Table(title, note, "python -m cosim.transfer", header, rows)]
+
+
+def _transfer_row(row: dict[str, Any]) -> tuple[str, ...]:
+    shares = (_named(row, name, 100.0, 1, " %") for name in _OUTCOMES)
+    margin_m = row.get("safety_margin_m") or 0.0
+    return (
+        str(row["scenario"]),
+        str(row["method"]),
+        f"{row['mu']:g}",
+        f"{1e3 * margin_m:g} mm" if margin_m else NOTHING,
+        str(row["episodes"]),
+        *shares,
+        _named(row, "path_ratio_to_grid", 1.0, 3, ""),
+    )
+
+
+def _named(row: dict[str, Any], name: str, factor: float, digits: int, unit: str) -> str:
+    """A value of a row of `cosim.transfer` with its interval."""
+    statistics = {"mean": row[name], "low": row[f"{name}_low"], "high": row[f"{name}_high"]}
+    return interval(statistics, factor, digits, unit)
+
+
+class _Stage(TypedDict):
+    seconds: float
+    attempts: int
+    finished: bool
+    code: NotRequired[str | None]
+
+
+class TimingsContent(TypedDict):
+    """What `analysis.reproduce` writes of its stages."""
+
+    schema_version: int
+    profile: dict[str, Any]
+    seed: int
+    cores: int | None
+    stages: dict[str, _Stage]
+
+
+def read_timings(results: Path) -> TimingsContent | None:
+    """What `analysis.reproduce` wrote of its stages; None if it did not make these results.
+
+    Raises:
+        ReportError: the file is damaged.
+    """
+    path = results / TIMINGS_FILE
+    return read_json(path, RESULT_FILE, TimingsContent) if path.exists() else None
+
+
+def timing_table(timings: TimingsContent) -> Table:
+    """How long each stage of `analysis.reproduce` took."""
+    rows = [
+        (
+            name,
+            f"{stage['seconds']:.1f} s",
+            str(stage["attempts"]),
+            "" if stage["finished"] else "not finished",
+        )
+        for name, stage in timings["stages"].items()
+    ]
+    total = sum(stage["seconds"] for stage in timings["stages"].values())
+    note = (
+        f"Wall-clock time on {timings['cores']} cores, profile “{timings['profile']['name']}”; "
+        "a stage that was interrupted and continued counts with all its attempts."
+    )
+    rows.append(("all", f"{total:.1f} s", "", ""))
+    header = ("stage", "time", "attempts", "")
+    return Table("Time", note, "python -m analysis.reproduce", header, rows)
+
+
+def parameter_table() -> Table:
+    """Parameters of the co-simulation as `cosim.base.params` has them."""
+    rows = []
+    for name, row in CoSimConfig().table().items():
+        value = f"{row['value']:.6g}" if isinstance(row["value"], float) else str(row["value"])
+        rows.append((name, f"{value} {row['unit']}".strip(), row["description"], row["source"]))
+    header = ("name", "value", "meaning", "source")
+    return Table("Parameters", "SI units.", "cosim/base/params.py", header, rows)

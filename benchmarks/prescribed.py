@@ -1,0 +1,172 @@
+"""One robot whose motors turn at prescribed, constant speeds: the mechanics without any FMU.
+
+For what the friction drive alone does: calibration, convergence, comparison with other engines,
+tests. The motors' own dynamics and control live in the FMU, the coupled system in
+cosim.coupling.plant.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.base.jit import kernel
+from cosim.base.params import MotorParams, RobotParams
+from cosim.physics.body import BodyParams, body_params, standing_state, step_body
+from cosim.physics.contact import CONTACT_TOLERANCE
+from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
+from cosim.physics.rotation import Vector, rotation_matrix
+
+
+class Drive(NamedTuple):
+    """Constant motor speeds and starting angles.
+
+    Attributes:
+        omega_d, omega_e: speeds of motors D and E in rad/s.
+        theta_d, theta_e: their angles in rad at t = 0.
+    """
+
+    omega_d: float
+    omega_e: float
+    theta_d: float = 0.0
+    theta_e: float = 0.0
+
+
+class Rig(NamedTuple):
+    """A robot's equations of motion and its two motors.
+
+    Attributes:
+        body: constants of the equations of motion.
+        mount_d, mount_e: motors D and E.
+    """
+
+    body: BodyParams
+    mount_d: MotorMount
+    mount_e: MotorMount
+
+
+class MeanMotion(NamedTuple):
+    """Time averages of a motion.
+
+    Attributes:
+        forward_m_s, lateral_m_s: velocity of the centre of mass along the robot's heading and to
+            the left of it, in m/s.
+        yaw_rate_rad_s: in rad/s, counter-clockwise positive.
+        least_normal_n: smallest normal force of any foot in N.
+        airborne_share: share of time in which no foot touched the floor.
+    """
+
+    forward_m_s: float
+    lateral_m_s: float
+    yaw_rate_rad_s: float
+    least_normal_n: float
+    airborne_share: float
+
+
+def rig(
+    robot: RobotParams,
+    motor: MotorParams,
+    dt_s: float,
+    *,
+    tolerance: float = CONTACT_TOLERANCE,
+) -> Rig:
+    """Constants of a robot with its motors D and E; arguments as of `body_params`."""
+    return Rig(body_params(robot, motor, dt_s, tolerance=tolerance), *motor_mounts(robot, motor))
+
+
+@kernel
+def drive_wrench(rig: Rig, drive: Drive, tick: int) -> tuple[Vector, Vector]:
+    """Force in N and moment in N m of both motors at time tick·dt, body frame, centre of mass."""
+    t = tick * rig.body.dt
+    d = motor_wrench(rig.mount_d, drive.theta_d + drive.omega_d * t, drive.omega_d, 0.0)
+    e = motor_wrench(rig.mount_e, drive.theta_e + drive.omega_e * t, drive.omega_e, 0.0)
+    return (d[0] + e[0], 0.0, d[1] + e[1]), (d[2] + e[2], d[3] + e[3], d[4] + e[4])
+
+
+@kernel
+def coast(state: np.ndarray, body: BodyParams, ticks: int) -> None:
+    """Advance a robot without motors by some ticks, in place; state as in `cosim.physics.body`."""
+    for _ in range(ticks):
+        step_body(state, body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+@kernel
+def drive_body(
+    state: np.ndarray, rig: Rig, drive: Drive, first_tick: int, ticks: int, means: np.ndarray
+) -> None:
+    """Advance a robot by some ticks, in place, with the forces at the end of every tick.
+
+    Args:
+        state: shape (STATE_SIZE,), layout in `cosim.physics.body`.
+        rig: constants.
+        drive: motor speeds and angles.
+        first_tick: ticks done before; time is an integer, so that no rounding accumulates.
+        ticks: to do, at least 1.
+        means: shape (5,), the fields of `MeanMotion`, overwritten.
+    """
+    forward, lateral, turned, airborne = 0.0, 0.0, 0.0, 0
+    least = math.inf
+    for tick in range(first_tick + 1, first_tick + ticks + 1):
+        force, moment = drive_wrench(rig, drive, tick)
+        step_body(state, rig.body, force, moment)
+        axes = rotation_matrix((state[3], state[4], state[5], state[6]))
+        cosine, sine = axes[0][0], axes[1][0]
+        length = math.sqrt(cosine * cosine + sine * sine)
+        forward += (cosine * state[7] + sine * state[8]) / length
+        lateral += (cosine * state[8] - sine * state[7]) / length
+        # Rate of the heading of a body whose axis is almost vertical.
+        turned += axes[2][0] * state[10] + axes[2][1] * state[11] + axes[2][2] * state[12]
+        least = min(least, state[13], state[14], state[15])
+        if state[13] == 0.0 and state[14] == 0.0 and state[15] == 0.0:
+            airborne += 1
+    means[0] = forward / ticks
+    means[1] = lateral / ticks
+    means[2] = turned / ticks
+    means[3] = least / rig.body.dt
+    means[4] = airborne / ticks
+
+
+@kernel
+def trace_body(state: np.ndarray, rig: Rig, drive: Drive, every: int, trace: np.ndarray) -> None:
+    """Drive from t = 0 and write the state every `every` ticks into the rows of trace."""
+    tick = 0
+    for row in range(trace.shape[0]):
+        for _ in range(every):
+            tick += 1
+            force, moment = drive_wrench(rig, drive, tick)
+            step_body(state, rig.body, force, moment)
+        trace[row] = state
+
+
+def mean_motion(
+    robot: RobotParams,
+    motor: MotorParams,
+    drive: Drive,
+    *,
+    dt_s: float,
+    settle_s: float = 0.5,
+    duration_s: float = 2.0,
+    tolerance: float = CONTACT_TOLERANCE,
+) -> MeanMotion:
+    """Mean velocity and yaw rate of a robot that starts at rest with its motors at full speed.
+
+    Args:
+        robot: geometry and friction.
+        motor: eccentric masses.
+        drive: motor speeds and angles.
+        dt_s: step in s.
+        settle_s: time before the averages begin, s.
+        duration_s: time over which they are taken, s, rounded to whole turns of the faster motor:
+            within a turn the robot moves to and fro by more than it gains.
+        tolerance: of the contact sweeps, see `cosim.physics.body.body_params`.
+    """
+    constants = rig(robot, motor, dt_s, tolerance=tolerance)
+    state = standing_state(robot, 0.0, 0.0, 0.0)
+    means = np.empty(len(MeanMotion._fields))
+    turn_s = 2.0 * math.pi / max(abs(drive.omega_d), abs(drive.omega_e))
+    settle = round(settle_s / dt_s)
+    duration = round(max(1, round(duration_s / turn_s)) * turn_s / dt_s)
+    if settle:
+        drive_body(state, constants, drive, 0, settle, means)
+    drive_body(state, constants, drive, settle, duration, means)
+    return MeanMotion(*means.tolist())

@@ -1,0 +1,1 @@
+"""Numbers, files and refusals: what everything else stands on."""

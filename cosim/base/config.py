@@ -1,0 +1,177 @@
+"""The parameters of one co-simulation together, checked against each other."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from cosim.base.errors import UserError
+from cosim.base.params import (
+    SPEED_NOISE,
+    STEERING,
+    TABLE_I,
+    TABLE_II,
+    TIMING,
+    MotorParams,
+    NoiseParams,
+    RobotParams,
+    SteeringParams,
+    TimingParams,
+    describe,
+    lift_off_speed,
+    resized,
+)
+
+
+class ConfigError(UserError):
+    """Parameters that do not fit together; the message names the parameter and the mend."""
+
+
+@dataclass(frozen=True)
+class CoSimConfig:
+    """Everything but the scenario and the FMU that determines a co-simulation.
+
+    Attributes:
+        robot: body, feet and floor; its diameter is the scenario's, see `sized`.
+        motor: eccentric masses for Eq. (3), and parameters of the FMU where they differ from
+            Table II.
+        noise: of the speed measurement.
+        timing: clock, decisions and limits.
+        steering: speeds and gains.
+        order: of the coupling within a communication step; see `cosim.coupling.master`.
+        reaction: whether the motors feel the acceleration of the body (the paper neglects it).
+        on_collision: whether two robots that touch end the episode or push each other on; a
+            robot that touches an obstacle always ends it.
+        safety_margin_m: gap that the safety layer (`cosim.navigation.safety`) keeps between the
+            ways of robots, and from obstacles; 0 switches it off.
+
+    Raises:
+        ConfigError: a parameter is out of range, the robot's parts do not fit into its body, or a
+            period is no multiple of the one below it.
+    """
+
+    robot: RobotParams = TABLE_I
+    motor: MotorParams = TABLE_II
+    noise: NoiseParams = SPEED_NOISE
+    timing: TimingParams = TIMING
+    steering: SteeringParams = STEERING
+    order: Literal["gauss-seidel", "jacobi"] = "gauss-seidel"
+    reaction: bool = False
+    on_collision: Literal["end", "continue"] = "end"
+    safety_margin_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for record in (self.robot, self.motor, self.noise, self.timing, self.steering):
+            for name, value in record._asdict().items():
+                if not 0.0 <= value < float("inf"):
+                    raise ConfigError(f"{name} = {value} must be finite and not negative")
+        if not 0.0 <= self.safety_margin_m < float("inf"):
+            raise ConfigError(
+                f"safety_margin_m = {self.safety_margin_m} must be finite and not negative"
+            )
+        for record, names in (
+            (self.robot, ("mass_kg", "diameter_m", "height_m", "com_height_m", "foot_radius_m")),
+            (self.motor, ("J", "R", "g")),
+            (self.timing, ("dt_s", "communication_step_s", "control_period_s", "rl_step_s")),
+            (self.steering, ("lookahead_m", "least_lookahead_m")),
+        ):
+            for name in names:
+                if getattr(record, name) == 0.0:
+                    raise ConfigError(f"{name} must be positive")
+        self._check_geometry()
+        step_s = self.timing.communication_step_s
+        whole_ratio("communication_step_s", step_s, "dt_s", self.timing.dt_s)
+        whole_ratio(
+            "control_period_s", self.timing.control_period_s, "communication_step_s", step_s
+        )
+        whole_ratio(
+            "rl_step_s", self.timing.rl_step_s, "control_period_s", self.timing.control_period_s
+        )
+        whole_ratio("hold_s", self.noise.hold_s, "control_period_s", self.timing.control_period_s)
+        limit = lift_off_speed(self.robot, self.motor)
+        for name in (
+            "forward_speed_rad_s",
+            "backward_speed_rad_s",
+            "turn_speed_rad_s",
+            "max_speed_rad_s",
+        ):
+            speed = getattr(self.steering, name)
+            if speed >= limit:
+                raise ConfigError(
+                    f"{name} = {speed:g} rad/s would make the robot hop; "
+                    f"stay below lift-off at {limit:.0f} rad/s"
+                )
+
+    def _check_geometry(self) -> None:
+        robot = self.robot
+        for name in ("foot_radius_m", "motor_radius_m"):
+            if getattr(robot, name) >= robot.diameter_m / 2.0:
+                raise ConfigError(
+                    f"{name} = {getattr(robot, name):g} lies outside a robot of diameter_m = "
+                    f"{robot.diameter_m:g}; make it less than half of that"
+                )
+        if robot.motor_radius_m <= robot.motor_length_m / 2.0:
+            raise ConfigError(
+                f"two motors of motor_length_m = {robot.motor_length_m:g} do not fit beside each "
+                f"other at motor_radius_m = {robot.motor_radius_m:g} into a robot of diameter_m = "
+                f"{robot.diameter_m:g}; make the robot larger"
+            )
+
+    def sized(self, diameter_m: float) -> "CoSimConfig":
+        """These parameters for the robots of a scenario, see `cosim.base.params.resized`.
+
+        To be called before a calibration: motor speeds depend on the robot's inertia.
+
+        Raises:
+            ConfigError: the robot is too small for its motors.
+        """
+        return replace(self, robot=resized(self.robot, diameter_m))
+
+    @property
+    def ticks_per_step(self) -> int:
+        """Ticks of dt per communication step."""
+        return round(self.timing.communication_step_s / self.timing.dt_s)
+
+    @property
+    def ticks_per_period(self) -> int:
+        """Ticks of dt per control period."""
+        return round(self.timing.control_period_s / self.timing.dt_s)
+
+    @property
+    def periods_per_step(self) -> int:
+        """Control periods per RL step."""
+        return round(self.timing.rl_step_s / self.timing.control_period_s)
+
+    @property
+    def periods_per_noise_value(self) -> int:
+        """Control periods for which one noise value holds."""
+        return round(self.noise.hold_s / self.timing.control_period_s)
+
+    def table(self) -> dict[str, dict[str, Any]]:
+        """Value, unit, source and description of every parameter, by its name."""
+        options = {
+            "order": (self.order, "coupling within a communication step"),
+            "reaction": (self.reaction, "whether motors feel the body's acceleration"),
+            "on_collision": (self.on_collision, "what a contact between robots does"),
+            "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),
+        }
+        return {
+            name: {"value": value} | quantity._asdict()
+            for record in (self.robot, self.motor, self.noise, self.timing, self.steering)
+            for name, (value, quantity) in describe(record).items()
+        } | {
+            name: {"value": value, "unit": "", "source": "option", "description": text}
+            for name, (value, text) in options.items()
+        }
+
+
+def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:
+    """The ratio period/base as the whole number it must be.
+
+    Raises:
+        ConfigError: it is not one; the message names both.
+    """
+    ratio = round(period / base)
+    if ratio < 1 or abs(period - ratio * base) > 1e-9 * period:
+        raise ConfigError(
+            f"{name} = {period:g} s is no whole multiple of {base_name} = {base:g} s; change one"
+        )
+    return ratio

@@ -1,0 +1,105 @@
+"""How kernels are compiled: numba, cached on disk, without the interpreter lock.
+
+The cache folder is named by a hash of every source file that kernels draw on: the modules that
+import this one, and all that they import. numba itself only looks at the file of the outermost
+kernel, and would run stale code after a change in another. Nor does it expect two processes to
+fill the folder at once, which could take one's machine code for the other's: a lock per kernel
+lets one compile while the others wait for what it writes. And it takes whatever is in its files for
+machine code: they get checksums here, and what is damaged is compiled again.
+"""
+
+import contextlib
+import hashlib
+import io
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.core import config
+from numba.core.caching import IndexDataCacheFile
+from numba.core.compiler_lock import global_compiler_lock
+
+from cosim.base.provenance import ROOT, imported_files, source_digest, with_imports
+from cosim.base.storage import cache_dir, lock_of, require_no_folder
+
+Kernel = TypeVar("Kernel", bound=Callable)
+
+_PACKAGES = ("cosim", "agent", "benchmarks")
+_LOGGER = logging.getLogger(__name__)
+
+
+def _kernel_sources() -> list[Path]:
+    """Modules with kernels, and what they import, directly or not."""
+    files = [file for package in _PACKAGES for file in (ROOT / package).rglob("*.py")]
+    return with_imports(file for file in files if Path(__file__) in imported_files(file))
+
+
+_DIGEST = source_digest(_kernel_sources(), numba.__version__)
+_FOLDER = cache_dir("kernels") / _DIGEST
+config.CACHE_DIR = str(_FOLDER)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _compiled(function: Callable, *, forceinline: bool = False) -> Any:
+    options: Any = {"cache": True, "nogil": True, "forceinline": forceinline}
+    dispatcher: Any = numba.njit(error_model="numpy", **options)(function)
+    if dispatcher is function:  # NUMBA_DISABLE_JIT
+        return dispatcher
+    dispatcher._cache._cache_file.__class__ = _CheckedFiles  # pyright: ignore
+    compile_one = dispatcher.compile
+    lock = lock_of(_FOLDER / f"{function.__module__}.{function.__qualname__}")
+
+    def compile_once(signature: Any) -> Any:
+        # The compiler's own lock first: threads hold it while they compile what a kernel calls.
+        with global_compiler_lock, lock:
+            return compile_one(signature)
+
+    dispatcher.compile = compile_once
+    return dispatcher
+
+
+def kernel(function: Kernel) -> Kernel:
+    """Compile a function with numba: IEEE arithmetic, no fastmath, releasing the lock."""
+    return cast(Kernel, _compiled(function))
+
+
+def inlined(function: Kernel) -> Kernel:
+    """Compile a function into its callers.
+
+    For inner functions: numba passes a record of arrays field by field, and a call that is not
+    inlined costs more than most of the work in it.
+    """
+    return cast(Kernel, _compiled(function, forceinline=True))
+
+
+class _CheckedFiles(IndexDataCacheFile):
+    """A kernel's index and code, each file with its SHA-256 behind what numba reads."""
+
+    @contextlib.contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[Any]:
+        require_no_folder(Path(filepath))
+        content = io.BytesIO()
+        yield content
+        with super()._open_for_write(filepath) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> dict[Any, str]:
+        return super()._load_index() if _whole(Path(self._index_path)) else {}
+
+    def _load_data(self, name: str) -> Any:
+        if not _whole(Path(self._data_path(name))):
+            raise OSError  # as if it were missing
+        return super()._load_data(name)
+
+
+def _whole(path: Path) -> bool:
+    """Whether a file of a kernel is there as it was written; a log line says if it is damaged."""
+    if not path.exists():
+        return False
+    with contextlib.suppress(OSError):
+        content = path.read_bytes()
+        if hashlib.sha256(content[:-32]).digest() == content[-32:]:
+            return True
+    _LOGGER.warning("%s is not as it was kept: it is compiled again", path)
+    return False

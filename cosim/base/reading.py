@@ -1,0 +1,161 @@
+"""Files read back: what they hold, or one sentence that says what is wrong with them.
+
+Whatever a file is (missing, a folder, a device, cut off, bits flipped, made by somebody else),
+reading it ends in its reader's own error. Memory is taken for what is there, not for what is
+claimed.
+"""
+
+import contextlib
+import io
+import math
+import os
+import stat
+import tomllib
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from cosim.base.errors import UserError
+
+_OTHER_THAN_FILES = {
+    stat.S_IFDIR: "folder",
+    stat.S_IFCHR: "device",
+    stat.S_IFBLK: "device",
+    stat.S_IFIFO: "pipe",
+    stat.S_IFSOCK: "socket",
+}
+# What numpy writes; others could hold far more than the file's size says.
+_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+
+
+class Kind(NamedTuple):
+    """A kind of file that is read.
+
+    Attributes:
+        name: what messages call it, such as "policy file".
+        mend: what to do if it cannot be read, such as "train it again".
+        error: raised if it cannot be read.
+    """
+
+    name: str
+    mend: str
+    error: type[UserError]
+
+
+def require_file(path: Path, kind: Kind) -> None:
+    """Refuse what is no file.
+
+    Raises:
+        UserError: `kind.error`, which says what it is.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        raise kind.error(f"{path}: no such {kind.name}; {kind.mend}") from None
+    except OSError as error:
+        raise kind.error(f"{path}: {error.strerror}; {kind.mend}") from error
+    if not stat.S_ISREG(mode):
+        what = _OTHER_THAN_FILES.get(stat.S_IFMT(mode), "special file")
+        raise kind.error(f"{path}: a {what}, no {kind.name}; {kind.mend}")
+    if not os.access(path, os.R_OK):
+        raise kind.error(f"{path}: you may not read it; change its permissions or {kind.mend}")
+
+
+@contextlib.contextmanager
+def parsing(path: Path, kind: Kind) -> Iterator[None]:
+    """Take whatever fails inside for the fault of the file's content.
+
+    Raises:
+        UserError: `kind.error`, which names the file and what failed.
+    """
+    try:
+        yield
+    except kind.error:
+        raise
+    except Exception as error:
+        reason = f"lacks {error}" if isinstance(error, KeyError) else error or type(error).__name__
+        raise kind.error(f"{path}: not a {kind.name} or damaged ({reason}); {kind.mend}") from error
+
+
+def read_bytes(path: Path, kind: Kind) -> bytes:
+    """Content of a file.
+
+    Raises:
+        UserError: `kind.error`.
+    """
+    require_file(path, kind)
+    with parsing(path, kind):
+        return path.read_bytes()
+
+
+def read_json(path: Path, kind: Kind, form: Any = Any) -> Any:
+    """Value of a JSON file.
+
+    Args:
+        path: of the file.
+        kind: of the file.
+        form: type that the value must have, as msgspec takes it.
+
+    Raises:
+        UserError: `kind.error`.
+    """
+    content = read_bytes(path, kind)
+    with parsing(path, kind):
+        return msgspec.json.decode(content, type=form)
+
+
+def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
+    """Tables of a TOML file, which people write: what is wrong in it has its line.
+
+    Raises:
+        UserError: `kind.error`.
+    """
+    content = read_bytes(path, kind)
+    try:
+        return tomllib.loads(content.decode())
+    except (ValueError, RecursionError) as error:
+        raise kind.error(f"{path}: not a TOML file ({error}); mend that line") from error
+
+
+def read_arrays(
+    path: Path, kind: Kind, names: Sequence[str], optional: Sequence[str] = ()
+) -> dict[str, np.ndarray]:
+    """Arrays of an `.npz` file by name, writable; their checksums are compared.
+
+    Args:
+        path: of the file.
+        kind: of the file.
+        names: of the arrays that it must have.
+        optional: of those that it may have.
+
+    Raises:
+        UserError: `kind.error`.
+    """
+    require_file(path, kind)
+    with parsing(path, kind), zipfile.ZipFile(path) as archive:
+        members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        wanted = [*names, *(name for name in optional if name in members)]
+        return {name: _array(archive, members[name]) for name in wanted}
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    if member.compress_type not in _COMPRESSIONS:
+        raise ValueError(f"{member.filename} is compressed in an unknown way")
+    # Read first: a shape that claims more than there is takes no memory.
+    content = io.BytesIO(archive.read(member))
+    version = np.lib.format.read_magic(content)
+    readers = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    shape, fortran_order, dtype = readers[version](content)
+    if dtype.hasobject:
+        raise ValueError(f"{member.filename} holds Python objects")
+    values = content.read()
+    if math.prod(shape) * dtype.itemsize != len(values):
+        raise ValueError(f"{member.filename} has another size than it says")
+    return np.ndarray(shape, dtype, values, order="F" if fortran_order else "C").copy(order="K")

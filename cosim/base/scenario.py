@@ -1,0 +1,331 @@
+"""Scenarios: a board of cells, one target and one set of start cells per robot.
+
+A scenario is geometry only; how robots learn on it is the agent's, how they move the
+co-simulation's. Scenarios of the paper are built in, others are read from TOML files. Cells are
+addressed (column, row) = (x, y) from the lower left corner; the board's frame has its origin at
+that corner, x to the right, y up.
+"""
+
+import hashlib
+import json
+import math
+import re
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+
+from cosim.base.errors import UserError
+from cosim.base.params import TABLE_I
+from cosim.base.reading import Kind, read_toml
+
+Cell = tuple[int, int]
+Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
+
+MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
+
+
+class ScenarioError(UserError):
+    """A scenario that cannot be used; the message names the field and the mend."""
+
+
+_FILE = Kind("scenario file", "check the path", ScenarioError)
+
+
+def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:
+    """Whether a disc touches an obstacle: its centre is no further from it than its radius.
+
+    The one definition, for the grid (exact, in half cells), for moves that last and for the
+    dynamics; kernels compile it with `cosim.base.jit.inlined`.
+
+    Args:
+        x, y: centre of the disc, in any unit; numbers, or arrays that broadcast.
+        squared_radius: of the disc.
+        obstacles: (M, 4) rectangles left, bottom, right, top.
+
+    Returns:
+        bool, or an array of them; False if there is no obstacle.
+    """
+    touched = False
+    for k in range(len(obstacles)):
+        dx = np.maximum(np.maximum(obstacles[k, 0] - x, x - obstacles[k, 2]), 0)
+        dy = np.maximum(np.maximum(obstacles[k, 1] - y, y - obstacles[k, 3]), 0)
+        touched = touched | (dx * dx + dy * dy <= squared_radius)
+    return touched
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Board, targets and start cells of N robots, as drawn in Fig. 5.
+
+    Attributes:
+        name: what `--scenario` calls it.
+        title: one line for people.
+        targets: target cell of each robot, length N.
+        starts: start cells of each robot, N tuples of cells.
+        columns: board width in cells (30, Section V).
+        rows: board height in cells (30, Section V).
+        cell_m: edge of a cell in m (assumed: 1 cm, so that a target "occupies a single cell").
+        zone: central zone as (first column, first row, last column, last row), inclusive
+            (7 x 7 cells, Section V); it only places the targets (assumed).
+        obstacles: cells that no robot may touch (none in the paper).
+        robot_diameter_m: diameter of every robot (Table I), on the grid and in the dynamics.
+
+    Raises:
+        ScenarioError: a size is not positive, a cell is off the board, a robot would touch an
+            obstacle at its start or target, or targets are closer than one diameter.
+    """
+
+    name: str
+    title: str
+    targets: tuple[Cell, ...]
+    starts: tuple[tuple[Cell, ...], ...]
+    columns: int = 30
+    rows: int = 30
+    cell_m: float = 0.01
+    zone: Rectangle = (12, 12, 18, 18)
+    obstacles: tuple[Cell, ...] = ()
+    robot_diameter_m: float = TABLE_I.diameter_m
+
+    def __post_init__(self) -> None:
+        self._check_sizes()
+        if not self.targets or len(self.targets) != len(self.starts):
+            raise ScenarioError(
+                f"scenario {self.name}: targets and starts need one entry per robot, "
+                f"got {len(self.targets)} and {len(self.starts)}"
+            )
+        fields = {"targets": self.targets, "obstacles": self.obstacles} | {
+            f"starts[{robot}]": cells for robot, cells in enumerate(self.starts)
+        }
+        for field, cells in fields.items():
+            for x, y in cells:
+                if not (0 <= x < self.columns and 0 <= y < self.rows):
+                    raise ScenarioError(
+                        f"scenario {self.name}: {field} has cell ({x}, {y}), which is off the "
+                        f"{self.columns} x {self.rows} board; use 0 to {self.columns - 1} and "
+                        f"0 to {self.rows - 1}"
+                    )
+            if not cells and field.startswith("starts"):
+                raise ScenarioError(f"scenario {self.name}: {field} is empty; give a start cell")
+        self._check_obstacles(fields)
+        for i, a in enumerate(self.targets):
+            for j, b in enumerate(self.targets[:i]):
+                if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= self.squared_contact:
+                    raise ScenarioError(
+                        f"scenario {self.name}: targets {b} and {a} of robots {j + 1} and {i + 1} "
+                        f"are {100 * math.dist(a, b) * self.cell_m:.1f} cm apart; robots of "
+                        f"{100 * self.robot_diameter_m:.1f} cm cannot both park there: move them "
+                        "further apart"
+                    )
+
+    def _check_sizes(self) -> None:
+        left, bottom, right, top = self.zone
+        checks = {
+            "name": (re.fullmatch(r"[\w.-]+", self.name), "letters, digits, '.', '-' and '_'"),
+            "columns": (1 <= self.columns <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
+            "rows": (1 <= self.rows <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
+            "cell_m": (self.cell_m > 0, "a positive length in m"),
+            "robot_diameter_m": (self.robot_diameter_m > 0, "a positive length in m"),
+            "zone": (
+                0 <= left <= right < self.columns and 0 <= bottom <= top < self.rows,
+                "[first column, first row, last column, last row] on the board",
+            ),
+        }
+        for field, (valid, expected) in checks.items():
+            if not valid:
+                raise ScenarioError(
+                    f"scenario {self.name}: {field} = {getattr(self, field)} is not usable; "
+                    f"give {expected}"
+                )
+
+    def _check_obstacles(self, fields: dict[str, tuple[Cell, ...]]) -> None:
+        for field, cells in fields.items():
+            middles = 2 * np.array(cells).reshape(-1, 2) + 1
+            touching = np.flatnonzero(self.blocks(middles[:, 0], middles[:, 1]))
+            if field != "obstacles" and len(touching):
+                raise ScenarioError(
+                    f"scenario {self.name}: {field} has cell {cells[touching[0]]}, where a robot "
+                    f"of {100 * self.robot_diameter_m:.1f} cm touches an obstacle; move one of them"
+                )
+
+    @property
+    def robots(self) -> int:
+        """Number of robots N."""
+        return len(self.targets)
+
+    @property
+    def squared_contact(self) -> int:
+        """Largest squared distance in cells² of the cells of two robots that touch.
+
+        Also the square of a robot's radius in half cells, in which centres and corners of cells
+        have whole coordinates.
+        """
+        # 1e-9: robots of 7 cm on cells of 1 cm touch at 7 cells, whatever 0.07 / 0.01 rounds to
+        return math.floor((self.robot_diameter_m / self.cell_m) ** 2 + 1e-9)
+
+    @property
+    def walls(self) -> np.ndarray:
+        """(M, 4) int64, the obstacles as few rectangles left, bottom, right, top, in cells."""
+        cells = [[x, y, x + 1, y + 1] for x, y in set(self.obstacles)]
+        return np.array(_joined(_joined(cells, 0), 1), dtype=np.int64).reshape(-1, 4)
+
+    def blocks(self, x: Any, y: Any) -> Any:
+        """Whether a robot at (x, y), in half cells, touches an obstacle; numbers or arrays."""
+        return touches_obstacle(x, y, self.squared_contact, 2 * self.walls)
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width and height of the board in m."""
+        return self.columns * self.cell_m, self.rows * self.cell_m
+
+    def centre_m(self, cell: Cell) -> tuple[float, float]:
+        """Centre of a cell in the board's frame, in m."""
+        return (cell[0] + 0.5) * self.cell_m, (cell[1] + 0.5) * self.cell_m
+
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the geometry, whatever name and title are."""
+        geometry = {k: v for k, v in asdict(self).items() if k not in {"name", "title"}}
+        return hashlib.sha256(json.dumps(geometry, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _joined(rectangles: list[list[int]], axis: int) -> list[list[int]]:
+    """Rectangles left, bottom, right, top, those of one extent joined along x (0) or y (1)."""
+    low, high, across = axis, axis + 2, slice(1 - axis, None, 2)
+    joined: list[list[int]] = []
+    for rectangle in sorted(rectangles, key=lambda r: (r[across], r[low])):
+        last = joined[-1] if joined else None
+        if last and last[across] == rectangle[across] and last[high] == rectangle[low]:
+            last[high] = rectangle[high]
+        else:
+            joined.append(rectangle)
+    return joined
+
+
+def _sides(columns: int, rows: int) -> dict[str, tuple[Cell, ...]]:
+    """Cells along each side of a board, and along all of them."""
+    cells = tuple((x, y) for y in range(rows) for x in range(columns))
+    return {
+        "top": tuple(c for c in cells if c[1] == rows - 1),
+        "bottom": tuple(c for c in cells if c[1] == 0),
+        "left": tuple(c for c in cells if c[0] == 0),
+        "right": tuple(c for c in cells if c[0] == columns - 1),
+        "border": tuple(c for c in cells if c[0] in {0, columns - 1} or c[1] in {0, rows - 1}),
+    }
+
+
+_SIDES = _sides(30, 30)
+_TOP, _BOTTOM, _BORDER = _SIDES["top"], _SIDES["bottom"], _SIDES["border"]
+
+# Fig. 5; target cells are a reading of the figure (assumed), see docs/decisions.md.
+BUILT_IN: dict[str, Scenario] = {
+    scenario.name: scenario
+    for scenario in (
+        Scenario("1a", "one robot from the upper side", ((15, 18),), (_TOP,)),
+        Scenario("1b", "one robot from any border cell", ((15, 18),), (_BORDER,)),
+        Scenario("2", "two robots, targets opposite", ((15, 18), (15, 12)), (_TOP, _BOTTOM)),
+        Scenario("3", "two robots, targets beside", ((12, 15), (18, 15)), (_TOP, _BOTTOM)),
+        Scenario("4", "two robots, targets swapped", ((15, 12), (15, 18)), (_TOP, _BOTTOM)),
+    )
+}
+
+
+def find_scenario(name_or_path: str | Path) -> Scenario:
+    """Built-in scenario of that name (Fig. 5: 1a, 1b, 2, 3, 4), or the one in a TOML file.
+
+    Raises:
+        ScenarioError: there is no such scenario, or the file does not describe one.
+    """
+    name = str(name_or_path)
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    if not name.endswith(".toml"):
+        raise ScenarioError(
+            f"unknown scenario '{name}'; choose one of {', '.join(BUILT_IN)} or name a .toml file"
+        )
+    return read_scenario(Path(name))
+
+
+_Index = Annotated[int, msgspec.Meta(ge=0, lt=MAX_SIDE_CELLS)]
+_Size = Annotated[int, msgspec.Meta(ge=1, le=MAX_SIDE_CELLS)]
+Side = Literal["top", "bottom", "left", "right", "border"]
+
+
+class _RobotTable(msgspec.Struct, forbid_unknown_fields=True):
+    target: Cell
+    starts: Side | list[list[_Index]]
+
+
+class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
+    robots: list[_RobotTable]
+    name: str | None = None
+    title: str = ""
+    columns: _Size = 30
+    rows: _Size = 30
+    cell_m: float = 0.01
+    zone: Rectangle | None = None
+    obstacles: list[list[_Index]] = []
+    robot_diameter_m: float = TABLE_I.diameter_m
+
+
+def read_scenario(path: Path) -> Scenario:
+    """Scenario of a TOML file, see docs/scenarios.md for its fields.
+
+    Start cells are a side of the board or a list, obstacles a list; a list has cells `[x, y]` and
+    rectangles `[first column, first row, last column, last row]`. The zone is by default the
+    7 x 7 cells in the middle, as in Section V.
+
+    Raises:
+        ScenarioError: the file is missing, no TOML, or a field is wrong; the message names it.
+    """
+    try:
+        file = msgspec.convert(read_toml(path, _FILE), _ScenarioFile)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{path}: {_field_message(str(error))}") from error
+    sides = _sides(file.columns, file.rows)
+    starts = tuple(
+        sides[robot.starts]
+        if isinstance(robot.starts, str)
+        else _cells(path, f"robots[{i}].starts", robot.starts)
+        for i, robot in enumerate(file.robots)
+    )
+    return Scenario(
+        name=file.name or path.stem,
+        title=file.title or path.name,
+        targets=tuple(robot.target for robot in file.robots),
+        starts=starts,
+        columns=file.columns,
+        rows=file.rows,
+        cell_m=file.cell_m,
+        zone=file.zone or _central_zone(file.columns, file.rows),
+        obstacles=_cells(path, "obstacles", file.obstacles),
+        robot_diameter_m=file.robot_diameter_m,
+    )
+
+
+def _field_message(message: str) -> str:
+    """Msgspec's "Expected `int`, got `str` - at `$.zone[0]`" with the field first."""
+    problem, _, where = message.partition(" - at ")
+    field = where.strip("`").removeprefix("$").removeprefix(".")
+    problem = (problem[0].lower() + problem[1:]).replace("`", "'")
+    return f"{field or 'file'}: {problem}; mend this field (see docs/scenarios.md)"
+
+
+def _cells(path: Path, field: str, items: list[list[int]]) -> tuple[Cell, ...]:
+    cells: list[Cell] = []
+    for k, item in enumerate(items):
+        if len(item) not in {2, 4}:
+            raise ScenarioError(
+                f"{path}: {field}[{k}]: {item} is neither a cell [x, y] nor a rectangle "
+                "[first column, first row, last column, last row]"
+            )
+        left, bottom, right, top = (*item, *item)[:4]
+        cells += [(x, y) for y in range(bottom, top + 1) for x in range(left, right + 1)]
+    return tuple(dict.fromkeys(cells))
+
+
+def _central_zone(columns: int, rows: int) -> Rectangle:
+    width, height = min(7, columns), min(7, rows)
+    left, bottom = (columns - width + 1) // 2, (rows - height + 1) // 2
+    return left, bottom, left + width - 1, bottom + height - 1

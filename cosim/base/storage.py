@@ -1,0 +1,188 @@
+"""Where files go: the cache, which mends itself, and writing that leaves a whole file or none."""
+
+import contextlib
+import fcntl
+import glob
+import hashlib
+import logging
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+import platformdirs
+from filelock import FileLock
+
+from cosim.base.errors import UserError
+
+_LOGGER = logging.getLogger(__name__)
+Value = TypeVar("Value")
+
+
+class StorageError(UserError):
+    """A place where a file cannot be put; the message names it and the mend."""
+
+
+def cache_dir(kind: str) -> Path:
+    """Folder for cached results of one kind ("fmus", "policies"), created if missing.
+
+    `MINIROBOTS_CACHE` overrides the user's cache folder.
+    """
+    root = os.environ.get("MINIROBOTS_CACHE") or platformdirs.user_cache_dir("minirobots")
+    folder = Path(root) / kind
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def lock_of(path: Path) -> FileLock:
+    """Lock of a cached file or folder between processes, to be entered; ends with its process.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return FileLock(path.with_name(f".{path.name}.lock"))
+
+
+def found_or_made(path: Path, load: Callable[[], Value | None], make: Callable[[], Value]) -> Value:
+    """What the cache has at `path`, or what is made now: by one process, while others wait for it.
+
+    Args:
+        path: of the cached file or folder.
+        load: reads it; None if it is missing or damaged.
+        make: makes and writes it.
+
+    Raises:
+        OSError: the cache cannot be written.
+    """
+    found = load()
+    if found is None:
+        with lock_of(path):
+            found = load()  # another process may have made it meanwhile
+            if found is None:
+                found = make()
+    return found
+
+
+def cached(
+    path: Path,
+    load: Callable[[Path], Value],
+    make: Callable[[], Value],
+    save: Callable[[Value, Path], object],
+    *,
+    again: bool = False,
+) -> Value:
+    """What a file of the cache holds; made and kept there if it is missing, or not as it was kept.
+
+    Args:
+        path: of the file; its SHA-256 is kept beside it.
+        load: reads what `save` wrote.
+        make: makes what is to be in the file.
+        save: writes it.
+        again: make it even if it is there.
+
+    Raises:
+        StorageError: a folder is in the file's place.
+        OSError: the cache cannot be written.
+    """
+    require_no_folder(path)
+
+    def remake() -> Value:
+        if path.exists() and not again:
+            _LOGGER.warning("%s is not as it was kept: it is made again", path)
+        value = make()
+        save(value, path)
+        seal(path)
+        return value
+
+    if again:
+        return remake()
+    return found_or_made(path, lambda: load(path) if whole(path) else None, remake)
+
+
+def seal(path: Path) -> None:
+    """Keep the SHA-256 of a file beside it, for `whole`."""
+    with replacing(_seal_of(path)) as temporary:
+        temporary.write_text(_sha256(path))
+
+
+def whole(path: Path) -> bool:
+    """Whether a file is there as it was when it was sealed."""
+    try:
+        return _seal_of(path).read_bytes() == _sha256(path).encode()
+    except OSError:
+        return False
+
+
+def _seal_of(path: Path) -> Path:
+    return path.with_name(path.name + ".sha256")
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def require_no_folder(path: Path) -> None:
+    """Refuse a folder where a file is to be.
+
+    Raises:
+        StorageError: there is one.
+    """
+    if path.is_dir():
+        raise StorageError(f"{path}: a folder is where this file goes; move it away")
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; rename it to `path` on success, remove it on failure.
+
+    Readers see the old file or the whole new one, also when two processes write at once. What a
+    killed process left of its temporary file is removed by the next one that writes the same.
+
+    Raises:
+        StorageError: a folder is in the file's place.
+        OSError: the folder cannot be written.
+    """
+    require_no_folder(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _sweep(path)
+    handle, temporary = _temporary(path)
+    try:
+        yield temporary
+        # mkstemp makes private files; results are as readable as the user's umask allows.
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _temporary(path: Path) -> tuple[int, Path]:
+    """A new file beside `path`, locked as long as the process lives or until it is closed."""
+    while True:
+        handle, name = tempfile.mkstemp(_ending(path), _beginning(path), path.parent)
+        with contextlib.suppress(OSError):  # of a file system without locks: nobody sweeps there
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.fstat(handle).st_nlink:
+            return handle, Path(name)
+        os.close(handle)  # swept before it was locked
+
+
+def _sweep(path: Path) -> None:
+    """Remove temporary files of `path` that no process holds."""
+    for name in path.parent.glob(f"{glob.escape(_beginning(path))}*{glob.escape(_ending(path))}"):
+        with contextlib.suppress(OSError), name.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            name.unlink()
+
+
+def _beginning(path: Path) -> str:
+    return f".{path.stem}.tmp-"
+
+
+def _ending(path: Path) -> str:
+    return path.suffix

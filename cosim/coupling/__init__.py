@@ -1,0 +1,1 @@
+"""The master: FMUs and bodies, tick by tick, under the robots' steering."""

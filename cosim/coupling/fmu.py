@@ -1,0 +1,235 @@
+"""Motor FMUs: load, check and instantiate with fmpy; the addresses of their C functions.
+
+Any FMI 3.0 Co-Simulation FMU with the variables of `cosim.coupling.interface` can drive a robot;
+they are found by name in its modelDescription. Stepping is the master's.
+"""
+
+import contextlib
+import ctypes
+import errno
+import threading
+import weakref
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import fmpy
+import numpy as np
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi3 import FMU3Slave
+from fmpy.model_description import CoSimulation, ModelDescription
+
+from cosim.coupling.archive import unpack
+from cosim.coupling.interface import (
+    ELECTRICAL,
+    INPUTS,
+    OUTPUTS,
+    FmuError,
+    check_variable,
+    co_simulation,
+)
+
+# What a run needs of an archive.
+_NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
+
+# fmpy changes the working directory of the process while it loads a binary, and does not change it
+# back where that fails.
+_LOADING = threading.Lock()
+
+FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
+
+
+class Addresses(NamedTuple):
+    """C functions of an FMI 3.0 binary, as integers for compiled code."""
+
+    set_float64: int
+    do_step: int
+    get_float64: int
+
+
+class MotorFmu:
+    """An unpacked motor FMU from which instances are made.
+
+    Attributes:
+        path: the .fmu file.
+        folder: where it is unpacked.
+        description: fmpy's model description.
+        interface: fmpy's description of its Co-Simulation capabilities.
+        inputs, outputs, electrical: value references (uint32) of INPUTS, OUTPUTS, ELECTRICAL.
+
+    Raises:
+        FmuError: the file is missing, is no FMU, or lacks a part of the interface.
+        OSError: the file cannot be read, or the cache cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if not path.is_file():
+            raise FmuError(f"motor FMU {path} does not exist; check the path given by --motor-fmu")
+        try:
+            self.folder = unpack(path, _NEEDED)
+            self.description: ModelDescription = fmpy.read_model_description(self.folder)
+        except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
+            # Not the archive's fault, unless it leads to a place in the file that cannot be.
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:
+                raise
+            reason = " ".join(str(error).split())
+            raise FmuError(
+                f"motor FMU {path} is broken ({reason}); build one with `python -m fmus.build`"
+            ) from error
+        self.interface: CoSimulation = co_simulation(path, self.description)
+        library = f"{self.interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
+        if not (self.folder / "binaries" / fmpy.platform_tuple / library).is_file():
+            raise FmuError(
+                f"motor FMU {path} has no binary for {fmpy.platform_tuple}; "
+                "export it for this platform"
+            )
+        self._variables = {v.name: v for v in self.description.modelVariables}
+        self.inputs = self._references(INPUTS, "input")
+        self.outputs = self._references(OUTPUTS, "output")
+        self.electrical = self._references(ELECTRICAL, "output")
+
+    def _references(self, names: tuple[str, ...], causality: str) -> np.ndarray:
+        for name in names:
+            if name not in self._variables:
+                raise FmuError(
+                    f"motor FMU {self.path} has no Float64 {causality} '{name}'; a motor needs "
+                    f"inputs {', '.join(INPUTS)} and outputs {', '.join(OUTPUTS + ELECTRICAL)}"
+                )
+        return np.array([self._reference(name, causality) for name in names], dtype=np.uint32)
+
+    def _reference(self, name: str, *causalities: str) -> int:
+        variable = self._variables[name]
+        check_variable(self.path, self.description, variable, *causalities)
+        return variable.valueReference
+
+    def parameter(self, name: str) -> int:
+        """Value reference of a variable that is set before initialisation.
+
+        Raises:
+            FmuError: there is none of that name, or it is no scalar Float64 in the usual unit.
+        """
+        if name not in self._variables:
+            raise FmuError(f"motor FMU {self.path} has no parameter '{name}'; export it with one")
+        return self._reference(name, "parameter", "input")
+
+    def instantiate(self, name: str, parameters: Mapping[str, float] | None = None) -> "Motor":
+        """New instance, initialised at t = 0 and in step mode.
+
+        Args:
+            name: instance name, as it shall appear in messages.
+            parameters: values that replace the FMU's own defaults, by variable name.
+
+        Raises:
+            FmuError: the FMU lacks a parameter, refuses it, to load or to be initialised.
+        """
+        return Motor(self, name, parameters or {})
+
+
+class Motor:
+    """One running instance of a motor FMU.
+
+    Attributes:
+        name: instance name.
+        slave: fmpy's FMU3Slave, for drivers that step through Python.
+        addresses: of the binary's functions, for drivers that step compiled.
+        log: what the FMU has reported, oldest first.
+    """
+
+    def __init__(self, fmu: MotorFmu, name: str, parameters: Mapping[str, float]) -> None:
+        self.fmu = fmu
+        self.name = name
+        self.log: list[str] = []
+        self._returns = False  # whether the state before a step will be restored
+        values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
+        try:
+            with _LOADING, contextlib.chdir("."):
+                self.slave: Any = FMU3Slave(
+                    instanceName=name,
+                    guid=fmu.description.guid,
+                    modelIdentifier=fmu.interface.modelIdentifier,
+                    unzipDirectory=str(fmu.folder),
+                )
+                self.slave.instantiate(loggingOn=True, logMessage=self._append_log)
+            for reference, value in values.items():
+                self.slave.setFloat64([reference], [value])
+            self.slave.enterInitializationMode()
+            self.slave.exitInitializationMode()
+        except Exception as error:  # fmpy raises plain Exceptions
+            tool = " without its tool" if fmu.interface.needsExecutionTool else ""
+            raise self.error(0.0, f"cannot be initialised{tool} ({error})") from error
+        self._finalizer = weakref.finalize(self, _free, self.slave)
+        functions = (
+            self.slave.dll.fmi3SetFloat64,
+            self.slave.dll.fmi3DoStep,
+            self.slave.dll.fmi3GetFloat64,
+        )
+        self.addresses = Addresses(*(_address(function) for function in functions))
+        self.instance = int(self.slave.component)
+
+    def set_inputs(self, values: np.ndarray, tick: int, dt_s: float) -> None:
+        """Set INPUTS; raises FmuError naming the time of `tick`."""
+        with self._named_errors(tick * dt_s, "refuses its inputs"):
+            self.slave.setFloat64(self.fmu.inputs, values)
+
+    def step(self, tick: int, count: int, dt_s: float) -> None:
+        """Step from `tick` over `count` ticks; raises FmuError naming the time."""
+        with self._named_errors(tick * dt_s, "failed"):
+            _, terminate, early_return, _ = self.slave.doStep(
+                tick * dt_s, count * dt_s, noSetFMUStatePriorToCurrentPoint=not self._returns
+            )
+        if terminate or early_return:
+            raise self.error(tick * dt_s, "asked to stop")
+
+    def outputs(self, tick: int, dt_s: float) -> list[float]:
+        """Values of OUTPUTS; raises FmuError naming the time of `tick`."""
+        with self._named_errors(tick * dt_s, "has no outputs"):
+            return self.slave.getFloat64(self.fmu.outputs)
+
+    def electrical(self, tick: int, dt_s: float) -> list[float]:
+        """Values of ELECTRICAL; raises FmuError naming the time of `tick`."""
+        with self._named_errors(tick * dt_s, "has no outputs"):
+            return self.slave.getFloat64(self.fmu.electrical)
+
+    @contextlib.contextmanager
+    def rolled_back(self) -> Iterator[None]:
+        """On leaving, the instance is where it was on entering; steps in between say so."""
+        saved, self._returns = self.slave.getFMUState(), True
+        try:
+            yield
+        finally:
+            self._returns = False
+            self.slave.setFMUState(saved)
+            self.slave.freeFMUState(saved)
+
+    @contextlib.contextmanager
+    def _named_errors(self, time_s: float, what: str) -> Iterator[None]:
+        try:
+            yield
+        except FMICallException as error:
+            raise self.error(time_s, f"{what} (fmi3Status {error.status})") from error
+
+    def _append_log(self, _environment: Any, _status: int, _category: bytes, text: bytes) -> None:
+        self.log.append(text.decode("utf-8", "replace"))
+
+    def error(self, time_s: float, what: str) -> FmuError:
+        """The error that tells which instance failed, when, and what the FMU said last."""
+        said = f": {self.log[-1]}" if self.log else ""
+        return FmuError(
+            f"FMU {self.fmu.path.name}, instance {self.name}, at {time_s:.5f} s {what}{said}"
+        )
+
+    def close(self) -> None:
+        """Free the instance; further calls are errors."""
+        self._finalizer()
+
+
+def _free(slave: Any) -> None:
+    slave.terminate()
+    slave.freeInstance()
+
+
+def _address(function: Any) -> int:
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    assert address is not None  # ctypes has resolved the symbol already
+    return address

@@ -1,0 +1,134 @@
+"""What the master asks of a motor FMU, held against the modelDescription; nothing here runs one.
+
+Units are those of the project's own motor (`fmus.variables`). A unit is what its definition in SI
+base units says, whatever its name; a variable without a unit is taken to be in the right one.
+"""
+
+import math
+from functools import cache
+from pathlib import Path
+
+from fmpy.model_description import BaseUnit, CoSimulation, ModelDescription, ModelVariable
+
+from cosim.base.config import whole_ratio
+from cosim.base.errors import UserError
+from fmus.variables import Unit, load_table
+
+INPUTS = ("omega_des", "omega_noise", "d")
+OUTPUTS = ("theta", "omega", "omega_dot")
+ELECTRICAL = ("V_s", "i")
+
+_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+class FmuError(UserError):
+    """An FMU that cannot be used, or that failed while it ran; the message names it."""
+
+
+def co_simulation(path: Path, description: ModelDescription) -> CoSimulation:
+    """The FMI 3.0 Co-Simulation interface of an FMU.
+
+    Raises:
+        FmuError: it has none.
+    """
+    if not str(description.fmiVersion).startswith("3."):
+        raise FmuError(
+            f"motor FMU {path} is FMI {description.fmiVersion}; export it as FMI 3.0 Co-Simulation"
+        )
+    if description.coSimulation is None:
+        raise FmuError(f"motor FMU {path} has no Co-Simulation interface; export it with one")
+    return description.coSimulation
+
+
+def check_variable(
+    path: Path, description: ModelDescription, variable: ModelVariable, *causalities: str
+) -> None:
+    """Refuse a variable that the master cannot exchange.
+
+    Args:
+        path: of the FMU.
+        description: of the FMU.
+        variable: one of its variables.
+        causalities: those it may have, the usual one first.
+
+    Raises:
+        FmuError: it is no scalar Float64 of that causality, is clocked, or has another unit.
+    """
+    said = f"motor FMU {path} has '{variable.name}'"
+    if variable.type != "Float64" or variable.causality not in causalities:
+        raise FmuError(
+            f"{said} as {variable.type} {variable.causality}; export it as Float64 {causalities[0]}"
+        )
+    if variable.dimensions:
+        raise FmuError(f"{said} as an array; export it as a scalar")
+    if variable.clocks:
+        raise FmuError(f"{said} tied to a clock; export it without")
+    declared = variable.unit or (variable.declaredType and variable.declaredType.unit)
+    unit = _units().get(variable.name)
+    if declared and unit and not _same_unit(declared, description, unit):
+        raise FmuError(f"{said} in {declared}; export it in {unit.name}")
+
+
+def check_use(
+    path: Path, interface: CoSimulation, motors: int, least_step_s: float, *, adaptive: bool
+) -> None:
+    """Refuse an FMU that lacks a capability that a run needs.
+
+    Args:
+        path: of the FMU.
+        interface: its capabilities.
+        motors: instances at the same time.
+        least_step_s: communication step, or the one that all others are multiples of.
+        adaptive: whether communication steps vary and are taken back.
+
+    Raises:
+        FmuError: it lacks one.
+        ConfigError: its internal step does not divide the communication step.
+    """
+    if motors > 1 and interface.canBeInstantiatedOnlyOncePerProcess:
+        raise FmuError(
+            f"motor FMU {path} has canBeInstantiatedOnlyOncePerProcess, and {motors} motors are "
+            "needed at once; export it without"
+        )
+    for needed, able in (
+        ("save its state (canGetAndSetFMUState)", interface.canGetAndSetFMUstate),
+        (
+            "vary its step (canHandleVariableCommunicationStepSize)",
+            interface.canHandleVariableCommunicationStepSize,
+        ),
+    ):
+        if adaptive and not able:
+            raise FmuError(
+                f"motor FMU {path} cannot {needed}, which --driver adaptive needs; "
+                "use --driver compiled"
+            )
+    if interface.fixedInternalStepSize is not None:
+        internal_s = float(interface.fixedInternalStepSize)  # fmpy leaves the text
+        if not internal_s > 0.0:
+            raise FmuError(
+                f"motor FMU {path} has fixedInternalStepSize = {internal_s:g}; "
+                "export it with a positive one"
+            )
+        name = "dt_s" if adaptive else "communication_step_s"
+        whole_ratio(name, least_step_s, f"fixedInternalStepSize of motor FMU {path}", internal_s)
+
+
+@cache
+def _units() -> dict[str, Unit]:
+    """Unit of each variable of a motor."""
+    table = load_table()
+    units = {unit.name: unit for unit in table.units}
+    return {v.name: units[v.unit] for v in table.variables if v.unit}
+
+
+def _same_unit(name: str, description: ModelDescription, unit: Unit) -> bool:
+    base: BaseUnit | None = next(
+        (u.baseUnit for u in description.unitDefinitions if u.name == name), None
+    )
+    if base is None:  # a unit may go without a definition in SI base units
+        return name == unit.name
+    return (
+        all(getattr(base, exponent) == unit.base.get(exponent, 0) for exponent in _EXPONENTS)
+        and math.isclose(base.factor, 1.0)
+        and base.offset == 0.0
+    )

@@ -1,0 +1,1 @@
+"""Episodes of RL steps on top of the master: what is seen, permitted and measured."""

@@ -1,0 +1,250 @@
+"""Calibrates a configuration: co-simulates single robots, keeps the map, resolves motor speeds.
+
+What the trials say is `cosim.navigation.calibration`; the command line is `cosim.calibrate`.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from cosim.base.config import CoSimConfig
+from cosim.base.params import lift_off_speed
+from cosim.base.provenance import code_digest, with_imports
+from cosim.base.scenario import Scenario
+from cosim.base.storage import cache_dir, cached
+from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.signals import FEET
+from cosim.coupling.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
+from cosim.navigation.calibration import DRIVES, MANOEUVRES, Calibration, load_calibration
+from cosim.navigation.trial import Trial, heading_angles
+
+# Motor speeds of the trials as shares of the lift-off speed, closest where robots drive.
+SPEEDS = (0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.955, 0.97)
+PHASE_SPEEDS = (0.7, 0.85, 0.94)  # those at which trials without dither show what phases do
+DITHERED_PHASES, PHASES = 4, 8
+DIFFERENCES_RAD_S = (-100.0, -50.0, 50.0, 100.0)
+SETTLE_S = 0.5  # motors reach 98 % of the set point; the map has the speed they really had
+ROUNDS = 2  # of the dither, there and back
+UNDITHERED_ROUND_S = 0.3
+BATCH = 15  # trials that are co-simulated together
+
+
+class Point(NamedTuple):
+    """What one trial commands; fields as in `Calibration`."""
+
+    omega_d: float
+    omega_e: float
+    phase: float
+    dithered: bool
+
+
+def points(config: CoSimConfig) -> list[Point]:
+    """All trials of a calibration."""
+    top = lift_off_speed(config.robot, config.motor)
+    found: list[Point] = []
+    for share in SPEEDS:
+        speed = share * top
+        for name, (d, e) in MANOEUVRES.items():
+            phases = _phases(DITHERED_PHASES)
+            found += [Point(d * speed, e * speed, phase, True) for phase in phases]
+            # Without dither, by symmetry, one drive and one turn: what the phase does.
+            if name in ("forwards", "left") and share in PHASE_SPEEDS:
+                phases = _phases(PHASES)
+                found += [Point(d * speed, e * speed, phase, False) for phase in phases]
+            if name in DRIVES and speed + max(DIFFERENCES_RAD_S) < top:
+                found += [
+                    Point(change + d * speed, change + e * speed, 0.0, True)
+                    for change in DIFFERENCES_RAD_S
+                ]
+    return found
+
+
+def _phases(count: int) -> list[float]:
+    return (2.0 * math.pi * np.arange(count) / count - math.pi).tolist()
+
+
+def measure(
+    config: CoSimConfig,
+    motor_fmu: Path,
+    jobs: int = 2,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Calibration:
+    """Co-simulate all trials.
+
+    Args:
+        config: of the co-simulation; its motor speeds and desired speeds do not matter.
+        motor_fmu: of every motor.
+        jobs: threads; the result does not depend on it.
+        progress: called with the trials done and all trials.
+
+    Raises:
+        FmuError: the FMU cannot be used, or failed.
+    """
+    todo, fmu = points(config), MotorFmu(motor_fmu)
+    batches = [todo[k : k + BATCH] for k in range(0, len(todo), BATCH)]
+    rows: list[np.ndarray] = []
+    progress(0, len(todo))
+    with ThreadPoolExecutor(jobs) as threads:
+        seeds = (np.random.SeedSequence(0, spawn_key=(k,)) for k in range(len(batches)))
+        try:
+            for result in threads.map(
+                lambda b, s: _measure_batch(config, fmu, b, s), batches, seeds
+            ):
+                rows += list(result)
+                progress(len(rows), len(todo))
+        except BaseException:
+            threads.shutdown(cancel_futures=True)
+            raise
+    table = np.array(rows)
+    return Calibration(
+        np.array([(p.omega_d, p.omega_e) for p in todo]),
+        table[:, :2],
+        np.array([p.phase for p in todo]),
+        np.array([p.dithered for p in todo]),
+        *table[:, 2:].T,
+    )
+
+
+def _measure_batch(
+    config: CoSimConfig, fmu: MotorFmu, batch: list[Point], seed: np.random.SeedSequence
+) -> np.ndarray:
+    """Columns ω_D, ω_E, forward, lateral, yaw rate, airborne share; one row per trial."""
+    set_points = np.array([(p.omega_d, p.omega_e) for p in batch])
+    dither = config.steering.dither_rad_s * np.array([p.dithered for p in batch])
+    # A difference of both magnitudes: opposite signs while turning, equal ones while driving.
+    direction = np.where(set_points[:, 0] * set_points[:, 1] > 0.0, 1.0, -1.0)
+    unequal = np.column_stack([-direction, np.ones(len(batch))])
+    period_s = config.timing.control_period_s
+    settle = math.ceil(SETTLE_S / period_s)
+    half = math.ceil(_half_round_s(config) / period_s)
+    with Trial(fmu, config, np.zeros(len(batch)), seed, np.abs(set_points).mean(axis=1)) as trial:
+        commands = trial.state.commands
+        commands[:, MODE] = DIRECT
+        phase_rate = np.array([p.phase for p in batch]) / (settle * period_s)
+        sign = np.sign(set_points[:, 1])
+        commands[:, OMEGA_D] = set_points[:, 0]
+        commands[:, OMEGA_E] = set_points[:, 1] + sign * phase_rate
+        trial.advance(settle)
+        before = trial.state.bodies[:, :7].copy()
+        omega, airborne, track = [], [], [before[None]]
+        for k in range(2 * ROUNDS):
+            change = (dither if k % 2 == 0 else -dither)[:, None] * unequal
+            commands[:, [OMEGA_D, OMEGA_E]] = set_points + change
+            samples, raw = trial.advance(half, every_tick=True)
+            omega.append(samples.omega.mean(axis=0))
+            airborne.append(
+                (raw.normal.reshape(-1, len(batch), FEET) == 0.0).all(axis=2).mean(axis=0)
+            )
+            track.append(np.concatenate([samples.position, samples.quaternion], axis=2))
+    poses = np.concatenate(track)
+    angles = heading_angles(poses[:, :, 3:7])
+    moved, middle = np.diff(poses[:, :, :2], axis=0), 0.5 * (angles[1:] + angles[:-1])
+    c, s = np.cos(middle), np.sin(middle)
+    time_s = len(moved) * period_s
+    return np.column_stack(
+        [
+            np.mean(omega, axis=0),
+            (c * moved[..., 0] + s * moved[..., 1]).sum(axis=0) / time_s,
+            (c * moved[..., 1] - s * moved[..., 0]).sum(axis=0) / time_s,
+            (angles[-1] - angles[0]) / time_s,
+            np.mean(airborne, axis=0),
+        ]
+    )
+
+
+def _half_round_s(config: CoSimConfig) -> float:
+    """Time in which the dither takes the phase once around."""
+    rate = 2.0 * config.steering.dither_rad_s
+    return 2.0 * math.pi / rate if rate > 0.0 else UNDITHERED_ROUND_S / 2.0
+
+
+def digest(config: CoSimConfig, motor_fmu: Path) -> str:
+    """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise, code."""
+    facts = {
+        "robot": config.robot,
+        "motor": config.motor,
+        "noise": config.noise,
+        "clock": [
+            config.timing.dt_s,
+            config.timing.communication_step_s,
+            config.timing.control_period_s,
+        ],
+        "dither": config.steering.dither_rad_s,
+        "coupling": [config.order, config.reaction],
+        "fmu": hashlib.sha256(motor_fmu.read_bytes()).hexdigest(),
+        "code": code_digest(with_imports([Path(__file__)])),
+    }
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def find_calibration(
+    config: CoSimConfig,
+    motor_fmu: Path,
+    console: Console,
+    *,
+    jobs: int = 2,
+    again: bool = False,
+) -> Calibration:
+    """The calibration of a configuration: found in the cache, or measured and kept there.
+
+    Args:
+        config: of the co-simulation.
+        motor_fmu: of every motor.
+        console: for a progress bar; nothing is drawn if it is no terminal.
+        jobs: threads.
+        again: measure even if the calibration is there.
+
+    Raises:
+        FmuError: the FMU cannot be used, or failed.
+    """
+    MotorFmu(motor_fmu)  # a missing or foreign file is named before anything is hashed
+    path = cache_dir("calibrations") / f"{digest(config, motor_fmu)}.npz"
+
+    def make() -> Calibration:
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+            task = bar.add_task("calibrating speeds", total=None)
+            return measure(
+                config, motor_fmu, jobs, lambda k, n: bar.update(task, completed=k, total=n)
+            )
+
+    return cached(path, load_calibration, make, Calibration.save, again=again)
+
+
+def calibrated_for(scenario: Scenario, motor_fmu: Path, console: Console) -> CoSimConfig:
+    """The default parameters with the robots of a scenario, calibrated.
+
+    Robots that would hop at the default drive speed drive as fast as they can without.
+
+    Args: as of `find_calibration`.
+
+    Raises:
+        ConfigError: robots are too small for their motors.
+        FmuError: the FMU cannot be used, or failed.
+    """
+    config = CoSimConfig().sized(scenario.robot_diameter_m)
+    calibration = find_calibration(config, motor_fmu, console)
+    speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
+    steering = config.steering._replace(drive_speed_m_s=min(speeds))
+    return calibration.resolved(replace(config, steering=steering))
+
+
+def calibrated(config: CoSimConfig, motor_fmu: Path, console: Console) -> CoSimConfig:
+    """The configuration with the motor speeds that realise its drive speed and turn rate.
+
+    Args: as of `find_calibration`.
+
+    Raises:
+        CalibrationError: the drive speed needs hopping.
+        FmuError: the FMU cannot be used, or failed.
+    """
+    return find_calibration(config, motor_fmu, console).resolved(config)

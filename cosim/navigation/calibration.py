@@ -1,0 +1,210 @@
+"""The map between motor speeds and the robot's motion: trials, curves, inverse, refusal.
+
+A record that can be kept in a file and asked; `cosim.navigation.calibrating` makes it.
+"""
+
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, read_arrays
+from cosim.base.storage import replacing
+
+# Signs of (ω_D, ω_E), Eq. (3).
+MANOEUVRES = {
+    "forwards": (-1.0, 1.0),
+    "backwards": (1.0, -1.0),
+    "left": (1.0, 1.0),
+    "right": (-1.0, -1.0),
+}
+DRIVES = ("forwards", "backwards")
+
+
+class CalibrationError(UserError):
+    """A speed that the robot cannot keep; the message names the largest possible one."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One manoeuvre over motor speed, at equal speeds of both motors.
+
+    Attributes:
+        omega_rad_s: (K,) mean motor speed, ascending.
+        mean: (K,) speed in m/s along the heading (backwards positive too) or yaw rate in rad/s
+            towards the manoeuvre's side.
+        scatter: (K,) standard deviation over phases and seeds.
+        airborne_share: (K,) largest share of time in which no foot touched the floor.
+    """
+
+    omega_rad_s: np.ndarray
+    mean: np.ndarray
+    scatter: np.ndarray
+    airborne_share: np.ndarray
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Trials of one robot, T of them; the first axis of every array.
+
+    Attributes:
+        set_points_rad_s: (T, 2) commanded speeds of motors D and E, without dither.
+        omega_rad_s: (T, 2) mean speeds that the motors had.
+        phase_rad: (T,) initial phase difference between the motors.
+        dithered: (T,) bool, whether the dither of the steering was on.
+        forward_m_s: (T,) mean speed along the heading.
+        lateral_m_s: (T,) mean speed to the left of it.
+        yaw_rate_rad_s: (T,) mean, counter-clockwise positive.
+        airborne_share: (T,) share of time in which no foot touched the floor.
+    """
+
+    set_points_rad_s: np.ndarray
+    omega_rad_s: np.ndarray
+    phase_rad: np.ndarray
+    dithered: np.ndarray
+    forward_m_s: np.ndarray
+    lateral_m_s: np.ndarray
+    yaw_rate_rad_s: np.ndarray
+    airborne_share: np.ndarray
+
+    def curve(self, manoeuvre: str, *, dithered: bool = True) -> Curve:
+        """Speed or yaw rate over motor speed of one of `MANOEUVRES`."""
+        signs = MANOEUVRES[manoeuvre]
+        set_speed = self.set_points_rad_s[:, 1] * signs[1]
+        chosen = (self.dithered == dithered) & (self.set_points_rad_s[:, 0] * signs[0] == set_speed)
+        chosen &= set_speed > 0.0
+        motion = self.forward_m_s if manoeuvre in DRIVES else self.yaw_rate_rad_s
+        rows = []
+        for speed in np.unique(set_speed[chosen]):
+            here = chosen & (set_speed == speed)
+            value = motion[here] * signs[1]
+            omega = np.abs(self.omega_rad_s[here]).mean()
+            rows.append((omega, value.mean(), value.std(), self.airborne_share[here].max()))
+        return Curve(*np.array(rows).reshape(-1, 4).T)
+
+    @property
+    def hop_free_rad_s(self) -> float:
+        """Largest motor speed of a manoeuvre below which a foot was always on the floor."""
+        return min(_hop_free(self.curve(manoeuvre)) for manoeuvre in MANOEUVRES)
+
+    def largest(self, manoeuvre: str) -> float:
+        """Largest speed in m/s or yaw rate in rad/s without hopping."""
+        curve = self.curve(manoeuvre)
+        return float(np.interp(self.hop_free_rad_s, curve.omega_rad_s, curve.mean))
+
+    def motor_speed(self, manoeuvre: str, value: float) -> float:
+        """Speed in rad/s of both motors for a speed in m/s or a yaw rate in rad/s.
+
+        Raises:
+            CalibrationError: the robot would hop, or is slower than any trial.
+        """
+        curve = self.curve(manoeuvre)
+        largest = self.largest(manoeuvre)
+        factor, unit = (1e3, "mm/s") if manoeuvre in DRIVES else (180.0 / np.pi, "°/s")
+        if value > largest:
+            raise CalibrationError(
+                f"{factor * value:.3g} {unit} {manoeuvre} would make the robot hop; the largest "
+                f"possible is {np.floor(100.0 * factor * largest) / 100.0:.2f} {unit}"
+            )
+        if value < curve.mean[0]:
+            raise CalibrationError(
+                f"{factor * value:.3g} {unit} {manoeuvre} is less than the map of speeds has; the "
+                f"least is {np.ceil(100.0 * factor * curve.mean[0]) / 100.0:.2f} {unit}"
+            )
+        return float(np.interp(value, curve.mean, curve.omega_rad_s))
+
+    def difference(self, speed_m_s: float, yaw_rate_rad_s: float) -> float:
+        """Speed in rad/s to add to both motors of a driving robot so that it turns.
+
+        Args:
+            speed_m_s: negative backwards.
+            yaw_rate_rad_s: counter-clockwise positive; linear in the difference.
+
+        Raises:
+            CalibrationError: as `motor_speed`.
+        """
+        manoeuvre = DRIVES[0] if speed_m_s > 0.0 else DRIVES[1]
+        omega = self.motor_speed(manoeuvre, abs(speed_m_s))
+        differences = self.set_points_rad_s.sum(axis=1) / 2.0
+        base = (self.set_points_rad_s[:, 1] - self.set_points_rad_s[:, 0]) / 2.0
+        chosen = (differences != 0.0) & (base * MANOEUVRES[manoeuvre][1] > np.abs(differences))
+        base, rates = np.abs(base[chosen]), self.yaw_rate_rad_s[chosen] / differences[chosen]
+        speeds = np.unique(base)
+        slopes = [rates[base == speed].mean() for speed in speeds]
+        return float(yaw_rate_rad_s / np.interp(omega, speeds, slopes))
+
+    def motor_speeds(self, speed_m_s: float, yaw_rate_rad_s: float) -> tuple[float, float]:
+        """Set points (ω_D, ω_E) in rad/s for a motion.
+
+        Args:
+            speed_m_s: along the heading, negative backwards, 0 turns on the spot.
+            yaw_rate_rad_s: counter-clockwise positive.
+
+        Raises:
+            CalibrationError: as `motor_speed`.
+        """
+        if speed_m_s == 0.0:
+            if yaw_rate_rad_s == 0.0:
+                return 0.0, 0.0
+            side = "left" if yaw_rate_rad_s > 0.0 else "right"
+            turn = self.motor_speed(side, abs(yaw_rate_rad_s)) * MANOEUVRES[side][0]
+            return turn, turn
+        drive = "forwards" if speed_m_s > 0.0 else "backwards"
+        omega = self.motor_speed(drive, abs(speed_m_s)) * MANOEUVRES[drive][1]
+        difference = self.difference(speed_m_s, yaw_rate_rad_s)
+        if abs(omega) + abs(difference) > self.hop_free_rad_s:
+            raise CalibrationError(
+                f"{np.rad2deg(yaw_rate_rad_s):.3g} °/s at {1e3 * speed_m_s:.3g} mm/s would make "
+                "the robot hop; drive or turn more slowly"
+            )
+        return difference - omega, difference + omega
+
+    def resolved(self, config: CoSimConfig) -> CoSimConfig:
+        """The configuration with the motor speeds that realise its drive speed and turn rate.
+
+        A turn rate beyond the largest becomes the largest: turning more slowly only takes longer.
+
+        Raises:
+            CalibrationError: the drive speed needs hopping.
+        """
+        steering = config.steering
+        largest = min(self.largest(drive) for drive in DRIVES)
+        if steering.drive_speed_m_s > largest:
+            raise CalibrationError(
+                f"a drive speed of {1e3 * steering.drive_speed_m_s:.3g} mm/s would make the robot "
+                f"hop; the largest possible is {np.floor(1e5 * largest) / 100.0:.2f} mm/s"
+            )
+        forward, backward = (self.motor_speed(d, steering.drive_speed_m_s) for d in DRIVES)
+        rate = min(steering.turn_rate_rad_s, *(self.largest(side) for side in ("left", "right")))
+        turn = max(self.motor_speed(side, rate) for side in ("left", "right"))
+        return replace(
+            config,
+            steering=steering._replace(
+                forward_speed_rad_s=round(forward, 1),
+                backward_speed_rad_s=round(backward, 1),
+                turn_speed_rad_s=round(turn, 1),
+                max_speed_rad_s=round(self.hop_free_rad_s, 1),
+            ),
+        )
+
+    def save(self, path: Path) -> None:
+        """Write the trials (npz); the file appears whole or not at all."""
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **asdict(self))
+
+
+def _hop_free(curve: Curve) -> float:
+    hops = curve.omega_rad_s[curve.airborne_share > 0.0].min(initial=np.inf)
+    return float(curve.omega_rad_s[curve.omega_rad_s < hops].max())
+
+
+def load_calibration(path: Path) -> Calibration:
+    """Trials of a file.
+
+    Raises:
+        CalibrationError: it is missing or damaged.
+    """
+    kind = Kind("calibration", "make it with `python -m cosim.calibrate`", CalibrationError)
+    return Calibration(**read_arrays(path, kind, [field.name for field in fields(Calibration)]))

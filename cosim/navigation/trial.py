@@ -1,0 +1,108 @@
+"""Robots far apart on an endless floor: what one robot does, without board, agent or episode.
+
+For calibration and for trials of the steering. Commands are written straight into the state's
+array (layout in `cosim.coupling.steering`); the dynamics, the FMUs and the noise are those of an
+episode.
+"""
+
+import numpy as np
+
+from cosim.base.config import CoSimConfig
+from cosim.coupling.assembly import (
+    check_motors,
+    draw_noise,
+    new_motors,
+    new_plant,
+    noise_generators,
+)
+from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.master import CompiledDriver
+from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples, new_state
+from cosim.physics.body import standing_state
+
+# Robots never meet: a trial takes minutes at some mm/s. Coordinates stay small enough for a
+# rounding error of a femtometre, which is that of a board.
+SPACING_M = 1.0
+
+
+class Trial:
+    """N robots, each alone, with motors at rest.
+
+    Attributes:
+        state: poses, commands and everything else that changes.
+        origins_m: (N, 2) where each robot was put.
+        time_s: simulated time.
+    """
+
+    def __init__(
+        self,
+        motor_fmu: MotorFmu,
+        config: CoSimConfig,
+        headings_rad: np.ndarray,
+        seed: np.random.SeedSequence,
+        nominal_rad_s: np.ndarray | float | None = None,
+    ) -> None:
+        """Put the robots on the floor.
+
+        Args:
+            motor_fmu: of every motor.
+            config: all parameters.
+            headings_rad: (N,) counter-clockwise from +x.
+            seed: of the speed noise; every motor gets a child of its own.
+            nominal_rad_s: motor speed that the noise is relative to, of all or (N,) of each robot;
+                default that of driving forwards.
+
+        Raises:
+            FmuError: the FMU lacks a capability, refuses to load or to be initialised.
+        """
+        n = len(headings_rad)
+        check_motors(motor_fmu, config, n)
+        self._config = config
+        self._plant = new_plant(config, (np.inf, np.inf), end_on_collision=False)
+        self._nominal = (
+            config.steering.forward_speed_rad_s if nominal_rad_s is None else nominal_rad_s
+        )
+        self._tick = 0
+        self.state = new_state(n)
+        self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])
+        for robot, (x, y) in enumerate(self.origins_m):
+            self.state.bodies[robot] = standing_state(config.robot, x, y, headings_rad[robot])
+        self._noise = noise_generators(seed, n)
+        self._motors = new_motors(motor_fmu, config, n)
+        self._driver = CompiledDriver(self._motors)
+
+    def __enter__(self) -> "Trial":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for motor in self._motors:
+            motor.close()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time in s."""
+        return self._tick * self._config.timing.dt_s
+
+    def advance(self, periods: int, *, every_tick: bool = False) -> tuple[Samples, RawSamples]:
+        """Simulate some control periods.
+
+        Args:
+            periods: how many.
+            every_tick: sample every tick too, not only the ends of periods.
+
+        Raises:
+            FmuError: an FMU failed; names the instance and the time.
+        """
+        n, ticks = len(self.origins_m), periods * self._config.ticks_per_period
+        samples, raw = new_samples(periods, n), new_raw_samples(ticks if every_tick else 0, n)
+        noise = draw_noise(self._config, self._noise, self._nominal, periods)
+        self._driver.advance(self._plant, self.state, noise, samples, raw, self._tick)
+        self._tick += ticks
+        return samples, raw
+
+
+def heading_angles(quaternions: np.ndarray) -> np.ndarray:
+    """Heading in rad, continuous along the first axis, of quaternions (n, …, 4) as (w, x, y, z)."""
+    w, x, y, z = np.moveaxis(quaternions, -1, 0)
+    angles = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    return np.unwrap(angles, axis=0)

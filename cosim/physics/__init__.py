@@ -1,0 +1,1 @@
+"""Rigid bodies, feet and contacts as kernels; knows no FMU."""

@@ -1,0 +1,138 @@
+"""Three rigid unilateral contacts with Coulomb friction, solved as impulses per time step.
+
+Moreau time stepping in the body frame: there the contact points, the inertia and so the Delassus
+operator are constant, only the floor normal changes. Each sweep is one projected gradient step on
+all three contacts at once, which keeps mirror symmetry exact; impulses of the last step start the
+next. Impacts are inelastic. Nothing here knows motors or time integration.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.base.jit import inlined
+from cosim.base.params import RobotParams, cylinder_inertia
+from cosim.physics.rotation import Vector, dot, plus
+
+Impulse = tuple[float, Vector]
+
+# Share of a penetration removed per step. Solver residuals leave some 1e-12 m; removing them at
+# once would act as noise on the normal force, never removing them would let the robot sink.
+GAP_CORRECTION = 0.1
+
+
+# Sweeps end when impulses change by less than this share of weight·dt: in smooth sliding the warm
+# start needs one sweep, after a foot lands or sticks some ten. Mean speeds stay within 0.3 % of
+# converged contacts (benchmarks/convergence.py).
+CONTACT_TOLERANCE = 0.01
+MAX_SWEEPS = 50
+
+
+class ContactParams(NamedTuple):
+    """Geometry and step sizes of the contact solver (body frame, origin: centre of mass).
+
+    Attributes:
+        a, b, c: positions of feet A, B, C in m.
+        mu: Coulomb friction coefficient, static = kinetic.
+        step_normal, step_tangential: step sizes of the projected gradient in kg.
+        tolerance: sweeps end when the impulses change by less than this, N s.
+        max_sweeps: bound on the gradient steps of one time step.
+    """
+
+    a: Vector
+    b: Vector
+    c: Vector
+    mu: float
+    step_normal: float
+    step_tangential: float
+    tolerance: float
+    max_sweeps: int
+
+
+def foot_positions(robot: RobotParams) -> np.ndarray:
+    """Feet A, B, C in the body frame, shape (3, 3), m: A and C at +x, B at −x (Fig. 4b)."""
+    angles = np.deg2rad([60.0, 180.0, -60.0])
+    feet = np.empty((3, 3))
+    feet[:, 0] = robot.foot_radius_m * np.cos(angles)
+    feet[:, 1] = robot.foot_radius_m * np.sin(angles)
+    feet[:, 2] = -robot.com_height_m
+    feet[2, :2] = feet[0, 0], -feet[0, 1]  # exact mirror images
+    feet[1, 1] = 0.0
+    return feet
+
+
+def delassus(robot: RobotParams) -> np.ndarray:
+    """Delassus operator of the three contacts, shape (9, 9), 1/kg: impulses to velocities.
+
+    Rows and columns are x, y, z of A, B, C in the body frame.
+    """
+    jacobian = np.zeros((9, 6))
+    for i, (x, y, z) in enumerate(foot_positions(robot)):
+        jacobian[3 * i : 3 * i + 3, :3] = np.eye(3)
+        jacobian[3 * i : 3 * i + 3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    inverse_mass = np.array([1.0 / robot.mass_kg] * 3 + [1.0 / i for i in cylinder_inertia(robot)])
+    return (jacobian * inverse_mass) @ jacobian.T
+
+
+def contact_params(robot: RobotParams, tolerance: float) -> ContactParams:
+    """Solver parameters of a robot; the step sizes make every sweep a contraction.
+
+    Normal and tangential rows are scaled by their own largest eigenvalues, then both by the
+    largest eigenvalue of the scaled whole, so that the gradient step is stable for any geometry.
+    """
+    feet = foot_positions(robot)
+    operator = delassus(robot)
+    normal = np.arange(9) % 3 == 2
+    scale = np.empty(9)
+    scale[normal] = np.linalg.eigvalsh(operator[np.ix_(normal, normal)])[-1]
+    scale[~normal] = np.linalg.eigvalsh(operator[np.ix_(~normal, ~normal)])[-1]
+    root = np.sqrt(scale)
+    largest = np.linalg.eigvalsh(operator / np.outer(root, root))[-1]
+    return ContactParams(
+        *((float(x), float(y), float(z)) for x, y, z in feet),
+        mu=robot.mu,
+        step_normal=float(1.0 / (largest * scale[2])),
+        step_tangential=float(1.0 / (largest * scale[0])),
+        tolerance=tolerance,
+        max_sweeps=MAX_SWEEPS,
+    )
+
+
+@inlined
+def allowed_approach(gap: float, inverse_dt: float) -> float:
+    """Least normal speed in m/s of a foot at that gap (m): it may close the gap, not pass it."""
+    if gap > 0.0:
+        return -gap * inverse_dt
+    return -GAP_CORRECTION * gap * inverse_dt
+
+
+@inlined
+def gradient_step(
+    impulse: Impulse,
+    velocity: Vector,
+    normal: Vector,
+    least_normal_speed: float,
+    contact: ContactParams,
+) -> Impulse:
+    """One projected gradient step of one contact: Signorini's condition and Coulomb's cone.
+
+    Args:
+        impulse: (λ, q): normal impulse and friction impulse vector in N s, body frame.
+        velocity: of the foot with these impulses applied, body frame, m/s.
+        normal: unit normal of the floor in the body frame.
+        least_normal_speed: what `allowed_approach` returned.
+        contact: solver parameters.
+
+    Returns:
+        The impulse after the step: λ ≥ 0 and |q| ≤ μ λ.
+    """
+    speed = dot(normal, velocity)
+    friction = plus(impulse[1], -contact.step_tangential, plus(velocity, -speed, normal))
+    pressed = max(0.0, impulse[0] - contact.step_normal * (speed - least_normal_speed))
+    limit = contact.mu * pressed
+    length_2 = dot(friction, friction)
+    if length_2 > limit * limit:
+        shrink = limit / math.sqrt(length_2)
+        friction = (shrink * friction[0], shrink * friction[1], shrink * friction[2])
+    return pressed, friction

@@ -1,0 +1,1 @@
+"""Recordings of episodes for the Rerun viewer."""

@@ -1,0 +1,266 @@
+"""One co-simulated episode as a Rerun recording: every signal of every RL step.
+
+What is recorded is `cosim.recording.series`, how often `cosim.recording.levels`, what moves in the
+3D view `cosim.recording.episode_scene`, the log in words `cosim.recording.episode_log`. Some RL
+steps are written together, one chunk per entity: few long chunks are written, stored and read
+several times faster than many short ones.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import rerun as rr
+
+from cosim.base.config import CoSimConfig
+from cosim.base.scenario import Scenario
+from cosim.coupling.signals import RawSamples, Samples
+from cosim.navigation.episode import Step
+from cosim.navigation.features import GRADIENT_SIGNS, Observation
+from cosim.recording.blueprint import episode_blueprint, robot_names
+from cosim.recording.episode_log import EpisodeLog, Line
+from cosim.recording.episode_scene import EpisodeScene
+from cosim.recording.file import Recording, properties, scalars, simulated
+from cosim.recording.floor import write_floor
+from cosim.recording.levels import DETAILS, Level, periods
+from cosim.recording.policy_map import PolicyMap
+from cosim.recording.scene import write_scene
+from cosim.recording.series import (
+    ARRIVED,
+    DIRECTION_NAMES,
+    SIGNALS,
+    block_ends,
+    reduce,
+    write_styles,
+)
+
+_BATCH_STEPS = 5  # RL steps written together: what a killed process can lose
+
+
+class _Decided(NamedTuple):
+    """An RL step with what the agent thought of it."""
+
+    step: Step
+    q_values: np.ndarray
+    reward_parts: np.ndarray
+
+
+class EpisodeRecorder:
+    """Writes one episode; a context manager that completes the file, also after an error.
+
+    Args:
+        path: of the recording.
+        scenario: board, targets, number of robots.
+        config: parameters; its `burst_s` should be that of the level.
+        recording_id: identity of the recording; equal runs use equal ones.
+        facts: seed, versions and what else identifies the run, for the properties and `/info/run`.
+        level: how much is recorded.
+        viewer: address of a running viewer that gets the same data, if any.
+        policies: what each robot's policy says of each cell, to be drawn on the floor.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        scenario: Scenario,
+        config: CoSimConfig,
+        recording_id: str,
+        facts: dict[str, Any],
+        *,
+        level: Level = "default",
+        viewer: str | None = None,
+        policies: Sequence[PolicyMap] = (),
+    ) -> None:
+        self._names = robot_names(scenario.robots)
+        self._config, self._detail = config, DETAILS[level]
+        self._return = np.zeros(scenario.robots)
+        self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
+        self._batch: list[_Decided] = []
+        self._log = EpisodeLog(scenario, config)
+        blueprint = episode_blueprint(
+            scenario.robots,
+            scenario.size_m,
+            bursts=config.timing.burst_s > 0.0,
+            policies=bool(policies),
+        )
+        self.file = Recording(path, recording_id, blueprint, viewer)
+        self.file.stream.send_property("episode", properties(facts | {"record": level}))
+        write_scene(self.file, scenario, config.robot)
+        write_styles(self.file, scenario.robots)
+        for name, policy in zip(self._names, policies, strict=False):
+            write_floor(self.file, name, scenario, policy)
+        page = rr.TextDocument(_run_document(facts, config), media_type="text/markdown")
+        self.file.static("/info/run", page)
+        self._scenes = [
+            EpisodeScene(self.file, name, robot, scenario, config, self._detail)
+            for robot, name in enumerate(self._names)
+        ]
+
+    def __enter__(self) -> "EpisodeRecorder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._write_batch()
+        finally:
+            self.file.close()
+
+    def write(self, step: Step, q_values: np.ndarray, reward_parts: np.ndarray) -> None:
+        """Take one RL step.
+
+        Args:
+            step: what the co-simulation returned.
+            q_values: (N, 8) action values of the observation before the step.
+            reward_parts: (N, 3) reward of the step as the sum of
+                `cosim.recording.series.REWARD_PARTS`, NaN where none was.
+
+        Raises:
+            RecordingError: the disk is full.
+        """
+        self.file.check_space()
+        self._batch.append(_Decided(step, q_values, reward_parts))
+        if len(self._batch) == _BATCH_STEPS:
+            self._write_batch()
+
+    def _write_batch(self) -> None:
+        if not self._batch:
+            return
+        steps = [decided.step for decided in self._batch]
+        samples = Samples(*map(np.concatenate, zip(*(s.samples for s in steps), strict=True)))
+        raw = RawSamples(*map(np.concatenate, zip(*(s.raw for s in steps), strict=True)))
+        dt, ticks = self._config.timing.dt_s, self._config.ticks_per_period
+        times = [s.first_tick + ticks * np.arange(1, len(s.samples.omega) + 1) for s in steps]
+        time_s = dt * np.concatenate(times)
+        bursts = [s.first_tick + np.arange(1, len(s.raw.omega) + 1) for s in steps]
+        self._write_signals(samples, time_s)
+        self._write_bursts(raw, dt * np.concatenate(bursts))
+        for robot, (name, scene) in enumerate(zip(self._names, self._scenes, strict=True)):
+            scene.write(steps, samples, time_s)
+            self._write_decisions(name, robot)
+            self._write_rewards(name, robot)
+        self._write_log()
+        self._batch.clear()
+        self.file.flush()
+
+    def _send(
+        self, entity: str, time_s: np.ndarray, values: np.ndarray, rl_step: Any = None
+    ) -> None:
+        if len(time_s):
+            self.file.columns(entity, simulated(time_s, rl_step), scalars(values))
+
+    def _write_signals(self, samples: Samples, time_s: np.ndarray) -> None:
+        timing = self._config.timing
+        if not len(time_s):
+            return
+        times: dict[int, list[rr.TimeColumn]] = {}
+        for signal in SIGNALS:
+            if signal.path == "distance_m" and len(self._names) == 1:
+                continue
+            rate_s = getattr(self._detail, f"{signal.rate}_s")
+            every = periods(rate_s, timing.control_period_s, timing.rl_step_s)
+            if every not in times:
+                times[every] = simulated(time_s[block_ends(len(time_s), every)])
+            values = reduce(signal.of(samples), every, signal.reduced)
+            for robot, name in enumerate(self._names):
+                rows = scalars(values[:, robot])
+                self.file.columns(f"/sim/{name}/{signal.path}", times[every], rows)
+
+    def _write_bursts(self, raw: RawSamples, time_s: np.ndarray) -> None:
+        if not len(time_s):
+            return
+        times = simulated(time_s)
+        for path in self._detail.burst_signals:
+            for robot, name in enumerate(self._names):
+                rows = scalars(getattr(raw, path)[:, robot])
+                self.file.columns(f"/raw/{name}/{path}", times, rows)
+
+    def _write_decisions(self, name: str, robot: int) -> None:
+        """What was seen and decided at the start of each RL step, and seen at the very end."""
+        times, numbers = self._starts()
+        seen = [decided.step.before for decided in self._batch]
+        action = [int(decided.step.action[robot]) for decided in self._batch]
+        q_values = np.array([decided.q_values[robot] for decided in self._batch])
+        self._send(f"/rl/{name}/q_s", times, q_values, numbers)
+        for path, names in (
+            ("action", [DIRECTION_NAMES[a] if a >= 0 else ARRIVED for a in action]),
+            ("greedy", [DIRECTION_NAMES[k] for k in q_values.argmax(axis=1)]),
+        ):
+            states = rr.StateChange.columns(state=names)
+            self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), states)
+        last = self._batch[-1].step
+        if last.outcome:
+            seen.append(last.after)
+            times = np.append(times, self._end_s(last))
+            numbers = np.append(numbers, last.number)
+        self._write_observations(name, robot, seen, times, numbers)
+
+    def _write_observations(
+        self,
+        name: str,
+        robot: int,
+        seen: list[Observation],
+        times: np.ndarray,
+        numbers: np.ndarray,
+    ) -> None:
+        cells = np.array([observation.cells for observation in seen])
+        self._send(f"/rl/{name}/cell", times, cells[:, robot], numbers)
+        visited = []
+        for x, y in cells[:, robot].tolist():
+            self._visited[robot].add((x, y))
+            visited.append(len(self._visited[robot]))
+        self._send(f"/rl/{name}/visited", times, np.array(visited), numbers)
+        if len(self._names) > 1:
+            distances = np.linalg.norm(cells - cells[:, robot : robot + 1], axis=2)
+            nearest = np.delete(distances, robot, axis=1).min(axis=1)
+            self._send(f"/rl/{name}/distance", times, nearest, numbers)
+        signs = [GRADIENT_SIGNS[int(observation.gradient_sign[robot]) + 1] for observation in seen]
+        states = rr.StateChange.columns(state=signs)
+        self.file.columns(f"/rl/{name}/gradient", simulated(times, numbers), states)
+
+    def _write_rewards(self, name: str, robot: int) -> None:
+        earned = [d for d in self._batch if not np.isnan(d.reward_parts[robot]).any()]
+        if not earned:
+            return
+        times = np.array([self._end_s(d.step) for d in earned])
+        numbers = np.array([d.step.number for d in earned])
+        parts = np.array([d.reward_parts[robot] for d in earned])
+        reward = parts.sum(axis=1)
+        self._send(f"/rl/{name}/reward", times, reward, numbers)
+        self._send(f"/rl/{name}/reward_parts", times, parts, numbers)
+        self._send(f"/rl/{name}/return", times, self._return[robot] + reward.cumsum(), numbers)
+        self._return[robot] += reward.sum()
+
+    def _write_log(self) -> None:
+        lines: list[Line] = []
+        for step, _, parts in self._batch:
+            lines += self._log.lines(step, parts.sum(axis=1))
+        if lines:
+            time_s, numbers, levels, texts = zip(*lines, strict=True)
+            rows = rr.TextLog.columns(text=texts, level=levels)
+            self.file.columns("/log", simulated(np.array(time_s), np.array(numbers)), rows)
+
+    def _starts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times in s and numbers of the batch's RL steps."""
+        steps = [decided.step for decided in self._batch]
+        times = np.array([step.first_tick for step in steps]) * self._config.timing.dt_s
+        return times, np.array([step.number for step in steps])
+
+    def _end_s(self, step: Step) -> float:
+        ticks = step.first_tick + self._config.ticks_per_period * len(step.samples.omega)
+        return ticks * self._config.timing.dt_s
+
+
+def _run_document(facts: dict[str, Any], config: CoSimConfig) -> str:
+    """Markdown page that says what was run, with every parameter and its source."""
+    lines = ["# Episode", "", "| | |", "|---|---|"]
+    lines += [f"| {key} | {value} |" for key, value in facts.items()]
+    lines += ["", "# Parameters", "", "| name | value | unit | meaning | source |", "|-|-|-|-|-|"]
+    lines += [
+        f"| {name} | {row['value']} | {row['unit']} | {row['description']} | {row['source']} |"
+        for name, row in config.table().items()
+    ]
+    return "\n".join(lines)

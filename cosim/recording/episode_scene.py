@@ -1,0 +1,158 @@
+"""What moves in the 3D view of an episode: robots, eccentric masses, forces, ways and plans.
+
+What stands still is `cosim.recording.scene`; signals over time are `cosim.recording.series`.
+"""
+
+import numpy as np
+import rerun as rr
+
+from cosim.base.config import CoSimConfig
+from cosim.base.scenario import Scenario
+from cosim.coupling.signals import Samples
+from cosim.navigation.episode import Step
+from cosim.navigation.features import DIRECTION_COUNT
+from cosim.physics.forces import motor_mounts
+from cosim.recording.file import Recording, simulated
+from cosim.recording.levels import Detail, periods
+from cosim.recording.scene import shaft_end_m
+from cosim.recording.series import block_ends, reduce
+
+TRAIL_PERIOD_S = 0.5
+# The weight on a foot makes an arrow of 1 cm; impacts of tens of newtons would leave the picture.
+_METRES_PER_NEWTON = 0.03
+_LONGEST_ARROW_M = 0.09
+_TRAIL_HEIGHT_M = 0.0005
+_VISITED_HEIGHT_M = 0.0001
+_PLAN_DIAMETERS = 0.8  # length of the planned direction's arrow
+_PLAN_CLEARANCE_M = 0.003
+
+
+class EpisodeScene:
+    """Writes the moving parts of one robot; remembers its way.
+
+    Args:
+        file: recording being written.
+        name: of the robot.
+        robot: its index.
+        scenario: the board.
+        config: geometry and clock.
+        detail: rates.
+    """
+
+    def __init__(
+        self,
+        file: Recording,
+        name: str,
+        robot: int,
+        scenario: Scenario,
+        config: CoSimConfig,
+        detail: Detail,
+    ) -> None:
+        self._file, self._name, self._robot = file, name, robot
+        self._scenario, self._config, self._detail = scenario, config, detail
+        self._trail = np.zeros((0, 3))
+        self._visited: dict[tuple[int, int], None] = {}  # in the order of the first visit
+
+    def write(self, steps: list[Step], samples: Samples, time_s: np.ndarray) -> None:
+        """Write consecutive RL steps.
+
+        Args:
+            steps: the steps.
+            samples: their samples, joined.
+            time_s: time of each control period.
+        """
+        if len(time_s):
+            self._write_body(samples, time_s)
+            self._write_masses(steps, samples, time_s)
+        self._write_way(steps)
+        self._write_plan(steps)
+
+    def _write_body(self, samples: Samples, time_s: np.ndarray) -> None:
+        timing = self._config.timing
+        every = periods(self._detail.pose_s, timing.control_period_s, timing.rl_step_s)
+        rows = block_ends(len(time_s), every)
+        times, base = simulated(time_s[rows]), f"/world/{self._name}/robot"
+        # Rerun wants (x, y, z, w).
+        quaternion = np.roll(samples.quaternion[rows, self._robot], -1, axis=1)
+        pose = rr.Transform3D.columns(
+            translation=samples.position[rows, self._robot], quaternion=quaternion
+        )
+        self._file.columns(base, times, pose)
+        normal = reduce(samples.normal_max[:, self._robot], every, "max")
+        arrows = np.zeros((*normal.shape, 3))
+        arrows[:, :, 2] = np.minimum(_METRES_PER_NEWTON * normal, _LONGEST_ARROW_M)
+        forces = rr.Arrows3D.columns(vectors=arrows.reshape(-1, 3))
+        forces = forces.partition([normal.shape[1]] * len(normal))
+        self._file.columns(f"{base}/contact", times, forces)
+
+    def _write_masses(self, steps: list[Step], samples: Samples, time_s: np.ndarray) -> None:
+        """Eccentric masses with the poses, and at every control period of the bursts."""
+        timing = self._config.timing
+        every = periods(self._detail.pose_s, timing.control_period_s, timing.rl_step_s)
+        burst = round(self._detail.burst_s / timing.control_period_s)
+        lengths = np.array([len(step.samples.omega) for step in steps])
+        firsts = lengths.cumsum() - lengths
+        bursts = [f + np.arange(min(burst, n)) for f, n in zip(firsts, lengths, strict=True)]
+        rows = np.unique(np.concatenate([block_ends(len(time_s), every), *bursts]))
+        mounts = motor_mounts(self._config.robot, self._config.motor)
+        masses = np.empty((len(rows), len(mounts), 3))
+        for motor, mount in enumerate(mounts):
+            theta = samples.theta[rows, self._robot, motor]
+            masses[:, motor, 0] = -mount.r * mount.sin_phi * np.sin(theta)
+            masses[:, motor, 1] = shaft_end_m(self._config.robot, mount.sin_phi)
+            masses[:, motor, 2] = mount.z - mount.r * np.cos(theta)
+        points = rr.Points3D.columns(positions=masses.reshape(-1, 3))
+        points = points.partition([len(mounts)] * len(rows))
+        self._file.columns(
+            f"/world/{self._name}/robot/motors/masses", simulated(time_s[rows]), points
+        )
+
+    def _write_way(self, steps: list[Step]) -> None:
+        """The trail so far and the cells visited so far, at the end of each RL step."""
+        timing, cell = self._config.timing, self._scenario.cell_m
+        every = round(TRAIL_PERIOD_S / timing.control_period_s)
+        ends, trails, visited_ends, visited = [], [], [], []
+        for step in steps:
+            end_s = step.first_tick * timing.dt_s
+            end_s += len(step.samples.omega) * timing.control_period_s
+            if len(step.samples.omega):
+                way = step.samples.position[::every, self._robot].copy()
+                way[:, 2] = _TRAIL_HEIGHT_M
+                self._trail = np.vstack([self._trail, way])
+                ends.append(end_s)
+                trails.append(self._trail)
+            known = len(self._visited)
+            for position in step.samples.position[::every, self._robot]:
+                x, y = np.floor(position[:2] / cell).astype(int).tolist()
+                self._visited.setdefault((x, y))
+            if len(self._visited) > known:
+                centres = (np.array(list(self._visited)) + 0.5) * cell
+                visited_ends.append(end_s)
+                visited.append(np.insert(centres, 2, _VISITED_HEIGHT_M, axis=1))
+        if ends:
+            line = rr.LineStrips3D.columns(strips=trails)
+            self._file.columns(f"/world/{self._name}/trail", simulated(np.array(ends)), line)
+        if visited:
+            boxes = rr.Boxes3D.columns(centers=np.concatenate(visited))
+            boxes = boxes.partition([len(centres) for centres in visited])
+            times = simulated(np.array(visited_ends))
+            self._file.columns(f"/world/{self._name}/visited", times, boxes)
+
+    def _write_plan(self, steps: list[Step]) -> None:
+        """The commanded direction over the robot; nothing once it has arrived."""
+        robot = self._config.robot
+        steps = [step for step in steps if len(step.samples.omega)]
+        if not steps:
+            return
+        action = np.array([step.action[self._robot] for step in steps])
+        origins = np.array([step.samples.position[0, self._robot] for step in steps])
+        origins[:, 2] = robot.height_m + _PLAN_CLEARANCE_M
+        angle = action * 2.0 * np.pi / DIRECTION_COUNT
+        length = _PLAN_DIAMETERS * robot.diameter_m
+        vectors = length * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))])
+        moving = action >= 0
+        arrows = rr.Arrows3D.columns(origins=origins[moving], vectors=vectors[moving])
+        times = np.array([step.first_tick for step in steps]) * self._config.timing.dt_s
+        self._file.columns(
+            f"/world/{self._name}/plan", simulated(times), arrows.partition(moving.astype(int))
+        )

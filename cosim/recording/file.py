@@ -1,0 +1,196 @@
+"""Rerun files that are whole or say so: one `.rrd` from opening to renaming.
+
+Data goes to `<name>.rrd.part` and gets its name when it is complete, and on request to a viewer at
+the same time. Rerun drops bad data and writes on a full disk without a word, so strict mode is on,
+free space is checked, every flush has a time limit and writes are ours
+(`cosim.recording.piped_file`). What is written is decided by the callers, how a viewer is found by
+`cosim.recording.live`.
+"""
+
+import atexit
+import os
+import shutil
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import RrdReader
+
+from cosim.base.errors import USER_ERROR_STATUS, UserError
+from cosim.recording.piped_file import PipedFile
+
+APPLICATION = "minirobots"
+FLUSH_TIMEOUT_S = 30.0
+# An RL step of two robots writes under 1 MB; the rest is room for the footer and other writers.
+LEAST_FREE_BYTES = 50_000_000
+
+
+class RecordingError(UserError):
+    """A recording that cannot be written; the message names the file and the mend."""
+
+
+class Recording:
+    """A recording being written; a context manager that completes it, also after an error.
+
+    Args:
+        path: of the complete file.
+        recording_id: identity of the recording.
+        blueprint: what the viewer shows when the file is opened.
+        viewer: address of a running viewer that gets the same data, if any.
+
+    Attributes:
+        path: of the complete file.
+        stream: Rerun's recording stream.
+
+    Raises:
+        RecordingError: the folder cannot be written, or the disk is full.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        recording_id: str,
+        blueprint: rrb.Blueprint,
+        viewer: str | None = None,
+    ) -> None:
+        rr.set_strict_mode(True)
+        self.path = path
+        self._part = path.with_name(path.name + ".part")
+        self._open = True
+        self._viewer, self._lost = viewer, False
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.check_space()
+        self.stream = rr.RecordingStream(
+            APPLICATION, recording_id=recording_id, send_properties=False
+        )
+        self._file = PipedFile(self._part)
+        sinks = [rr.FileSink(self._file.address)] + ([rr.GrpcSink(viewer)] if viewer else [])
+        try:
+            self.stream.set_sinks(*sinks, default_blueprint=blueprint)
+        except Exception as error:  # rerun raises RuntimeError whatever the cause
+            self._part.unlink()
+            raise RecordingError(
+                f"cannot write the recording {path}: {error}; choose another --out"
+            ) from error
+        finally:
+            self._file.opened()
+        self.stream.set_log_time_enabled(False)  # equal runs give equal files
+        self.stream.set_log_tick_enabled(False)
+
+    def __enter__(self) -> "Recording":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def check_space(self) -> None:
+        """Raise RecordingError while the file can still be completed, if the disk fills up."""
+        if shutil.disk_usage(self.path.parent).free < LEAST_FREE_BYTES:
+            raise RecordingError(
+                f"less than {LEAST_FREE_BYTES / 1e6:.0f} MB are free for the recording "
+                f"{self.path}; free some space or choose another --out"
+            )
+
+    def static(self, entity: str, *what: Any) -> None:
+        """Log data that holds for the whole recording."""
+        self.stream.log(entity, *what, static=True)
+
+    def columns(self, entity: str, times: list[rr.TimeColumn], columns: Any) -> None:
+        """Send the rows of one entity, one per time."""
+        self.stream.send_columns(entity, times, columns)
+
+    def flush(self) -> None:
+        """Write out what was logged so far.
+
+        Raises:
+            RecordingError: it did not reach the disk, or not in time.
+        """
+        self._hand_over()
+        try:
+            self._file.settle()
+        except OSError as error:
+            raise self._incomplete(error) from error
+
+    def _hand_over(self) -> None:
+        """Have Rerun write out what it holds."""
+        try:
+            self.stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        except Exception as error:
+            if self._viewer and "gRPC" in str(error):
+                self._lose_viewer()
+                return
+            self._open = False
+            atexit.register(_leave, self.stream)  # disconnecting it would wait for ever
+            if self._viewer:
+                raise RecordingError(
+                    f"the viewer at {self._viewer} does not take what is recorded ({error}); start "
+                    f"it again or leave it out; what {self._part} holds so far can be read"
+                ) from error
+            raise self._incomplete(error) from error
+
+    def _lose_viewer(self) -> None:
+        """Say once that the viewer is gone; what follows still goes to the file."""
+        if not self._lost:
+            print(
+                f"the viewer at {self._viewer} is gone; {self.path} is written on", file=sys.stderr
+            )
+        self._lost = True
+
+    def _incomplete(self, error: Exception) -> RecordingError:
+        why = error.strerror if isinstance(error, OSError) else error
+        return RecordingError(
+            f"the recording {self._part} could not be written out ({why}); free some disk space; "
+            "what it and other .part files beside it hold can be read"
+        )
+
+    def close(self) -> None:
+        """Complete the file and give it its name.
+
+        Raises:
+            RecordingError: it is not whole; what there is of it keeps its provisional name.
+        """
+        if not self._open:
+            return
+        self._hand_over()
+        self._open = False
+        self.stream.disconnect()
+        try:
+            self._file.close(FLUSH_TIMEOUT_S)
+            RrdReader(str(self._part)).store()  # reads the end, which says where everything is
+        except (OSError, RuntimeError, ValueError) as error:
+            raise self._incomplete(error) from error
+        self._part.replace(self.path)
+
+
+def _leave(_: rr.RecordingStream) -> None:
+    """End the process before Rerun's own exit handler disconnects the stream."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(USER_ERROR_STATUS)
+
+
+def simulated(time_s: np.ndarray, rl_step: np.ndarray | None = None) -> list[rr.TimeColumn]:
+    """Times of rows in an episode: simulated time in s, and the RL step where it applies."""
+    nanoseconds = np.round(np.atleast_1d(time_s) * 1e9).astype("timedelta64[ns]")
+    columns = [rr.TimeColumn("sim_time", duration=nanoseconds)]
+    if rl_step is not None:
+        columns.append(rr.TimeColumn("rl_step", sequence=np.atleast_1d(rl_step)))
+    return columns
+
+
+def scalars(values: np.ndarray) -> Any:
+    """Rows of a scalar (n,) or vector (n, k) signal."""
+    return rr.Scalars.columns(scalars=values.astype(np.float64))
+
+
+def properties(values: Mapping[str, Any]) -> rr.AnyValues:
+    """Values for a recording's properties: numbers and strings as they are, the rest as text."""
+    known: dict[str, Any] = {
+        key: value if isinstance(value, int | float | str) else str(value)
+        for key, value in values.items()
+    }
+    return rr.AnyValues(**known)

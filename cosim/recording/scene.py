@@ -1,0 +1,154 @@
+"""What stands still in a recording of an episode: arena and robots in 3D, and the colours."""
+
+import numpy as np
+import rerun as rr
+
+from cosim.base.params import RobotParams
+from cosim.base.scenario import Scenario
+from cosim.physics.contact import foot_positions
+from cosim.recording.blueprint import robot_names
+from cosim.recording.file import Recording
+
+# Okabe–Ito, safe for colour-blind readers; one per robot.
+ROBOT_COLOURS = np.array([0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF], dtype=np.uint32)
+GREY, LIGHT, INK, WHITE = 0x888888FF, 0x88888840, 0x222222FF, 0xFFFFFFFF
+SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of the signals within one plot
+EIGHT = [
+    *(0x0072B2FF, 0x56B4E9FF, 0x009E73FF, 0xF0E442FF),
+    *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
+]
+
+
+def palette(colours: list[int]) -> np.ndarray:
+    """Colours as Rerun takes them without doubt, 0xRRGGBBAA."""
+    return np.array(colours, dtype=np.uint32)
+
+
+def write_scene(file: Recording, scenario: Scenario, robot: RobotParams) -> None:
+    """Log everything that does not move: board, zone, targets, and robots in their own frames.
+
+    Args:
+        file: recording being written.
+        scenario: board and targets.
+        robot: geometry of every robot.
+    """
+    names = robot_names(scenario.robots)
+    width, height = scenario.size_m
+    cell = scenario.cell_m
+    lines = [[(x * cell, 0, 0), (x * cell, height, 0)] for x in range(scenario.columns + 1)]
+    lines += [[(0, y * cell, 0), (width, y * cell, 0)] for y in range(scenario.rows + 1)]
+    file.static("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    file.static("/world/board", rr.LineStrips3D(lines, colors=LIGHT, radii=0.0001))
+    left, bottom, right, top = scenario.zone
+    zone = np.array([left, bottom, right + 1, top + 1]) * cell
+    centre = [(zone[0] + zone[2]) / 2, (zone[1] + zone[3]) / 2, 0.0]
+    half = [(zone[2] - zone[0]) / 2, (zone[3] - zone[1]) / 2, 0.0]
+    file.static("/world/zone", rr.Boxes3D(centers=[centre], half_sizes=[half], colors=GREY))
+    if scenario.obstacles:
+        obstacles = rr.Boxes3D(
+            centers=[(*scenario.centre_m(obstacle), 0.0) for obstacle in scenario.obstacles],
+            half_sizes=[(cell / 2, cell / 2, 0.0002)] * len(scenario.obstacles),
+            colors=INK,
+            fill_mode="solid",
+        )
+        file.static("/world/obstacles", obstacles)
+    colours = [int(ROBOT_COLOURS[i % len(ROBOT_COLOURS)]) for i in range(scenario.robots)]
+    file.static(
+        "/world/targets",
+        rr.Boxes3D(
+            centers=[(*scenario.centre_m(target), 0.0) for target in scenario.targets],
+            half_sizes=[(cell / 2, cell / 2, 0.0002)] * scenario.robots,
+            colors=palette(colours),
+            fill_mode="solid",
+            labels=[f"target {name}" for name in names],
+        ),
+    )
+    for name, colour, starts in zip(names, colours, scenario.starts, strict=True):
+        file.static(
+            f"/world/starts/{name}",
+            rr.Boxes3D(
+                centers=[(*scenario.centre_m(start), -0.0002) for start in starts],
+                half_sizes=[(cell / 2, cell / 2, 0.0001)] * len(starts),
+                colors=faint(colour),
+                fill_mode="solid",
+            ),
+        )
+        _write_robot(file, name, colour, robot)
+        _write_way(file, name, colour, cell)
+
+
+def faint(colour: int) -> int:
+    """A colour at a quarter of its opacity."""
+    return (colour & 0xFFFFFF00) | 0x40
+
+
+def shaft_end_m(robot: RobotParams, side: float) -> float:
+    """Where on the body's y axis the mass of the motor on that side is drawn, in m.
+
+    At the outer end of the motor, where it can be seen; the forces act at the motor's middle.
+    """
+    return side * (robot.motor_radius_m + robot.motor_length_m / 2.0)
+
+
+def _write_robot(file: Recording, name: str, colour: int, robot: RobotParams) -> None:
+    base = f"/world/{name}/robot"
+    middle = robot.height_m / 2.0 - robot.com_height_m
+    file.static(
+        f"{base}/body",
+        rr.Cylinders3D(
+            lengths=[robot.height_m],
+            radii=[robot.diameter_m / 2.0],
+            centers=[(0.0, 0.0, middle)],
+            colors=[colour],
+            fill_mode="transparentfillmajorwireframe",
+            labels=[name],
+        ),
+    )
+    file.static(f"{base}/feet", rr.Points3D(foot_positions(robot), radii=0.001, colors=INK))
+    z = robot.motor_axis_height_m - robot.com_height_m
+    file.static(
+        f"{base}/motors",
+        rr.Cylinders3D(
+            lengths=[robot.motor_length_m] * 2,
+            radii=[robot.motor_diameter_m / 2.0] * 2,
+            centers=[(0.0, side * robot.motor_radius_m, z) for side in (1.0, -1.0)],
+            rotation_axis_angles=[rr.RotationAxisAngle((1, 0, 0), degrees=90)] * 2,
+            colors=INK,
+            fill_mode="solid",
+        ),
+    )
+    file.static(
+        f"{base}/motors/masses",
+        rr.Points3D.from_fields(colors=palette(SERIES[1:2] * 2), radii=[0.001] * 2),
+    )
+    top = robot.height_m - robot.com_height_m
+    file.static(
+        f"{base}/heading",
+        rr.Arrows3D(
+            origins=[(0.0, 0.0, top)],
+            vectors=[(robot.diameter_m / 2.0, 0.0, 0.0)],
+            colors=colour,
+            radii=0.001,
+        ),
+    )
+    feet = foot_positions(robot)
+    file.static(
+        f"{base}/contact",
+        rr.Arrows3D.from_fields(origins=feet, colors=palette(SERIES[1:2] * 3), radii=[0.0005] * 3),
+    )
+
+
+def _write_way(file: Recording, name: str, colour: int, cell_m: float) -> None:
+    """Styles of what a robot leaves on the floor and intends."""
+    file.static(
+        f"/world/{name}/trail", rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
+    )
+    file.static(
+        f"/world/{name}/visited",
+        rr.Boxes3D.from_fields(
+            half_sizes=[(cell_m / 2, cell_m / 2, 0.0001)],
+            colors=[faint(colour)],
+            fill_mode="solid",
+        ),
+    )
+    file.static(f"/world/{name}/plan", rr.Arrows3D.from_fields(colors=[WHITE], radii=[0.0012]))

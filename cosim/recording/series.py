@@ -1,0 +1,147 @@
+"""The recorded signals of an episode: where each comes from, its rate, unit, names and colours."""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+import rerun as rr
+
+from cosim.coupling.signals import Samples
+from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS
+from cosim.recording.blueprint import robot_names
+from cosim.recording.file import Recording
+from cosim.recording.scene import EIGHT, LIGHT, SERIES, palette
+
+DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
+ARRIVED = "at target"
+REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
+_DE, _ABC, _XY = ("D", "E"), ("A", "B", "C"), ("x", "y")
+
+
+class Signal(NamedTuple):
+    """A signal below `/sim/<robot>`.
+
+    Attributes:
+        path: of its entity.
+        names: of its components.
+        unit: of its values.
+        rate: which of the rates of `cosim.recording.levels.Detail` it has.
+        reduced: what a row says of the control periods since the last one.
+        of: its values (n, N) or (n, N, k) at every control period.
+    """
+
+    path: str
+    names: tuple[str, ...]
+    unit: str
+    rate: Literal["fast", "slow", "pose"]
+    reduced: Literal["mean", "max", "last"]
+    of: Callable[[Samples], np.ndarray]
+
+
+def headings(samples: Samples) -> np.ndarray:
+    """Heading of each robot in rad, (n, N), from the quaternions."""
+    w, x, y, z = np.moveaxis(samples.quaternion, -1, 0)
+    return np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+
+
+def nearest_distances(samples: Samples) -> np.ndarray:
+    """Distance in m of each robot's centre to the nearest other, (n, N), infinite if alone."""
+    between = samples.position[:, :, None, :2] - samples.position[:, None, :, :2]
+    distances = np.linalg.norm(between, axis=-1)
+    robots = np.arange(distances.shape[1])
+    distances[:, robots, robots] = np.inf
+    return distances.min(axis=2)
+
+
+SIGNALS = (
+    Signal("motors/omega", _DE, "rad/s", "fast", "mean", lambda s: s.omega),
+    Signal("motors/voltage", _DE, "V", "fast", "mean", lambda s: s.voltage),
+    Signal("motors/omega_des", _DE, "rad/s", "slow", "last", lambda s: s.omega_des),
+    Signal("motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
+    Signal("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
+    Signal("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
+    Signal("heading", ("heading",), "rad", "pose", "last", headings),
+    Signal("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
+    Signal("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
+    Signal("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
+    Signal("contact/normal_max", _ABC, "N", "slow", "max", lambda s: s.normal_max),
+    Signal("contact/friction_max", _ABC, "N", "slow", "max", lambda s: s.friction_max),
+    Signal("contact/slipping_share", _ABC, "1", "slow", "mean", lambda s: s.slipping_share),
+    Signal("contact/lifted_share", ("share",), "1", "slow", "mean", lambda s: s.lifted_share),
+    Signal("contact/touching_share", ("share",), "1", "slow", "mean", lambda s: s.touching_share),
+)
+
+# Signals of bursts below /raw/<robot>, fields of `cosim.coupling.signals.RawSamples`: names and
+# unit.
+RAW_SERIES = {
+    "omega": (_DE, "rad/s"),
+    "theta": (_DE, "rad"),
+    "position": (("x", "y", "z"), "m"),
+    "normal": (_ABC, "N"),
+    "friction": (("A x", "A y", "B x", "B y", "C x", "C y"), "N"),
+}
+
+# Signals of decisions below /rl/<robot>.
+RL_SERIES = {
+    "cell": (_XY, "cells"),
+    "visited": (("cells",), "cells"),
+    "distance": (("distance",), "cells"),
+    "reward": (("reward",), "1"),
+    "reward_parts": (REWARD_PARTS, "1"),
+    "return": (("return",), "1"),
+    "q_s": (DIRECTION_NAMES, "1"),
+}
+
+
+def reduce(values: np.ndarray, every: int, how: str) -> np.ndarray:
+    """Rows over blocks of `every` periods, the last one possibly shorter: mean, max or last.
+
+    Args:
+        values: (n, ...) at every control period, n ≥ 1.
+        every: periods per block.
+        how: see `Signal.reduced`.
+    """
+    if every == 1:
+        return values
+    if how == "last":
+        return values[block_ends(len(values), every)]
+    starts = np.arange(0, len(values), every)
+    values = np.ascontiguousarray(values)
+    if how == "max":
+        return np.maximum.reduceat(values, starts, axis=0)
+    counts = np.diff(np.append(starts, len(values))).astype(np.float64)
+    return np.add.reduceat(values, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
+
+
+def block_ends(count: int, every: int) -> np.ndarray:
+    """Index of the last period of each block of `every` periods; none of no periods."""
+    return np.minimum(np.arange(every - 1, count + every - 1, every), count - 1)
+
+
+def write_styles(file: Recording, robots: int) -> None:
+    """Log names, units, colours and aggregation of every signal of an episode."""
+    for name in robot_names(robots):
+        series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in SIGNALS}
+        series |= {f"/raw/{name}/{path}": entry for path, entry in RAW_SERIES.items()}
+        series |= {f"/rl/{name}/{path}": entry for path, entry in RL_SERIES.items()}
+        for entity, (names, unit) in series.items():
+            colours = SERIES if len(names) <= len(SERIES) else EIGHT
+            file.static(
+                entity,
+                # The default, averaging, would flatten a vibration to nothing.
+                rr.SeriesLines(
+                    names=names,
+                    colors=palette(colours[: len(names)]),
+                    aggregation_policy="MinMax",
+                ),
+                rr.AnyValues(unit=unit),
+            )
+        for path, values, colours in (
+            ("action", (*DIRECTION_NAMES, ARRIVED), [*EIGHT, LIGHT]),
+            ("greedy", DIRECTION_NAMES, EIGHT),
+            ("gradient", GRADIENT_SIGNS, SERIES),
+        ):
+            states = rr.StateConfiguration(
+                values=list(values), labels=list(values), colors=palette(list(colours))
+            )
+            file.static(f"/rl/{name}/{path}", states)
