@@ -1,7 +1,7 @@
 """One episode of the decision process, as environments step it: the kernels of the grid.
 
-`Episode` is what environments need of a world; this module has the grid, `agent.envs.cosim_episode`
-the full co-simulation. Spaces, agents' names and pictures are the environments'.
+`EnvEpisode` is what environments need of a world; this module has the grid, the full co-simulation
+is `agent.envs.cosim_episode`. Spaces, agents' names and pictures are the environments'.
 """
 
 import math
@@ -46,7 +46,7 @@ class ActionError(UserError, ValueError):
     """An action that cannot be taken; the message says whose."""
 
 
-class Episode(Protocol):
+class EnvEpisode(Protocol):
     """A world with N robots in which episodes are played.
 
     Attributes:
@@ -83,7 +83,7 @@ class Episode(Protocol):
         ...
 
     def path_length_cm(self) -> np.ndarray:
-        """(N,) float64, way of each robot since the start."""
+        """(N,) float64, path of each robot since the start."""
         ...
 
     def positions_m(self) -> np.ndarray:
@@ -96,7 +96,7 @@ class Episode(Protocol):
 
 
 class GridEpisode:
-    """An episode on the grid, see `Episode`.
+    """An episode on the grid, see `EnvEpisode`.
 
     Raises:
         ScenarioError: the scenario cannot be used with these readings.

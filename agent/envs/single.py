@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from agent.envs.grid_episode import Episode, GridEpisode, direction_error
+from agent.envs.grid_episode import EnvEpisode, GridEpisode, direction_error
 from agent.envs.parallel import NavigationParallelEnv, episode_info, render_episode
 from agent.process.readings import ProcessConfig
 from cosim.base.errors import UserError
@@ -127,7 +127,7 @@ def parallel_env(
 
 def make_episode(
     scenario: str | Scenario, process: ProcessConfig | None, *, cosim: bool
-) -> Episode:
+) -> EnvEpisode:
     """The world of an environment: on the grid, or the full co-simulation."""
     if not isinstance(scenario, Scenario):
         scenario = find_scenario(scenario)

@@ -29,7 +29,7 @@ _MEASURES = (*ENDS, "path_length_cm", "steps", "ratio_to_bound", "steps_ratio_to
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class EvaluateOnGrid:
     """Evaluate policies exactly: the greedy episode from every combination of start cells.
 
     Nothing is sampled: scenarios 1a, 1b and 2 to 4 have 30, 116 and 900 starts. Path length and
@@ -162,9 +162,9 @@ def _text(name: str, value: float | None) -> str:
 
 
 def main() -> None:
-    """Command line; see `Evaluate`."""
+    """Command line; see `EvaluateOnGrid`."""
     options = tyro.cli(
-        Evaluate, prog="python -m agent.evaluate", config=(tyro.conf.FlagCreatePairsOff,)
+        EvaluateOnGrid, prog="python -m agent.evaluate", config=(tyro.conf.FlagCreatePairsOff,)
     )
     paths = policy_files(options.policies)
     result = report_of((str(path), Policy.load(path)) for path in paths)

@@ -1,4 +1,4 @@
-"""Statistics over episodes of one case: rates with intervals, ways, closeness, energy.
+"""Statistics over episodes of one case: rates with intervals, paths, closeness, energy.
 
 Only numbers, with None where there is none; tables of them are drawn by the command lines.
 """
@@ -39,10 +39,10 @@ def summary(case: Case, results: Mapping[int, EpisodeResult]) -> dict[str, Any]:
     """What `--json` lists of a case.
 
     Rates are over all episodes, and so is `min_distance_cm`, the smallest distance between two
-    robots' centres in any of them. Way, time and energy are means over successful episodes, the way
-    also over the robots, the energy summed over them. `path_ratio_to_grid` is the mean over the
-    episodes that succeed here and on the grid of the way over that of the same policy's exact grid
-    episode from the same start, with its bootstrap interval.
+    robots' centres in any of them. Path, time and energy are means over successful episodes, the
+    path also over the robots, the energy summed over them. `path_ratio_to_grid` is the mean over
+    the episodes that succeed here and on the grid of the path over that of the same policy's exact
+    grid episode from the same start, with its bootstrap interval.
 
     Args:
         case: policy and configuration.

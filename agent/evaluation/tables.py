@@ -53,7 +53,7 @@ def rate_text(row: dict[str, Any], name: str) -> str:
 
 
 def ratio_text(row: dict[str, Any]) -> str:
-    """The ratio to the grid's way of `agent.evaluation.outcomes.summary` with its interval."""
+    """The ratio to the grid's path of `agent.evaluation.outcomes.summary` with its interval."""
     name = "path_ratio_to_grid"
     if row[name] is None:
         return "–"

@@ -112,7 +112,7 @@ def slipped(process: Process, action: int, random: np.ndarray) -> int:
 
 
 @inlined
-def touched_on_the_way(world: np.ndarray, i: int, j: int, contact: int) -> bool:
+def touched_between(world: np.ndarray, i: int, j: int, contact: int) -> bool:
     """Whether two robots came into contact within their last straight, simultaneous moves."""
     # relative start p and move v; |p + v t|² is least at t = −p·v/|v|²
     vx = world[j, VX] - world[i, VX]
@@ -173,7 +173,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
         touched = nearest <= contact
         if process.swept:
             for j in range(n):
-                touched |= j != i and touched_on_the_way(world, i, j, contact)
+                touched |= j != i and touched_between(world, i, j, contact)
             touched |= grazed_a_corner(process, world, i)
         if world[i, STATUS] != MOVING:
             rewards[i] = np.float32(0.0)

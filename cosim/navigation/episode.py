@@ -1,7 +1,7 @@
 """RL steps of 2 s on top of the master: observe, act, terminate.
 
 An action aims at the centre of the neighbouring cell and stays in force until the robot gets there
-or a time limit passes; policies are asked every RL step, and a robot on its way ignores the answer.
+or a time limit passes; policies are asked every RL step, and a robot under way ignores the answer.
 A cell belongs to the robot whose centre is in it; distance class and gradient sign are those of
 the cells. Nothing here learns or records.
 """
@@ -47,7 +47,7 @@ DRIVERS: dict[str, Callable[[list[Motor]], Driver]] = {
 }
 
 
-class Policy(Protocol):
+class SupportsAct(Protocol):
     """What the co-simulation needs of an agent."""
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -185,7 +185,7 @@ class CoSimulation:
         """Simulate one RL step.
 
         Args:
-            action: (N,) direction index of each robot; a robot on its way keeps its own.
+            action: (N,) direction index of each robot; a robot under way keeps its own.
 
         Raises:
             FmuError: an FMU failed; names the instance and the time.
@@ -295,7 +295,7 @@ class CoSimulation:
 
 def run_episode(
     system: CoSimulation,
-    policy: Policy,
+    policy: SupportsAct,
     starts: tuple[Cell, ...],
     seed: np.random.SeedSequence,
     observe_step: Callable[[Step], None],

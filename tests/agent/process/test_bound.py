@@ -26,7 +26,7 @@ def mean_bounds(scenario, **readings):
 
 
 @pytest.mark.parametrize("name", ["1a", "1b"])
-def test_lone_robot_takes_the_octile_way(name):
+def test_lone_robot_takes_the_octile_path(name):
     scenario = find_scenario(name)
     (gx, gy), starts = scenario.targets[0], scenario.starts[0]
     spans = [sorted((abs(x - gx), abs(y - gy))) for x, y in starts]

@@ -1,4 +1,4 @@
-"""Transitions and rewards against hand-computed ones."""
+"""ObservedMoves and rewards against hand-computed ones."""
 
 import math
 

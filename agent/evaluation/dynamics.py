@@ -32,7 +32,7 @@ from cosim.base.errors import UserError, run_command
 from cosim.base.outcome import Outcome
 from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, TABLE_I, TIMING
 from cosim.base.scenario import find_scenario
-from cosim.navigation.calibrating import calibrated
+from cosim.navigation.calibration_cache import calibrated
 from fmus.build import cached_fmu
 
 SCHEMA_VERSION = 1
@@ -43,7 +43,7 @@ class Evaluate:
     """Evaluate policies in the full co-simulation: motors, friction, noise, decisions every 2 s.
 
     Every start, or a sample drawn with the seed, gives one episode; rates have 95 % Wilson
-    intervals, ways are compared with the policy's own on the grid. Results are kept as they come:
+    intervals, paths are compared with the policy's own on the grid. Results are kept as they come:
     the same command, or one that asks for more starts, goes on where an earlier one ended.
     Recorded are failures and a few successes, to be opened in the Rerun viewer.
     """
