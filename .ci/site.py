@@ -28,13 +28,13 @@ LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:|#)([^)#\s]+)(#[^)\s]*)?\)")
 
 
 def _reference() -> dict[str, list[str]]:
-    """Modules of every folder of a package that has any, by the folder's dotted name."""
+    """Modules of every folder that has any, by the folder's dotted name."""
     pages = {}
     for init in sorted(file for top in PACKAGES for file in ROOT.glob(f"{top}/**/__init__.py")):
         package = ".".join(init.parent.relative_to(ROOT).parts)
         modules = [f.stem for f in sorted(init.parent.glob("*.py")) if f.stem[0] != "_"]
         if modules:
-            pages[package] = [package] + [f"{package}.{module}" for module in modules]
+            pages[package] = [f"{package}.{module}" for module in modules]
     return pages
 
 
@@ -51,7 +51,8 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
     for source, page in PAGES.items():
         files.append(File.generated(config, page, content=(ROOT / source).read_text("utf-8")))
     for package, modules in _reference().items():
-        content = f"# {package}\n\n" + "\n\n".join(f"::: {module}" for module in modules)
+        first = f"::: {package}\n    options: {{heading_level: 1}}"
+        content = "\n\n".join([first, *(f"::: {module}" for module in modules)])
         files.append(File.generated(config, f"reference/{package}.md", content=content))
 
 
