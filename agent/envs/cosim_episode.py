@@ -9,13 +9,13 @@ import numpy as np
 from rich.console import Console
 
 from agent.envs.grid_episode import place_checked
-from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, OUTCOMES, RUNNING
+from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING
 from agent.process.readings import ProcessConfig, build_process, feature_sizes, nearest_bearings
 from agent.process.rewards import failed, step_reward
 from cosim.base.config import CoSimConfig
+from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING
 from cosim.base.params import TABLE_I
 from cosim.base.scenario import Scenario
-from cosim.coupling.plant import OUT_OF_BOARD
 from cosim.navigation.calibrating import calibrated_for
 from cosim.navigation.episode import CoSimulation
 from cosim.navigation.features import AXIS_COUNT, Observation
@@ -88,7 +88,7 @@ class CoSimEpisode:
         self._positions_m = step.samples.position[-1, :, :2].copy()
         arrived = self._system.arrived
         self.rewards = np.nan_to_num(step_reward(self.process, step, arrived))
-        self.outcome = OUTCOMES.index(step.outcome) if step.outcome else RUNNING
+        self.outcome = BY_RANK.index(step.outcome)
         self.status[arrived] = ARRIVED
         lost = failed(step, arrived)
         self.status[lost] = np.where(step.events[lost] == OUT_OF_BOARD, LEFT, HIT)

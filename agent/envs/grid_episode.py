@@ -15,10 +15,8 @@ from agent.process.grid import (
     CLASS,
     COLUMN_COUNT,
     MOVING,
-    RUNNING,
     SIGN,
     STATUS,
-    TIMEOUT,
     VX,
     VY,
     X,
@@ -31,6 +29,7 @@ from agent.process.grid import (
 from agent.process.readings import Process, ProcessConfig, build_process, feature_sizes
 from agent.process.rng import seeded_state
 from cosim.base.errors import UserError
+from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.base.scenario import Scenario
 from cosim.navigation.features import DIRECTION_COUNT
 

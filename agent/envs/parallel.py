@@ -9,14 +9,15 @@ from pettingzoo import ParallelEnv
 
 from agent.envs.grid_episode import ActionError, Episode, direction_error
 from agent.envs.rendering import board_pixels, board_text
-from agent.process.grid import MOVING, OUTCOMES, RUNNING, SUCCESS
+from agent.process.grid import MOVING
+from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.navigation.features import DIRECTION_COUNT
 
 
 def episode_info(episode: Episode, robot: int) -> dict[str, Any]:
     """What environments say about an episode besides the observation."""
     return {
-        "outcome": OUTCOMES[episode.outcome],
+        "outcome": BY_RANK[episode.outcome],
         "is_success": episode.outcome == SUCCESS,
         "path_length": float(episode.path_length_cm()[robot]),
     }

@@ -29,6 +29,7 @@ from agent.evaluation.tables import show
 from agent.training.policy import Policy
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import UserError, run_command
+from cosim.base.outcome import Outcome
 from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, TABLE_I, TIMING
 from cosim.base.scenario import find_scenario
 from cosim.navigation.calibrating import calibrated
@@ -130,7 +131,7 @@ class Evaluated:
         failed: list[int] = []
         succeeded: list[int] = []
         for index, result in self.results().items():
-            (succeeded if result.outcome == "success" else failed).append(index)
+            (succeeded if result.outcome == Outcome.SUCCESS else failed).append(index)
         jobs: list[Job] = []
         for index in failed[: self._recorded] + succeeded[: self._recorded]:
             outcome = self.file.results[index].outcome
@@ -205,7 +206,7 @@ def tracked(
         for job, result in episodes:
             yield job, result
             count += 1
-            successes += result.outcome == "success"
+            successes += result.outcome == Outcome.SUCCESS
             bar.update(task, advance=1, state=f"success {successes / count:.1%}")
 
 

@@ -15,16 +15,12 @@ from agent.process.grid import (
     AXIS,
     BEARING,
     CLASS,
-    COLLISION,
     HIT,
     LEFT,
     MOVING,
-    OUT_OF_BOARD,
-    RUNNING,
     SIGN,
     SQUARED,
     STATUS,
-    SUCCESS,
     VX,
     VY,
     X,
@@ -34,6 +30,7 @@ from agent.process.grid import (
 from agent.process.readings import FREE, GOAL, OUTSIDE, Process
 from agent.process.rng import next_index
 from cosim.base.jit import inlined
+from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
 from cosim.navigation.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
 from cosim.physics.obstacle import touches_obstacle
 

@@ -14,10 +14,11 @@ import numpy as np
 import tyro
 
 from agent.process.exact import Evaluation, all_starts
-from agent.process.grid import COLUMN_COUNT, SUCCESS, VX, VY, X, Y, touched_on_the_way
+from agent.process.grid import COLUMN_COUNT, VX, VY, X, Y, touched_on_the_way
 from agent.process.readings import FREE, GOAL, Process, ProcessConfig, build_process
 from cosim.base.errors import UserError, run_command
 from cosim.base.jit import kernel
+from cosim.base.outcome import SUCCESS
 from cosim.base.provenance import code_digest, with_imports
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.scenario import find_scenario

@@ -10,6 +10,7 @@ import numpy as np
 from agent.process.readings import FREE, GOAL, OUTSIDE, Process
 from agent.process.rng import PROBABILITY_SHIFT, next_index, next_word
 from cosim.base.jit import inlined
+from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
 from cosim.navigation.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
 
 # Columns of a world.
@@ -26,10 +27,6 @@ COLUMN_COUNT = 10
 _STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the middle row
 
 MOVING, ARRIVED, LEFT, HIT = 0, 1, 2, 3  # status of a robot
-# Outcome of an episode. In one step a robot off the board outranks a collision, of the same robot
-# and of others; both outrank the rest. So in `agent.moves.kernels` and in `cosim.coupling.plant`.
-RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD, TIMEOUT = 0, 1, 2, 3, 4
-OUTCOMES = ("running", "success", "collision", "out_of_board", "timeout")
 
 ALONE = 1 << 40  # beyond every distance on a board
 

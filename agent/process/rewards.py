@@ -8,7 +8,7 @@ of `agent.process.readings`.
 import numpy as np
 
 from agent.process.readings import Process
-from cosim.coupling.plant import RUNNING
+from cosim.base.outcome import RUNNING
 from cosim.navigation.episode import Step
 from cosim.navigation.features import Observation
 

@@ -30,6 +30,7 @@ from agent.training.moves_qlearning import advance_timed
 from agent.training.policy import PolicyConfig
 from agent.training.qlearning import advance
 from cosim.base.errors import UserError
+from cosim.base.outcome import Outcome
 from cosim.base.params import TIMING
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
@@ -166,7 +167,7 @@ def run_training(
             values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
             result = evaluate(process, values, starts)
             state.greedy[due] = (
-                result.rate("success"),
+                result.rate(Outcome.SUCCESS),
                 result.mean_path_cells(),
                 result.mean_steps(),
             )

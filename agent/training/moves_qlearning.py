@@ -9,17 +9,7 @@ import numpy as np
 
 from agent.moves.kernels import WAY_SIZE, begin_move, stand, step, waits
 from agent.moves.model import MoveModel
-from agent.process.grid import (
-    ARRIVED,
-    COLUMN_COUNT,
-    MOVING,
-    RUNNING,
-    STATUS,
-    SUCCESS,
-    TIMEOUT,
-    place_randomly,
-    state_index,
-)
+from agent.process.grid import ARRIVED, COLUMN_COUNT, MOVING, STATUS, place_randomly, state_index
 from agent.process.readings import Process
 from agent.process.rng import PROBABILITY_SHIFT, next_word
 from agent.training.learning import (
@@ -33,6 +23,7 @@ from agent.training.learning import (
 )
 from agent.training.qlearning import ACTION_BITS, SQRT_2, best_of_sum, largest
 from cosim.base.jit import inlined, kernel
+from cosim.base.outcome import RUNNING, SUCCESS, TIMEOUT
 
 
 @inlined

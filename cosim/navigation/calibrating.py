@@ -148,7 +148,8 @@ def _measure_batch(
     poses = np.concatenate(track)
     angles = heading_angles(poses[:, :, 3:7])
     moved, middle = np.diff(poses[:, :, :2], axis=0), 0.5 * (angles[1:] + angles[:-1])
-    c, s = np.cos(middle), np.sin(middle)
+    # Library functions: numpy's round otherwise where a processor has wider vectors.
+    c, s = (np.vectorize(function)(middle) for function in (math.cos, math.sin))
     time_s = len(moved) * period_s
     return np.column_stack(
         [

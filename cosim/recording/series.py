@@ -8,6 +8,7 @@ import rerun as rr
 
 from cosim.coupling.signals import Samples
 from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS
+from cosim.physics.rotation import headings
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording
 from cosim.recording.scene import EIGHT, LIGHT, SERIES, palette
@@ -38,12 +39,6 @@ class Signal(NamedTuple):
     of: Callable[[Samples], np.ndarray]
 
 
-def headings(samples: Samples) -> np.ndarray:
-    """Heading of each robot in rad, (n, N), from the quaternions."""
-    w, x, y, z = np.moveaxis(samples.quaternion, -1, 0)
-    return np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-
-
 def nearest_distances(samples: Samples) -> np.ndarray:
     """Distance in m of each robot's centre to the nearest other, (n, N), infinite if alone."""
     between = samples.position[:, :, None, :2] - samples.position[:, None, :, :2]
@@ -60,7 +55,7 @@ SIGNALS = (
     Signal("motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
     Signal("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
     Signal("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
-    Signal("heading", ("heading",), "rad", "pose", "last", headings),
+    Signal("heading", ("heading",), "rad", "pose", "last", lambda s: headings(s.quaternion)),
     Signal("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
     Signal("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
     Signal("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),

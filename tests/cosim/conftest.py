@@ -1,4 +1,4 @@
-"""Shared by the co-simulation's tests: the motor FMU, and a policy that needs no training."""
+"""Shared by the co-simulation's tests: edited FMUs, and a policy that needs no training."""
 
 import math
 import zipfile
@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from cosim.navigation.features import DIRECTION_COUNT, Observation
-from fmus.build import cached_fmu
 
 
 class StraightPolicy:
@@ -23,11 +22,6 @@ class StraightPolicy:
         way = np.sign(self._targets - observation.cells)
         sector = 2.0 * math.pi / DIRECTION_COUNT
         return np.round(np.arctan2(way[:, 1], way[:, 0]) / sector).astype(int) % DIRECTION_COUNT
-
-
-@pytest.fixture(scope="session")
-def motor_fmu() -> Path:
-    return cached_fmu()
 
 
 @pytest.fixture

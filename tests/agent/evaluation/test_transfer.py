@@ -17,6 +17,7 @@ from agent.training.learning import LearningConfig
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.store import train_policy
 from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.outcome import Outcome
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.scenario import Scenario, ScenarioError
 
@@ -119,7 +120,7 @@ def test_budget_leaves_a_table_of_what_is_there(options, tmp_path):
 
 
 PLAIN = EpisodeResult(
-    "success", 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
+    Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
 )
 CHANGED = replace(PLAIN, conflicts=2)
 

@@ -26,6 +26,7 @@ from agent.training.learning import LearningConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
+from cosim.base.outcome import COLLISION, RUNNING
 from cosim.base.params import TIMING
 from cosim.base.scenario import Scenario, ScenarioError, find_scenario
 from cosim.navigation.features import DIRECTIONS
@@ -87,7 +88,7 @@ def test_moves_of_one_step_are_the_grid():
         for _ in range(20):
             actions = rng.integers(0, 8, 2)
             outcome = grid.move(process, on_grid, actions, expected)
-            begun = grid.RUNNING
+            begun = RUNNING
             for robot in np.flatnonzero(world[:, grid.STATUS] == grid.MOVING):
                 begun = begun or timed.begin_move(
                     process, model, world, ways, int(robot), int(actions[robot]), random
@@ -116,7 +117,7 @@ def test_a_robot_turns_then_drives_then_waits():
     world, ways = pair_at(process, (5, 5))
     rewards = np.zeros(1, dtype=np.float32)
     north = 2
-    assert timed.begin_move(process, model, world, ways, 0, north, seeded_state(0)) == grid.RUNNING
+    assert timed.begin_move(process, model, world, ways, 0, north, seeded_state(0)) == RUNNING
     positions = []
     for _ in range(4):
         assert not timed.waits(ways, 0)
@@ -138,7 +139,7 @@ def test_robots_that_meet_between_cells_collide():
     random, rewards = seeded_state(0), np.zeros(2, dtype=np.float32)
     for robot, direction in enumerate((0, 4)):
         timed.begin_move(process, model, world, ways, robot, direction, random)
-    assert timed.step(process, model, world, ways, rewards) == grid.COLLISION
+    assert timed.step(process, model, world, ways, rewards) == COLLISION
     assert rewards.tolist() == [-100.0, -100.0]
 
 
@@ -161,10 +162,10 @@ def test_a_robot_that_strays_to_an_obstacle_collides():
         model = build_model(observed, RL_STEP_S, 5.0)
         world, ways = pair_at(process, start)
         outcome = timed.begin_move(process, model, world, ways, 0, direction, seeded_state(0))
-        while outcome == grid.RUNNING and not timed.waits(ways, 0):
+        while outcome == RUNNING and not timed.waits(ways, 0):
             outcome = timed.step(process, model, world, ways, rewards)
         outcomes.append(outcome)
-    assert outcomes == [grid.RUNNING, grid.RUNNING, grid.COLLISION, grid.COLLISION]
+    assert outcomes == [RUNNING, RUNNING, COLLISION, COLLISION]
     assert rewards.tolist() == [-100.0]
 
 
@@ -202,20 +203,20 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
     for _ in range(learning.episodes):
         grid.place_randomly(process, world, cells, random)
         timed.stand(world, ways)
-        outcome = grid.RUNNING
-        while outcome == grid.RUNNING:
+        outcome = RUNNING
+        while outcome == RUNNING:
             state = int(grid.state_index(process, world, 0))
             action, word = int(q.sum(axis=0)[state].argmax()), int(next_word(random))
             if word >> 11 < round(0.9 * 2**53):
                 action = word % 8
             outcome = timed.begin_move(process, model, world, ways, 0, action, random)
-            target, steps = (0.0, 0) if outcome == grid.RUNNING else (-100.0, 0)
-            while outcome == grid.RUNNING and not timed.waits(ways, 0):
+            target, steps = (0.0, 0) if outcome == RUNNING else (-100.0, 0)
+            while outcome == RUNNING and not timed.waits(ways, 0):
                 outcome = timed.step(process, model, world, ways, rewards)
                 target += 0.99**steps * rewards[0]
                 steps += 1
             table = int(next_word(random)) & 1
-            if outcome == grid.RUNNING:
+            if outcome == RUNNING:
                 after = int(grid.state_index(process, world, 0))
                 target += 0.99**steps * q[1 - table, after, q[table, after].argmax()]
             q[table, state, action] += 0.5 * (target - q[table, state, action])
