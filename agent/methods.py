@@ -5,20 +5,18 @@
 is what `python -m cosim.run` uses.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
-
-from rich.console import Console
 
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
 from agent.process.readings import ProcessConfig
 from agent.training.learning import LearningConfig
-from agent.training.loop import ProgressCallback, TrainingLog
+from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.store import find_or_train
+from cosim.base.progress import Progress, silent
 from cosim.base.scenario import Scenario
 from cosim.navigation.calibration_cache import calibrated_for
 from fmus.build import cached_fmu
@@ -40,7 +38,7 @@ def method_config(
     *,
     episodes: int | None = None,
     motor_fmu: Path | None = None,
-    observing: Callable[[int, int], None] | None = None,
+    progress: Progress = silent,
 ) -> PolicyConfig:
     """Configuration of a method for a scenario; "moves" may have to observe moves first.
 
@@ -50,7 +48,7 @@ def method_config(
         seed: of training.
         episodes: training episodes, the method's own number by default.
         motor_fmu: whose moves are observed, the built-in one by default.
-        observing: called with moves observed and moves asked for.
+        progress: is told what is calibrated and observed.
 
     Raises:
         UserError: moves cannot be observed.
@@ -60,7 +58,7 @@ def method_config(
         learning = replace(learning, episodes=episodes)
     moves = None
     if method == "moves":
-        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), observing)
+        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), progress)
     return PolicyConfig(scenario, process, learning, Seed.of(seed), moves)
 
 
@@ -90,12 +88,10 @@ def _settings(method: Method, scenario: Scenario) -> tuple[ProcessConfig, Learni
     return process, LearningConfig(episodes=MOVES_EPISODES, eta=0.03)
 
 
-def _observed_moves(
-    scenario: Scenario, fmu: Path, observing: Callable[[int, int], None] | None
-) -> ObservedMoves:
+def _observed_moves(scenario: Scenario, fmu: Path, progress: Progress) -> ObservedMoves:
     """Moves of the scenario's robots with the default parameters, whatever the episodes' are."""
-    config = calibrated_for(scenario, fmu, Console(stderr=True))
-    return cached_moves(config, fmu, progress=observing)
+    config = calibrated_for(scenario, fmu, progress)
+    return cached_moves(config, fmu, progress)
 
 
 def method_policy(
@@ -105,16 +101,15 @@ def method_policy(
     *,
     episodes: int | None = None,
     motor_fmu: Path | None = None,
-    retrain: bool = False,
-    observing: Callable[[int, int], None] | None = None,
-    progress: ProgressCallback | None = None,
+    again: bool = False,
+    progress: Progress = silent,
 ) -> tuple[Policy, TrainingLog, Path]:
     """The policy of a method: found in the cache, or trained and kept there.
 
     Args:
-        method, scenario, seed, episodes, motor_fmu, observing: see `method_config`.
-        retrain: train even if the policy is there.
-        progress: called after every chunk of training; not at all if the policy is found.
+        method, scenario, seed, episodes, motor_fmu: see `method_config`.
+        again: train even if the policy is there.
+        progress: is told what is calibrated, observed and trained; nothing if the policy is found.
 
     Returns:
         The policy, its learning curves and the path of its file.
@@ -124,6 +119,11 @@ def method_policy(
         OSError: the cache cannot be written.
     """
     config = method_config(
-        method, scenario, seed, episodes=episodes, motor_fmu=motor_fmu, observing=observing
+        method, scenario, seed, episodes=episodes, motor_fmu=motor_fmu, progress=progress
     )
-    return find_or_train(config, retrain=retrain, progress=progress)
+
+    def training(now: TrainingProgress) -> None:
+        state = f"success {now.success:.1%}  ε {now.epsilon:.3f}"
+        progress("training", now.episode, now.episodes, state)
+
+    return find_or_train(config, again=again, progress=training)

@@ -6,7 +6,6 @@ reward of every step that its move takes.
 """
 
 import numpy as np
-from rich.console import Console
 
 from agent.envs.grid_episode import place_checked
 from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING
@@ -47,7 +46,7 @@ class CoSimEpisode:
         self._features = tuple(sizes)
         fmu = cached_fmu()
         if config is None and scenario.robot_diameter_m != TABLE_I.diameter_m:
-            config = calibrated_for(scenario, fmu, Console(stderr=True))
+            config = calibrated_for(scenario, fmu)
         self._system = CoSimulation(scenario, fmu, config)
         self.status = np.full(scenario.robots, MOVING)
         self.rewards = np.zeros(scenario.robots)

@@ -1,4 +1,4 @@
-"""`python -m agent.moves`: observe moves in co-simulation and write their distribution.
+"""Observes moves in co-simulation: what one drive from a cell to its neighbour really does.
 
 One robot drives about on a large board in the full co-simulation and is asked every RL step, as in
 an episode; directions are drawn so that every kind of move is seen equally often. What training
@@ -7,33 +7,23 @@ makes of the moves is `agent.moves.model`.
 
 import hashlib
 import itertools
-import json
 import math
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
 import msgspec
 import numpy as np
-import tyro
-from rich.console import Console
-from rich.progress import Progress
 
 from agent.moves.model import NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
-from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.errors import run_command
-from cosim.base.params import TABLE_I
+from cosim.base.config import CoSimConfig
+from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, with_imports
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
-from cosim.base.tables import show_table
 from cosim.coupling.steering import DRIVE, HOLD
-from cosim.navigation.calibration_cache import calibrated
 from cosim.navigation.episode import CoSimulation, Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
-from fmus.build import cached_fmu
 
 KINDS = 2 * AXIS_COUNT
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
@@ -41,34 +31,6 @@ WALKS = 4
 MOVES_PER_KIND = 24
 _SIDE_CELLS = 400
 _MARGIN_CELLS = 30  # a walk stays this far from the edge: no edge is in a move's distribution
-
-
-@dataclass(frozen=True)
-class ObserveMoves:
-    """Observe moves of one robot in the co-simulation and keep what they did.
-
-    The file lists every move (direction, heading, previous direction; Δcell, duration, where it
-    stopped); `python -m agent.train --moves FILE` trains with them.
-    """
-
-    out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("runs/moves.json")
-    """File to write (.json)."""
-    moves: int = MOVES_PER_KIND
-    """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
-    seed: int = 0
-    """Seed of the directions and the speed noise."""
-    jobs: int = 2
-    """Walks to simulate at the same time, in threads; the results do not depend on it."""
-    mu: float = TABLE_I.mu
-    """Coulomb friction coefficient of the feet."""
-    motor_fmu: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Motor FMU to use instead of the built-in."""
-    json: bool = False
-    """Print a JSON object as the last line of output."""
-
-    def __post_init__(self) -> None:
-        if min(self.moves, self.jobs) < 1:
-            raise ConfigError("--moves and --jobs must be at least 1")
 
 
 class _Walker:
@@ -161,7 +123,7 @@ def observe_moves(
     moves_per_kind: int = MOVES_PER_KIND,
     seed: int = 0,
     jobs: int = 2,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = silent,
 ) -> ObservedMoves:
     """Observe moves in co-simulation.
 
@@ -171,7 +133,7 @@ def observe_moves(
         moves_per_kind: least number of moves of each of the KINDS kinds.
         seed: of directions and speed noise.
         jobs: threads; the result does not depend on it.
-        progress: called with moves done and moves asked for.
+        progress: is told the moves observed.
 
     Raises:
         FmuError: an FMU failed.
@@ -204,8 +166,8 @@ def observe_moves(
                 walker.book(step, config)
                 observation = step.after
                 done[number] = len(walker.moves)
-                if progress is not None:
-                    progress(sum(done), KINDS * target * WALKS)
+                total = KINDS * target * WALKS
+                progress("observing moves", min(sum(done), total), total)
         finally:
             system.close()
         return walker.moves
@@ -221,9 +183,7 @@ def moves_path(config: CoSimConfig, fmu: Path) -> Path:
     return cache_dir("moves") / f"{source_digest(config, fmu)}-{code}.json"
 
 
-def cached_moves(
-    config: CoSimConfig, fmu: Path, *, progress: Callable[[int, int], None] | None = None
-) -> ObservedMoves:
+def cached_moves(config: CoSimConfig, fmu: Path, progress: Progress = silent) -> ObservedMoves:
     """The moves of these parameters and this FMU: found in the cache, or observed and kept.
 
     Raises:
@@ -238,7 +198,21 @@ def cached_moves(
     )
 
 
-def _show(moves: ObservedMoves, rl_step_s: float, console: Console) -> None:
+def facts_of(moves: ObservedMoves) -> dict[str, Any]:
+    """How many moves there are, how long they take, and how many did not end in their cell."""
+    durations = [m.duration_s for m in moves.moves]
+    ended = [(m.columns, m.rows) == tuple(DIRECTIONS[m.direction]) for m in moves.moves]
+    return {
+        "moves": len(durations),
+        "mean_duration_s": float(np.mean(durations)),
+        "unfinished": ended.count(False),
+    }
+
+
+def move_rows(
+    moves: ObservedMoves, rl_step_s: float
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and rows of a table of the kinds of moves."""
     rows = []
     for kind in range(KINDS):
         seen = [m for m in moves.moves if move_kind(m.direction, m.heading) == kind]
@@ -258,41 +232,4 @@ def _show(moves: ObservedMoves, rl_step_s: float, console: Console) -> None:
             )
         )
     header = ("kind", "moves", "turn s", "whole move s", "RL steps", "drift mm", "stop off by mm")
-    show_table(console, header, rows)
-
-
-def main() -> None:
-    """Command line; see `ObserveMoves`."""
-    options = tyro.cli(
-        ObserveMoves, prog="python -m agent.moves", config=(tyro.conf.FlagCreatePairsOff,)
-    )
-    console, fmu = Console(stderr=True), options.motor_fmu or cached_fmu()
-    config = calibrated(CoSimConfig(robot=TABLE_I._replace(mu=options.mu)), fmu, console)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("moves observed", total=None)
-        moves = observe_moves(
-            config,
-            fmu,
-            moves_per_kind=options.moves,
-            seed=options.seed,
-            jobs=options.jobs,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
-        )
-    moves.save(options.out)
-    _show(moves, config.timing.rl_step_s, Console())
-    print(f"moves in {options.out}")
-    if options.json:
-        durations = [m.duration_s for m in moves.moves]
-        facts = {
-            "moves": len(durations),
-            "mean_duration_s": float(np.mean(durations)),
-            "unfinished": sum(
-                (m.columns, m.rows) != tuple(DIRECTIONS[m.direction]) for m in moves.moves
-            ),
-            "out": str(options.out),
-        }
-        print(json.dumps(facts))
-
-
-if __name__ == "__main__":
-    run_command(main)
+    return header, rows

@@ -8,10 +8,8 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
 from cosim.base.config import CoSimConfig
+from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, with_imports
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
@@ -42,7 +40,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
 def find_calibration(
     config: CoSimConfig,
     motor_fmu: Path,
-    console: Console,
+    progress: Progress = silent,
     *,
     jobs: int = 2,
     again: bool = False,
@@ -52,7 +50,7 @@ def find_calibration(
     Args:
         config: of the co-simulation.
         motor_fmu: of every motor.
-        console: for a progress bar; nothing is drawn if it is no terminal.
+        progress: is told the trials done.
         jobs: threads.
         again: measure even if the calibration is there.
 
@@ -63,17 +61,12 @@ def find_calibration(
     path = cache_dir("calibrations") / f"{digest(config, motor_fmu)}.npz"
 
     def make() -> Calibration:
-        columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-            task = bar.add_task("calibrating speeds", total=None)
-            return measure(
-                config, motor_fmu, jobs, lambda k, n: bar.update(task, completed=k, total=n)
-            )
+        return measure(config, motor_fmu, jobs, progress)
 
     return cached(path, load_calibration, make, Calibration.save, again=again)
 
 
-def calibrated_for(scenario: Scenario, motor_fmu: Path, console: Console) -> CoSimConfig:
+def calibrated_for(scenario: Scenario, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
     """The default parameters with the robots of a scenario, calibrated.
 
     Robots that would hop at the default drive speed drive as fast as they can without.
@@ -85,13 +78,13 @@ def calibrated_for(scenario: Scenario, motor_fmu: Path, console: Console) -> CoS
         FmuError: the FMU cannot be used, or failed.
     """
     config = CoSimConfig().sized(scenario.robot_diameter_m)
-    calibration = find_calibration(config, motor_fmu, console)
+    calibration = find_calibration(config, motor_fmu, progress)
     speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
     steering = config.steering._replace(drive_speed_m_s=min(speeds))
     return calibration.resolved(replace(config, steering=steering))
 
 
-def calibrated(config: CoSimConfig, motor_fmu: Path, console: Console) -> CoSimConfig:
+def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
     """The configuration with the motor speeds that realise its drive speed and turn rate.
 
     Args: as of `find_calibration`.
@@ -100,4 +93,4 @@ def calibrated(config: CoSimConfig, motor_fmu: Path, console: Console) -> CoSimC
         CalibrationError: the drive speed needs hopping.
         FmuError: the FMU cannot be used, or failed.
     """
-    return find_calibration(config, motor_fmu, console).resolved(config)
+    return find_calibration(config, motor_fmu, progress).resolved(config)

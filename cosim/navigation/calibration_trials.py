@@ -5,7 +5,6 @@ What the trials say is `cosim.navigation.calibration`, where they are kept and u
 """
 
 import math
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +13,7 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import lift_off_speed
+from cosim.base.progress import Progress, silent
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.signals import FEET
 from cosim.coupling.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
@@ -69,7 +69,7 @@ def measure(
     config: CoSimConfig,
     motor_fmu: Path,
     jobs: int = 2,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Calibration:
     """Co-simulate all trials.
 
@@ -77,7 +77,7 @@ def measure(
         config: of the co-simulation; its motor speeds and desired speeds do not matter.
         motor_fmu: of every motor.
         jobs: threads; the result does not depend on it.
-        progress: called with the trials done and all trials.
+        progress: is told the trials done.
 
     Raises:
         FmuError: the FMU cannot be used, or failed.
@@ -85,7 +85,8 @@ def measure(
     todo, fmu = points(config), MotorFmu(motor_fmu)
     batches = [todo[k : k + BATCH] for k in range(0, len(todo), BATCH)]
     rows: list[np.ndarray] = []
-    progress(0, len(todo))
+    task = "calibrating speeds"
+    progress(task, 0, len(todo))
     with ThreadPoolExecutor(jobs) as threads:
         seeds = (np.random.SeedSequence(0, spawn_key=(k,)) for k in range(len(batches)))
         try:
@@ -93,7 +94,7 @@ def measure(
                 lambda b, s: _measure_batch(config, fmu, b, s), batches, seeds
             ):
                 rows += list(result)
-                progress(len(rows), len(todo))
+                progress(task, len(rows), len(todo))
         except BaseException:
             threads.shutdown(cancel_futures=True)
             raise

@@ -62,7 +62,7 @@ ON_THE_WAY = {
     "calibration": """
         cosim.base.config cosim.base.params cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
-        cosim.navigation.calibration_cache cosim.navigation.calibration cosim.navigation.trial
+        cosim.navigation.calibration_trials cosim.navigation.calibration cosim.navigation.trial
         cosim.physics.body cosim.physics.collision cosim.physics.contact
         cosim.physics.forces cosim.physics.rotation
     """,

@@ -225,28 +225,28 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
 
 
 @pytest.mark.parametrize(
-    ("process", "moves", "message"),
+    ("process", "on_moves", "message"),
     [
-        ({"diagonal_cost": 1.5}, True, "diagonal_cost = 1.5 .* with moves.* at 1.0"),
-        ({"collision": "swept"}, True, "collision = swept .* with moves.* at cells"),
+        ({"diagonal_cost": 1.5}, True, "diagonal_cost = 1.5 .* on moves.* at 1.0"),
+        ({"collision": "swept"}, True, "collision = swept .* on moves.* at cells"),
         ({"partner_of_failed": "none"}, True, "partner_of_failed = none .* at ordinary"),
         ({"slip_probability": 0.2}, True, "slip_probability = 0.2 .* at 0.0"),
         ({"clearance_m": 0.003}, False, "clearance_m = 0.003 .* on the grid.* at 0.002"),
     ],
 )
-def test_readings_without_effect_are_refused_by_name(process, moves, message, tmp_path):
+def test_readings_without_effect_are_refused_by_name(process, on_moves, message, tmp_path):
     """In Python, on the command line and from a settings file, before anything is written."""
     (name, value), moves = *process.items(), ideal_moves()
     learning = LearningConfig(episodes=10, greedy_points=0)
     other = ProcessConfig(**process)
-    assert PolicyConfig(SMALL, other, learning, Seed(0), None if moves else moves)
+    assert PolicyConfig(SMALL, other, learning, Seed(0), None if on_moves else moves)
     with pytest.raises(ScenarioError, match=message):
-        PolicyConfig(SMALL, other, learning, Seed(0), moves if moves else None)
+        PolicyConfig(SMALL, other, learning, Seed(0), moves if on_moves else None)
     file, settings, out = (tmp_path / f for f in ("moves.json", "settings.toml", "out"))
     moves.save(file)
     settings.write_text(f"[process]\n{name} = {json.dumps(value)}\n")
     arguments = ["--scenario", "2", "--out", str(out), "--learning.episodes", "10"]
-    arguments += ["--moves", str(file)] if moves else []
+    arguments += ["--moves", str(file)] if on_moves else []
     for given in ([f"--process.{name}", str(value)], ["--config", str(settings)]):
         with pytest.raises(ScenarioError, match=message):
             train(parse([*arguments, *given]), Console(quiet=True))

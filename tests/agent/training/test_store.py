@@ -37,7 +37,7 @@ def test_a_second_call_finds_the_policy_and_its_curves():
         {"scenario": find_scenario("3")},
         {"process": ProcessConfig(approach_coefficient=2.0)},
         {"learning": LearningConfig(episodes=5001, epsilon_episodes=10)},
-        {"retrain": True},
+        {"again": True},
     ],
 )
 def test_any_difference_trains_again(other):
