@@ -98,7 +98,7 @@ def report(episode: Episode) -> dict[str, Any]:
                 "path_length_m": path_length_m(episode, robot),
                 "moves": len(episode.moves[robot]),
                 "moves_ended": sum(move.ended for move in episode.moves[robot]),
-                "moves_timed_out": sum(move.timed_out for move in episode.moves[robot]),
+                "moves_timed_out": sum(move.given_up for move in episode.moves[robot]),
             }
             for robot in episode.robots
         },

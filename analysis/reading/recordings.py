@@ -4,7 +4,7 @@ The file itself is read by `analysis.reading.rrd`: every signal of it is there, 
 known here.
 """
 
-import ast
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from analysis.reading.rrd import RecordingData, RecordingReadError, Signal, Texts, read_rrd
+from analysis.reading.rrd import RecordingReadError, Signal, Texts, read_rrd
+from cosim.base.reading import Kind, parsing
+from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME
 
 _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
-_DECIDED = re.compile(r"^(\S+) in .* heads for (\S+)$")
-_ENDED = re.compile(r"^(\S+) ends its move ")
-_OUTCOME = "episode ends: "
-_PARAMETER_COLUMNS = 5
+_NOTHING = Texts(np.zeros(0), ())
+_EPISODE = Kind("recording of an episode", "record it anew", RecordingReadError)
 
 
 class Parameter(NamedTuple):
-    """A parameter of the run, as the recording's information page lists it."""
+    """A parameter of the run: its value in the given unit, what it is, and its source."""
 
     value: float | bool | str
     unit: str
@@ -32,27 +32,22 @@ class Parameter(NamedTuple):
     source: str
 
 
-class Move(NamedTuple):
+class DrivenMove(NamedTuple):
     """A commanded move of a robot.
 
     Attributes:
         start_s: time of the decision.
-        end_s: time of the robot's next decision or of the episode's end.
+        end_s: time at which it ended, was given up, or was cut off by the episode's end.
         direction: commanded, such as "45°".
-        ended: whether the robot ended it; otherwise it was given up (or the episode ended).
-        last: whether the episode ended during or after it.
+        ended: whether the robot ended it.
+        given_up: whether it took too long and was given up for another.
     """
 
     start_s: float
     end_s: float
     direction: str
     ended: bool
-    last: bool
-
-    @property
-    def timed_out(self) -> bool:
-        """Whether the move was given up for another."""
-        return not self.ended and not self.last
+    given_up: bool
 
 
 @dataclass(frozen=True)
@@ -69,7 +64,7 @@ class Episode:
         facts: scenario, seed, episode, start cells, versions and what else identifies the run.
         parameters: by name.
         signals: by entity path, such as "/sim/r1/motors/omega".
-        texts: states and the log by entity path.
+        texts: states and the log by entity path, such as "/rl/r1/failure".
         moves: of each robot, in order.
     """
 
@@ -83,7 +78,7 @@ class Episode:
     parameters: Mapping[str, Parameter]
     signals: Mapping[str, Signal]
     texts: Mapping[str, Texts]
-    moves: Mapping[str, tuple[Move, ...]]
+    moves: Mapping[str, tuple[DrivenMove, ...]]
 
     def signal(self, path: str) -> Signal:
         """The signal of an entity path.
@@ -120,69 +115,47 @@ def read_episode(path: Path) -> Episode:
         RecordingReadError: the file does not exist, cannot be read, or holds no episode.
     """
     data = read_rrd(path)
-    robots = sorted({match[2] for key in data.signals if (match := _ROBOT.match(key))})
+    found = {match[2] for key in data.signals if (match := _ROBOT.match(key))}
+    robots = sorted(found, key=lambda name: (len(name), name))  # r10 after r2
     if not robots or "episode" not in data.properties:
         raise RecordingReadError(f"{path} holds no episode; record one with `python -m cosim.run`")
-    log = data.texts.get("/log", Texts(np.zeros(0), ()))
-    outcome = next((t.removeprefix(_OUTCOME) for t in log.texts if t.startswith(_OUTCOME)), "")
     ends = [s.time_s[-1] for key, s in data.signals.items() if _ROBOT.match(key) and len(s.time_s)]
-    duration_s = float(max(ends))
+    time_s = float(max(ends))
+    with parsing(path, _EPISODE):
+        parameters = {
+            name: Parameter(**json.loads(text))
+            for name, text in data.properties.get("parameters", {}).items()
+        }
     return Episode(
         path=path,
         recording_id=data.recording_id,
         complete=data.complete,
-        outcome=outcome,
-        duration_s=duration_s,
+        outcome="".join(data.texts.get(OUTCOME, _NOTHING).texts),
+        duration_s=time_s,
         robots=tuple(robots),
-        facts={key: _literal(value) for key, value in data.properties["episode"].items()},
-        parameters=_parameters(data),
+        facts={key: _fact(value) for key, value in data.properties["episode"].items()},
+        parameters=parameters,
         signals=data.signals,
         texts=data.texts,
-        moves={robot: _moves(robot, log, duration_s) for robot in robots},
+        moves={r: _moves(data.texts.get(f"/rl/{r}/move", _NOTHING), time_s) for r in robots},
     )
 
 
-def _literal(value: Any) -> Any:
-    """What a property's text stands for: start cells and versions are written as Python says it."""
-    if isinstance(value, str) and value[:1] in {"(", "[", "{"}:
+def _fact(value: Any) -> Any:
+    """What a property stands for: start cells, versions and the like are JSON, see `properties`."""
+    if isinstance(value, str) and value[:1] in {"[", "{"}:
         try:
-            return ast.literal_eval(value)
-        except (ValueError, SyntaxError):
+            return json.loads(value)
+        except ValueError:
             return value
     return value
 
 
-def _parameters(data: RecordingData) -> dict[str, Parameter]:
-    """Rows of the parameter table of the information page."""
-    _, _, table = data.documents.get("/info/run", "").partition("# Parameters")
-    parameters = {}
-    for line in table.splitlines():
-        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
-        if len(cells) == _PARAMETER_COLUMNS and cells[0] not in {"", "-", "name"}:
-            name, value, *rest = cells
-            parameters[name] = Parameter(_number(value), *rest)
-    return parameters
-
-
-def _number(text: str) -> float | bool | str:
-    if text in {"True", "False"}:
-        return text == "True"
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _moves(robot: str, log: Texts, duration_s: float) -> tuple[Move, ...]:
-    """Moves of a robot from the log's lines on its decisions and on how they end."""
-    decided, ended = [], []
-    for time_s, text in zip(log.time_s, log.texts, strict=True):
-        if (match := _DECIDED.match(text)) and match[1] == robot:
-            decided.append((float(time_s), match[2]))
-        elif (match := _ENDED.match(text)) and match[1] == robot:
-            ended.append(float(time_s))
-    moves = []
-    for (start_s, direction), (end_s, following) in pairwise([*decided, (duration_s, "")]):
-        over = any(start_s < time_s <= end_s for time_s in ended)
-        moves.append(Move(start_s, end_s, direction, over, not following))
-    return tuple(moves)
+def _moves(states: Texts, end_s: float) -> tuple[DrivenMove, ...]:
+    """Moves of a robot: a direction, and how long it is in force until the next state."""
+    rows = [*zip(states.time_s.tolist(), states.texts, strict=True), (end_s, "")]
+    return tuple(
+        DrivenMove(start_s, until_s, direction, after == ENDED, after == GIVEN_UP)
+        for (start_s, direction), (until_s, after) in pairwise(rows)
+        if direction not in {ENDED, GIVEN_UP}
+    )

@@ -54,7 +54,8 @@ class EpisodeRecorder:
         scenario: board, targets, number of robots.
         config: parameters; its `burst_s` should be that of the level.
         recording_id: identity of the recording; equal runs use equal ones.
-        facts: seed, versions and what else identifies the run, for the properties and `/info/run`.
+        facts: seed, versions and what else identifies the run, of what JSON can hold; for the
+            properties and `/info/run`.
         level: how much is recorded.
         viewer: address of a running viewer that gets the same data, if any.
         policies: what each robot's policy says of each cell, to be drawn on the floor.
@@ -88,7 +89,10 @@ class EpisodeRecorder:
             policies=bool(policies),
         )
         self.file = Recording(path, recording_id, blueprint, viewer)
-        self.file.stream.send_property("episode", properties(facts | {"record": level}))
+        targets_m = [scenario.centre_m(target) for target in scenario.targets]
+        facts_and_board = facts | {"record": level, "targets_m": targets_m}
+        self.file.stream.send_property("episode", properties(facts_and_board))
+        self.file.stream.send_property("parameters", properties(config.table()))
         write_scene(self.file, scenario, config.robot)
         write_styles(self.file, scenario.robots)
         for name, policy in zip(self._names, policies, strict=False):
@@ -239,9 +243,14 @@ class EpisodeRecorder:
         for step, _, parts in self._batch:
             lines += self._log.lines(step, parts.sum(axis=1))
         if lines:
-            time_s, numbers, levels, texts = zip(*lines, strict=True)
-            rows = rr.TextLog.columns(text=texts, level=levels)
-            self.file.columns("/log", simulated(np.array(time_s), np.array(numbers)), rows)
+            rows = rr.TextLog.columns(
+                text=[line.text for line in lines], level=[line.level for line in lines]
+            )
+            self.file.columns("/log", _times(lines), rows)
+        for entity in {line.entity: None for line in lines if line.entity}:
+            changes = [line for line in lines if line.entity == entity]
+            states = rr.StateChange.columns(state=[line.state for line in changes])
+            self.file.columns(entity, _times(changes), states)
 
     def _starts(self) -> tuple[np.ndarray, np.ndarray]:
         """Times in s and numbers of the batch's RL steps."""
@@ -252,6 +261,12 @@ class EpisodeRecorder:
     def _end_s(self, step: Step) -> float:
         ticks = step.first_tick + self._config.ticks_per_period * len(step.samples.omega)
         return ticks * self._config.timing.dt_s
+
+
+def _times(lines: list[Line]) -> list[rr.TimeColumn]:
+    return simulated(
+        np.array([line.time_s for line in lines]), np.array([line.rl_step for line in lines])
+    )
 
 
 def _run_document(facts: dict[str, Any], config: CoSimConfig) -> str:

@@ -1,19 +1,25 @@
 """The recorded signals of an episode: where each comes from, its rate, unit, names and colours."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 import rerun as rr
 
 from cosim.coupling.signals import Samples
+from cosim.navigation.episode import OUTCOMES
 from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording
-from cosim.recording.scene import EIGHT, LIGHT, SERIES, palette
+from cosim.recording.scene import EIGHT, GREY, LIGHT, SERIES, palette
 
 DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
 ARRIVED = "at target"
+# States of /rl/<robot>/move besides directions, and of /rl/<robot>/failure; OUTCOME is an entity.
+ENDED, GIVEN_UP = "ended", "given up"
+OFF_THE_BOARD, ON_OBSTACLE = "leaves the board", "touches an obstacle"
+NOT_ARRIVED = "has not arrived"
+OUTCOME = "/outcome"
 REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
 _DE, _ABC, _XY = ("D", "E"), ("A", "B", "C"), ("x", "y")
 
@@ -119,7 +125,7 @@ def block_ends(count: int, every: int) -> np.ndarray:
 
 
 def write_styles(file: Recording, robots: int) -> None:
-    """Log names, units, colours and aggregation of every signal of an episode."""
+    """Log names, units, colours and aggregation of every signal and state of an episode."""
     for name in robot_names(robots):
         series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in SIGNALS}
         series |= {f"/raw/{name}/{path}": entry for path, entry in RAW_SERIES.items()}
@@ -138,10 +144,19 @@ def write_styles(file: Recording, robots: int) -> None:
             )
         for path, values, colours in (
             ("action", (*DIRECTION_NAMES, ARRIVED), [*EIGHT, LIGHT]),
+            ("move", (*DIRECTION_NAMES, ENDED, GIVEN_UP), [*EIGHT, LIGHT, GREY]),
+            ("failure", (OFF_THE_BOARD, ON_OBSTACLE, NOT_ARRIVED), SERIES),
             ("greedy", DIRECTION_NAMES, EIGHT),
             ("gradient", GRADIENT_SIGNS, SERIES),
         ):
-            states = rr.StateConfiguration(
-                values=list(values), labels=list(values), colors=palette(list(colours))
-            )
-            file.static(f"/rl/{name}/{path}", states)
+            _write_states(file, f"/rl/{name}/{path}", values, colours)
+    _write_states(file, OUTCOME, OUTCOMES, [SERIES[2], EIGHT[5], EIGHT[4], GREY])
+
+
+def _write_states(
+    file: Recording, entity: str, values: Sequence[str], colours: Sequence[int]
+) -> None:
+    states = rr.StateConfiguration(
+        values=list(values), labels=list(values), colors=palette(list(colours))
+    )
+    file.static(entity, states)

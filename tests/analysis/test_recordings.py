@@ -10,8 +10,9 @@ import pytest
 
 from analysis import inspect
 from analysis.reading.findings import find, intervals, sliding
-from analysis.reading.recordings import _moves, read_episode
+from analysis.reading.recordings import DrivenMove, _moves, read_episode
 from analysis.reading.rrd import RecordingReadError, Signal, Texts, read_rrd
+from cosim.base.config import CoSimConfig
 from cosim.base.params import TABLE_II, TIMING
 
 
@@ -30,9 +31,10 @@ def test_episode_says_what_was_run(episode, run_folder):
     assert episode.facts["seed"] == summary["seed"]
     assert [list(start) for start in episode.facts["starts"]] == result["starts"]
     assert episode.facts["versions"] == summary["versions"]
-    values = {name: parameter.value for name, parameter in episode.parameters.items()}
-    assert values == summary["parameters"]
-    assert episode.parameters["V_s_max"].unit == "V"
+    table = CoSimConfig().table()
+    assert episode.parameters.keys() == table.keys()
+    for name, parameter in episode.parameters.items():
+        assert parameter._asdict() == table[name] | {"value": summary["parameters"][name]}
     assert episode.parameter("V_s_max") == TABLE_II.V_s_max
 
 
@@ -123,25 +125,12 @@ def test_other_recordings_are_read_too(run_folder):
 
 
 def test_moves_end_time_out_or_are_cut_off():
-    log = Texts(
-        np.array([0.0, 0.0, 4.0, 4.0, 44.0, 46.0]),
-        (
-            "r1 in (0, 29) heads for 0°",
-            "r2 in (16, 0) heads for 45°",
-            "r1 ends its move in (1, 29), reward -1.00",
-            "r1 in (1, 29) heads for 90°",
-            "r1 in (1, 29) heads for 45°",
-            "r2 ends its move in (17, 1), reward -1.00",
-        ),
+    states = Texts(np.array([0.0, 4.0, 6.0, 46.0, 46.0]), ("0°", "ended", "90°", "given up", "45°"))
+    assert _moves(states, 50.0) == (
+        DrivenMove(0.0, 4.0, "0°", ended=True, given_up=False),
+        DrivenMove(6.0, 46.0, "90°", ended=False, given_up=True),
+        DrivenMove(46.0, 50.0, "45°", ended=False, given_up=False),
     )
-    first, second, third = _moves("r1", log, 50.0)
-    assert (first.start_s, first.end_s, first.direction, first.ended) == (0.0, 4.0, "0°", True)
-    assert not first.timed_out
-    assert second.timed_out
-    assert third.last
-    assert not third.timed_out
-    (only,) = _moves("r2", log, 50.0)
-    assert only.ended
 
 
 def test_intervals_are_first_and_last_index():
