@@ -11,11 +11,11 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.reading.findings import find
-from analysis.reading.recordings import Episode, read_episode
-from analysis.reading.rrd import Signal
 from cosim.base.errors import run_command
 from cosim.base.tables import show_table
 from cosim.navigation.measures import PATH_SAMPLING_S
+from cosim.reading.episode import Episode, read_episode
+from cosim.reading.rrd import Signal
 
 # Facts shown first; the others follow.
 _FIRST_FACTS = ("scenario", "title", "episode", "seed", "starts")
@@ -90,7 +90,7 @@ def report(episode: Episode) -> dict[str, Any]:
         "recording_id": episode.recording_id,
         "complete": episode.complete,
         "outcome": episode.outcome or None,
-        "duration_s": episode.duration_s,
+        "time_s": episode.time_s,
         "facts": dict(episode.facts),
         "parameters": {name: p._asdict() for name, p in episode.parameters.items()},
         "robots": {
@@ -116,7 +116,7 @@ def show(content: dict[str, Any], console: Console, parameters: bool) -> None:
     """Print a report."""
     ending = content["outcome"] or "not recorded: the recording ends before the episode"
     console.print(f"[bold]{content['recording']}[/]", soft_wrap=True)
-    console.print(f"outcome {ending}, {content['duration_s']:.2f} s simulated")
+    console.print(f"outcome {ending}, {content['time_s']:.2f} s simulated")
     if not content["complete"]:
         console.print("its writer was stopped; this is what it had written")
     facts = content["facts"]

@@ -15,10 +15,10 @@ import rerun.blueprint as rrb
 import tyro
 from fmpy.simulation import instantiate_fmu
 
-from analysis.reading.rrd import RecordingReadError, Signal, read_rrd
 from cosim.base.errors import UserError, run_command
 from cosim.base.params import FIG_7
 from cosim.coupling.fmu import MotorFmu
+from cosim.reading.rrd import RecordingReadError, Signal, read_rrd
 from cosim.recording.file import Recording, properties, scalars, simulated
 from fmus.build import cached_fmu
 

@@ -24,9 +24,9 @@ from analysis.figures.style import (
     FigureError,
 )
 from analysis.reading.findings import sliding
-from analysis.reading.recordings import Episode, read_episode
 from analysis.reading.results import FIGURES, RESULTS, recordings
 from cosim.physics.forces import MotorMount, motor_force
+from cosim.reading.episode import Episode, read_episode
 
 # A robot drives straight where its motors turn against each other, each within this share of the
 # forward speed; it turns on the spot where they turn alike.
@@ -99,7 +99,7 @@ def find_cycle(episode: Episode) -> Cycle:
 
 def _turns(episode: Episode, robot: str) -> Iterator[_Turn]:
     """The last whole turn of every burst in which a robot drives straight on."""
-    raw, dt_s = episode.signal(f"/raw/{robot}/omega"), episode.parameter("dt_s")
+    raw, dt_s = episode.signals[f"/raw/{robot}/omega"], episode.parameter("dt_s")
     speed = episode.parameter("forward_speed_rad_s")
     edges = np.flatnonzero(np.diff(raw.time_s) > 1.5 * dt_s) + 1
     for burst in np.split(np.arange(len(raw.time_s)), edges):
@@ -120,11 +120,11 @@ def _turns(episode: Episode, robot: str) -> Iterator[_Turn]:
 def _cycle(episode: Episode, turn: _Turn) -> Cycle:
     robot, rows = turn.robot, turn.rows
     friction, normal, position = (
-        episode.signal(f"/raw/{robot}/{name}") for name in ("friction", "normal", "position")
+        episode.signals[f"/raw/{robot}/{name}"] for name in ("friction", "normal", "position")
     )
     mu, load = episode.parameter("mu"), normal.values[rows]
     time_s = position.time_s[rows]
-    headings = episode.signal(f"/sim/{robot}/heading")
+    headings = episode.signals[f"/sim/{robot}/heading"]
     heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
     way = position.values[rows, :2] - position.values[rows[0], :2]
     return Cycle(
@@ -149,7 +149,7 @@ def _angles(
     recorded = episode.signals.get(f"/raw/{robot}/theta")
     if recorded is not None:
         return recorded.values[np.searchsorted(recorded.time_s, time_s)]
-    slow = episode.signal(f"/sim/{robot}/motors/theta")
+    slow = episode.signals[f"/sim/{robot}/motors/theta"]
     before = np.flatnonzero(np.abs(slow.time_s - (time_s[0] - dt_s)) < 0.5 * dt_s)
     if not len(before):
         return None

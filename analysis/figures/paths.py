@@ -13,9 +13,9 @@ from analysis.figures.board import draw_board, robot_colour
 from analysis.figures.caption import Caption, Drawing
 from analysis.figures.style import WIDTH_IN, FigureError
 from analysis.inspect import path_length_m
-from analysis.reading.recordings import Episode, read_episode
 from analysis.reading.results import FIGURES, RESULTS, recordings
 from cosim.base.scenario import BUILT_IN, Scenario
+from cosim.reading.episode import Episode, read_episode
 
 SINGLE, PAIRS = ("1a", "1b"), ("2", "3", "4")
 
@@ -54,11 +54,11 @@ def way_of(episode: Episode) -> Way:
         RecordingReadError: it has no positions or cells.
     """
     return Way(
-        tuple(episode.signal(f"/sim/{robot}/position").values[:, :2] for robot in episode.robots),
-        tuple(episode.signal(f"/rl/{robot}/cell").values for robot in episode.robots),
+        tuple(episode.signals[f"/sim/{robot}/position"].values[:, :2] for robot in episode.robots),
+        tuple(episode.signals[f"/rl/{robot}/cell"].values for robot in episode.robots),
         episode.outcome or "unfinished",
         tuple(path_length_m(episode, robot) or 0.0 for robot in episode.robots),
-        episode.duration_s,
+        episode.time_s,
     )
 
 

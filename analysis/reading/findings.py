@@ -1,6 +1,6 @@
 """Where an episode looks wrong: saturation, slipping, lift-offs, near misses, moves given up.
 
-Works on what a recording holds (`analysis.reading.recordings`); a finding whose signals a recording
+Works on what a recording holds (`cosim.reading.episode`); a finding whose signals a recording
 lacks is left out. Nothing is printed here.
 """
 
@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from analysis.reading.recordings import Episode
-from analysis.reading.rrd import Signal
+from cosim.reading.episode import Episode
+from cosim.reading.rrd import Signal
 from cosim.recording.series import NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE
 
 # Eq. (9) calls robots near up to 6 cm for robots of 5 cm: a fifth of a diameter between them.

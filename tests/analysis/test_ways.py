@@ -10,9 +10,9 @@ from analysis.figures import motor_cycle
 from analysis.figures import paths as ways
 from analysis.figures.board import ROBOT_COLOURS
 from analysis.figures.style import FigureError
-from analysis.reading.recordings import read_episode
 from analysis.reading.results import recordings
 from cosim.base.params import STEERING, TABLE_I, TABLE_II
+from cosim.reading.episode import read_episode
 
 
 @pytest.fixture(autouse=True)
@@ -28,7 +28,7 @@ def test_ways_are_those_of_the_recordings(results, run_folder):
     lines = [line for line in boards[0].lines if len(np.asarray(line.get_xdata())) > 100]
     assert [line.get_color() for line in lines] == [*ROBOT_COLOURS[:2]]
     (path,) = recordings("2", results)
-    position = read_episode(path).signal("/sim/r2/position").values
+    position = read_episode(path).signals["/sim/r2/position"].values
     np.testing.assert_array_equal(lines[1].get_xydata(), 100.0 * position)
     (result,) = json.loads((run_folder / "summary.json").read_text())["episodes"]
     assert caption.numbers["2"]["outcomes"] == [result["outcome"]] == ["timeout"]

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from analysis.reading.rrd import read_rrd
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.base.scenario import Scenario
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.signals import RawSamples
 from cosim.navigation.episode import CoSimulation
+from cosim.reading.rrd import read_rrd
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Recording, RecordingError, properties, scalars, simulated
