@@ -73,14 +73,14 @@ def _period(time_s: np.ndarray) -> float | None:
 
 
 def path_length_m(episode: Episode, robot: str) -> float | None:
-    """Length of a robot's way, sampled as slowly as the co-simulation does: without vibration."""
+    """Length of a robot's path, sampled as slowly as the co-simulation does: without vibration."""
     position = episode.signals.get(f"/sim/{robot}/position")
     period_s = _period(position.time_s) if position is not None else None
     if position is None or period_s is None:
         return None
     every = max(1, round(PATH_SAMPLING_S / period_s))
-    way = position.values[every - 1 :: every, :2]
-    return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    path = position.values[every - 1 :: every, :2]
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def report(episode: Episode) -> dict[str, Any]:
@@ -125,9 +125,9 @@ def show(content: dict[str, Any], console: Console, parameters: bool) -> None:
             console.print(f"  {key}: {facts[key]}", soft_wrap=True, markup=False)
     for robot, row in content["robots"].items():
         length = row["path_length_m"]
-        way = f"{100.0 * length:.1f} cm, " if length is not None else ""
+        path = f"{100.0 * length:.1f} cm, " if length is not None else ""
         console.print(
-            f"  {robot}: {way}{row['moves']} moves, {row['moves_ended']} ended, "
+            f"  {robot}: {path}{row['moves']} moves, {row['moves_ended']} ended, "
             f"{row['moves_timed_out']} timed out"
         )
     if parameters:

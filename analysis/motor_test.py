@@ -1,7 +1,8 @@
 """`python -m analysis.motor_test`: records the test of Fig. 7, a motor in open and closed loop.
 
 The motor FMU runs alone, through fmpy, once with a constant voltage and once with its PI speed
-loop. A disturbance torque acts from one third of the time on, and the other way from two thirds.
+loop. A disturbance torque acts from one third of the time on, and against the motion from two
+thirds.
 `analysis.figures.fig07` draws the recording; `read` gives its signals as arrays.
 """
 

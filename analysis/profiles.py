@@ -17,12 +17,12 @@ class Profile:
         name: for people.
         runs: independent training runs of every variant.
         train_episodes: episodes of a training run.
-        drive_method: way of training of the policies that drive the co-simulated episodes.
-        drive_episodes: episodes of their training; None is the number of that way.
+        drive_method: training method of the policies that drive the co-simulated episodes.
+        drive_episodes: episodes of their training; None is the number of that method.
         single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
             one robot and of a pair.
         episode_limit_s: simulated time after which such an episode ends as a time-out.
-        transfer_scenarios, transfer_methods: scenarios and ways of training whose success in
+        transfer_scenarios, transfer_methods: scenarios and training methods whose success in
             co-simulation is measured.
         transfer_quick: two episodes for every row of that table instead of all that it needs.
     """
@@ -54,7 +54,7 @@ FULL = Profile(
     transfer_quick=False,
 )
 
-# A policy that finds its way takes so many episodes; intervals take more than one run.
+# A policy that reaches its targets takes so many episodes; intervals take more than one run.
 QUICK = Profile(
     name="quick",
     runs=2,

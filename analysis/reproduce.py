@@ -38,7 +38,7 @@ class Reproduce:
 
     Results go to DIR/results, figures to DIR/figures, the page to DIR/report; open it with
     `python -m analysis.serve DIR/report`. The same command goes on after an interrupt: stages that
-    the same code has finished are kept, a training that was under way continues from its
+    the same code has finished are kept, a training that was interrupted continues from its
     checkpoints. How long each stage took is in DIR/results/timings.json.
     """
 

@@ -33,7 +33,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Figures:
+class ReactionCost:
     """Results; names as in the JSON output.
 
     Attributes:
@@ -41,7 +41,7 @@ class Figures:
         torque_max_over_coulomb: its largest value over c.
         motor_speed_change_rad_s: change of the mean motor speed.
         ripple_without_rad_s, ripple_with_rad_s: standard deviation of the motor speed.
-        drive_speed_change: relative change of the way driven.
+        drive_speed_change: relative change of the distance driven.
     """
 
     torque_rms_over_coulomb: float
@@ -69,11 +69,11 @@ def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
     return np.abs(np.concatenate(omega)), np.concatenate(torque), way
 
 
-def measure(steps: int) -> Figures:
+def measure(steps: int) -> ReactionCost:
     """All figures."""
     omega_without, _, way_without = drive(False, steps)
     omega_with, torque, way_with = drive(True, steps)
-    return Figures(
+    return ReactionCost(
         torque_rms_over_coulomb=float(np.sqrt((torque**2).mean()) / TABLE_II.c),
         torque_max_over_coulomb=float(np.abs(torque).max() / TABLE_II.c),
         motor_speed_change_rad_s=float(omega_with.mean() - omega_without.mean()),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cosim.base.scenario import BUILT_IN
 
-# Episodes of a scenario whose ways Fig. 9 or 12 shows: the paper draws many of one robot on one
+# Episodes of a scenario whose paths Fig. 9 or 12 shows: the paper draws many of one robot on one
 # board, and few of a pair.
 SINGLE_EPISODES, PAIR_EPISODES = 6, 2
 

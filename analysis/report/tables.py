@@ -30,7 +30,7 @@ class ReportError(UserError):
 RESULT_FILE = Kind("result", "make it again", ReportError)
 
 
-class Table(NamedTuple):
+class ReportTable(NamedTuple):
     """A table as it is shown.
 
     Attributes:
@@ -57,7 +57,7 @@ def read_result(path: Path) -> dict[str, Any] | None:
     return read_json(path, RESULT_FILE, dict[str, Any]) if path.exists() else None
 
 
-def learning_tables(results: Path) -> list[Table]:
+def learning_tables(results: Path) -> list[ReportTable]:
     """What training found, a table per experiment of the paper.
 
     Raises:
@@ -78,7 +78,7 @@ def learning_tables(results: Path) -> list[Table]:
     return tables
 
 
-def _learning_table(title: str, content: dict[str, Any]) -> Table:
+def _learning_table(title: str, content: dict[str, Any]) -> ReportTable:
     rows, differences = [], content.get("differences", {})
     for key, variant in content["variants"].items():
         row = [variant["label"]]
@@ -100,7 +100,7 @@ def _learning_table(title: str, content: dict[str, Any]) -> Table:
         f"python -m agent.experiments {content['experiment']} --runs {runs} "
         f"--episodes {content['episodes']} --seed {content['seed']}"
     )
-    return Table(title, note, command, tuple(header), rows)
+    return ReportTable(title, note, command, tuple(header), rows)
 
 
 def _runs(count: int) -> str:
@@ -120,7 +120,7 @@ def interval(
     return text.replace("-", "−")
 
 
-def transfer_tables(results: Path) -> list[Table]:
+def transfer_tables(results: Path) -> list[ReportTable]:
     """What policies achieve in co-simulation, by training method; none if it was not evaluated.
 
     Raises:
@@ -139,7 +139,7 @@ def transfer_tables(results: Path) -> list[Table]:
         "intervals."
     )
     title = "Success in co-simulation by training method"
-    return [Table(title, note, "python -m cosim.transfer", header, rows)]
+    return [ReportTable(title, note, "python -m cosim.transfer", header, rows)]
 
 
 def _transfer_row(row: dict[str, Any]) -> tuple[str, ...]:
@@ -189,7 +189,7 @@ def read_timings(results: Path) -> TimingsContent | None:
     return read_json(path, RESULT_FILE, TimingsContent) if path.exists() else None
 
 
-def timing_table(timings: TimingsContent) -> Table:
+def timing_table(timings: TimingsContent) -> ReportTable:
     """How long each stage of `analysis.reproduce` took."""
     rows = [
         (
@@ -207,14 +207,14 @@ def timing_table(timings: TimingsContent) -> Table:
     )
     rows.append(("all", f"{total:.1f} s", "", ""))
     header = ("stage", "time", "attempts", "")
-    return Table("Time", note, "python -m analysis.reproduce", header, rows)
+    return ReportTable("Time", note, "python -m analysis.reproduce", header, rows)
 
 
-def parameter_table() -> Table:
+def parameter_table() -> ReportTable:
     """Parameters of the co-simulation as `cosim.base.params` has them."""
     rows = []
     for name, row in CoSimConfig().table().items():
         value = f"{row['value']:.6g}" if isinstance(row["value"], float) else str(row["value"])
         rows.append((name, f"{value} {row['unit']}".strip(), row["description"], row["source"]))
     header = ("name", "value", "meaning", "source")
-    return Table("Parameters", "SI units.", "cosim/base/params.py", header, rows)
+    return ReportTable("Parameters", "SI units.", "cosim/base/params.py", header, rows)

@@ -5,14 +5,16 @@ The words are for people. Programs read the states, of entities named in `cosim.
 
 from collections.abc import Iterator
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import rerun as rr
 
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import Scenario, touches_obstacle
 from cosim.navigation.episode import Step
 from cosim.recording.blueprint import robot_names
+from cosim.recording.file import Recording, simulated
 from cosim.recording.series import (
     DIRECTION_NAMES,
     ENDED,
@@ -59,7 +61,7 @@ class EpisodeLog:
         self._scenario, self._config = scenario, config
         self._names = robot_names(scenario.robots)
         self._walls_m = scenario.walls * scenario.cell_m
-        self._under_way = np.zeros(scenario.robots, dtype=bool)
+        self._moving = np.zeros(scenario.robots, dtype=bool)
         self._touched_s = dict.fromkeys(combinations(range(scenario.robots), 2), -np.inf)
 
     def lines(self, step: Step, reward: np.ndarray) -> list[Line]:
@@ -84,7 +86,7 @@ class EpisodeLog:
             name = self._names[robot]
             text = f"{name} ends its move in {where}, reward {reward[robot]:.2f}"
             lines.append(Line(end_s, step.number, "INFO", text, f"/rl/{name}/move", ENDED))
-        self._under_way = (step.action >= 0) & ~step.completed
+        self._moving = (step.action >= 0) & ~step.completed
         if step.outcome:
             for name, state, detail in self._failures(step):
                 entity, text = f"/rl/{name}/failure", f"{name} {state}{detail}"
@@ -99,7 +101,7 @@ class EpisodeLog:
         name, where = self._names[robot], tuple(step.before.cells[robot].tolist())
         entity, direction = f"/rl/{name}/move", DIRECTION_NAMES[int(step.action[robot])]
         decided = ("INFO", f"{name} in {where} heads for {direction}", entity, direction)
-        if not self._under_way[robot]:
+        if not self._moving[robot]:
             return [decided]
         text = f"{name} gives its move up after {self._config.timing.move_limit_s:g} s"
         return [("WARN", text, entity, GIVEN_UP), decided]
@@ -141,3 +143,40 @@ class EpisodeLog:
             if step.outcome == "timeout" and tuple(step.after.cells[robot]) != target:
                 away_m = np.hypot(*(np.array(self._scenario.centre_m(target)) - (x, y)))
                 yield name, NOT_ARRIVED, f": target {100.0 * away_m:.1f} cm away"
+
+
+def write_lines(file: Recording, lines: list[Line]) -> None:
+    """Write lines to `/log`, and the states among them to their entities.
+
+    Args:
+        file: recording being written.
+        lines: in the order in which they were told.
+    """
+    if lines:
+        rows = rr.TextLog.columns(
+            text=[line.text for line in lines], level=[line.level for line in lines]
+        )
+        file.columns("/log", _times(lines), rows)
+    for entity in {line.entity: None for line in lines if line.entity}:
+        changes = [line for line in lines if line.entity == entity]
+        states = rr.StateChange.columns(state=[line.state for line in changes])
+        file.columns(entity, _times(changes), states)
+
+
+def _times(lines: list[Line]) -> list[rr.TimeColumn]:
+    return simulated(
+        np.array([line.time_s for line in lines]), np.array([line.rl_step for line in lines])
+    )
+
+
+def write_run_page(file: Recording, facts: dict[str, Any], config: CoSimConfig) -> None:
+    """Write the page `/info/run`: what was run, with every parameter and its source."""
+    lines = ["# Episode", "", "| | |", "|---|---|"]
+    lines += [f"| {key} | {value} |" for key, value in facts.items()]
+    lines += ["", "# Parameters", "", "| name | value | unit | meaning | source |", "|-|-|-|-|-|"]
+    lines += [
+        f"| {name} | {row['value']} | {row['unit']} | {row['description']} | {row['source']} |"
+        for name, row in config.table().items()
+    ]
+    page = rr.TextDocument("\n".join(lines), media_type="text/markdown")
+    file.static("/info/run", page)

@@ -24,7 +24,7 @@ REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
 _DE, _ABC, _XY = ("D", "E"), ("A", "B", "C"), ("x", "y")
 
 
-class Signal(NamedTuple):
+class SignalSpec(NamedTuple):
     """A signal below `/sim/<robot>`.
 
     Attributes:
@@ -60,21 +60,23 @@ def nearest_distances(samples: Samples) -> np.ndarray:
 
 
 SIGNALS = (
-    Signal("motors/omega", _DE, "rad/s", "fast", "mean", lambda s: s.omega),
-    Signal("motors/voltage", _DE, "V", "fast", "mean", lambda s: s.voltage),
-    Signal("motors/omega_des", _DE, "rad/s", "slow", "last", lambda s: s.omega_des),
-    Signal("motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
-    Signal("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
-    Signal("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
-    Signal("heading", ("heading",), "rad", "pose", "last", headings),
-    Signal("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
-    Signal("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
-    Signal("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
-    Signal("contact/normal_max", _ABC, "N", "slow", "max", lambda s: s.normal_max),
-    Signal("contact/friction_max", _ABC, "N", "slow", "max", lambda s: s.friction_max),
-    Signal("contact/slipping_share", _ABC, "1", "slow", "mean", lambda s: s.slipping_share),
-    Signal("contact/lifted_share", ("share",), "1", "slow", "mean", lambda s: s.lifted_share),
-    Signal("contact/touching_share", ("share",), "1", "slow", "mean", lambda s: s.touching_share),
+    SignalSpec("motors/omega", _DE, "rad/s", "fast", "mean", lambda s: s.omega),
+    SignalSpec("motors/voltage", _DE, "V", "fast", "mean", lambda s: s.voltage),
+    SignalSpec("motors/omega_des", _DE, "rad/s", "slow", "last", lambda s: s.omega_des),
+    SignalSpec("motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
+    SignalSpec("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
+    SignalSpec("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
+    SignalSpec("heading", ("heading",), "rad", "pose", "last", headings),
+    SignalSpec("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
+    SignalSpec("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
+    SignalSpec("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
+    SignalSpec("contact/normal_max", _ABC, "N", "slow", "max", lambda s: s.normal_max),
+    SignalSpec("contact/friction_max", _ABC, "N", "slow", "max", lambda s: s.friction_max),
+    SignalSpec("contact/slipping_share", _ABC, "1", "slow", "mean", lambda s: s.slipping_share),
+    SignalSpec("contact/lifted_share", ("share",), "1", "slow", "mean", lambda s: s.lifted_share),
+    SignalSpec(
+        "contact/touching_share", ("share",), "1", "slow", "mean", lambda s: s.touching_share
+    ),
 )
 
 # Signals of bursts below /raw/<robot>, fields of `cosim.coupling.signals.RawSamples`: names and
@@ -105,7 +107,7 @@ def reduce(values: np.ndarray, every: int, how: str) -> np.ndarray:
     Args:
         values: (n, ...) at every control period, n ≥ 1.
         every: periods per block.
-        how: see `Signal.reduced`.
+        how: see `SignalSpec.reduced`.
     """
     if every == 1:
         return values

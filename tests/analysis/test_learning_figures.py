@@ -14,7 +14,7 @@ from agent.experiments import EXPERIMENTS, main, show
 from analysis.figures import fig05
 from analysis.figures.learning import (
     POINTS,
-    Variant,
+    VariantCurves,
     draw_learning_curves,
     load_content,
     load_variants,
@@ -91,7 +91,7 @@ def test_learnt_is_where_success_stays_high():
         log = SimpleNamespace(
             greedy_success=np.array(rates), greedy_episode=1000 * np.arange(1, 1 + len(rates))
         )
-        return Variant("x", "2", (log,))  # pyright: ignore[reportArgumentType]
+        return VariantCurves("x", "2", (log,))  # pyright: ignore[reportArgumentType]
 
     assert settled_after(variant([0.2, 1.0, 0.9, 1.0, 1.0]), 0.99) == 4000
     assert settled_after(variant([1.0, 1.0]), 0.99) == 1000

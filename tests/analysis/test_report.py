@@ -12,7 +12,7 @@ from markupsafe import escape
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from analysis.figures.caption import Caption, read_caption, write_caption
+from analysis.figures.style import Caption, read_caption, write_caption
 from analysis.reading.results import FIGURES
 from analysis.report.page import Report, write_report
 from analysis.report.server import address, server
