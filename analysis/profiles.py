@@ -30,27 +30,23 @@ class Profile:
     name: str
     runs: int
     train_episodes: int
-    drive_method: Method
-    drive_episodes: int | None
     single_episodes: int
     pair_episodes: int
-    episode_limit_s: float
     transfer_scenarios: tuple[str, ...]
-    transfer_methods: tuple[Method, ...]
     transfer_quick: bool
+    drive_method: Method = BEST
+    drive_episodes: int | None = None
+    episode_limit_s: float = TIMING.episode_limit_s
+    transfer_methods: tuple[Method, ...] = METHODS
 
 
 FULL = Profile(
     name="full",
     runs=20,  # Section V
     train_episodes=LearningConfig().episodes,
-    drive_method=BEST,
-    drive_episodes=None,
     single_episodes=SINGLE_EPISODES,
     pair_episodes=PAIR_EPISODES,
-    episode_limit_s=TIMING.episode_limit_s,
     transfer_scenarios=tuple(BUILT_IN),
-    transfer_methods=METHODS,
     transfer_quick=False,
 )
 
@@ -59,12 +55,8 @@ QUICK = Profile(
     name="quick",
     runs=2,
     train_episodes=1_000_000,
-    drive_method=BEST,
-    drive_episodes=None,
     single_episodes=2,
     pair_episodes=1,
-    episode_limit_s=TIMING.episode_limit_s,
     transfer_scenarios=("1a", "2"),
-    transfer_methods=METHODS,
     transfer_quick=True,
 )

@@ -19,7 +19,7 @@ from cosim.coupling.signals import RawSamples, Samples
 from cosim.navigation.episode import Step
 from cosim.navigation.features import GRADIENT_SIGNS, Observation
 from cosim.recording.blueprint import episode_blueprint, robot_names
-from cosim.recording.episode_log import EpisodeLog, Line, write_lines, write_run_page
+from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
 from cosim.recording.episode_scene import EpisodeScene
 from cosim.recording.file import Recording, properties, scalars, simulated
 from cosim.recording.levels import DETAILS, Level, periods
@@ -235,10 +235,8 @@ class EpisodeRecorder:
         self._return[robot] += reward.sum()
 
     def _write_log(self) -> None:
-        lines: list[Line] = []
-        for step, _, parts in self._batch:
-            lines += self._log.lines(step, parts.sum(axis=1))
-        write_lines(self.file, lines)
+        told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts in self._batch)
+        write_lines(self.file, [line for lines in told for line in lines])
 
     def _starts(self) -> tuple[np.ndarray, np.ndarray]:
         """Times in s and numbers of the batch's RL steps."""
