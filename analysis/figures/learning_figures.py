@@ -19,7 +19,7 @@ from analysis.figures.learning import (
     load_variants,
     settled_after,
 )
-from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN, Caption, Drawing
+from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN, Caption, Drawing, interval
 from analysis.reading.results import FIGURES, RESULTS
 
 # Success rate that counts as learnt.
@@ -106,18 +106,10 @@ def _learning_figure(results: Path, figure: str, title: str, claim: str) -> Draw
 def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
     after = numbers["learnt_after_episodes"]
     since = f"above 99 % from {after:,} episodes on" if after else "not above 99 % at the end"
-    success = with_interval(numbers["success"], 100.0, 1, " %")
-    path = with_interval(numbers["path_length_cm"], 1.0, 2, " cm")
+    success = interval(numbers["success"], 100.0, 1, " %")
+    path = interval(numbers["path_length_cm"], unit=" cm")
     runs = numbers["success"]["runs"]
     return f"{variant.label}: success {success} ({since}), path {path}, {runs} runs."
-
-
-def with_interval(statistics: dict[str, Any], factor: float, digits: int, unit: str) -> str:
-    """Mean and 95 % interval in words, "–" where a statistic has no value."""
-    if statistics["mean"] is None:
-        return "–"
-    mean, low, high = (f"{factor * statistics[k]:.{digits}f}" for k in ("mean", "low", "high"))
-    return f"{mean}{unit} [{low}, {high}]"
 
 
 def path_ratio(results: Path) -> Drawing:
@@ -136,8 +128,8 @@ def path_ratio(results: Path) -> Drawing:
         )
         numbers[name] = {"path_length": path, "moves": moves}
         ours.append(
-            f"{variant['label']}: path {with_interval(path, 1.0, 3, '')}, "
-            f"moves {with_interval(moves, 1.0, 3, '')}."
+            f"{variant['label']}: path {interval(path, digits=3)}, "
+            f"moves {interval(moves, digits=3)}."
         )
     caption = Caption(
         "path_ratio",

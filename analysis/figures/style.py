@@ -23,6 +23,7 @@ GREY = "#808080"
 
 WIDTH_IN = 7.2  # two columns of a journal page
 FORMATS = (".png", ".pdf")
+NOTHING = "–"  # where a number has no value
 
 _SETTINGS: dict[Any, Any] = {
     "axes.grid": True,
@@ -127,3 +128,16 @@ def read_caption(folder: Path, figure: str) -> Caption:
     mend = f"draw it with `python -m analysis.figures {figure} --out {folder}`"
     kind = Kind("caption of a figure", mend, FigureError)
     return read_json(folder / f"{figure}.json", kind, Caption)
+
+
+def interval(
+    statistics: dict[str, Any], factor: float = 1.0, digits: int = 2, unit: str = ""
+) -> str:
+    """Mean and 95 % interval of statistics, or of any record with mean, low and high."""
+    mean, low, high = (statistics.get(name) for name in ("mean", "low", "high"))
+    if mean is None:
+        return NOTHING
+    text = f"{factor * mean:.{digits}f}{unit}"
+    if low is not None and high is not None:
+        text += f" [{factor * low:.{digits}f}, {factor * high:.{digits}f}]"
+    return text.replace("-", "−")

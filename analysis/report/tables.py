@@ -6,12 +6,12 @@ Reads what commands wrote and formats it, with intervals; the page around it is 
 from pathlib import Path
 from typing import Any, NamedTuple, NotRequired, TypedDict
 
+from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, parsing, read_json
 
-NOTHING = "–"
 _OUTCOMES = ("success", "collision", "out_of_board", "timeout")
 TIMINGS_FILE = "timings.json"
 # Column, measure of `agent.process.exact`, factor, digits, unit.
@@ -105,19 +105,6 @@ def _learning_table(title: str, content: dict[str, Any]) -> ReportTable:
 
 def _runs(count: int) -> str:
     return "1 run" if count == 1 else f"{count} runs"
-
-
-def interval(
-    statistics: dict[str, Any], factor: float = 1.0, digits: int = 2, unit: str = ""
-) -> str:
-    """Mean and 95 % interval of statistics, or of any record with mean, low and high."""
-    mean, low, high = (statistics.get(name) for name in ("mean", "low", "high"))
-    if mean is None:
-        return NOTHING
-    text = f"{factor * mean:.{digits}f}{unit}"
-    if low is not None and high is not None:
-        text += f" [{factor * low:.{digits}f}, {factor * high:.{digits}f}]"
-    return text.replace("-", "−")
 
 
 def transfer_tables(results: Path) -> list[ReportTable]:
