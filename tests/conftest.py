@@ -1,4 +1,4 @@
-"""What all tests share: one cache, hypothesis' profiles, and commands in the tests' own process."""
+"""What all tests share: cache, motor FMU, hypothesis' profiles, commands in their own process."""
 
 import contextlib
 import io
@@ -17,6 +17,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 from cosim.base.errors import run_command
 from cosim.base.storage import cache_dir
+from fmus.build import cached_fmu
 
 # First calls compile kernels, and machines are busy: nothing is judged by the time it takes.
 settings.register_profile(
@@ -91,6 +92,11 @@ def command():
         return Ended(status, out.getvalue(), err.getvalue())
 
     return run
+
+
+@pytest.fixture(scope="session")
+def motor_fmu() -> Path:
+    return cached_fmu()
 
 
 def _shown(part: Any, found: set[str]) -> None:

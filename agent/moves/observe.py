@@ -1,4 +1,4 @@
-"""`python -m agent.identify`: observe moves in co-simulation and write their distribution.
+"""`python -m agent.moves`: observe moves in co-simulation and write their distribution.
 
 One robot drives about on a large board in the full co-simulation and is asked every RL step, as in
 an episode; directions are drawn so that every kind of move is seen equally often. What training
@@ -6,6 +6,7 @@ makes of the moves is `agent.moves.model`.
 """
 
 import hashlib
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -20,7 +21,7 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
-from agent.moves.model import NO_DIRECTION, Move, Transitions, TransitionsError, move_kind
+from agent.moves.model import NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import run_command
 from cosim.base.params import TABLE_I
@@ -29,7 +30,7 @@ from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
 from cosim.base.tables import show_table
 from cosim.coupling.steering import DRIVE, HOLD
-from cosim.navigation.calibrating import calibrated
+from cosim.navigation.calibration_cache import calibrated
 from cosim.navigation.episode import CoSimulation, Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
 from fmus.build import cached_fmu
@@ -43,14 +44,14 @@ _MARGIN_CELLS = 30  # a walk stays this far from the edge: no edge is in a move'
 
 
 @dataclass(frozen=True)
-class Identify:
+class ObserveMoves:
     """Observe moves of one robot in the co-simulation and keep what they did.
 
     The file lists every move (direction, heading, previous direction; Δcell, duration, where it
-    stopped); `python -m agent.train --transitions FILE` trains with them.
+    stopped); `python -m agent.train --moves FILE` trains with them.
     """
 
-    out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("runs/transitions.json")
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("runs/moves.json")
     """File to write (.json)."""
     moves: int = MOVES_PER_KIND
     """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
@@ -153,7 +154,7 @@ def source_digest(config: CoSimConfig, fmu: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def identify(
+def observe_moves(
     config: CoSimConfig,
     fmu: Path,
     *,
@@ -161,7 +162,7 @@ def identify(
     seed: int = 0,
     jobs: int = 2,
     progress: Callable[[int, int], None] | None = None,
-) -> Transitions:
+) -> ObservedMoves:
     """Observe moves in co-simulation.
 
     Args:
@@ -174,11 +175,11 @@ def identify(
 
     Raises:
         FmuError: an FMU failed.
-        TransitionsError: a robot cannot drive with these parameters.
+        MovesError: a robot cannot drive with these parameters.
     """
     middle = _SIDE_CELLS // 2
     scenario = Scenario(
-        name="identification",
+        name="moves",
         title="one robot on a large board",
         targets=((0, 0),),
         starts=(((middle, middle),),),
@@ -199,7 +200,7 @@ def identify(
                 direction = walker.choose(observation.cells[0], int(observation.direction[0]))
                 step = system.advance(np.array([direction]))
                 if step.outcome == "out_of_board":
-                    raise TransitionsError("the robot strays from its line; check the parameters")
+                    raise MovesError("the robot strays from its line; check the parameters")
                 walker.book(step, config)
                 observation = step.after
                 done[number] = len(walker.moves)
@@ -211,45 +212,45 @@ def identify(
 
     with ThreadPoolExecutor(jobs) as threads:
         walks = list(threads.map(walk, range(WALKS)))
-    return Transitions(source_digest(config, fmu), seed, tuple(m for moves in walks for m in moves))
+    return ObservedMoves(source_digest(config, fmu), seed, tuple(itertools.chain(*walks)))
 
 
-def transitions_path(config: CoSimConfig, fmu: Path) -> Path:
-    """Where the cache keeps the transitions of these parameters and this FMU."""
+def moves_path(config: CoSimConfig, fmu: Path) -> Path:
+    """Where the cache keeps the moves of these parameters and this FMU."""
     code = code_digest(with_imports([Path(__file__)]))
-    return cache_dir("transitions") / f"{source_digest(config, fmu)}-{code}.json"
+    return cache_dir("moves") / f"{source_digest(config, fmu)}-{code}.json"
 
 
-def cached_transitions(
+def cached_moves(
     config: CoSimConfig, fmu: Path, *, progress: Callable[[int, int], None] | None = None
-) -> Transitions:
-    """The transitions of these parameters and this FMU: found in the cache, or observed and kept.
+) -> ObservedMoves:
+    """The moves of these parameters and this FMU: found in the cache, or observed and kept.
 
     Raises:
-        FmuError, TransitionsError: see `identify`.
+        FmuError, MovesError: see `observe_moves`.
         OSError: the cache cannot be written.
     """
     return cached(
-        transitions_path(config, fmu),
-        Transitions.load,
-        lambda: identify(config, fmu, progress=progress),
-        Transitions.save,
+        moves_path(config, fmu),
+        ObservedMoves.load,
+        lambda: observe_moves(config, fmu, progress=progress),
+        ObservedMoves.save,
     )
 
 
-def _show(transitions: Transitions, rl_step_s: float, console: Console) -> None:
+def _show(moves: ObservedMoves, rl_step_s: float, console: Console) -> None:
     rows = []
     for kind in range(KINDS):
-        moves = [m for m in transitions.moves if move_kind(m.direction, m.heading) == kind]
+        seen = [m for m in moves.moves if move_kind(m.direction, m.heading) == kind]
         turn = 45 * ((kind % AXIS_COUNT + 1) % AXIS_COUNT - 1)
-        durations = np.array([m.duration_s for m in moves])
-        drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in moves]) * 10.0
-        off = np.array([math.hypot(m.stop_x, m.stop_y) for m in moves]) * 10.0
+        durations = np.array([m.duration_s for m in seen])
+        drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in seen]) * 10.0
+        off = np.array([math.hypot(m.stop_x, m.stop_y) for m in seen]) * 10.0
         rows.append(
             (
                 f"{'diagonal' if kind >= AXIS_COUNT else 'straight'} after {turn:+d} deg",
-                str(len(moves)),
-                f"{np.mean([m.turn_s for m in moves]):.2f}",
+                str(len(seen)),
+                f"{np.mean([m.turn_s for m in seen]):.2f}",
                 f"{durations.mean():.2f} ± {durations.std():.2f}",
                 f"{np.ceil(durations / rl_step_s).mean():.2f}",
                 f"{drift.mean():.2f} (at most {drift.max():.2f})",
@@ -261,15 +262,15 @@ def _show(transitions: Transitions, rl_step_s: float, console: Console) -> None:
 
 
 def main() -> None:
-    """Command line; see `Identify`."""
+    """Command line; see `ObserveMoves`."""
     options = tyro.cli(
-        Identify, prog="python -m agent.identify", config=(tyro.conf.FlagCreatePairsOff,)
+        ObserveMoves, prog="python -m agent.moves", config=(tyro.conf.FlagCreatePairsOff,)
     )
     console, fmu = Console(stderr=True), options.motor_fmu or cached_fmu()
     config = calibrated(CoSimConfig(robot=TABLE_I._replace(mu=options.mu)), fmu, console)
     with Progress(console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("moves observed", total=None)
-        transitions = identify(
+        moves = observe_moves(
             config,
             fmu,
             moves_per_kind=options.moves,
@@ -277,16 +278,16 @@ def main() -> None:
             jobs=options.jobs,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
-    transitions.save(options.out)
-    _show(transitions, config.timing.rl_step_s, Console())
-    print(f"transitions in {options.out}")
+    moves.save(options.out)
+    _show(moves, config.timing.rl_step_s, Console())
+    print(f"moves in {options.out}")
     if options.json:
-        durations = [m.duration_s for m in transitions.moves]
+        durations = [m.duration_s for m in moves.moves]
         facts = {
             "moves": len(durations),
             "mean_duration_s": float(np.mean(durations)),
             "unfinished": sum(
-                (m.columns, m.rows) != tuple(DIRECTIONS[m.direction]) for m in transitions.moves
+                (m.columns, m.rows) != tuple(DIRECTIONS[m.direction]) for m in moves.moves
             ),
             "out": str(options.out),
         }

@@ -10,9 +10,9 @@ from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
+from cosim.base.outcome import ENDS
 from cosim.base.reading import Kind, parsing, read_json
 
-_OUTCOMES = ("success", "collision", "out_of_board", "timeout")
 TIMINGS_FILE = "timings.json"
 # Column, measure of `agent.process.exact`, factor, digits, unit.
 _MEASURES = (
@@ -119,7 +119,7 @@ def transfer_tables(results: Path) -> list[ReportTable]:
         return []
     with parsing(path, RESULT_FILE):
         rows = [_transfer_row(row) for row in content["rows"]]
-    outcomes = (name.replace("_", " ") for name in _OUTCOMES)
+    outcomes = (name.replace("_", " ") for name in ENDS)
     header = ("scenario", "training", "µ", "safety layer", "episodes", *outcomes, "path over grid")
     note = (
         "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
@@ -130,7 +130,7 @@ def transfer_tables(results: Path) -> list[ReportTable]:
 
 
 def _transfer_row(row: dict[str, Any]) -> tuple[str, ...]:
-    shares = (_named(row, name, 100.0, 1, " %") for name in _OUTCOMES)
+    shares = (_named(row, name, 100.0, 1, " %") for name in ENDS)
     margin_m = row.get("safety_margin_m") or 0.0
     return (
         str(row["scenario"]),

@@ -1,7 +1,8 @@
 """Sine and cosine of one angle together, in one inlined kernel: half the time of two library calls.
 
 Three-part Cody–Waite reduction to [−π/4, π/4] and the minimax polynomials of Cephes; within
-2.3e-16 of the library up to |x| = 1e6 rad (tests/cosim/test_trig.py), some 20 minutes of a motor.
+2.3e-16 of the library up to |x| = 1e6 rad, some 20 minutes of a motor
+(tests/cosim/physics/test_trig.py).
 """
 
 import math

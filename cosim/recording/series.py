@@ -6,9 +6,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 import rerun as rr
 
+from cosim.base.outcome import ENDS
 from cosim.coupling.signals import Samples
-from cosim.navigation.episode import OUTCOMES
 from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS
+from cosim.physics.rotation import headings
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording
 from cosim.recording.scene import EIGHT, GREY, LIGHT, SERIES, palette
@@ -44,12 +45,6 @@ class SignalSpec(NamedTuple):
     of: Callable[[Samples], np.ndarray]
 
 
-def headings(samples: Samples) -> np.ndarray:
-    """Heading of each robot in rad, (n, N), from the quaternions."""
-    w, x, y, z = np.moveaxis(samples.quaternion, -1, 0)
-    return np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-
-
 def nearest_distances(samples: Samples) -> np.ndarray:
     """Distance in m of each robot's centre to the nearest other, (n, N), infinite if alone."""
     between = samples.position[:, :, None, :2] - samples.position[:, None, :, :2]
@@ -66,7 +61,7 @@ SIGNALS = (
     SignalSpec("motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
     SignalSpec("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
     SignalSpec("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
-    SignalSpec("heading", ("heading",), "rad", "pose", "last", headings),
+    SignalSpec("heading", ("heading",), "rad", "pose", "last", lambda s: headings(s.quaternion)),
     SignalSpec("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
     SignalSpec("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
     SignalSpec("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
@@ -152,7 +147,7 @@ def write_styles(file: Recording, robots: int) -> None:
             ("gradient", GRADIENT_SIGNS, SERIES),
         ):
             _write_states(file, f"/rl/{name}/{path}", values, colours)
-    _write_states(file, OUTCOME, OUTCOMES, [SERIES[2], EIGHT[5], EIGHT[4], GREY])
+    _write_states(file, OUTCOME, ENDS, [SERIES[2], EIGHT[5], EIGHT[4], GREY])
 
 
 def _write_states(

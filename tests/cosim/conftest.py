@@ -1,4 +1,4 @@
-"""Shared by the co-simulation's tests: the motor FMU, and a policy that needs no training."""
+"""Shared by the co-simulation's tests: edited FMUs, and a policy that needs no training."""
 
 import math
 import zipfile
@@ -10,24 +10,19 @@ import numpy as np
 import pytest
 
 from cosim.navigation.features import DIRECTION_COUNT, Observation
-from fmus.build import cached_fmu
 
 
 class StraightPolicy:
-    """Heads for the target by the shortest way, blind for the other robot."""
+    """Heads for the target by the shortest path, blind for the other robot."""
 
     def __init__(self, targets: tuple[tuple[int, int], ...]) -> None:
         self._targets = np.array(targets)
 
     def act(self, observation: Observation) -> np.ndarray:
-        way = np.sign(self._targets - observation.cells)
+        offset = np.sign(self._targets - observation.cells)
         sector = 2.0 * math.pi / DIRECTION_COUNT
-        return np.round(np.arctan2(way[:, 1], way[:, 0]) / sector).astype(int) % DIRECTION_COUNT
-
-
-@pytest.fixture(scope="session")
-def motor_fmu() -> Path:
-    return cached_fmu()
+        turns = np.round(np.arctan2(offset[:, 1], offset[:, 0]) / sector)
+        return turns.astype(int) % DIRECTION_COUNT
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""`python -m agent.identify`: the command of `agent.moves.observe`."""
+"""`python -m agent.moves`: the command of `agent.moves.observe`."""
 
 from agent.moves.observe import main
 from cosim.base.errors import run_command

@@ -3,6 +3,7 @@
 import numpy as np
 
 from cosim.base.config import CoSimConfig
+from cosim.base.outcome import Outcome
 from cosim.base.params import TIMING
 from cosim.base.scenario import Scenario
 from cosim.coupling.signals import RawSamples, new_raw_samples, new_samples
@@ -35,7 +36,7 @@ def step(
         samples,
         RawSamples(*new_raw_samples(0, 2)),
         np.zeros(2, dtype=int),
-        outcome,
+        Outcome(outcome),
     )
 
 

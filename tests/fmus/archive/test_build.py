@@ -21,7 +21,7 @@ from cosim.base.params import TABLE_II, TIMING, describe
 from fmus import build, compiler, variables
 from fmus.variables import load_table, render_header
 
-LICENSE = Path(__file__).parents[2] / "LICENSE"
+LICENSE = Path(__file__).parents[3] / "LICENSE"
 SHARED_LIBRARY = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from cosim.base.scenario import BUILT_IN, Scenario, ScenarioError, find_scenario
 
-EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "four_crossing.toml"
+EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "four_crossing.toml"
 
 MINIMAL = """
 [[robots]]
