@@ -33,7 +33,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Figures:
+class ReactionCost:
     """Results; names as in the JSON output.
 
     Attributes:
@@ -69,17 +69,17 @@ def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
     return np.abs(np.concatenate(omega)), np.concatenate(torque), length_m
 
 
-def measure(steps: int) -> Figures:
+def measure(steps: int) -> ReactionCost:
     """All figures."""
-    omega_without, _, with_mout = drive(False, steps)
+    omega_without, _, without_m = drive(False, steps)
     omega_with, torque, with_m = drive(True, steps)
-    return Figures(
+    return ReactionCost(
         torque_rms_over_coulomb=float(np.sqrt((torque**2).mean()) / TABLE_II.c),
         torque_max_over_coulomb=float(np.abs(torque).max() / TABLE_II.c),
         motor_speed_change_rad_s=float(omega_with.mean() - omega_without.mean()),
         ripple_without_rad_s=float(omega_without.std()),
         ripple_with_rad_s=float(omega_with.std()),
-        drive_speed_change=with_m / with_mout - 1.0,
+        drive_speed_change=with_m / without_m - 1.0,
     )
 
 

@@ -22,11 +22,11 @@ from agent.process.readings import ProcessConfig
 from agent.training.learning import LearningConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.store import train_policy
-from analysis.reading.recordings import read_episode
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import find_scenario
 from cosim.navigation.episode import CoSimulation
 from cosim.navigation.observing import draw_starts
+from cosim.reading.episode import read_episode
 from cosim.recording.episode import EpisodeRecorder
 from fmus.build import cached_fmu
 

@@ -23,7 +23,7 @@ from agent.training.policy import Policy
 from agent.training.settings import read_settings
 from agent.training.store import LOG_FILE, trained_policy
 from agent.training.worker import load_checkpoint, save_checkpoint
-from analysis.figures.caption import Caption, read_caption, write_caption
+from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays

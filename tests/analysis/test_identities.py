@@ -54,7 +54,7 @@ IDENTITIES = {
 }
 
 # Modules that matter, and modules that do not.
-ON_THE_WAY = {
+MATTER = {
     "bound": """
         agent.process.bound agent.process.exact agent.process.grid agent.process.readings
         agent.process.rng cosim.base.scenario cosim.navigation.features
@@ -191,8 +191,8 @@ def identity(tmp_path, monkeypatch):
     return IDENTITIES
 
 
-@pytest.mark.parametrize(("kind", "module"), modules(ON_THE_WAY))
-def test_a_change_on_the_way_gives_another_identity(kind, module, identity, change):
+@pytest.mark.parametrize(("kind", "module"), modules(MATTER))
+def test_a_change_that_matters_gives_another_identity(kind, module, identity, change):
     before = identity[kind]()
     change(module, "\nCHANGED = 1\n")
     assert identity[kind]() != before
@@ -208,7 +208,7 @@ def test_a_change_elsewhere_gives_the_same_identity(kind, module, identity, chan
 @pytest.mark.parametrize("kind", sorted(IDENTITIES.keys() - LAID_OUT))
 def test_a_comment_gives_the_same_identity(kind, identity, change):
     before = identity[kind]()
-    for _, module in modules({kind: ON_THE_WAY[kind]}):
+    for _, module in modules({kind: MATTER[kind]}):
         change(module, "\n# changed\n")
     assert identity[kind]() == before
 
