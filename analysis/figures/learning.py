@@ -10,12 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agent.evaluation.statistics import bootstrap_interval
-from agent.experiments import RESULTS_FILE
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
 from analysis.figures.style import WIDTH_IN, FigureError
-from cosim.base.reading import Kind, read_json
 
 POINTS = 200  # drawn per curve; a point is the mean of the learning curve's points that it covers
 
@@ -37,20 +35,6 @@ class VariantCurves:
     def curves(self, name: str) -> np.ndarray:
         """(runs, points) float64, a curve of `TrainingLog` over all runs."""
         return np.stack([getattr(log, name) for log in self.logs])
-
-
-def load_content(folder: Path, experiment: str) -> dict[str, Any]:
-    """What `results.json` of a result folder says.
-
-    Raises:
-        FigureError: it is no result folder of that experiment.
-    """
-    mend = f"run `python -m agent.experiments {experiment} --out {folder}`"
-    path = folder / RESULTS_FILE
-    content = read_json(path, Kind(f"result of {experiment}", mend, FigureError), dict[str, Any])
-    if content.get("experiment") != experiment:
-        raise FigureError(f"{path}: not a result of {experiment}; {mend}")
-    return content
 
 
 def load_variants(folder: Path, content: dict[str, Any]) -> dict[str, VariantCurves]:

@@ -15,12 +15,12 @@ from matplotlib.figure import Figure
 from analysis.figures.learning import (
     VariantCurves,
     draw_learning_curves,
-    load_content,
     load_variants,
     settled_after,
 )
 from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN, Caption, Drawing, interval
 from analysis.reading.results import FIGURES, RESULTS
+from analysis.reading.written import read_experiment
 
 # Success rate that counts as learnt.
 LEARNT = 0.99
@@ -34,7 +34,7 @@ def fig08(results: Path) -> Drawing:
     """Learning curves of one robot.
 
     Raises:
-        FigureError: there are no such results.
+        ResultError: there are no such results.
     """
     return _learning_figure(
         results,
@@ -48,7 +48,7 @@ def fig11(results: Path) -> Drawing:
     """Learning curves of pairs.
 
     Raises:
-        FigureError: there are no such results.
+        ResultError: there are no such results.
     """
     return _learning_figure(
         results,
@@ -63,7 +63,7 @@ def fig10(results: Path) -> Drawing:
     """What the coefficient c of Eq. (12) changes.
 
     Raises:
-        FigureError: there are no such results.
+        ResultError: there are no such results.
     """
     drawing = _learning_figure(
         results,
@@ -72,7 +72,7 @@ def fig10(results: Path) -> Drawing:
         f"{_CURVES}",
         "better results are obtained when c = 1.5.",
     )
-    differences = load_content(RESULTS["fig10"].location(results), "fig10")["differences"]
+    differences = read_experiment("fig10", results)["differences"]
     numbers = dict(drawing.caption.numbers)
     parts = []
     for name, measures in differences.items():
@@ -89,9 +89,8 @@ def fig10(results: Path) -> Drawing:
 
 
 def _learning_figure(results: Path, figure: str, title: str, claim: str) -> Drawing:
-    folder = RESULTS[figure].location(results)
-    content = load_content(folder, figure)
-    variants = load_variants(folder, content)
+    content = read_experiment(figure, results)
+    variants = load_variants(RESULTS[figure].location(results), content)
     numbers: dict[str, Any] = {"episodes": content["episodes"]}
     ours = []
     for name, variant in variants.items():
@@ -116,11 +115,11 @@ def path_ratio(results: Path) -> Drawing:
     """Path length and moves of every run over those of the exact optimum.
 
     Raises:
-        FigureError: there are no such results.
+        ResultError: there are no such results.
     """
     variants: dict[str, dict[str, Any]] = {}
     for name in FIGURES["path_ratio"]:
-        variants |= load_content(RESULTS[name].location(results), name)["variants"]
+        variants |= read_experiment(name, results)["variants"]
     numbers, ours = {}, []
     for name, variant in variants.items():
         path, moves = (

@@ -3,8 +3,7 @@
 A figure is a PNG, a PDF, and a JSON file with its caption: the paper's claim and our numbers.
 """
 
-import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +13,7 @@ from matplotlib.figure import Figure
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json
-from cosim.base.storage import replacing
+from cosim.base.storage import replacing, write_json
 
 # Okabe and Ito's palette.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -113,9 +112,7 @@ class Drawing(NamedTuple):
 def write_caption(caption: Caption, folder: Path) -> Path:
     """Write `<figure>.json` and return its path."""
     path = folder / f"{caption.figure}.json"
-    with replacing(path) as temporary:
-        text = json.dumps(asdict(caption), indent=1, ensure_ascii=False, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_json(path, caption)
     return path
 
 

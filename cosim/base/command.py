@@ -4,7 +4,6 @@ Modules with commands import only what their options need; `main` imports the re
 `--help` comes at once.
 """
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Annotated, Any, TypeVar
 import tyro
 
 from cosim.base.errors import UserError
+from cosim.base.storage import encode_json
 
 Options = TypeVar("Options")
 
@@ -63,4 +63,4 @@ def workers(jobs: int) -> int:
 
 def print_json(content: Any) -> None:
     """Print what `--json` promises: one object on one line."""
-    print(json.dumps(content))
+    print(encode_json(content).decode())

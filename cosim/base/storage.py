@@ -9,8 +9,9 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import msgspec
 import platformdirs
 from filelock import FileLock
 
@@ -159,6 +160,21 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         temporary.unlink(missing_ok=True)
         os.close(handle)
+
+
+def encode_json(content: Any) -> bytes:
+    """Content as JSON on one line: structs, records and numpy's numbers too; no number is null."""
+    return msgspec.json.encode(content, enc_hook=lambda number: number.item())
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write content as a JSON file for people and programs.
+
+    Raises:
+        StorageError, OSError: see `replacing`.
+    """
+    with replacing(path) as temporary:
+        temporary.write_bytes(msgspec.json.format(encode_json(content), indent=1) + b"\n")
 
 
 def _temporary(path: Path) -> tuple[int, Path]:

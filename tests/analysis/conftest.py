@@ -6,11 +6,10 @@ import sys
 import time
 
 import pytest
-from rich.console import Console
 
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
-from analysis.reproduce import Reproduce, reproduce
+from analysis.stages import reproduce
 
 # Everything in the small: few, short, but real runs.
 TINY = Profile(
@@ -39,7 +38,7 @@ def tiny():
 def reproduction(tmp_path_factory):
     """A reproduction with everything small: results, figures and report."""
     out = tmp_path_factory.mktemp("reproduction")
-    reproduce(Reproduce(out, jobs=1), TINY, Console(stderr=True))
+    reproduce(out, TINY, seed=0, jobs=1, say=print)
     return out
 
 

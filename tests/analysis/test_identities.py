@@ -105,7 +105,7 @@ MATTER = {
         agent.training.moves_qlearning agent.training.qlearning cosim.base.scenario
     """,
     "reproduced motor test": """
-        analysis.motor_test cosim.base.params cosim.recording.file
+        analysis.motor.step_test cosim.base.params cosim.recording.file
     """,
     "reproduced transfer": """
         agent.evaluation.outcomes agent.evaluation.rollout agent.evaluation.transfer

@@ -16,7 +16,6 @@ from analysis.figures.learning import (
     POINTS,
     VariantCurves,
     draw_learning_curves,
-    load_content,
     load_variants,
     plot_band,
     settled_after,
@@ -25,6 +24,7 @@ from analysis.figures.learning import (
 from analysis.figures.learning_figures import fig10, path_ratio
 from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
+from analysis.reading.written import ResultError, read_experiment
 from cosim.base.errors import run_command
 from cosim.base.scenario import BUILT_IN
 
@@ -37,7 +37,7 @@ def close_figures():
 
 def test_curves_are_those_of_the_runs(results):
     folder = RESULTS["fig11"].location(results)
-    content = load_content(folder, "fig11")
+    content = read_experiment("fig11", results)
     variants = load_variants(folder, content)
     assert list(variants) == ["2", "3", "4"]
     figure = draw_learning_curves(variants)
@@ -72,7 +72,7 @@ def test_band_leaves_out_points_that_no_run_has():
 
 
 def test_captions_state_the_numbers_of_the_results(results):
-    content = load_content(RESULTS["fig10"].location(results), "fig10")
+    content = read_experiment("fig10", results)
     caption = fig10(results).caption
     over_runs = content["variants"]["c2"]["over_runs"]
     assert caption.numbers["c2"]["success"] == over_runs["success"]
@@ -96,7 +96,7 @@ def test_learnt_is_where_success_stays_high():
 
 def test_path_ratio_shows_every_run(results):
     drawing = path_ratio(results)
-    content = load_content(RESULTS["fig08"].location(results), "fig08")["variants"]["1a"]
+    content = read_experiment("fig08", results)["variants"]["1a"]
     runs = [run["ratio_to_bound"] for run in content["runs"] if run["ratio_to_bound"] is not None]
     dots = drawing.figure.axes[0].lines[0]
     np.testing.assert_array_equal(dots.get_ydata(), runs)
@@ -111,15 +111,16 @@ def test_fig05_draws_every_scenario():
 
 
 def test_other_folders_are_refused(results, tmp_path):
-    with pytest.raises(FigureError, match=r"run `python -m agent.experiments fig08"):
-        load_content(tmp_path, "fig08")
-    with pytest.raises(FigureError, match="not a result of fig08"):
-        load_content(RESULTS["fig11"].location(results), "fig08")
-    copy = tmp_path / "copy"
-    shutil.copytree(RESULTS["fig08"].location(results), copy)
+    with pytest.raises(ResultError, match=r"run `python -m agent.experiments fig08"):
+        read_experiment("fig08", tmp_path)
+    copy = RESULTS["fig08"].location(tmp_path)
+    shutil.copytree(RESULTS["fig11"].location(results), copy)
+    with pytest.raises(ResultError, match="not a result of fig08"):
+        read_experiment("fig08", tmp_path)
+    shutil.copytree(RESULTS["fig08"].location(results), copy, dirs_exist_ok=True)
     (copy / "1a" / "run_001" / "policy.npz").unlink()
     with pytest.raises(FigureError, match="runs are missing"):
-        load_variants(copy, load_content(copy, "fig08"))
+        load_variants(copy, read_experiment("fig08", tmp_path))
 
 
 def test_experiments_resume_and_print_json(results, monkeypatch, capsys):
@@ -138,7 +139,7 @@ def test_experiments_resume_and_print_json(results, monkeypatch, capsys):
 
 
 def test_variants_are_compared_run_by_run(results, capsys):
-    content = load_content(RESULTS["fig10"].location(results), "fig10")
+    content = read_experiment("fig10", results)
     runs = {name: variant["runs"] for name, variant in content["variants"].items()}
     pairs = zip(runs["c5"], runs["c1.5"], strict=True)
     expected = np.mean([a["success"] - b["success"] for a, b in pairs])

@@ -1,17 +1,22 @@
 """The figure of `cosim.transfer` from a small table, and what is said of other files."""
 
-import json
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from matplotlib.container import ErrorbarContainer
 
 from analysis.figures import transfer as transfer_figure
 from analysis.figures.style import FigureError
+from analysis.reading.results import RESULTS
+from analysis.reading.written import ResultError, TransferRow
+from cosim.base.storage import write_json
 
 
 def row(scenario, method, success, margin_m=0.0, mu=0.15):
-    return {
+    unknown: dict[str, Any] = dict.fromkeys(TransferRow.__struct_fields__)
+    known = {
         "scenario": scenario,
         "method": method,
         "mu": mu,
@@ -21,6 +26,7 @@ def row(scenario, method, success, margin_m=0.0, mu=0.15):
         "success_low": max(success - 0.1, 0.0),
         "success_high": min(success + 0.1, 1.0),
     }
+    return TransferRow(**unknown | known)
 
 
 ROWS = [
@@ -62,17 +68,28 @@ def test_caption_names_the_worst_scenario():
     assert worst[0.1, "slip"] == 0.5
 
 
-def test_rows_without_episodes_are_left_out(tmp_path):
-    path = tmp_path / "transfer.json"
-    path.write_text(json.dumps({"rows": [*ROWS, {**ROWS[0], "success": None}]}))
-    assert transfer_figure.load(path) == ROWS
+@pytest.fixture
+def write(tmp_path):
+    """Writes a transfer table and returns the results folder."""
+
+    def write(content):
+        write_json(RESULTS["transfer"].proof_in(tmp_path), content)
+        return tmp_path
+
+    return write
 
 
-def test_other_files_are_refused(tmp_path):
-    path = tmp_path / "transfer.json"
-    with pytest.raises(FigureError, match=r"no such result of `python -m cosim\.transfer`"):
-        transfer_figure.load(path)
-    for content in ("no json", "[]", '{"rows": []}', '{"rows": [{"success": 1.0}]}'):
-        path.write_text(content)
-        with pytest.raises(FigureError, match="not a result of"):
-            transfer_figure.load(path)
+def test_rows_without_episodes_are_left_out(write):
+    unknown = msgspec.structs.replace(ROWS[0], success=None)
+    numbers = transfer_figure.make(write({"rows": [*ROWS, unknown]})).caption.numbers
+    assert numbers == transfer_figure.caption(ROWS).numbers
+    with pytest.raises(FigureError, match="no rows with episodes"):
+        transfer_figure.make(write({"rows": [unknown]}))
+
+
+def test_other_files_are_refused(write, tmp_path):
+    with pytest.raises(ResultError, match=r"no such result of `python -m cosim\.transfer`"):
+        transfer_figure.make(tmp_path)
+    for content in ("no table", [], {}, {"rows": [{"success": 1.0}]}):
+        with pytest.raises(ResultError, match="not a result of"):
+            transfer_figure.make(write(content))

@@ -14,9 +14,11 @@ from playwright.sync_api import sync_playwright
 
 from analysis.figures.style import Caption, interval, read_caption, write_caption
 from analysis.reading.results import FIGURES
-from analysis.report.page import Report, write_report
+from analysis.reading.written import ResultError
+from analysis.report.content import ReportError
+from analysis.report.page import write_report
 from analysis.report.server import address, server
-from analysis.report.tables import ReportError, transfer_tables
+from analysis.report.tables import transfer_tables
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 # Drawn by the processor: machines that test have no graphics card.
@@ -38,7 +40,7 @@ def hostile(reproduction, tmp_path):
     for ending in (".png", ".pdf"):
         shutil.copy(reproduction / "figures" / f"fig05{ending}", figures)
     write_caption(Caption("fig05", "The boards", HOSTILE, ("Five of them.",)), figures)
-    page = write_report(Report(reproduction / "results", tmp_path / "report", figures))
+    page = write_report(reproduction / "results", tmp_path / "report", figures)
     return page.read_text(encoding="utf-8")
 
 
@@ -74,26 +76,25 @@ def test_all_that_the_page_links_to_is_there(reproduction):
 
 def test_episode_can_be_chosen(reproduction, tmp_path):
     results, figures = reproduction / "results", reproduction / "figures"
-    options = Report(results, tmp_path / "report", figures, episode="1a/0")
-    assert "recordings/1a-0.rrd" in write_report(options).read_text(encoding="utf-8")
-    options = Report(results, tmp_path / "report", figures, episode="4/7")
+    page = write_report(results, tmp_path / "report", figures, episode="1a/0")
+    assert "recordings/1a-0.rrd" in page.read_text(encoding="utf-8")
     with pytest.raises(ReportError, match="--episode 4/7: no such recording; choose one of: 1a/0"):
-        write_report(options)
+        write_report(results, tmp_path / "report", figures, episode="4/7")
 
 
 def test_empty_and_damaged_results(tmp_path):
     with pytest.raises(ReportError, match="nothing: no such folder"):
-        write_report(Report(tmp_path / "nothing", tmp_path / "report"))
+        write_report(tmp_path / "nothing", tmp_path / "report")
     empty = tmp_path / "results"
     empty.mkdir()
-    page = write_report(Report(empty, tmp_path / "report")).read_text(encoding="utf-8")
+    page = write_report(empty, tmp_path / "report").read_text(encoding="utf-8")
     assert "No episode has been recorded" in page
     assert "No experiment has been run" in page
     results = empty / "experiments" / "fig08" / "results.json"
     results.parent.mkdir(parents=True)
     results.write_text("{")
-    with pytest.raises(ReportError, match=r"results\.json: not a result or damaged"):
-        write_report(Report(empty, tmp_path / "report"))
+    with pytest.raises(ResultError, match=r"results\.json: not a result of `python -m agent"):
+        write_report(empty, tmp_path / "report")
 
 
 def test_transfer_is_a_table_with_intervals(tmp_path):
@@ -112,7 +113,7 @@ def test_transfer_is_a_table_with_intervals(tmp_path):
     assert len(cells) == len(table.header)
     del row["collision_low"]
     file.write_text(json.dumps({"rows": [row]}))
-    with pytest.raises(ReportError, match="lacks 'collision_low'"):
+    with pytest.raises(ResultError, match="field `collision_low`"):
         transfer_tables(tmp_path)
 
 
