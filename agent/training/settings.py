@@ -2,7 +2,7 @@
 
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import msgspec
 
@@ -50,3 +50,8 @@ def _convert(path: Path, table: str, content: Any, config: type[_Config]) -> _Co
         raise SettingsError(f"{path}: {field or table}: {problem.replace('`', '')}") from error
     except UserError as error:
         raise SettingsError(f"{path}: {error}") from error
+
+
+Method = Literal["moves", "paper", "slip"]
+METHODS: tuple[Method, ...] = get_args(Method)
+BEST: Method = "moves"

@@ -4,12 +4,12 @@ Modules with commands import only what their options need; `main` imports the re
 `--help` comes at once.
 """
 
-import json
 import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
+import msgspec
 import tyro
 
 from cosim.base.errors import UserError
@@ -43,8 +43,7 @@ def parse(options: type[Options], module: str, arguments: list[str] | None = Non
         arguments: of the command line, by default those of the process.
     """
     called = sys.argv[0] if sys.argv[0].startswith("minirobots ") else f"python -m {module}"
-    # Options that belong together keep their own group of the help, but no prefix.
-    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes)
+    config = (tyro.conf.FlagCreatePairsOff,)
     return tyro.cli(options, prog=called, args=arguments, config=config)
 
 
@@ -63,4 +62,4 @@ def workers(jobs: int) -> int:
 
 def print_json(content: Any) -> None:
     """Print what `--json` promises: one object on one line."""
-    print(json.dumps(content))
+    print(msgspec.json.encode(content).decode())

@@ -9,8 +9,9 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import msgspec
 import platformdirs
 from filelock import FileLock
 
@@ -159,6 +160,16 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         temporary.unlink(missing_ok=True)
         os.close(handle)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write what `msgspec` can encode as JSON for people and programs, whole or not at all.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    with replacing(path) as temporary:
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 
 
 def _temporary(path: Path) -> tuple[int, Path]:
