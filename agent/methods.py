@@ -7,23 +7,20 @@ is what `python -m cosim.run` uses.
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, get_args
 
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig
+from agent.process.config import ProcessConfig
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.settings import BEST, METHODS, LearningConfig, Method
 from agent.training.store import find_or_train
 from cosim.base.progress import Progress, silent
 from cosim.base.scenario import Scenario
 from cosim.navigation.calibration_cache import calibrated_for
 from fmus.build import cached_fmu
 
-Method = Literal["moves", "paper", "slip"]
-METHODS: tuple[Method, ...] = get_args(Method)
-BEST: Method = "moves"
+__all__ = ["BEST", "METHODS", "Method", "method_config", "method_of", "method_policy"]
 
 MOVES_EPISODES = 1_500_000
 SLIP_PROBABILITY = 0.2  # assumed

@@ -17,7 +17,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from agent.evaluation.rollout import EpisodeResult, roll_out
-from agent.training.maps import policy_maps
 from agent.training.policy import Policy
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import Scenario
@@ -122,7 +121,7 @@ class Batch:
             self.facts | {"episode": episode, "starts": starts},
             level=record,
             viewer=self.viewer,
-            policies=policy_maps(self.policy),
+            policies=self.policy.maps(),
         )
         with recorder:
             result = roll_out(system, self.policy, starts, noise_seed, recorder, watch)

@@ -15,21 +15,19 @@ import msgspec
 import numpy as np
 
 from agent.moves.model import ObservedMoves
+from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import least_rotation_argmax
-from agent.process.readings import (
-    Process,
-    ProcessConfig,
-    build_process,
-    nearest_bearings,
-    refuse_without_effect,
-)
-from agent.training.learning import LearningConfig, TrainingState
+from agent.process.maps import cell_map
+from agent.process.readings import Process, build_process, nearest_bearings
+from agent.training.learning import TrainingState
+from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import code_digest, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.base.scenario import Scenario
 from cosim.base.storage import replacing
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+from cosim.recording.policy_map import PolicyMap
 
 SCHEMA_VERSION = 1
 
@@ -154,6 +152,11 @@ class Policy:
         """
         rows = zip(self.q_values(observation), observation.direction, strict=True)
         return np.array([least_rotation_argmax(v, int(f)) for v, f in rows], dtype=np.int64)
+
+    def maps(self) -> list[PolicyMap]:
+        """What each robot's table says of the cells of the board, for pictures."""
+        tables = zip(self.values, self.visits, strict=True)
+        return [cell_map(self.process, values, visits) for values, visits in tables]
 
     def save(self, path: Path) -> None:
         """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
