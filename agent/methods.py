@@ -10,11 +10,10 @@ from pathlib import Path
 
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig
+from agent.process.config import ProcessConfig
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.policy import Policy, PolicyConfig, Seed
-from agent.training.settings import METHODS, Method
+from agent.training.settings import METHODS, LearningConfig, Method
 from agent.training.store import find_or_train
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent

@@ -15,16 +15,13 @@ import msgspec
 import numpy as np
 
 from agent.moves.model import ObservedMoves
+from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import least_rotation_argmax
-from agent.process.readings import (
-    Process,
-    ProcessConfig,
-    build_process,
-    nearest_bearings,
-    refuse_without_effect,
-)
+from agent.process.maps import cell_map
+from agent.process.readings import Process, build_process, nearest_bearings
 from agent.process.rewards import reward_parts
-from agent.training.learning import LearningConfig, TrainingState
+from agent.training.learning import TrainingState
+from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import code_digest, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
@@ -32,6 +29,7 @@ from cosim.base.scenario import Scenario
 from cosim.base.storage import replacing
 from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+from cosim.recording.policy_map import PolicyMap
 
 SCHEMA_VERSION = 1
 
@@ -174,6 +172,11 @@ class Policy:
                 f"on scenario {scenario.name} (digest {scenario.digest()}); choose that scenario "
                 "or train a new policy"
             )
+
+    def maps(self) -> list[PolicyMap]:
+        """What each robot's table says of the cells of the board, for pictures."""
+        tables = zip(self.values, self.visits, strict=True)
+        return [cell_map(self.process, values, visits) for values, visits in tables]
 
     def save(self, path: Path) -> None:
         """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.

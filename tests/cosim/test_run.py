@@ -13,9 +13,9 @@ import pytest
 import cosim.run
 from agent.moves import observe
 from agent.moves.model import ObservedMoves
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig
+from agent.process.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from cosim.base.scenario import find_scenario
 

@@ -12,7 +12,8 @@ from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.parallel import NavigationParallelEnv
 from agent.envs.vector import NavigationVectorEnv
 from agent.process import grid
-from agent.process.readings import ProcessConfig, build_process
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
 from agent.process.rng import seeded_state
 from agent.training.policy import Policy
 from agent.training.store import trained_policy

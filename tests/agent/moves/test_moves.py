@@ -19,11 +19,12 @@ from agent.moves.model import (
 )
 from agent.moves.observe import KINDS, observe_moves
 from agent.process import grid
-from agent.process.readings import ProcessConfig, build_process
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
 from agent.process.rng import next_word, seeded_state
 from agent.train import parse, train
-from agent.training.learning import LearningConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import COLLISION, RUNNING

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from agent.process.readings import ProcessConfig
+from agent.process.config import ProcessConfig
 from agent.training import sweep as sweep_module
-from agent.training.learning import LearningConfig
 from agent.training.runs import Experiment
+from agent.training.settings import LearningConfig
 from agent.training.sweep import SweepError, sweep
 from agent.training.worker import RunTask, train_run
 from cosim.base.scenario import find_scenario

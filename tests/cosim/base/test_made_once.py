@@ -8,7 +8,7 @@ SCRIPT = """
 import os
 import sys
 
-from agent.training.learning import LearningConfig
+from agent.training.settings import LearningConfig
 from agent.training.store import trained_policy
 from cosim.base.jit import kernel
 from cosim.base.scenario import find_scenario
