@@ -77,7 +77,7 @@ def test_train_then_evaluate(command, tmp_path):
 def test_a_killed_command_resumes_bit_identically(command, tmp_path):
     options = (
         "--scenario", "1a", "--runs", "2",
-        "--learning.episodes", "600000", "--checkpoint-episodes", "50000",
+        "--learning.episodes", "300000", "--checkpoint-episodes", "25000",
     )  # fmt: skip
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert command(train, *options, "--jobs", 1, "--out", whole)[0] == 0
