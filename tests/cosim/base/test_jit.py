@@ -1,7 +1,7 @@
 """Compiled kernels in the cache: found again, and compiled again where they are damaged."""
 
-import numba
 import pytest
+from numba.core import config
 
 from cosim.base.jit import kernel
 from cosim.base.storage import StorageError
@@ -18,7 +18,7 @@ def flip(path):
 
 
 def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
 
     def run():
         """Value, and whether its code was found; nothing of the kernel is in memory yet."""
