@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from ray._private import services
 
 from agent.process.readings import ProcessConfig
 from agent.training import sweep as sweep_module
@@ -54,15 +53,18 @@ def expected(tmp_path_factory):
 @pytest.fixture
 def patient_ray(monkeypatch):
     """Ray gives its processes half a minute to start; on a busy machine they may take longer."""
+    monkeypatch.setenv("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")  # read at the import, as in `sweep`
     monkeypatch.setenv("RAY_prestart_worker_first_driver", "0")
     for name in ("gcs_server_port_wait_time_s", "gcs_server_request_timeout_seconds",
                  "worker_register_timeout_seconds"):  # fmt: skip
-        monkeypatch.setenv(f"RAY_{name}", "600")
-    monkeypatch.setenv("RAY_agent_register_timeout_ms", "600000")
+        monkeypatch.setenv(f"RAY_{name}", "300")
+    monkeypatch.setenv("RAY_agent_register_timeout_ms", "300000")
+    from ray._private import services
+
     get_node = services.get_node
 
     def get_node_in_time(*arguments):
-        for _ in range(6000):
+        for _ in range(3000):
             with contextlib.suppress(RuntimeError):
                 return get_node(*arguments)
             time.sleep(0.1)
