@@ -32,6 +32,18 @@ TINY = Profile(
 BRIEF = ("--method", "paper", "--train-episodes", "20000")
 
 
+def evaluate_seldom(patch):
+    """Few exact evaluations on the way: policies trained so briefly circle to the step limit."""
+    for module in (methods, experiments):
+        patch.setattr(module, "replace", partial(replace, greedy_points=6))
+
+
+@pytest.fixture(autouse=True)
+def few_evaluations(monkeypatch):
+    """The same while a test goes on with a reproduction."""
+    evaluate_seldom(monkeypatch)
+
+
 @pytest.fixture(scope="session")
 def tiny():
     """Profile of the session's reproduction."""
@@ -42,11 +54,8 @@ def tiny():
 def reproduction(tmp_path_factory):
     """A reproduction with everything small: results, figures and report."""
     out = tmp_path_factory.mktemp("reproduction")
-    # Policies trained so briefly circle to the step limit: few exact evaluations on the way.
-    few = partial(replace, greedy_points=6)
     with pytest.MonkeyPatch.context() as patch:
-        for module in (methods, experiments):
-            patch.setattr(module, "replace", few)
+        evaluate_seldom(patch)
         reproduce(Reproduce(out, jobs=1), TINY, Console(stderr=True))
     return out
 
