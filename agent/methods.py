@@ -1,33 +1,31 @@
-"""The ways of training that are compared in co-simulation, by name, and the policies they give.
+"""The methods of training that are compared in co-simulation, by name, and the policies they give.
 
 "paper" learns on the deterministic grid (Section V), "slip" on the grid where moves go astray,
-"identified" on moves observed in co-simulation, with the bearing of the other robot. The last one
+"moves" on moves observed in co-simulation, with the bearing of the other robot. The last one
 is what `python -m cosim.run` uses.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
-from rich.console import Console
-
-from agent.moves.model import Transitions
-from agent.moves.observe import cached_transitions
+from agent.moves.model import ObservedMoves
+from agent.moves.observe import cached_moves
 from agent.process.readings import ProcessConfig
 from agent.training.learning import LearningConfig
-from agent.training.loop import ProgressCallback, TrainingLog
+from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.store import find_or_train
+from cosim.base.progress import Progress, silent
 from cosim.base.scenario import Scenario
-from cosim.navigation.calibrating import calibrated_for
+from cosim.navigation.calibration_cache import calibrated_for
 from fmus.build import cached_fmu
 
-Method = Literal["identified", "paper", "slip"]
+Method = Literal["moves", "paper", "slip"]
 METHODS: tuple[Method, ...] = get_args(Method)
-BEST: Method = "identified"
+BEST: Method = "moves"
 
-TIMED_EPISODES = 1_500_000
+MOVES_EPISODES = 1_500_000
 SLIP_PROBABILITY = 0.2  # assumed
 # Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
 _FREE = ("episodes", "log_episodes", "log_window", "greedy_points")
@@ -40,9 +38,9 @@ def method_config(
     *,
     episodes: int | None = None,
     motor_fmu: Path | None = None,
-    observing: Callable[[int, int], None] | None = None,
+    progress: Progress = silent,
 ) -> PolicyConfig:
-    """Configuration of a method for a scenario; "identified" may have to observe moves first.
+    """Configuration of a method for a scenario; "moves" may have to observe moves first.
 
     Args:
         method: one of METHODS.
@@ -50,7 +48,7 @@ def method_config(
         seed: of training.
         episodes: training episodes, the method's own number by default.
         motor_fmu: whose moves are observed, the built-in one by default.
-        observing: called with moves observed and moves asked for.
+        progress: is told what is calibrated and observed.
 
     Raises:
         UserError: moves cannot be observed.
@@ -58,10 +56,10 @@ def method_config(
     process, learning = _settings(method, scenario)
     if episodes is not None:
         learning = replace(learning, episodes=episodes)
-    transitions = None
-    if method == "identified":
-        transitions = _observed_moves(scenario, motor_fmu or cached_fmu(), observing)
-    return PolicyConfig(scenario, process, learning, Seed.of(seed), transitions)
+    moves = None
+    if method == "moves":
+        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), progress)
+    return PolicyConfig(scenario, process, learning, Seed.of(seed), moves)
 
 
 def method_of(config: PolicyConfig) -> Method | None:
@@ -69,33 +67,31 @@ def method_of(config: PolicyConfig) -> Method | None:
 
     None if it is none of METHODS: somebody chose readings or numbers of learning of their own.
     """
-    moves = config.transitions is not None
+    moves = config.moves is not None
     free = {name: getattr(config.learning, name) for name in _FREE}
     for method in METHODS:
         process, learning = _settings(method, config.scenario)
-        expected = process, replace(learning, **free), method == "identified"
+        expected = process, replace(learning, **free), method == "moves"
         if (config.process, config.learning, moves) == expected:
             return method
     return None
 
 
 def _settings(method: Method, scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
-    if method != "identified":
+    if method != "moves":
         slip = SLIP_PROBABILITY if method == "slip" else 0.0
         return ProcessConfig(slip_probability=slip), LearningConfig()
     # Chosen on the observed moves: a learning rate three times the paper's, and a collision that
     # costs more than any detour.
     features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b")
     process = ProcessConfig(goal_reward=300.0, features=features)
-    return process, LearningConfig(episodes=TIMED_EPISODES, eta=0.03)
+    return process, LearningConfig(episodes=MOVES_EPISODES, eta=0.03)
 
 
-def _observed_moves(
-    scenario: Scenario, fmu: Path, observing: Callable[[int, int], None] | None
-) -> Transitions:
+def _observed_moves(scenario: Scenario, fmu: Path, progress: Progress) -> ObservedMoves:
     """Moves of the scenario's robots with the default parameters, whatever the episodes' are."""
-    config = calibrated_for(scenario, fmu, Console(stderr=True))
-    return cached_transitions(config, fmu, progress=observing)
+    config = calibrated_for(scenario, fmu, progress)
+    return cached_moves(config, fmu, progress)
 
 
 def method_policy(
@@ -105,16 +101,15 @@ def method_policy(
     *,
     episodes: int | None = None,
     motor_fmu: Path | None = None,
-    retrain: bool = False,
-    observing: Callable[[int, int], None] | None = None,
-    progress: ProgressCallback | None = None,
+    again: bool = False,
+    progress: Progress = silent,
 ) -> tuple[Policy, TrainingLog, Path]:
     """The policy of a method: found in the cache, or trained and kept there.
 
     Args:
-        method, scenario, seed, episodes, motor_fmu, observing: see `method_config`.
-        retrain: train even if the policy is there.
-        progress: called after every chunk of training; not at all if the policy is found.
+        method, scenario, seed, episodes, motor_fmu: see `method_config`.
+        again: train even if the policy is there.
+        progress: is told what is calibrated, observed and trained; nothing if the policy is found.
 
     Returns:
         The policy, its learning curves and the path of its file.
@@ -124,6 +119,11 @@ def method_policy(
         OSError: the cache cannot be written.
     """
     config = method_config(
-        method, scenario, seed, episodes=episodes, motor_fmu=motor_fmu, observing=observing
+        method, scenario, seed, episodes=episodes, motor_fmu=motor_fmu, progress=progress
     )
-    return find_or_train(config, retrain=retrain, progress=progress)
+
+    def training(now: TrainingProgress) -> None:
+        state = f"success {now.success:.1%}  ε {now.epsilon:.3f}"
+        progress("training", now.episode, now.episodes, state)
+
+    return find_or_train(config, again=again, progress=training)

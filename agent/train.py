@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from agent.evaluation.grid import report_of, show
-from agent.moves.model import Transitions
+from agent.moves.model import ObservedMoves
 from agent.process.readings import ProcessConfig
 from agent.training.learning import LearningConfig
 from agent.training.recording import write_runs
@@ -52,8 +52,8 @@ class Train:
     """Output folder; by default runs/train-<scenario>-<time>."""
     config: Path | None = None
     """Settings file with tables [process] and [learning]; options given here override it."""
-    transitions: Path | None = None
-    """Moves observed by `python -m agent.identify`: train on them instead of the grid."""
+    moves: Path | None = None
+    """Moves observed by `python -m agent.moves`: train on them instead of the grid."""
     jobs: int = -1
     """Runs at once; -1 for one per core."""
     backend: Backend = "loky"
@@ -81,9 +81,9 @@ def train(options: Train, console: Console) -> dict[str, Any]:
         UserError: see its message.
     """
     scenario = find_scenario(options.scenario)
-    transitions = options.transitions and Transitions.load(options.transitions)
+    moves = options.moves and ObservedMoves.load(options.moves)
     experiment = Experiment(
-        scenario, options.process, options.learning, options.seed, options.runs, transitions
+        scenario, options.process, options.learning, options.seed, options.runs, moves
     )
     name = f"train-{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
     out = options.out or Path("runs") / name

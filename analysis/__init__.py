@@ -1,1 +1,26 @@
 """Looking back: reads recordings and result files and draws the paper's figures."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cosim.reading.episode import Episode
+
+
+def open(path: "Path | str") -> "Episode":  # noqa: A001 - to be called as analysis.open
+    """Read the recording of an episode.
+
+    Args:
+        path: an .rrd file, or the .rrd.part that a killed run left.
+
+    Returns:
+        The episode: its outcome, robots, parameters, moves, and `signals`, which by names such as
+        "r1/motors/omega" have `values` (n,) or (n, k), `time_s` (n,) in s, `unit` and
+        `components`.
+
+    Raises:
+        RecordingReadError: the file does not exist, cannot be read, or holds no episode.
+    """
+    from cosim.reading.episode import read_episode  # noqa: PLC0415 - Rerun is slow to import
+
+    return read_episode(Path(path))

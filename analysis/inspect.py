@@ -11,11 +11,11 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.reading.findings import find
-from analysis.reading.recordings import Episode, read_episode
-from analysis.reading.rrd import Signal
 from cosim.base.errors import run_command
 from cosim.base.tables import show_table
 from cosim.navigation.measures import PATH_SAMPLING_S
+from cosim.reading.episode import Episode, read_episode
+from cosim.reading.rrd import Signal
 
 # Facts shown first; the others follow.
 _FIRST_FACTS = ("scenario", "title", "episode", "seed", "starts")
@@ -73,14 +73,14 @@ def _period(time_s: np.ndarray) -> float | None:
 
 
 def path_length_m(episode: Episode, robot: str) -> float | None:
-    """Length of a robot's way, sampled as slowly as the co-simulation does: without vibration."""
+    """Length of a robot's path, sampled as slowly as the co-simulation does: without vibration."""
     position = episode.signals.get(f"/sim/{robot}/position")
     period_s = _period(position.time_s) if position is not None else None
     if position is None or period_s is None:
         return None
     every = max(1, round(PATH_SAMPLING_S / period_s))
-    way = position.values[every - 1 :: every, :2]
-    return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    path = position.values[every - 1 :: every, :2]
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def report(episode: Episode) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def report(episode: Episode) -> dict[str, Any]:
         "recording_id": episode.recording_id,
         "complete": episode.complete,
         "outcome": episode.outcome or None,
-        "duration_s": episode.duration_s,
+        "time_s": episode.time_s,
         "facts": dict(episode.facts),
         "parameters": {name: p._asdict() for name, p in episode.parameters.items()},
         "robots": {
@@ -98,7 +98,7 @@ def report(episode: Episode) -> dict[str, Any]:
                 "path_length_m": path_length_m(episode, robot),
                 "moves": len(episode.moves[robot]),
                 "moves_ended": sum(move.ended for move in episode.moves[robot]),
-                "moves_timed_out": sum(move.timed_out for move in episode.moves[robot]),
+                "moves_timed_out": sum(move.given_up for move in episode.moves[robot]),
             }
             for robot in episode.robots
         },
@@ -116,7 +116,7 @@ def show(content: dict[str, Any], console: Console, parameters: bool) -> None:
     """Print a report."""
     ending = content["outcome"] or "not recorded: the recording ends before the episode"
     console.print(f"[bold]{content['recording']}[/]", soft_wrap=True)
-    console.print(f"outcome {ending}, {content['duration_s']:.2f} s simulated")
+    console.print(f"outcome {ending}, {content['time_s']:.2f} s simulated")
     if not content["complete"]:
         console.print("its writer was stopped; this is what it had written")
     facts = content["facts"]
@@ -125,9 +125,9 @@ def show(content: dict[str, Any], console: Console, parameters: bool) -> None:
             console.print(f"  {key}: {facts[key]}", soft_wrap=True, markup=False)
     for robot, row in content["robots"].items():
         length = row["path_length_m"]
-        way = f"{100.0 * length:.1f} cm, " if length is not None else ""
+        path = f"{100.0 * length:.1f} cm, " if length is not None else ""
         console.print(
-            f"  {robot}: {way}{row['moves']} moves, {row['moves_ended']} ended, "
+            f"  {robot}: {path}{row['moves']} moves, {row['moves_ended']} ended, "
             f"{row['moves_timed_out']} timed out"
         )
     if parameters:

@@ -76,7 +76,7 @@ def speed_loop(motor: MotorParams = TABLE_II) -> Loop:
     )
 
 
-class Figures(NamedTuple):
+class LoopMerit(NamedTuple):
     """Figures of merit of the speed loop.
 
     Attributes:
@@ -96,11 +96,11 @@ class Figures(NamedTuple):
     crossover_rad_s: float
 
 
-def figures_of_merit(loop: Loop) -> Figures:
+def figures_of_merit(loop: Loop) -> LoopMerit:
     """Poles, bandwidth and margins."""
     gain_margin, phase_margin, _, crossover = control.margin(loop.open)
     poles = tuple(sorted((float(p.real) for p in control.poles(loop.closed)), reverse=True))
-    return Figures(
+    return LoopMerit(
         poles,
         float(control.bandwidth(loop.closed)),
         float(control.bandwidth(loop.plant)),

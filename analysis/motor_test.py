@@ -1,7 +1,8 @@
 """`python -m analysis.motor_test`: records the test of Fig. 7, a motor in open and closed loop.
 
 The motor FMU runs alone, through fmpy, once with a constant voltage and once with its PI speed
-loop. A disturbance torque acts from one third of the time on, and the other way from two thirds.
+loop. A disturbance torque acts from one third of the time on, and against the motion from two
+thirds.
 `analysis.figures.fig07` draws the recording; `read` gives its signals as arrays.
 """
 
@@ -15,10 +16,10 @@ import rerun.blueprint as rrb
 import tyro
 from fmpy.simulation import instantiate_fmu
 
-from analysis.reading.rrd import RecordingReadError, Signal, read_rrd
 from cosim.base.errors import UserError, run_command
 from cosim.base.params import FIG_7
 from cosim.coupling.fmu import MotorFmu
+from cosim.reading.rrd import RecordingReadError, Signal, read_rrd
 from cosim.recording.file import Recording, properties, scalars, simulated
 from fmus.build import cached_fmu
 

@@ -17,12 +17,12 @@ class Profile:
         name: for people.
         runs: independent training runs of every variant.
         train_episodes: episodes of a training run.
-        drive_method: way of training of the policies that drive the co-simulated episodes.
-        drive_episodes: episodes of their training; None is the number of that way.
+        drive_method: training method of the policies that drive the co-simulated episodes.
+        drive_episodes: episodes of their training; None is the number of that method.
         single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
             one robot and of a pair.
         episode_limit_s: simulated time after which such an episode ends as a time-out.
-        transfer_scenarios, transfer_methods: scenarios and ways of training whose success in
+        transfer_scenarios, transfer_methods: scenarios and training methods whose success in
             co-simulation is measured.
         transfer_quick: two episodes for every row of that table instead of all that it needs.
     """
@@ -30,41 +30,33 @@ class Profile:
     name: str
     runs: int
     train_episodes: int
-    drive_method: Method
-    drive_episodes: int | None
     single_episodes: int
     pair_episodes: int
-    episode_limit_s: float
     transfer_scenarios: tuple[str, ...]
-    transfer_methods: tuple[Method, ...]
     transfer_quick: bool
+    drive_method: Method = BEST
+    drive_episodes: int | None = None
+    episode_limit_s: float = TIMING.episode_limit_s
+    transfer_methods: tuple[Method, ...] = METHODS
 
 
 FULL = Profile(
     name="full",
     runs=20,  # Section V
     train_episodes=LearningConfig().episodes,
-    drive_method=BEST,
-    drive_episodes=None,
     single_episodes=SINGLE_EPISODES,
     pair_episodes=PAIR_EPISODES,
-    episode_limit_s=TIMING.episode_limit_s,
     transfer_scenarios=tuple(BUILT_IN),
-    transfer_methods=METHODS,
     transfer_quick=False,
 )
 
-# A policy that finds its way takes so many episodes; intervals take more than one run.
+# A policy that reaches its targets takes so many episodes; intervals take more than one run.
 QUICK = Profile(
     name="quick",
     runs=2,
     train_episodes=1_000_000,
-    drive_method=BEST,
-    drive_episodes=None,
     single_episodes=2,
     pair_episodes=1,
-    episode_limit_s=TIMING.episode_limit_s,
     transfer_scenarios=("1a", "2"),
-    transfer_methods=METHODS,
     transfer_quick=True,
 )

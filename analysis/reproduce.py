@@ -1,26 +1,24 @@
 """`python -m analysis.reproduce`: every experiment of the paper, its figures and the report.
 
 Composes the project's own commands, stage after stage; each keeps its own progress and files, and
-could be run alone. What lies where is `analysis.reading.results`, how much is done
-`analysis.profiles`.
+could be run alone. What is made in which order and lies where is
+`analysis.reading.results`, how much is done `analysis.profiles`.
 """
 
 import os
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, cast
 
 import tyro
 from rich.console import Console
 
 from agent.evaluation.transfer import Transfer, transfer
-from agent.experiments import EXPERIMENTS, Experiments, Name, run_experiment
+from agent.experiments import Experiments, Name, run_experiment
 from analysis.figures.draw import Figures, draw_figures
 from analysis.motor_test import MotorTest, record
 from analysis.profiles import FULL, QUICK, Profile
-from analysis.reading.results import RESULTS
+from analysis.reading.results import RESULTS, Result
 from analysis.report.page import Report, write_report
 from analysis.timings import Timings
 from cosim.base.errors import UserError, run_command
@@ -29,8 +27,6 @@ from cosim.calibrate import Calibrate, calibrate
 from cosim.platform import PlatformRun, write_platform
 from cosim.run import Run, run
 
-LEARNING: tuple[Name, ...] = ("fig08", "fig11", "fig10")
-
 
 @dataclass(frozen=True)
 class Reproduce:
@@ -38,7 +34,7 @@ class Reproduce:
 
     Results go to DIR/results, figures to DIR/figures, the page to DIR/report; open it with
     `python -m analysis.serve DIR/report`. The same command goes on after an interrupt: stages that
-    the same code has finished are kept, a training that was under way continues from its
+    the same code has finished are kept, a training that was interrupted continues from its
     checkpoints. How long each stage took is in DIR/results/timings.json.
     """
 
@@ -56,20 +52,6 @@ class Reproduce:
             raise UserError("--jobs must be at least 1")
         if self.seed < 0:
             raise UserError("--seed must not be negative")
-
-
-class Stage(NamedTuple):
-    """A part of the reproduction.
-
-    Attributes:
-        name: of its result in `analysis.reading.results`.
-        title: for people.
-        run: makes the result; called again after an interrupt it goes on, or begins anew.
-    """
-
-    name: str
-    title: str
-    run: Callable[[], Any]
 
 
 def reproduce(options: Reproduce, profile: Profile, console: Console) -> Path:
@@ -99,76 +81,67 @@ def run_stages(options: Reproduce, profile: Profile, console: Console) -> Timing
     """
     results = options.out / "results"
     timings = Timings(results, profile, options.seed)
-    todo = list(stages(results, profile, options, console))
-    for number, stage in enumerate(todo, start=1):
-        label = f"{number}/{len(todo)} {stage.title}"
-        if timings.finished(stage.name) and RESULTS[stage.name].exists(results):
+    for number, result in enumerate(RESULTS.values(), start=1):
+        label = f"{number}/{len(RESULTS)} {result.title}"
+        if timings.finished(result.name) and result.exists(results):
             console.print(f"{label}: finished before")
             continue
         console.print(f"{label} …")
-        with timings.stage(stage.name):
-            stage.run()
-        console.print(f"{label}: {timings.seconds(stage.name):.1f} s")
+        with timings.stage(result.name):
+            _make(result, result.location(results), profile, options, console)
+        console.print(f"{label}: {timings.seconds(result.name):.1f} s")
     return timings
 
 
-def stages(
-    results: Path, profile: Profile, options: Reproduce, console: Console
-) -> Iterator[Stage]:
-    """All stages in their order: the quick ones first, so that a mistake shows early."""
+def _make(
+    result: Result, out: Path, profile: Profile, options: Reproduce, console: Console
+) -> None:
+    """Do what the result's command does, as much of it as the profile says.
 
-    def at(name: str) -> Path:
-        return RESULTS[name].location(results)
-
-    yield Stage(
-        "platform",
-        "platform of one degree of freedom (Fig. 3)",
-        partial(write_platform, PlatformRun(out=at("platform"))),
-    )
-    yield Stage(
-        "motor_test",
-        "motor in open and closed loop (Fig. 7)",
-        partial(record, MotorTest(out=at("motor_test"))),
-    )
-    calibration = Calibrate(out=at("calibration"), jobs=options.jobs)
-    title = "motor speeds calibrated to motion"
-    yield Stage("calibration", title, partial(calibrate, calibration, console))
-    for scenario, description in BUILT_IN.items():
-        name = f"episodes_{scenario}"
-        episodes = profile.single_episodes if description.robots == 1 else profile.pair_episodes
-        settings = Run(
-            scenario,
-            episodes=episodes,
-            method=profile.drive_method,
-            train_episodes=profile.drive_episodes,
-            seed=options.seed,
-            out=at(name),
-            jobs=options.jobs,
-            time_limit=profile.episode_limit_s,
-        )
-        title = f"scenario {scenario} co-simulated (Fig. {9 if description.robots == 1 else 12})"
-        yield Stage(name, title, partial(run, settings, console))
-    for name in LEARNING:
-        experiment = Experiments(
-            name,
-            runs=profile.runs,
-            seed=options.seed,
-            out=at(name),
-            episodes=profile.train_episodes,
-            jobs=options.jobs,
-            resume=True,
-        )
-        title = f"training, {len(EXPERIMENTS[name])} variants (Fig. {int(name[3:])})"
-        yield Stage(name, title, partial(run_experiment, experiment, console))
-    table = Transfer(
-        out=at("transfer"),
-        quick=profile.transfer_quick,
-        scenarios=profile.transfer_scenarios,
-        methods=profile.transfer_methods,
-        seed=options.seed,
-        jobs=options.jobs,
-    )
-    yield Stage("transfer", "success in co-simulation", partial(transfer, table, console))
+    Called again after an interrupt it goes on, or begins anew.
+    """
+    seed, jobs = options.seed, options.jobs
+    match result.module:
+        case "cosim.platform":
+            write_platform(PlatformRun(out=out))
+        case "analysis.motor_test":
+            record(MotorTest(out=out))
+        case "cosim.calibrate":
+            calibrate(Calibrate(out=out, jobs=jobs), console)
+        case "cosim.run":
+            alone = BUILT_IN[result.of].robots == 1
+            settings = Run(
+                result.of,
+                episodes=profile.single_episodes if alone else profile.pair_episodes,
+                method=profile.drive_method,
+                train_episodes=profile.drive_episodes,
+                seed=seed,
+                out=out,
+                jobs=jobs,
+                time_limit=profile.episode_limit_s,
+            )
+            run(settings, console)
+        case "agent.experiments":
+            experiment = Experiments(
+                cast(Name, result.of),
+                runs=profile.runs,
+                seed=seed,
+                out=out,
+                episodes=profile.train_episodes,
+                jobs=jobs,
+                resume=True,
+            )
+            run_experiment(experiment, console)
+        case "cosim.transfer":
+            table = Transfer(
+                out=out,
+                quick=profile.transfer_quick,
+                scenarios=profile.transfer_scenarios,
+                methods=profile.transfer_methods,
+                seed=seed,
+                jobs=jobs,
+            )
+            transfer(table, console)
 
 
 def main() -> None:

@@ -39,7 +39,7 @@ class BenchmarkError(UserError):
 class Convergence:
     """Halve the time step, solve the contacts out, and see what changes.
 
-    Mean forward speed and yaw rate at nine ways of driving, for every time step with the usual
+    Mean forward speed and yaw rate at nine manoeuvres, for every time step with the usual
     contact sweeps, and for the middle one with contacts solved out.
     """
 

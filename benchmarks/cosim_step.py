@@ -48,7 +48,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Figures:
+class StepTimes:
     """Results; names as in the JSON output.
 
     Attributes:
@@ -181,7 +181,7 @@ def recording_overhead(rounds: int) -> float:
         return float(overheads("default", rounds, 60.0, Path(folder) / "episode.rrd")[0])
 
 
-def measure(rounds: int) -> Figures:
+def measure(rounds: int) -> StepTimes:
     """All figures."""
     pair_s = advance_s(driving(2), rounds)
     reference_step_s = 0.02
@@ -190,7 +190,7 @@ def measure(rounds: int) -> Figures:
     one_s, sixteen_s = (advance_s(driving(n), rounds) / n for n in (1, 16))
     factor = SHORT_S / pair_s
     tick_s = TIMING.dt_s / factor
-    return Figures(
+    return StepTimes(
         realtime_factor=factor,
         ratio_to_reference=factor / reference_factor,
         ratio_to_mujoco=mujoco_step_s(rounds) / tick_s,

@@ -33,7 +33,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Figures:
+class ReactionCost:
     """Results; names as in the JSON output.
 
     Attributes:
@@ -41,7 +41,7 @@ class Figures:
         torque_max_over_coulomb: its largest value over c.
         motor_speed_change_rad_s: change of the mean motor speed.
         ripple_without_rad_s, ripple_with_rad_s: standard deviation of the motor speed.
-        drive_speed_change: relative change of the way driven.
+        drive_speed_change: relative change of the path length.
     """
 
     torque_rms_over_coulomb: float
@@ -53,7 +53,7 @@ class Figures:
 
 
 def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Motor speeds (n, 2) in rad/s, reaction torques (n, 2) in N m, and way in m."""
+    """Motor speeds (n, 2) in rad/s, reaction torques (n, 2) in N m, and path length in m."""
     scenario = Scenario("lane", "", ((15, 29),), (((15, 10),),))
     config = CoSimConfig(noise=SPEED_NOISE._replace(relative_amplitude=0.0), reaction=reaction)
     system = CoSimulation(scenario, cached_fmu(), config)
@@ -64,22 +64,22 @@ def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
         driving = step.samples.omega_des[:, 0, 0] != 0.0
         omega.append(step.samples.omega[driving, 0][SETTLED:])
         torque.append(step.samples.disturbance[driving, 0][SETTLED:])
-    way = float(system.measures.path_length_m[0])
+    length_m = float(system.measures.path_length_m[0])
     system.close()
-    return np.abs(np.concatenate(omega)), np.concatenate(torque), way
+    return np.abs(np.concatenate(omega)), np.concatenate(torque), length_m
 
 
-def measure(steps: int) -> Figures:
+def measure(steps: int) -> ReactionCost:
     """All figures."""
-    omega_without, _, way_without = drive(False, steps)
-    omega_with, torque, way_with = drive(True, steps)
-    return Figures(
+    omega_without, _, without_m = drive(False, steps)
+    omega_with, torque, with_m = drive(True, steps)
+    return ReactionCost(
         torque_rms_over_coulomb=float(np.sqrt((torque**2).mean()) / TABLE_II.c),
         torque_max_over_coulomb=float(np.abs(torque).max() / TABLE_II.c),
         motor_speed_change_rad_s=float(omega_with.mean() - omega_without.mean()),
         ripple_without_rad_s=float(omega_without.std()),
         ripple_with_rad_s=float(omega_with.std()),
-        drive_speed_change=way_with / way_without - 1.0,
+        drive_speed_change=with_m / without_m - 1.0,
     )
 
 

@@ -52,7 +52,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Figures:
+class LevelCost:
     """Results for one level; names as in the JSON output.
 
     Attributes:
@@ -120,7 +120,7 @@ def read(path: Path) -> None:
         chunk.to_record_batch()
 
 
-def measure(level: Level, options: Options, folder: Path) -> Figures:
+def measure(level: Level, options: Options, folder: Path) -> LevelCost:
     """All figures of a level."""
     path = folder / f"{level}.rrd"
     overhead, overhead_cpu = overheads(level, options.rounds, options.round_s, path)
@@ -128,7 +128,7 @@ def measure(level: Level, options: Options, folder: Path) -> Figures:
     opened = [
         screenshot(path, folder / "picture.png").load_s for _ in range(3 if options.viewer else 0)
     ]
-    return Figures(
+    return LevelCost(
         megabytes=path.stat().st_size / 1e6,
         overhead=float(overhead),
         overhead_cpu=float(overhead_cpu),

@@ -16,8 +16,8 @@ from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import run_command
 from cosim.base.params import SPEED_NOISE, STEERING, TABLE_I, TIMING
 from cosim.base.storage import replacing
-from cosim.navigation.calibrating import digest, find_calibration
 from cosim.navigation.calibration import DRIVES, MANOEUVRES, Calibration
+from cosim.navigation.calibration_cache import digest, find_calibration
 from fmus.build import cached_fmu
 
 SCHEMA_VERSION = 1
@@ -36,7 +36,7 @@ class Calibrate:
 
     Co-simulates single robots with their motor FMUs and noise, forwards, backwards, left and right,
     over motor speeds, speed differences and phases between the motors, and writes the map, its
-    scatter and a plot. The co-simulation calibrates itself the same way when robot, motors, FMU,
+    scatter and a plot. The co-simulation calibrates itself likewise when robot, motors, FMU,
     clock, noise or code change; this command shows what it found.
     """
 
@@ -190,8 +190,8 @@ def _show(calibration: Calibration, report: dict[str, Any], console: Console) ->
     console.print(table)
     console.print(
         f"without hopping: motors up to {report['hop_free_rad_s']:.0f} rad/s, "
-        f"{1e3 * report['largest_speed_m_s']:.2f} mm/s both ways, "
-        f"{np.rad2deg(report['largest_turn_rate_rad_s']):.1f} °/s both ways",
+        f"{1e3 * report['largest_speed_m_s']:.2f} mm/s in both directions, "
+        f"{np.rad2deg(report['largest_turn_rate_rad_s']):.1f} °/s in both directions",
         soft_wrap=True,
     )
 

@@ -1,6 +1,6 @@
-"""`python -m cosim.evaluate`: the command of `agent.evaluation.evaluate`."""
+"""`python -m cosim.evaluate`: the command of `agent.evaluation.dynamics`."""
 
-from agent.evaluation.evaluate import main
+from agent.evaluation.dynamics import main
 from cosim.base.errors import run_command
 
 if __name__ == "__main__":

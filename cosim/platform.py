@@ -25,7 +25,7 @@ from cosim.physics.stroke import Stroke, distance, next_stroke
 
 # Two angles a turn apart by this much in rad are the same: each cycle shrinks the difference.
 REPEAT_TOLERANCE = 1e-12
-# More strokes than a turn can hold: one each way.
+# More strokes than a turn can hold: one in each direction.
 CYCLE_STROKES = 4
 
 

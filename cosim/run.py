@@ -23,7 +23,7 @@ from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, STEERING, TABLE_I
 from cosim.base.provenance import versions
 from cosim.base.scenario import Scenario, find_scenario
 from cosim.base.storage import replacing
-from cosim.navigation.calibrating import calibrated
+from cosim.navigation.calibration_cache import calibrated
 from cosim.navigation.episode import CoSimulation
 from cosim.recording.levels import DETAILS
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
@@ -47,7 +47,7 @@ class Run:
     episodes: int = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
-    """How agents learn: on moves observed in co-simulation (identified, the default, the first time
+    """How agents learn: on moves observed in co-simulation (moves, the default, the first time
     some 20 s more), on the grid as in Section V (paper), or on the grid with moves that go astray
     (slip)."""
     train_episodes: int | None = None
@@ -221,7 +221,7 @@ def _policy(
         def observing(done: int, total: int) -> None:
             bar.update(moves, completed=min(done, total), total=total, visible=True)
 
-        def show(progress: training.Progress) -> None:
+        def show(progress: training.TrainingProgress) -> None:
             state = f"success {progress.success:.1%}  ε {progress.epsilon:.3f}"
             bar.update(task, completed=progress.episode, total=progress.episodes, state=state)
 

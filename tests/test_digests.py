@@ -17,16 +17,16 @@ import numpy as np
 import pytest
 
 from agent.evaluation.rollout import roll_out
-from agent.moves.observe import identify
+from agent.moves.observe import observe_moves
 from agent.process.readings import ProcessConfig
 from agent.training.learning import LearningConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.store import train_policy
-from analysis.reading.recordings import read_episode
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import find_scenario
 from cosim.navigation.episode import CoSimulation
 from cosim.navigation.observing import draw_starts
+from cosim.reading.episode import read_episode
 from cosim.recording.episode import EpisodeRecorder
 from fmus.build import cached_fmu
 
@@ -64,7 +64,7 @@ def digests(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         config = PolicyConfig(find_scenario(scenario), ProcessConfig(), learning, Seed(0))
         found[f"policy {name}"] = _of_policy(train_policy(config)[0])
     config, fmu = CoSimConfig(), cached_fmu()
-    moves = identify(config, fmu, moves_per_kind=2, seed=0)
+    moves = observe_moves(config, fmu, moves_per_kind=2, seed=0)
     found["moves"] = _digest([[getattr(m, f) for f in m.__struct_fields__] for m in moves.moves])
     scenario = find_scenario("4")
     features = ProcessConfig(features=("x", "y", "d", "g", "b"), step_limit=200)

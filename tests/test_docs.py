@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import tyro
 
-from agent.evaluation.evaluate import Evaluate
+from agent.evaluation.dynamics import Evaluate
 from analysis.figures import fig07
 from analysis.motor_test import MotorTest, read, record
 from cosim.run import Run

@@ -1,22 +1,21 @@
 """One episode in the full co-simulation, as environments step it: motors, contacts, 2 s a step.
 
 The grid's counterpart, and the interface of both, is in `agent.envs.grid_episode`. An action is
-adopted when the robot waits for one: a robot on its way to a cell ignores it, and earns the reward
-of every step that its move takes.
+adopted when the robot waits for one: a robot under way ignores it, and earns the
+reward of every step that its move takes.
 """
 
 import numpy as np
-from rich.console import Console
 
 from agent.envs.grid_episode import place_checked
-from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, OUTCOMES, RUNNING
+from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING
 from agent.process.readings import ProcessConfig, build_process, feature_sizes, nearest_bearings
 from agent.process.rewards import failed, step_reward
 from cosim.base.config import CoSimConfig
+from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING
 from cosim.base.params import TABLE_I
 from cosim.base.scenario import Scenario
-from cosim.coupling.plant import OUT_OF_BOARD
-from cosim.navigation.calibrating import calibrated_for
+from cosim.navigation.calibration_cache import calibrated_for
 from cosim.navigation.episode import CoSimulation
 from cosim.navigation.features import AXIS_COUNT, Observation
 from cosim.navigation.observing import draw_starts
@@ -24,7 +23,7 @@ from fmus.build import cached_fmu
 
 
 class CoSimEpisode:
-    """An episode in the co-simulation, see `agent.envs.grid_episode.Episode`.
+    """An episode in the co-simulation, see `agent.envs.grid_episode.EnvEpisode`.
 
     Without a configuration robots have the default parameters; those of another diameter than
     Table I's are calibrated first.
@@ -47,7 +46,7 @@ class CoSimEpisode:
         self._features = tuple(sizes)
         fmu = cached_fmu()
         if config is None and scenario.robot_diameter_m != TABLE_I.diameter_m:
-            config = calibrated_for(scenario, fmu, Console(stderr=True))
+            config = calibrated_for(scenario, fmu)
         self._system = CoSimulation(scenario, fmu, config)
         self.status = np.full(scenario.robots, MOVING)
         self.rewards = np.zeros(scenario.robots)
@@ -88,7 +87,7 @@ class CoSimEpisode:
         self._positions_m = step.samples.position[-1, :, :2].copy()
         arrived = self._system.arrived
         self.rewards = np.nan_to_num(step_reward(self.process, step, arrived))
-        self.outcome = OUTCOMES.index(step.outcome) if step.outcome else RUNNING
+        self.outcome = BY_RANK.index(step.outcome)
         self.status[arrived] = ARRIVED
         lost = failed(step, arrived)
         self.status[lost] = np.where(step.events[lost] == OUT_OF_BOARD, LEFT, HIT)

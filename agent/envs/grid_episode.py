@@ -1,7 +1,7 @@
 """One episode of the decision process, as environments step it: the kernels of the grid.
 
-`Episode` is what environments need of a world; this module has the grid, `agent.envs.cosim_episode`
-the full co-simulation. Spaces, agents' names and pictures are the environments'.
+`EnvEpisode` is what environments need of a world; this module has the grid, the full co-simulation
+is `agent.envs.cosim_episode`. Spaces, agents' names and pictures are the environments'.
 """
 
 import math
@@ -15,10 +15,8 @@ from agent.process.grid import (
     CLASS,
     COLUMN_COUNT,
     MOVING,
-    RUNNING,
     SIGN,
     STATUS,
-    TIMEOUT,
     VX,
     VY,
     X,
@@ -31,6 +29,7 @@ from agent.process.grid import (
 from agent.process.readings import Process, ProcessConfig, build_process, feature_sizes
 from agent.process.rng import seeded_state
 from cosim.base.errors import UserError
+from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.base.scenario import Scenario
 from cosim.navigation.features import DIRECTION_COUNT
 
@@ -47,7 +46,7 @@ class ActionError(UserError, ValueError):
     """An action that cannot be taken; the message says whose."""
 
 
-class Episode(Protocol):
+class EnvEpisode(Protocol):
     """A world with N robots in which episodes are played.
 
     Attributes:
@@ -84,7 +83,7 @@ class Episode(Protocol):
         ...
 
     def path_length_cm(self) -> np.ndarray:
-        """(N,) float64, way of each robot since the start."""
+        """(N,) float64, path of each robot since the start."""
         ...
 
     def positions_m(self) -> np.ndarray:
@@ -97,7 +96,7 @@ class Episode(Protocol):
 
 
 class GridEpisode:
-    """An episode on the grid, see `Episode`.
+    """An episode on the grid, see `EnvEpisode`.
 
     Raises:
         ScenarioError: the scenario cannot be used with these readings.

@@ -7,22 +7,23 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from agent.envs.grid_episode import ActionError, Episode, direction_error
+from agent.envs.grid_episode import ActionError, EnvEpisode, direction_error
 from agent.envs.rendering import board_pixels, board_text
-from agent.process.grid import MOVING, OUTCOMES, RUNNING, SUCCESS
+from agent.process.grid import MOVING
+from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.navigation.features import DIRECTION_COUNT
 
 
-def episode_info(episode: Episode, robot: int) -> dict[str, Any]:
+def episode_info(episode: EnvEpisode, robot: int) -> dict[str, Any]:
     """What environments say about an episode besides the observation."""
     return {
-        "outcome": OUTCOMES[episode.outcome],
+        "outcome": BY_RANK[episode.outcome],
         "is_success": episode.outcome == SUCCESS,
         "path_length": float(episode.path_length_cm()[robot]),
     }
 
 
-def render_episode(episode: Episode, mode: str | None) -> Any:
+def render_episode(episode: EnvEpisode, mode: str | None) -> Any:
     """The board as text ("ansi"), pixels ("rgb_array"), or nothing but a warning."""
     if mode is None:
         gym.logger.warn("render() does nothing without a render_mode")
@@ -37,7 +38,7 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
     Agents `robot_1`, `robot_2`, … observe their features (Section III) as MultiDiscrete and choose
     one of eight directions; rewards are Eq. (8) and (11). A robot that arrives is terminated and
     stays where it is; a failure terminates the robots that failed and truncates those still on
-    their way, whose next state therefore still has a value. What is random in an environment that
+    their move, whose next state therefore still has a value. What is random in an environment that
     was never seeded comes from entropy.
     """
 
@@ -48,7 +49,7 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
         "is_parallelizable": True,
     }
 
-    def __init__(self, episode: Episode, render_mode: str | None = None) -> None:
+    def __init__(self, episode: EnvEpisode, render_mode: str | None = None) -> None:
         self.episode = episode
         self.render_mode = render_mode
         self.possible_agents = [f"robot_{k + 1}" for k in range(episode.scenario.robots)]

@@ -6,11 +6,11 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from agent.envs.grid_episode import Episode, GridEpisode, direction_error
+from agent.envs.grid_episode import EnvEpisode, GridEpisode, direction_error
 from agent.envs.parallel import NavigationParallelEnv, episode_info, render_episode
-from agent.process.grid import RUNNING, TIMEOUT
 from agent.process.readings import ProcessConfig
 from cosim.base.errors import UserError
+from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.base.scenario import Scenario, find_scenario
 from cosim.navigation.features import DIRECTION_COUNT
 
@@ -21,7 +21,7 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
     Observations are the features of Section III as MultiDiscrete (a lone robot: column and row),
     actions the eight directions, rewards Eq. (8). An episode that reaches the step limit is
     truncated, every other end terminates it. `info` has `outcome` (a name of
-    `agent.process.grid.OUTCOMES`), `is_success` and `path_length` in cm. What is random in an
+    `cosim.base.outcome.Outcome`), `is_success` and `path_length` in cm. What is random in an
     environment that was never seeded comes from entropy, which `np_random_seed` tells.
     """
 
@@ -127,7 +127,7 @@ def parallel_env(
 
 def make_episode(
     scenario: str | Scenario, process: ProcessConfig | None, *, cosim: bool
-) -> Episode:
+) -> EnvEpisode:
     """The world of an environment: on the grid, or the full co-simulation."""
     if not isinstance(scenario, Scenario):
         scenario = find_scenario(scenario)

@@ -15,24 +15,12 @@ from gymnasium.vector.utils import batch_space
 
 from agent.envs.grid_episode import FEATURE_COLUMNS, ActionError, direction_error, place_checked
 from agent.envs.rendering import board_pixels, board_text
-from agent.process.grid import (
-    COLUMN_COUNT,
-    OUTCOMES,
-    RUNNING,
-    SUCCESS,
-    TIMEOUT,
-    VX,
-    VY,
-    X,
-    Y,
-    move,
-    place_randomly,
-    slipped,
-)
+from agent.process.grid import COLUMN_COUNT, VX, VY, X, Y, move, place_randomly, slipped
 from agent.process.readings import Process, ProcessConfig, build_process, feature_sizes
 from agent.process.rng import seeded_state
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
+from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
 from cosim.base.scenario import Scenario, find_scenario
 from cosim.navigation.features import DIRECTION_COUNT
 
@@ -202,7 +190,7 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _infos(self) -> dict[str, Any]:
         everywhere = np.ones(self.num_envs, dtype=bool)
         values = {
-            "outcome": np.array(OUTCOMES, dtype=object)[self._outcomes],
+            "outcome": np.array(BY_RANK, dtype=object)[self._outcomes],
             "is_success": self._outcomes == SUCCESS,
             "path_length": 100.0 * self.scenario.cell_m * self._path_cells,
         }

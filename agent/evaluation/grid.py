@@ -17,20 +17,19 @@ from rich.console import Console
 from agent.evaluation.statistics import summarise
 from agent.process.bound import ratios
 from agent.process.exact import Evaluation, evaluate
-from agent.process.grid import OUTCOMES, SUCCESS
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
 from cosim.base.errors import UserError, run_command
+from cosim.base.outcome import BY_RANK, ENDS, SUCCESS
 from cosim.base.tables import show_table
 
 _LISTED_FAILURES = 10
 MAX_FAILURES = 1000  # in the report; scenarios of four robots have some 700 000 starts
-_RATES = OUTCOMES[SUCCESS:]
-_MEASURES = (*_RATES, "path_length_cm", "steps", "ratio_to_bound", "steps_ratio_to_bound")
+_MEASURES = (*ENDS, "path_length_cm", "steps", "ratio_to_bound", "steps_ratio_to_bound")
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class EvaluateOnGrid:
     """Evaluate policies exactly: the greedy episode from every combination of start cells.
 
     Nothing is sampled: scenarios 1a, 1b and 2 to 4 have 30, 116 and 900 starts. Path length and
@@ -49,7 +48,7 @@ def measure(policy: Policy) -> tuple[dict[str, float], Evaluation]:
     result = evaluate(policy.process, policy.values)
     path_ratio, steps_ratio = ratios(policy.process, result)
     measures = {
-        **{name: result.rate(name) for name in _RATES},
+        **{name: result.rate(name) for name in ENDS},
         "path_length_cm": 100.0 * policy.config.scenario.cell_m * result.mean_path_cells(),
         "steps": result.mean_steps(),
         "ratio_to_bound": path_ratio,
@@ -62,8 +61,7 @@ def failures(result: Evaluation) -> list[dict[str, Any]]:
     """Starts that do not end in success, with their outcomes; the first `MAX_FAILURES`."""
     failed = np.flatnonzero(result.outcome != SUCCESS)[:MAX_FAILURES]
     return [
-        {"starts": result.starts[k].tolist(), "outcome": OUTCOMES[result.outcome[k]]}
-        for k in failed
+        {"starts": result.starts[k].tolist(), "outcome": BY_RANK[result.outcome[k]]} for k in failed
     ]
 
 
@@ -158,15 +156,15 @@ def show_failures(policies: list[dict[str, Any]], console: Console) -> None:
 def _text(name: str, value: float | None) -> str:
     if value is None:
         return "–"
-    if name in _RATES:
+    if name in ENDS:
         return f"{value:.2%}"
     return f"{value:.3f}" if "ratio" in name else f"{value:.2f}"
 
 
 def main() -> None:
-    """Command line; see `Evaluate`."""
+    """Command line; see `EvaluateOnGrid`."""
     options = tyro.cli(
-        Evaluate, prog="python -m agent.evaluate", config=(tyro.conf.FlagCreatePairsOff,)
+        EvaluateOnGrid, prog="python -m agent.evaluate", config=(tyro.conf.FlagCreatePairsOff,)
     )
     paths = policy_files(options.policies)
     result = report_of((str(path), Policy.load(path)) for path in paths)

@@ -1,4 +1,4 @@
-"""Statistics over episodes of one case: rates with intervals, ways, closeness, energy.
+"""Statistics over episodes of one case: rates with intervals, paths, closeness, energy.
 
 Only numbers, with None where there is none; tables of them are drawn by the command lines.
 """
@@ -13,8 +13,7 @@ from agent.evaluation.cases import Case
 from agent.evaluation.rollout import EpisodeResult
 from agent.evaluation.statistics import CONFIDENCE, summarise
 from agent.process.exact import evaluate
-from agent.process.grid import SUCCESS
-from cosim.navigation.episode import OUTCOMES
+from cosim.base.outcome import ENDS, SUCCESS, Outcome
 
 
 class Rate(NamedTuple):
@@ -40,10 +39,10 @@ def summary(case: Case, results: Mapping[int, EpisodeResult]) -> dict[str, Any]:
     """What `--json` lists of a case.
 
     Rates are over all episodes, and so is `min_distance_cm`, the smallest distance between two
-    robots' centres in any of them. Way, time and energy are means over successful episodes, the way
-    also over the robots, the energy summed over them. `path_ratio_to_grid` is the mean over the
-    episodes that succeed here and on the grid of the way over that of the same policy's exact grid
-    episode from the same start, with its bootstrap interval.
+    robots' centres in any of them. Path, time and energy are means over successful episodes, the
+    path also over the robots, the energy summed over them. `path_ratio_to_grid` is the mean over
+    the episodes that succeed here and on the grid of the path over that of the same policy's exact
+    grid episode from the same start, with its bootstrap interval.
 
     Args:
         case: policy and configuration.
@@ -51,12 +50,12 @@ def summary(case: Case, results: Mapping[int, EpisodeResult]) -> dict[str, Any]:
     """
     episodes = len(results)
     values: dict[str, Any] = {"episodes": episodes}
-    for outcome in OUTCOMES:
+    for outcome in ENDS:
         share = low = high = None
         if episodes:
             share, low, high = rate(sum(r.outcome == outcome for r in results.values()), episodes)
         values |= {outcome: share, f"{outcome}_low": low, f"{outcome}_high": high}
-    successes = {index: r for index, r in results.items() if r.outcome == "success"}
+    successes = {index: r for index, r in results.items() if r.outcome == Outcome.SUCCESS}
     distances = [r.min_distance_cm for r in results.values() if r.min_distance_cm is not None]
     ratio = summarise(_ratios_to_grid(case, successes))
     return values | {
@@ -91,5 +90,5 @@ def failures(results: Mapping[int, EpisodeResult]) -> list[dict[str, Any]]:
     return [
         {"index": index, "starts": r.starts, "outcome": r.outcome, "recording": r.recording}
         for index, r in sorted(results.items())
-        if r.outcome != "success"
+        if r.outcome != Outcome.SUCCESS
     ]

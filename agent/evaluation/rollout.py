@@ -12,6 +12,7 @@ import numpy as np
 
 from agent.process.rewards import reward_parts
 from agent.training.policy import Policy
+from cosim.base.outcome import Outcome
 from cosim.base.scenario import Cell
 from cosim.navigation.episode import CoSimulation, Step, run_episode
 from cosim.recording.episode import EpisodeRecorder
@@ -40,7 +41,7 @@ class EpisodeResult:
             the layer off and on at its default margin.
     """
 
-    outcome: str
+    outcome: Outcome
     path_length_cm: float
     sim_time_s: float
     realtime_factor: float

@@ -5,8 +5,8 @@ from typing import Any
 from rich.console import Console
 
 from agent.evaluation.grid import show_failures
+from cosim.base.outcome import ENDS
 from cosim.base.tables import show_table
-from cosim.navigation.episode import OUTCOMES
 
 
 def show(report: dict[str, Any], console: Console) -> None:
@@ -16,11 +16,11 @@ def show(report: dict[str, Any], console: Console) -> None:
             row["policy"],
             row["scenario"],
             f"{row['episodes']} of {row['starts']}",
-            *(rate_text(row, name) for name in OUTCOMES),
+            *(rate_text(row, name) for name in ENDS),
         )
         for row in report["policies"]
     ]
-    header = ("policy", "scenario", "episodes", *(name.replace("_", " ") for name in OUTCOMES))
+    header = ("policy", "scenario", "episodes", *(name.replace("_", " ") for name in ENDS))
     show_table(console, header, outcomes, names=2, title="outcomes with 95 % intervals")
     measures = [
         (
@@ -53,7 +53,7 @@ def rate_text(row: dict[str, Any], name: str) -> str:
 
 
 def ratio_text(row: dict[str, Any]) -> str:
-    """The ratio to the grid's way of `agent.evaluation.outcomes.summary` with its interval."""
+    """The ratio to the grid's path of `agent.evaluation.outcomes.summary` with its interval."""
     name = "path_ratio_to_grid"
     if row[name] is None:
         return "–"

@@ -1,6 +1,6 @@
-"""`python -m cosim.transfer`: how many episodes of the full dynamics succeed, by way of training.
+"""`python -m cosim.transfer`: how many episodes of the full dynamics succeed, by method.
 
-Makes the table of docs/transfer.md: scenarios, ways of training, friction coefficients, with and
+Makes the table of docs/transfer.md: scenarios, methods, friction coefficients, with and
 without the safety layer. What an episode is stands in `agent.evaluation.cases`, the table itself in
 `agent.evaluation.transfer_table`.
 """
@@ -16,7 +16,7 @@ import tyro
 from rich.console import Console
 
 from agent.evaluation.cases import Case, Job, run_jobs
-from agent.evaluation.evaluate import tracked
+from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.transfer_table import Row, markdown, report_of, show
 from agent.methods import BEST, METHODS, Method, method_policy
@@ -27,7 +27,7 @@ from cosim.base.params import SAFETY_MARGIN_M, TABLE_I
 from cosim.base.reading import Kind, read_json
 from cosim.base.scenario import BUILT_IN, find_scenario
 from cosim.base.storage import replacing
-from cosim.navigation.calibrating import calibrated
+from cosim.navigation.calibration_cache import calibrated
 from fmus.build import cached_fmu
 
 TABLE_FILE, MARKDOWN_FILE, SESSIONS_FILE = "transfer.json", "transfer.md", "sessions.json"
@@ -39,9 +39,9 @@ _SESSIONS = Kind("list of sessions", "remove it", UserError)
 
 @dataclass(frozen=True)
 class Transfer:
-    """Measure how policies trained in different ways succeed in the full co-simulation.
+    """Measure how policies trained by different methods succeed in the full co-simulation.
 
-    Rows are scenarios 1a to 4, ways of training, friction coefficients, and the safety layer off
+    Rows are scenarios 1a to 4, methods, friction coefficients, and the safety layer off
     and on; the most important ones come first. Every episode is kept as it comes: the same command
     goes on where an earlier one ended, and writes the table of what is there at any time.
     """
@@ -56,7 +56,7 @@ class Transfer:
     scenarios: tuple[str, ...] = tuple(BUILT_IN)
     """Scenarios to measure, built in or files (.toml)."""
     methods: tuple[Method, ...] = METHODS
-    """Ways of training to measure; see `python -m cosim.run --help`."""
+    """Methods to measure; see `python -m cosim.run --help`."""
     seed: int = 0
     """Seed of training, of samples of starts and of the speed noise."""
     jobs: int = 2
@@ -75,7 +75,7 @@ class Transfer:
             find_scenario(name)
 
     def phases(self) -> list[tuple[Method, float]]:
-        """Way of training and friction coefficient of groups of rows, most important first."""
+        """Method and friction coefficient of groups of rows, most important first."""
         mus = {method: MUS if method == BEST else MUS[:1] for method in METHODS}
         return [(method, mu) for method in METHODS if method in self.methods for mu in mus[method]]
 

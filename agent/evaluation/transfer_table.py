@@ -20,7 +20,7 @@ from agent.methods import BEST, Method
 from cosim.base.tables import show_table
 
 SCHEMA_VERSION = 1
-# What the best way of training is to reach, in every scenario and for every friction coefficient.
+# What the best method is to reach, in every scenario and for every friction coefficient.
 SUCCESS_GOAL, PATH_RATIO_GOAL = 0.99, 1.25
 
 

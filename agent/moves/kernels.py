@@ -1,7 +1,7 @@
 """The decision process with the dynamics' time: moves that last, and robots that move at once.
 
 Robots are asked every RL step. One that waits begins a move, drawn from the moves observed in
-co-simulation; the others are on their way. Positions are continuous: a cell belongs to the robot
+co-simulation; the others are under way. Positions are continuous: a cell belongs to the robot
 whose centre is in it, contact is a distance of centres, or of a centre and an obstacle. The
 features are those of `agent.process.grid`, seen between cells as `cosim.navigation.observing` sees
 them. No learning here.
@@ -15,16 +15,12 @@ from agent.process.grid import (
     AXIS,
     BEARING,
     CLASS,
-    COLLISION,
     HIT,
     LEFT,
     MOVING,
-    OUT_OF_BOARD,
-    RUNNING,
     SIGN,
     SQUARED,
     STATUS,
-    SUCCESS,
     VX,
     VY,
     X,
@@ -34,34 +30,35 @@ from agent.process.grid import (
 from agent.process.readings import FREE, GOAL, OUTSIDE, Process
 from agent.process.rng import next_index
 from cosim.base.jit import inlined
+from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
 from cosim.navigation.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
 from cosim.physics.obstacle import touches_obstacle
 
-# Columns of a robot's way, float64.
+# Columns of a robot's plan and how far it is along it, float64.
 FROM_X, FROM_Y, TO_X, TO_Y = 0, 1, 2, 3  # ends of its move, cells
-DRIFT_X, DRIFT_Y = 4, 5  # way during the turn, cells
+DRIFT_X, DRIFT_Y = 4, 5  # path during the turn, cells
 TURN_S, DURATION_S = 6, 7  # time of the turn, and of the whole move
 ELAPSED_S = 8  # since the move began; at least DURATION_S for a robot that waits
 AT_X, AT_Y = 9, 10  # position, cells
-WAY_SIZE = 11
+PLAN_SIZE = 11
 
 _CHECKS = 4  # of contact per RL step: robots come closer by some 3 mm between two of them
 
 
 @inlined
-def stand(world: np.ndarray, ways: np.ndarray) -> None:
+def stand(world: np.ndarray, plans: np.ndarray) -> None:
     """Let every robot wait at the centre of its cell."""
     for i in range(world.shape[0]):
-        ways[i, AT_X] = world[i, X] + 0.5
-        ways[i, AT_Y] = world[i, Y] + 0.5
-        ways[i, DURATION_S] = 0.0
-        ways[i, ELAPSED_S] = 0.0
+        plans[i, AT_X] = world[i, X] + 0.5
+        plans[i, AT_Y] = world[i, Y] + 0.5
+        plans[i, DURATION_S] = 0.0
+        plans[i, ELAPSED_S] = 0.0
 
 
 @inlined
-def waits(ways: np.ndarray, i: int) -> bool:
+def waits(plans: np.ndarray, i: int) -> bool:
     """Whether robot i has ended its move."""
-    return ways[i, ELAPSED_S] >= ways[i, DURATION_S]
+    return plans[i, ELAPSED_S] >= plans[i, DURATION_S]
 
 
 @inlined
@@ -69,7 +66,7 @@ def begin_move(
     process: Process,
     model: MoveModel,
     world: np.ndarray,
-    ways: np.ndarray,
+    plans: np.ndarray,
     i: int,
     direction: int,
     random: np.ndarray,
@@ -93,46 +90,46 @@ def begin_move(
     for _ in range(direction // 2):
         drift_x, drift_y = -drift_y, drift_x
         stop_x, stop_y = -stop_y, stop_x
-    ways[i, FROM_X], ways[i, FROM_Y] = ways[i, AT_X], ways[i, AT_Y]
-    ways[i, TO_X] = world[i, X] + vx + 0.5 + stop_x
-    ways[i, TO_Y] = world[i, Y] + vy + 0.5 + stop_y
-    ways[i, DRIFT_X], ways[i, DRIFT_Y] = drift_x, drift_y
-    ways[i, TURN_S] = model.moves[row, 0]
-    ways[i, DURATION_S] = model.moves[row, 1]
-    ways[i, ELAPSED_S] = 0.0
+    plans[i, FROM_X], plans[i, FROM_Y] = plans[i, AT_X], plans[i, AT_Y]
+    plans[i, TO_X] = world[i, X] + vx + 0.5 + stop_x
+    plans[i, TO_Y] = world[i, Y] + vy + 0.5 + stop_y
+    plans[i, DRIFT_X], plans[i, DRIFT_Y] = drift_x, drift_y
+    plans[i, TURN_S] = model.moves[row, 0]
+    plans[i, DURATION_S] = model.moves[row, 1]
+    plans[i, ELAPSED_S] = 0.0
     world[i, AXIS] = direction % AXIS_COUNT
     world[i, SQUARED] = nearest_other(process, world, i)[0]
     return RUNNING
 
 
 @inlined
-def _go_on(ways: np.ndarray, i: int, seconds: float) -> None:
+def _go_on(plans: np.ndarray, i: int, seconds: float) -> None:
     """Position of robot i some seconds later: it turns and drifts, then drives to its end."""
-    ways[i, ELAPSED_S] += seconds
-    elapsed, turn, duration = ways[i, ELAPSED_S], ways[i, TURN_S], ways[i, DURATION_S]
+    plans[i, ELAPSED_S] += seconds
+    elapsed, turn, duration = plans[i, ELAPSED_S], plans[i, TURN_S], plans[i, DURATION_S]
     if elapsed < turn:
         share = elapsed / turn
-        ways[i, AT_X] = ways[i, FROM_X] + share * ways[i, DRIFT_X]
-        ways[i, AT_Y] = ways[i, FROM_Y] + share * ways[i, DRIFT_Y]
+        plans[i, AT_X] = plans[i, FROM_X] + share * plans[i, DRIFT_X]
+        plans[i, AT_Y] = plans[i, FROM_Y] + share * plans[i, DRIFT_Y]
         return
     rest = 0.0 if elapsed >= duration else (duration - elapsed) / (duration - turn)
-    ways[i, AT_X] = ways[i, TO_X] + rest * (ways[i, FROM_X] + ways[i, DRIFT_X] - ways[i, TO_X])
-    ways[i, AT_Y] = ways[i, TO_Y] + rest * (ways[i, FROM_Y] + ways[i, DRIFT_Y] - ways[i, TO_Y])
+    plans[i, AT_X] = plans[i, TO_X] + rest * (plans[i, FROM_X] + plans[i, DRIFT_X] - plans[i, TO_X])
+    plans[i, AT_Y] = plans[i, TO_Y] + rest * (plans[i, FROM_Y] + plans[i, DRIFT_Y] - plans[i, TO_Y])
 
 
 @inlined
-def _touch(process: Process, model: MoveModel, world: np.ndarray, ways: np.ndarray) -> bool:
+def _touch(process: Process, model: MoveModel, world: np.ndarray, plans: np.ndarray) -> bool:
     """Whether robots touch each other or obstacles; those that had not arrived are HIT."""
     touched = False
     for i in range(world.shape[0]):
         if world[i, STATUS] == MOVING and touches_obstacle(
-            ways[i, AT_X], ways[i, AT_Y], process.squared_radius, process.walls
+            plans[i, AT_X], plans[i, AT_Y], process.squared_radius, process.walls
         ):
             touched = True
             world[i, STATUS] = HIT
         for j in range(i):
-            dx = ways[i, AT_X] - ways[j, AT_X]
-            dy = ways[i, AT_Y] - ways[j, AT_Y]
+            dx = plans[i, AT_X] - plans[j, AT_X]
+            dy = plans[i, AT_Y] - plans[j, AT_Y]
             if dx * dx + dy * dy <= model.contact_cells:
                 touched = True
                 for k in (i, j):
@@ -142,12 +139,12 @@ def _touch(process: Process, model: MoveModel, world: np.ndarray, ways: np.ndarr
 
 
 @inlined
-def _near(model: MoveModel, ways: np.ndarray) -> bool:
+def _near(model: MoveModel, plans: np.ndarray) -> bool:
     """Whether any two robots could touch within an RL step."""
-    for i in range(ways.shape[0]):
+    for i in range(plans.shape[0]):
         for j in range(i):
-            dx = ways[i, AT_X] - ways[j, AT_X]
-            dy = ways[i, AT_Y] - ways[j, AT_Y]
+            dx = plans[i, AT_X] - plans[j, AT_X]
+            dy = plans[i, AT_Y] - plans[j, AT_Y]
             if dx * dx + dy * dy <= model.near_cells:
                 return True
     return False
@@ -158,7 +155,7 @@ def step(
     process: Process,
     model: MoveModel,
     world: np.ndarray,
-    ways: np.ndarray,
+    plans: np.ndarray,
     rewards: np.ndarray,
 ) -> int:
     """Let one RL step pass.
@@ -167,25 +164,25 @@ def step(
         process: the decision process.
         model: for the length of the step and the distance of contact.
         world: columns of `agent.process.grid`, updated; CLASS, SIGN and BEARING are what each robot
-            sees now, SQUARED stays that of its last decision. ways: (N, WAY_SIZE), updated.
+            sees now, SQUARED stays that of its last decision. plans: (N, PLAN_SIZE), updated.
             rewards: (N,) float32, written with Eq. (8) or (11) for every robot that was moving.
 
     Returns:
         RUNNING, SUCCESS or COLLISION.
     """
     n = world.shape[0]
-    checks = _CHECKS if len(process.walls) > 0 or _near(model, ways) else 1
+    checks = _CHECKS if len(process.walls) > 0 or _near(model, plans) else 1
     pause = model.rl_step_s / checks
     touched = False
     for _ in range(checks):
         for i in range(n):
-            if world[i, STATUS] == MOVING and not waits(ways, i):
-                _go_on(ways, i, pause)
-        touched = _touch(process, model, world, ways)
+            if world[i, STATUS] == MOVING and not waits(plans, i):
+                _go_on(plans, i, pause)
+        touched = _touch(process, model, world, plans)
         if touched:
             break
     for i in range(n):
-        world[i, X], world[i, Y] = int(ways[i, AT_X]), int(ways[i, AT_Y])
+        world[i, X], world[i, Y] = int(plans[i, AT_X]), int(plans[i, AT_Y])
     arrived = 0
     farthest = process.move_reward.shape[2] - 1
     for i in range(n):
@@ -201,7 +198,7 @@ def step(
         # Eq. (8), and its last case by Eq. (11)
         if world[i, STATUS] == HIT:
             rewards[i] = -process.goal_reward
-        elif at_goal and waits(ways, i):
+        elif at_goal and waits(plans, i):
             world[i, STATUS] = ARRIVED
             rewards[i] = process.goal_reward
             arrived += 1

@@ -2,7 +2,7 @@
 
 P(Δcell, duration | direction, heading, previous direction) is kept as the moves themselves, so that
 training draws whole moves (how long the turn took, when and where the robot stopped) instead of
-means. Observing them is `agent.identify`, moving robots by them `agent.moves.kernels`.
+means. Observing them is `agent.moves`, moving robots by them `agent.moves.kernels`.
 """
 
 import math
@@ -24,8 +24,8 @@ NO_DIRECTION = -1  # before the first move
 _KINDS = 2 * AXIS_COUNT  # straight or diagonal, and the turn before it
 
 
-class TransitionsError(UserError):
-    """A file of transitions that cannot be used; the message says what to do instead."""
+class MovesError(UserError):
+    """A file of moves that cannot be used; the message says what to do instead."""
 
 
 class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -38,7 +38,7 @@ class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         columns, rows: Δcell, of the cell that its centre is in.
         turn_s: time until it first drove.
         duration_s: time until it stopped at the end of the line, or was asked anew.
-        drift_x, drift_y: way of its centre during the turn, in cells.
+        drift_x, drift_y: path of its centre during the turn, in cells.
         stop_x, stop_y: where it stopped, from the centre of the cell aimed at, in cells.
     """
 
@@ -55,7 +55,7 @@ class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stop_y: float
 
 
-class Transitions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Observed moves, and what they were observed with.
 
     Attributes:
@@ -87,34 +87,34 @@ class Transitions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             temporary.write_bytes(msgspec.json.encode(content) + b"\n")
 
     @classmethod
-    def load(cls, path: Path) -> "Transitions":
+    def load(cls, path: Path) -> "ObservedMoves":
         """Read what `save` wrote.
 
         Raises:
-            TransitionsError: no such file, or not a file of transitions of this version.
+            MovesError: no such file, or not a file of moves of this version.
         """
-        mend = f"make one with `python -m agent.identify --out {path}`"
-        kind = Kind("file of transitions", mend, TransitionsError)
+        mend = f"make one with `python -m agent.moves --out {path}`"
+        kind = Kind("file of moves", mend, MovesError)
         content = read_json(path, kind, dict)
         version = content.pop("schema_version", None)
         with parsing(path, kind):
-            transitions = msgspec.convert(content, cls)
+            moves = msgspec.convert(content, cls)
         if version != SCHEMA_VERSION:
-            raise TransitionsError(
+            raise MovesError(
                 f"{path}: schema {version} is not the schema {SCHEMA_VERSION} of this version; "
-                "make it again with `python -m agent.identify`"
+                "make it again with `python -m agent.moves`"
             )
-        return transitions
+        return moves
 
 
 class MoveModel(NamedTuple):
-    """Transitions for the kernels: observed moves sorted by kind.
+    """Observed moves for the kernels, sorted by kind.
 
     The floor is the same in all directions: a move is turned to the first quadrant, so that its
     kind is whether it is diagonal, and the angle between the robot's axis and its direction.
 
     Attributes:
-        moves: (M, 6) float64, time of the turn and of the whole move in s, the way during the
+        moves: (M, 6) float64, time of the turn and of the whole move in s, the path during the
             turn, and where the robot stopped, from the centre of the cell aimed at, in cells.
         offsets: _KINDS + 1 integers, moves of kind k are rows offsets[k] to offsets[k + 1].
         rl_step_s: time between two decisions.
@@ -140,36 +140,36 @@ def _turned_back(x: float, y: float, quadrants: int) -> tuple[float, float]:
     return x, y
 
 
-def build_model(transitions: Transitions, rl_step_s: float, contact_cells: float) -> MoveModel:
+def build_model(moves: ObservedMoves, rl_step_s: float, contact_cells: float) -> MoveModel:
     """Moves by kind, for the kernels.
 
     Args:
-        transitions: observed moves.
+        moves: observed moves.
         rl_step_s: time between two decisions.
         contact_cells: centre distance in cells at which training counts a contact.
 
     Raises:
-        TransitionsError: a kind of move was never observed.
+        MovesError: a kind of move was never observed.
     """
     fastest = max(
         (
             math.hypot(move.columns, move.rows) / (move.duration_s - move.turn_s)
-            for move in transitions.moves
+            for move in moves.moves
             if move.duration_s > move.turn_s
         ),
         default=0.0,
     )
     kinds: list[list[tuple[float, ...]]] = [[] for _ in range(_KINDS)]
-    for move in transitions.moves:
+    for move in moves.moves:
         quadrants = move.direction // 2
         drift = _turned_back(move.drift_x, move.drift_y, quadrants)
         stop = _turned_back(move.stop_x, move.stop_y, quadrants)
         kind = move_kind(move.direction, move.heading)
         kinds[kind].append((move.turn_s, move.duration_s, *drift, *stop))
     if not all(kinds):
-        raise TransitionsError(
-            f"the transitions have no move of kind {[bool(k) for k in kinds].index(False)} of "
-            f"{_KINDS}; identify with more moves"
+        raise MovesError(
+            f"there is no move of kind {[bool(k) for k in kinds].index(False)} of "
+            f"{_KINDS}; observe more moves"
         )
     return MoveModel(
         np.array([row for rows in kinds for row in rows]),

@@ -1,4 +1,4 @@
-"""`python -m agent.identify`: observe moves in co-simulation and write their distribution.
+"""Observes moves in co-simulation: what one drive from a cell to its neighbour really does.
 
 One robot drives about on a large board in the full co-simulation and is asked every RL step, as in
 an episode; directions are drawn so that every kind of move is seen equally often. What training
@@ -6,33 +6,24 @@ makes of the moves is `agent.moves.model`.
 """
 
 import hashlib
-import json
+import itertools
 import math
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
 import msgspec
 import numpy as np
-import tyro
-from rich.console import Console
-from rich.progress import Progress
 
-from agent.moves.model import NO_DIRECTION, Move, Transitions, TransitionsError, move_kind
-from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.errors import run_command
-from cosim.base.params import TABLE_I
+from agent.moves.model import NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
+from cosim.base.config import CoSimConfig
+from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, with_imports
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
-from cosim.base.tables import show_table
 from cosim.coupling.steering import DRIVE, HOLD
-from cosim.navigation.calibrating import calibrated
 from cosim.navigation.episode import CoSimulation, Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
-from fmus.build import cached_fmu
 
 KINDS = 2 * AXIS_COUNT
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
@@ -40,34 +31,6 @@ WALKS = 4
 MOVES_PER_KIND = 24
 _SIDE_CELLS = 400
 _MARGIN_CELLS = 30  # a walk stays this far from the edge: no edge is in a move's distribution
-
-
-@dataclass(frozen=True)
-class Identify:
-    """Observe moves of one robot in the co-simulation and keep what they did.
-
-    The file lists every move (direction, heading, previous direction; Δcell, duration, where it
-    stopped); `python -m agent.train --transitions FILE` trains with them.
-    """
-
-    out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("runs/transitions.json")
-    """File to write (.json)."""
-    moves: int = MOVES_PER_KIND
-    """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
-    seed: int = 0
-    """Seed of the directions and the speed noise."""
-    jobs: int = 2
-    """Walks to simulate at the same time, in threads; the results do not depend on it."""
-    mu: float = TABLE_I.mu
-    """Coulomb friction coefficient of the feet."""
-    motor_fmu: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Motor FMU to use instead of the built-in."""
-    json: bool = False
-    """Print a JSON object as the last line of output."""
-
-    def __post_init__(self) -> None:
-        if min(self.moves, self.jobs) < 1:
-            raise ConfigError("--moves and --jobs must be at least 1")
 
 
 class _Walker:
@@ -153,15 +116,15 @@ def source_digest(config: CoSimConfig, fmu: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def identify(
+def observe_moves(
     config: CoSimConfig,
     fmu: Path,
     *,
     moves_per_kind: int = MOVES_PER_KIND,
     seed: int = 0,
     jobs: int = 2,
-    progress: Callable[[int, int], None] | None = None,
-) -> Transitions:
+    progress: Progress = silent,
+) -> ObservedMoves:
     """Observe moves in co-simulation.
 
     Args:
@@ -170,15 +133,15 @@ def identify(
         moves_per_kind: least number of moves of each of the KINDS kinds.
         seed: of directions and speed noise.
         jobs: threads; the result does not depend on it.
-        progress: called with moves done and moves asked for.
+        progress: is told the moves observed.
 
     Raises:
         FmuError: an FMU failed.
-        TransitionsError: a robot cannot drive with these parameters.
+        MovesError: a robot cannot drive with these parameters.
     """
     middle = _SIDE_CELLS // 2
     scenario = Scenario(
-        name="identification",
+        name="moves",
         title="one robot on a large board",
         targets=((0, 0),),
         starts=(((middle, middle),),),
@@ -199,57 +162,69 @@ def identify(
                 direction = walker.choose(observation.cells[0], int(observation.direction[0]))
                 step = system.advance(np.array([direction]))
                 if step.outcome == "out_of_board":
-                    raise TransitionsError("the robot strays from its line; check the parameters")
+                    raise MovesError("the robot strays from its line; check the parameters")
                 walker.book(step, config)
                 observation = step.after
                 done[number] = len(walker.moves)
-                if progress is not None:
-                    progress(sum(done), KINDS * target * WALKS)
+                total = KINDS * target * WALKS
+                progress("observing moves", min(sum(done), total), total)
         finally:
             system.close()
         return walker.moves
 
     with ThreadPoolExecutor(jobs) as threads:
         walks = list(threads.map(walk, range(WALKS)))
-    return Transitions(source_digest(config, fmu), seed, tuple(m for moves in walks for m in moves))
+    return ObservedMoves(source_digest(config, fmu), seed, tuple(itertools.chain(*walks)))
 
 
-def transitions_path(config: CoSimConfig, fmu: Path) -> Path:
-    """Where the cache keeps the transitions of these parameters and this FMU."""
+def moves_path(config: CoSimConfig, fmu: Path) -> Path:
+    """Where the cache keeps the moves of these parameters and this FMU."""
     code = code_digest(with_imports([Path(__file__)]))
-    return cache_dir("transitions") / f"{source_digest(config, fmu)}-{code}.json"
+    return cache_dir("moves") / f"{source_digest(config, fmu)}-{code}.json"
 
 
-def cached_transitions(
-    config: CoSimConfig, fmu: Path, *, progress: Callable[[int, int], None] | None = None
-) -> Transitions:
-    """The transitions of these parameters and this FMU: found in the cache, or observed and kept.
+def cached_moves(config: CoSimConfig, fmu: Path, progress: Progress = silent) -> ObservedMoves:
+    """The moves of these parameters and this FMU: found in the cache, or observed and kept.
 
     Raises:
-        FmuError, TransitionsError: see `identify`.
+        FmuError, MovesError: see `observe_moves`.
         OSError: the cache cannot be written.
     """
     return cached(
-        transitions_path(config, fmu),
-        Transitions.load,
-        lambda: identify(config, fmu, progress=progress),
-        Transitions.save,
+        moves_path(config, fmu),
+        ObservedMoves.load,
+        lambda: observe_moves(config, fmu, progress=progress),
+        ObservedMoves.save,
     )
 
 
-def _show(transitions: Transitions, rl_step_s: float, console: Console) -> None:
+def facts_of(moves: ObservedMoves) -> dict[str, Any]:
+    """How many moves there are, how long they take, and how many did not end in their cell."""
+    durations = [m.duration_s for m in moves.moves]
+    ended = [(m.columns, m.rows) == tuple(DIRECTIONS[m.direction]) for m in moves.moves]
+    return {
+        "moves": len(durations),
+        "mean_duration_s": float(np.mean(durations)),
+        "unfinished": ended.count(False),
+    }
+
+
+def move_rows(
+    moves: ObservedMoves, rl_step_s: float
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and rows of a table of the kinds of moves."""
     rows = []
     for kind in range(KINDS):
-        moves = [m for m in transitions.moves if move_kind(m.direction, m.heading) == kind]
+        seen = [m for m in moves.moves if move_kind(m.direction, m.heading) == kind]
         turn = 45 * ((kind % AXIS_COUNT + 1) % AXIS_COUNT - 1)
-        durations = np.array([m.duration_s for m in moves])
-        drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in moves]) * 10.0
-        off = np.array([math.hypot(m.stop_x, m.stop_y) for m in moves]) * 10.0
+        durations = np.array([m.duration_s for m in seen])
+        drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in seen]) * 10.0
+        off = np.array([math.hypot(m.stop_x, m.stop_y) for m in seen]) * 10.0
         rows.append(
             (
                 f"{'diagonal' if kind >= AXIS_COUNT else 'straight'} after {turn:+d} deg",
-                str(len(moves)),
-                f"{np.mean([m.turn_s for m in moves]):.2f}",
+                str(len(seen)),
+                f"{np.mean([m.turn_s for m in seen]):.2f}",
                 f"{durations.mean():.2f} ± {durations.std():.2f}",
                 f"{np.ceil(durations / rl_step_s).mean():.2f}",
                 f"{drift.mean():.2f} (at most {drift.max():.2f})",
@@ -257,41 +232,4 @@ def _show(transitions: Transitions, rl_step_s: float, console: Console) -> None:
             )
         )
     header = ("kind", "moves", "turn s", "whole move s", "RL steps", "drift mm", "stop off by mm")
-    show_table(console, header, rows)
-
-
-def main() -> None:
-    """Command line; see `Identify`."""
-    options = tyro.cli(
-        Identify, prog="python -m agent.identify", config=(tyro.conf.FlagCreatePairsOff,)
-    )
-    console, fmu = Console(stderr=True), options.motor_fmu or cached_fmu()
-    config = calibrated(CoSimConfig(robot=TABLE_I._replace(mu=options.mu)), fmu, console)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("moves observed", total=None)
-        transitions = identify(
-            config,
-            fmu,
-            moves_per_kind=options.moves,
-            seed=options.seed,
-            jobs=options.jobs,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
-        )
-    transitions.save(options.out)
-    _show(transitions, config.timing.rl_step_s, Console())
-    print(f"transitions in {options.out}")
-    if options.json:
-        durations = [m.duration_s for m in transitions.moves]
-        facts = {
-            "moves": len(durations),
-            "mean_duration_s": float(np.mean(durations)),
-            "unfinished": sum(
-                (m.columns, m.rows) != tuple(DIRECTIONS[m.direction]) for m in transitions.moves
-            ),
-            "out": str(options.out),
-        }
-        print(json.dumps(facts))
-
-
-if __name__ == "__main__":
-    run_command(main)
+    return header, rows

@@ -14,10 +14,11 @@ import numpy as np
 import tyro
 
 from agent.process.exact import Evaluation, all_starts
-from agent.process.grid import COLUMN_COUNT, SUCCESS, VX, VY, X, Y, touched_on_the_way
+from agent.process.grid import COLUMN_COUNT, VX, VY, X, Y, touched_between
 from agent.process.readings import FREE, GOAL, Process, ProcessConfig, build_process
 from cosim.base.errors import UserError, run_command
 from cosim.base.jit import kernel
+from cosim.base.outcome import SUCCESS
 from cosim.base.provenance import code_digest, with_imports
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.scenario import find_scenario
@@ -36,7 +37,7 @@ class Bound(NamedTuple):
 
     Attributes:
         path_cells: (cells,) or (cells, cells) float64, least path length of all robots together,
-            in cells; cell (x, y) has index x·rows + y; inf where there is no way. If relaxed
+            in cells; cell (x, y) has index x·rows + y; inf where there is no path. If relaxed
             (robots, cells), each robot alone.
         steps: the same for moves.
         relaxed: whether robots were taken alone.
@@ -97,7 +98,7 @@ def _iterate(
     changed = True
     while changed:
         changed = False
-        forward = not forward  # alternating orders spread values both ways
+        forward = not forward  # alternating orders spread values in both directions
         for k in range(cells * cells):
             state = k if forward else cells * cells - 1 - k
             p, q = state // cells, state % cells
@@ -119,7 +120,7 @@ def _iterate(
                         if process.swept:
                             _set_move(world, 0, p, p_after, rows)
                             _set_move(world, 1, q, q_after, rows)
-                            if touched_on_the_way(world, 0, 1, contact):
+                            if touched_between(world, 0, 1, contact):
                                 continue
                         best = cost
                     if q_after == q:

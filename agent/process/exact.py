@@ -14,11 +14,7 @@ from agent.process.grid import (
     ALONE,
     COLUMN_COUNT,
     MOVING,
-    OUTCOMES,
-    RUNNING,
     STATUS,
-    SUCCESS,
-    TIMEOUT,
     VX,
     VY,
     least_rotation_argmax,
@@ -29,6 +25,7 @@ from agent.process.grid import (
 from agent.process.readings import Process
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
+from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
 
 MAX_STARTS = 5_000_000
 UP, DOWN = 2, 6  # directions
@@ -41,7 +38,7 @@ class Evaluation(NamedTuple):
 
     Attributes:
         starts: (K, N, 2) int64, start cells.
-        outcome: (K,) int8, index into `agent.process.grid.OUTCOMES`.
+        outcome: (K,) int8, rank of `cosim.base.outcome.Outcome`.
         path_cells: (K, N) float64, path length of each robot in cells.
         steps: (K, N) int64, moves of each robot.
     """
@@ -51,9 +48,9 @@ class Evaluation(NamedTuple):
     path_cells: np.ndarray
     steps: np.ndarray
 
-    def rate(self, outcome: str) -> float:
-        """Share of the starts with an outcome of `agent.process.grid.OUTCOMES`."""
-        return float(np.mean(self.outcome == OUTCOMES.index(outcome)))
+    def rate(self, outcome: Outcome) -> float:
+        """Share of the starts with an outcome."""
+        return float(np.mean(self.outcome == BY_RANK.index(outcome)))
 
     def mean_path_cells(self) -> float:
         """Mean over robots and successful starts, in cells; NaN without a success."""

@@ -10,6 +10,7 @@ import numpy as np
 from agent.process.readings import FREE, GOAL, OUTSIDE, Process
 from agent.process.rng import PROBABILITY_SHIFT, next_index, next_word
 from cosim.base.jit import inlined
+from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
 from cosim.navigation.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
 
 # Columns of a world.
@@ -26,10 +27,6 @@ COLUMN_COUNT = 10
 _STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the middle row
 
 MOVING, ARRIVED, LEFT, HIT = 0, 1, 2, 3  # status of a robot
-# Outcome of an episode. In one step a robot off the board outranks a collision, of the same robot
-# and of others; both outrank the rest. So in `agent.moves.kernels` and in `cosim.coupling.plant`.
-RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD, TIMEOUT = 0, 1, 2, 3, 4
-OUTCOMES = ("running", "success", "collision", "out_of_board", "timeout")
 
 ALONE = 1 << 40  # beyond every distance on a board
 
@@ -115,7 +112,7 @@ def slipped(process: Process, action: int, random: np.ndarray) -> int:
 
 
 @inlined
-def touched_on_the_way(world: np.ndarray, i: int, j: int, contact: int) -> bool:
+def touched_between(world: np.ndarray, i: int, j: int, contact: int) -> bool:
     """Whether two robots came into contact within their last straight, simultaneous moves."""
     # relative start p and move v; |p + v t|² is least at t = −p·v/|v|²
     vx = world[j, VX] - world[i, VX]
@@ -176,7 +173,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
         touched = nearest <= contact
         if process.swept:
             for j in range(n):
-                touched |= j != i and touched_on_the_way(world, i, j, contact)
+                touched |= j != i and touched_between(world, i, j, contact)
             touched |= grazed_a_corner(process, world, i)
         if world[i, STATUS] != MOVING:
             rewards[i] = np.float32(0.0)

@@ -58,10 +58,10 @@ class ProcessConfig:
     slip_probability: float = 0.0
     """Probability of moving 45 degrees left or right of the action while learning (assumed 0)."""
     clearance_m: float = 0.002
-    """Gap between two robots that training with transitions counts as contact already (assumed)."""
+    """Gap between two robots that training on moves counts as contact already (assumed)."""
     step_limit: int = 1000
     """Moves after which an episode is cut, counted as a failure (assumed; none in the paper); RL
-    steps in training with transitions.
+    steps in training on moves.
     A low limit keeps robots that circle from unlearning it: 200 costs success in scenario 4."""
 
     def __post_init__(self) -> None:
@@ -84,28 +84,28 @@ class ProcessConfig:
                 )
 
 
-# Readings without effect in training with transitions, and on the grid, and what is so instead.
-_NOT_WITH_TRANSITIONS = {
+# Readings without effect in training on moves, and on the grid, and what is so instead.
+_NOT_ON_MOVES = {
     "diagonal_cost": "every RL step of a move costs the same",
-    "collision": "contact is looked for on the way",
+    "collision": "contact is looked for during the move",
     "partner_of_failed": "a robot learns from the moves that it has ended, whoever fails",
     "slip_probability": "moves end where they were observed to end",
 }
 _NOT_ON_THE_GRID = {"clearance_m": "contact is a distance of cells"}
 
 
-def refuse_without_effect(config: ProcessConfig, *, transitions: bool) -> None:
+def refuse_without_effect(config: ProcessConfig, *, moves: bool) -> None:
     """Refuse readings that change nothing in training.
 
     Args:
         config: readings.
-        transitions: whether training is on observed moves, or else on the grid.
+        moves: whether training is on observed moves, or else on the grid.
 
     Raises:
         ScenarioError: names the reading.
     """
-    where = "with transitions" if transitions else "on the grid, without transitions"
-    for name, reason in (_NOT_WITH_TRANSITIONS if transitions else _NOT_ON_THE_GRID).items():
+    where = "on moves" if moves else "on the grid, without moves"
+    for name, reason in (_NOT_ON_MOVES if moves else _NOT_ON_THE_GRID).items():
         value, default = getattr(config, name), getattr(ProcessConfig, name)
         if value != default:
             raise ScenarioError(

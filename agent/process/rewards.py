@@ -8,7 +8,7 @@ of `agent.process.readings`.
 import numpy as np
 
 from agent.process.readings import Process
-from cosim.coupling.plant import RUNNING
+from cosim.base.outcome import RUNNING
 from cosim.navigation.episode import Step
 from cosim.navigation.features import Observation
 
@@ -22,7 +22,7 @@ def failed(step: Step, arrived: np.ndarray) -> np.ndarray:
 
 
 def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
-    """Reward of each robot that was on its way in an RL step or failed in it, NaN for the others.
+    """Reward of each robot that was driving in an RL step or failed in it, NaN for the others.
 
     Args:
         process: tables of the decision process.

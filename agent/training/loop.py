@@ -26,10 +26,11 @@ from agent.training.learning import (
     map_points,
 )
 from agent.training.maps import cell_map
-from agent.training.moves_qlearning import advance_timed
+from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
 from agent.training.qlearning import advance
 from cosim.base.errors import UserError
+from cosim.base.outcome import Outcome
 from cosim.base.params import TIMING
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
@@ -39,7 +40,7 @@ MAX_CURVE_STARTS = 5_000
 CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
 
 
-class Progress(NamedTuple):
+class TrainingProgress(NamedTuple):
     """How far a run is: given to the progress callback after every chunk.
 
     Attributes:
@@ -55,7 +56,7 @@ class Progress(NamedTuple):
     epsilon: float
 
 
-ProgressCallback = Callable[[Progress], None]
+ProgressCallback = Callable[[TrainingProgress], None]
 
 
 class TrainingLogError(UserError):
@@ -122,11 +123,11 @@ def greedy_episodes(config: LearningConfig) -> np.ndarray:
 
 def move_model(config: PolicyConfig) -> MoveModel | None:
     """The moves of a configuration for the kernels; None if it is trained on the grid."""
-    if config.transitions is None:
+    if config.moves is None:
         return None
     scenario = config.scenario
     contact_m = scenario.robot_diameter_m + config.process.clearance_m
-    return build_model(config.transitions, TIMING.rl_step_s, contact_m / scenario.cell_m)
+    return build_model(config.moves, TIMING.rl_step_s, contact_m / scenario.cell_m)
 
 
 def run_training(
@@ -161,12 +162,12 @@ def run_training(
         if model is None:
             advance(process, learning, state, until)
         else:
-            advance_timed(process, model, learning, state, until)
+            advance_moves(process, model, learning, state, until)
         if until in evaluations:
             values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
             result = evaluate(process, values, starts)
             state.greedy[due] = (
-                result.rate("success"),
+                result.rate(Outcome.SUCCESS),
                 result.mean_path_cells(),
                 result.mean_steps(),
             )
@@ -181,11 +182,11 @@ def run_training(
             checkpoint(state)
 
 
-def _progress(config: LearningConfig, state: TrainingState) -> Progress:
+def _progress(config: LearningConfig, state: TrainingState) -> TrainingProgress:
     finished = state.episode // config.log_episodes
     last = state.curve[finished - 1] if finished else np.full(2, np.nan)
     epsilon = epsilon_of_episodes(config, np.array([state.episode - 1]))
-    return Progress(
+    return TrainingProgress(
         state.episode,
         config.episodes,
         float(last[SUCCESSES] / last[EPISODES]),

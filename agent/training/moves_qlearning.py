@@ -2,24 +2,14 @@
 
 A robot that decides again k RL steps later has earned the rewards of those steps, discounted, and
 bootstraps with γ^k (a semi-Markov decision process). Tables, schedule and learning curves are those
-of `agent.training.qlearning`, whose loop this one replaces when training has transitions.
+of `agent.training.qlearning`, whose loop this one replaces when training has moves.
 """
 
 import numpy as np
 
-from agent.moves.kernels import WAY_SIZE, begin_move, stand, step, waits
+from agent.moves.kernels import PLAN_SIZE, begin_move, stand, step, waits
 from agent.moves.model import MoveModel
-from agent.process.grid import (
-    ARRIVED,
-    COLUMN_COUNT,
-    MOVING,
-    RUNNING,
-    STATUS,
-    SUCCESS,
-    TIMEOUT,
-    place_randomly,
-    state_index,
-)
+from agent.process.grid import ARRIVED, COLUMN_COUNT, MOVING, STATUS, place_randomly, state_index
 from agent.process.readings import Process
 from agent.process.rng import PROBABILITY_SHIFT, next_word
 from agent.training.learning import (
@@ -33,6 +23,7 @@ from agent.training.learning import (
 )
 from agent.training.qlearning import ACTION_BITS, SQRT_2, best_of_sum, largest
 from cosim.base.jit import inlined, kernel
+from cosim.base.outcome import RUNNING, SUCCESS, TIMEOUT
 
 
 @inlined
@@ -56,7 +47,7 @@ def _run_episodes(
     """Train over episodes [first, last); all arrays are updated. Returns the decisions made."""
     n = len(process.start_offsets) - 1
     world = np.empty((n, COLUMN_COUNT), dtype=np.int64)
-    ways = np.empty((n, WAY_SIZE))
+    plans = np.empty((n, PLAN_SIZE))
     cells = np.empty((n, 2), dtype=np.int64)
     state = np.empty(n, dtype=np.uint64)
     action = np.empty(n, dtype=np.int64)
@@ -70,7 +61,7 @@ def _run_episodes(
     for episode in range(first, last):
         threshold = learning.epsilon_thresholds[episode // learning.epsilon_episodes]
         place_randomly(process, world, cells, random)
-        stand(world, ways)
+        stand(world, plans)
         for i in range(n):
             returns[i] = 0.0
         moves = 0
@@ -79,7 +70,7 @@ def _run_episodes(
         steps = 0
         while outcome == RUNNING:
             for i in range(n):
-                if world[i, STATUS] != MOVING or not waits(ways, i):
+                if world[i, STATUS] != MOVING or not waits(plans, i):
                     continue
                 s = state_index(process, world, i)
                 a = best_of_sum(q, i, s) if double_q else largest(q[0, i, s])[0]
@@ -92,7 +83,7 @@ def _run_episodes(
                 decisions += 1
                 moves += 1
                 diagonal += a & 1
-                blocked = begin_move(process, model, world, ways, i, int(a), random)
+                blocked = begin_move(process, model, world, plans, i, int(a), random)
                 if blocked != RUNNING:
                     outcome = max(outcome, blocked)  # out of board outranks a collision
                     returns[i] += penalty
@@ -102,7 +93,7 @@ def _run_episodes(
             if outcome != RUNNING:
                 break
             steps += 1
-            outcome = step(process, model, world, ways, rewards)
+            outcome = step(process, model, world, plans, rewards)
             if outcome == RUNNING and steps == process.step_limit:
                 outcome = TIMEOUT  # a cut, not an end: moves that go on are not learnt from
             for i in range(n):
@@ -113,7 +104,7 @@ def _run_episodes(
                 discount[i] *= gamma
                 s, a = state[i], action[i]
                 moving = world[i, STATUS] == MOVING
-                if moving and not waits(ways, i):
+                if moving and not waits(plans, i):
                     continue
                 k = _drawn_table(learning, random)
                 if moving:
@@ -139,7 +130,7 @@ def _run_episodes(
     return decisions
 
 
-def advance_timed(
+def advance_moves(
     process: Process, model: MoveModel, learning: Learning, state: TrainingState, until: int
 ) -> None:
     """Train a state up to episode `until` over moves that last, in place."""

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from agent.moves.model import Transitions
+from agent.moves.model import ObservedMoves
 from agent.process.grid import least_rotation_argmax
 from agent.process.readings import (
     Process,
@@ -67,7 +67,7 @@ def _training_code() -> str:
 class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything that decides the bits of a policy, kept in its file.
 
-    With transitions it was trained on moves that last, without on the grid. Its kernel version is
+    With moves it was trained on these, without on the grid. Its kernel version is
     the hash of the code that training runs; a number in files of earlier versions.
 
     Raises:
@@ -78,12 +78,12 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     process: ProcessConfig
     learning: LearningConfig
     seed: Seed
-    transitions: Transitions | None = None
+    moves: ObservedMoves | None = None
     schema_version: int = SCHEMA_VERSION
     kernel_version: str | int = msgspec.field(default_factory=_training_code)
 
     def __post_init__(self) -> None:
-        refuse_without_effect(self.process, transitions=self.transitions is not None)
+        refuse_without_effect(self.process, moves=self.moves is not None)
 
 
 @dataclass(frozen=True)
@@ -196,6 +196,8 @@ class Policy:
             )
         digest, episodes = description.pop("scenario_digest", None), description.pop("episodes", 0)
         with parsing(path, _CONFIG):
+            if "transitions" in description:  # what earlier versions called them
+                description["moves"] = description.pop("transitions")
             config = msgspec.convert(description, PolicyConfig)
             policy = cls(config, **arrays, episodes=msgspec.convert(episodes, int))
             consistent = digest == config.scenario.digest() and policy._consistent()

@@ -10,10 +10,7 @@ import numpy as np
 from agent.process.grid import (
     COLUMN_COUNT,
     MOVING,
-    RUNNING,
     STATUS,
-    SUCCESS,
-    TIMEOUT,
     VX,
     VY,
     move,
@@ -33,6 +30,7 @@ from agent.training.learning import (
     TrainingState,
 )
 from cosim.base.jit import inlined, kernel
+from cosim.base.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.navigation.features import DIRECTION_COUNT
 
 ACTION_BITS = np.uint64(DIRECTION_COUNT - 1)

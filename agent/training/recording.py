@@ -15,9 +15,8 @@ from agent.training.maps import policy_maps
 from agent.training.policy import Policy
 from cosim.recording.blueprint import robot_names, training_blueprint
 from cosim.recording.file import Recording, properties, scalars
-from cosim.recording.floor import map_colours, unit_arrows
 from cosim.recording.policy_map import PolicyMap
-from cosim.recording.scene import SERIES, palette
+from cosim.recording.scene import SERIES, map_colours, palette, unit_arrows
 
 _ARROW_CELLS = 0.8
 _WHITE = np.array([0xFFFFFFFF], dtype=np.uint32)  # the viewer's background is dark

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from agent.moves.model import Transitions
+from agent.moves.model import ObservedMoves
 from agent.process.readings import ProcessConfig, build_process
 from agent.training.learning import LearningConfig
 from agent.training.loop import TrainingLog
@@ -47,15 +47,13 @@ class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     learning: LearningConfig
     seed: int
     runs: int
-    transitions: Transitions | None = None
+    moves: ObservedMoves | None = None
 
     def configs(self) -> list[PolicyConfig]:
         """One configuration per run; seeds are spawned from the experiment's seed."""
         sequences = np.random.SeedSequence(self.seed).spawn(self.runs)
         return [
-            PolicyConfig(
-                self.scenario, self.process, self.learning, Seed.of(sequence), self.transitions
-            )
+            PolicyConfig(self.scenario, self.process, self.learning, Seed.of(sequence), self.moves)
             for sequence in sequences
         ]
 

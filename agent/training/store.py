@@ -73,13 +73,13 @@ def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] |
 
 
 def find_or_train(
-    config: PolicyConfig, *, retrain: bool = False, progress: ProgressCallback | None = None
+    config: PolicyConfig, *, again: bool = False, progress: ProgressCallback | None = None
 ) -> tuple[Policy, TrainingLog, Path]:
     """The policy of a configuration: found in the cache, or trained and kept there.
 
     Args:
         config: everything that decides the policy's bits.
-        retrain: train even if the policy is there.
+        again: train even if the policy is there.
         progress: called after every chunk of training; not at all if the policy is found.
 
     Returns:
@@ -99,7 +99,7 @@ def find_or_train(
         save_run(folder, *trained)
         return trained
 
-    found = train() if retrain else found_or_made(folder, lambda: load_run(folder, config), train)
+    found = train() if again else found_or_made(folder, lambda: load_run(folder, config), train)
     return *found, folder / POLICY_FILE
 
 
@@ -109,7 +109,7 @@ def trained_policy(
     learning: LearningConfig | None = None,
     seed: int | np.random.SeedSequence = 0,
     *,
-    retrain: bool = False,
+    again: bool = False,
     progress: ProgressCallback | None = None,
 ) -> tuple[Policy, TrainingLog, Path]:
     """`find_or_train` on the grid, with the defaults of this project for what is left out.
@@ -119,9 +119,9 @@ def trained_policy(
         process: readings of the decision process (default: those of `ProcessConfig`).
         learning: learning configuration (default: Section V).
         seed: of the generator.
-        retrain, progress: see `find_or_train`.
+        again, progress: see `find_or_train`.
     """
     config = PolicyConfig(
         scenario, process or ProcessConfig(), learning or LearningConfig(), Seed.of(seed)
     )
-    return find_or_train(config, retrain=retrain, progress=progress)
+    return find_or_train(config, again=again, progress=progress)

@@ -15,7 +15,7 @@ import numpy as np
 
 from agent.process.readings import build_process
 from agent.training.learning import TrainingState, initial_state
-from agent.training.loop import Progress, TrainingLog, run_training, training_log
+from agent.training.loop import TrainingLog, TrainingProgress, run_training, training_log
 from agent.training.policy import Policy, PolicyConfig
 from agent.training.store import config_digest
 from cosim.base.errors import UserError
@@ -117,13 +117,16 @@ def load_checkpoint(path: Path, config: PolicyConfig, fresh: TrainingState) -> T
     return TrainingState(**arrays, **numbers) if known and fits else None
 
 
-def _progress_writer(task: RunTask) -> Callable[[Progress], None]:
+def _progress_writer(task: RunTask) -> Callable[[TrainingProgress], None]:
     """Puts a run's progress where `read_progress` of another process finds it."""
     rows = np.memmap(
-        task.out / PROGRESS_FILE, dtype=float, mode="r+", shape=(task.runs, len(Progress._fields))
+        task.out / PROGRESS_FILE,
+        dtype=float,
+        mode="r+",
+        shape=(task.runs, len(TrainingProgress._fields)),
     )
 
-    def write(progress: Progress) -> None:
+    def write(progress: TrainingProgress) -> None:
         rows[task.run] = progress
 
     return write
@@ -131,12 +134,12 @@ def _progress_writer(task: RunTask) -> Callable[[Progress], None]:
 
 def clear_progress(out: Path, runs: int) -> None:
     """Make the file that workers write their progress to."""
-    (out / PROGRESS_FILE).write_bytes(np.zeros((runs, len(Progress._fields))).tobytes())
+    (out / PROGRESS_FILE).write_bytes(np.zeros((runs, len(TrainingProgress._fields))).tobytes())
 
 
 def read_progress(out: Path) -> np.ndarray:
-    """(runs, 4) float64, the last `Progress` of every run going on; empty if there is none."""
+    """(runs, 4) float64, the last `TrainingProgress` of every run; empty if none is going on."""
     try:
-        return np.fromfile(out / PROGRESS_FILE).reshape(-1, len(Progress._fields))
+        return np.fromfile(out / PROGRESS_FILE).reshape(-1, len(TrainingProgress._fields))
     except (OSError, ValueError):  # ValueError: it is being made
-        return np.empty((0, len(Progress._fields)))
+        return np.empty((0, len(TrainingProgress._fields)))

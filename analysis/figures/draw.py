@@ -13,11 +13,9 @@ from typing import Annotated, Any
 import matplotlib.pyplot as plt
 import tyro
 
-from analysis.figures import fig03, fig05, fig07, learning_figures, motor_cycle
-from analysis.figures import paths as ways
+from analysis.figures import fig03, fig05, fig07, learning_figures, motor_cycle, paths
 from analysis.figures import transfer as transfer_figure
-from analysis.figures.caption import Drawing, write_caption
-from analysis.figures.style import FigureError, save, use_style
+from analysis.figures.style import Drawing, FigureError, save, use_style, write_caption
 from analysis.reading.results import FIGURES, missing
 from analysis.screenshot import shrink
 from cosim.base.errors import UserError, run_command
@@ -28,10 +26,10 @@ DRAWN_BY: dict[str, Callable[[Path], Drawing]] = {
     "fig05": fig05.make,
     "fig07": fig07.make,
     "fig08": learning_figures.fig08,
-    "fig09": ways.fig09,
+    "fig09": paths.fig09,
     "fig10": learning_figures.fig10,
     "fig11": learning_figures.fig11,
-    "fig12": ways.fig12,
+    "fig12": paths.fig12,
     "motor_cycle": motor_cycle.make,
     "path_ratio": learning_figures.path_ratio,
     "transfer": transfer_figure.make,
@@ -47,7 +45,7 @@ class Figures:
 
     Each figure becomes a PNG and a PDF of the same name, and a .json with its caption: the paper's
     claim and our numbers. fig03 platform, fig05 scenarios, fig07 motor, fig08 learning of one
-    robot, fig09 its ways, fig10 coefficient c, fig11 learning of pairs, fig12 their ways,
+    robot, fig09 its paths, fig10 coefficient c, fig11 learning of pairs, fig12 their paths,
     motor_cycle forces over a turn, path_ratio paths beside the optimum, transfer success in
     co-simulation by training method. A figure whose results are missing is left out, with the
     command that makes them.

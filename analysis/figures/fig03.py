@@ -8,8 +8,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.caption import Caption, Drawing
-from analysis.figures.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, FigureError
+from analysis.figures.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    VERMILION,
+    WIDTH_IN,
+    Caption,
+    Drawing,
+    FigureError,
+)
 from analysis.reading.results import FIGURES, RESULTS
 from cosim.base.reading import Kind, read_arrays
 

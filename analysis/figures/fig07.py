@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.caption import Caption, Drawing
-from analysis.figures.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN
+from analysis.figures.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, Caption, Drawing
 from analysis.motor_test import LOOPS, Response, read
+from analysis.reading.findings import intervals
 from analysis.reading.results import FIGURES, RESULTS
 from cosim.base.params import TABLE_II
 
@@ -41,10 +41,9 @@ def _draw(axes: np.ndarray, responses: dict[str, Response], until_s: float) -> N
 
 def _mark_saturation(axes: list[Axes], time_s: np.ndarray, voltage: np.ndarray) -> None:
     saturated = np.abs(voltage) >= TABLE_II.V_s_max
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], saturated, [False]]).astype(int)))
-    for first, end in edges.reshape(-1, 2):
+    for first, last in intervals(saturated):
         for each in axes:
-            span = float(time_s[first]), float(time_s[min(end, len(time_s) - 1)])
+            span = float(time_s[first]), float(time_s[min(last + 1, len(time_s) - 1)])
             each.axvspan(*span, color=GREY, alpha=0.25, linewidth=0)
 
 

@@ -21,7 +21,7 @@ POINTS = 200  # drawn per curve; a point is the mean of the learning curve's poi
 
 
 @dataclass(frozen=True)
-class Variant:
+class VariantCurves:
     """Learning curves of one variant of an experiment.
 
     Attributes:
@@ -53,7 +53,7 @@ def load_content(folder: Path, experiment: str) -> dict[str, Any]:
     return content
 
 
-def load_variants(folder: Path, content: dict[str, Any]) -> dict[str, Variant]:
+def load_variants(folder: Path, content: dict[str, Any]) -> dict[str, VariantCurves]:
     """Learning curves of a result folder's variants by name.
 
     Raises:
@@ -68,11 +68,11 @@ def load_variants(folder: Path, content: dict[str, Any]) -> dict[str, Variant]:
                 f"{content['experiment']} --out {folder} --resume`"
             )
         logs = tuple(TrainingLog.load(path.with_name(LOG_FILE)) for path in policies)
-        variants[name] = Variant(variant["label"], variant["scenario"], logs)
+        variants[name] = VariantCurves(variant["label"], variant["scenario"], logs)
     return variants
 
 
-def settled_after(variant: Variant, success: float) -> int | None:
+def settled_after(variant: VariantCurves, success: float) -> int | None:
     """Training episodes after which the mean greedy success stays above a rate; None if never."""
     rates, episodes = variant.curves("greedy_success").mean(axis=0), variant.logs[0].greedy_episode
     low = np.flatnonzero(rates < success)
@@ -102,7 +102,7 @@ def plot_band(axes: Axes, episodes: np.ndarray, curves: np.ndarray, label: str) 
     axes.fill_between(episodes, low, high, color=line.get_color(), alpha=0.25, linewidth=0)
 
 
-def draw_learning_curves(variants: dict[str, Variant]) -> Figure:
+def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
     """Success rate and path length over episodes: while exploring, and of the greedy policy."""
     figure, grid = plt.subplots(2, 2, figsize=(WIDTH_IN, 4.6), sharex=True)
     rows = (("episode", "", "while learning"), ("greedy_episode", "greedy_", "greedy, all starts"))

@@ -4,6 +4,7 @@ Curves are drawn by `analysis.figures.learning`; here is which experiment each f
 what its caption says.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +12,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.figures.caption import Caption, Drawing
 from analysis.figures.learning import (
-    Variant,
+    VariantCurves,
     draw_learning_curves,
     load_content,
     load_variants,
     settled_after,
 )
-from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN
+from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN, Caption, Drawing, interval
 from analysis.reading.results import FIGURES, RESULTS
 
 # Success rate that counts as learnt.
@@ -84,17 +84,8 @@ def fig10(results: Path) -> Drawing:
                 f"[{difference['low']:+.2f}, {difference['high']:+.2f}] cm"
             )
     text = f"Path length minus that of c = 1.5, run by run: {'; '.join(parts) or 'not known'}."
-    caption = drawing.caption
-    return drawing._replace(
-        caption=Caption(
-            caption.figure,
-            caption.title,
-            caption.claim,
-            (*caption.ours, text),
-            numbers,
-            caption.inputs,
-        )
-    )
+    ours = (*drawing.caption.ours, text)
+    return drawing._replace(caption=replace(drawing.caption, ours=ours, numbers=numbers))
 
 
 def _learning_figure(results: Path, figure: str, title: str, claim: str) -> Drawing:
@@ -112,21 +103,13 @@ def _learning_figure(results: Path, figure: str, title: str, claim: str) -> Draw
     return Drawing(draw_learning_curves(variants), caption)
 
 
-def _sentence(variant: Variant, numbers: dict[str, Any]) -> str:
+def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
     after = numbers["learnt_after_episodes"]
     since = f"above 99 % from {after:,} episodes on" if after else "not above 99 % at the end"
-    success = with_interval(numbers["success"], 100.0, 1, " %")
-    path = with_interval(numbers["path_length_cm"], 1.0, 2, " cm")
+    success = interval(numbers["success"], 100.0, 1, " %")
+    path = interval(numbers["path_length_cm"], unit=" cm")
     runs = numbers["success"]["runs"]
     return f"{variant.label}: success {success} ({since}), path {path}, {runs} runs."
-
-
-def with_interval(statistics: dict[str, Any], factor: float, digits: int, unit: str) -> str:
-    """Mean and 95 % interval in words, "–" where a statistic has no value."""
-    if statistics["mean"] is None:
-        return "–"
-    mean, low, high = (f"{factor * statistics[k]:.{digits}f}" for k in ("mean", "low", "high"))
-    return f"{mean}{unit} [{low}, {high}]"
 
 
 def path_ratio(results: Path) -> Drawing:
@@ -145,8 +128,8 @@ def path_ratio(results: Path) -> Drawing:
         )
         numbers[name] = {"path_length": path, "moves": moves}
         ours.append(
-            f"{variant['label']}: path {with_interval(path, 1.0, 3, '')}, "
-            f"moves {with_interval(moves, 1.0, 3, '')}."
+            f"{variant['label']}: path {interval(path, digits=3)}, "
+            f"moves {interval(moves, digits=3)}."
         )
     caption = Caption(
         "path_ratio",

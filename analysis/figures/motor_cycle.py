@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.figures.caption import Caption, Drawing
+from analysis.figures.paths import recorded
 from analysis.figures.style import (
     BLACK,
     BLUE,
@@ -21,12 +21,14 @@ from analysis.figures.style import (
     ORANGE,
     VERMILION,
     WIDTH_IN,
+    Caption,
+    Drawing,
     FigureError,
 )
 from analysis.reading.findings import sliding
-from analysis.reading.recordings import Episode, read_episode
-from analysis.reading.results import FIGURES, RESULTS, recordings
+from analysis.reading.results import FIGURES
 from cosim.physics.forces import MotorMount, motor_force
+from cosim.reading.episode import Episode, read_episode
 
 # A robot drives straight where its motors turn against each other, each within this share of the
 # forward speed; it turns on the spot where they turn alike.
@@ -48,7 +50,7 @@ class Cycle(NamedTuple):
         holds_n: (n,) largest friction that the feet's load allows.
         normal_n: (n, 3) load of feet A, B, C.
         slides: (n, 3) bool, feet that slide.
-        ahead_m: (n,) way along the body's x axis since the first tick.
+        ahead_m: (n,) distance along the body's x axis since the first tick.
     """
 
     robot: str
@@ -99,7 +101,7 @@ def find_cycle(episode: Episode) -> Cycle:
 
 def _turns(episode: Episode, robot: str) -> Iterator[_Turn]:
     """The last whole turn of every burst in which a robot drives straight on."""
-    raw, dt_s = episode.signal(f"/raw/{robot}/omega"), episode.parameter("dt_s")
+    raw, dt_s = episode.signals[f"/raw/{robot}/omega"], episode.parameter("dt_s")
     speed = episode.parameter("forward_speed_rad_s")
     edges = np.flatnonzero(np.diff(raw.time_s) > 1.5 * dt_s) + 1
     for burst in np.split(np.arange(len(raw.time_s)), edges):
@@ -120,13 +122,13 @@ def _turns(episode: Episode, robot: str) -> Iterator[_Turn]:
 def _cycle(episode: Episode, turn: _Turn) -> Cycle:
     robot, rows = turn.robot, turn.rows
     friction, normal, position = (
-        episode.signal(f"/raw/{robot}/{name}") for name in ("friction", "normal", "position")
+        episode.signals[f"/raw/{robot}/{name}"] for name in ("friction", "normal", "position")
     )
     mu, load = episode.parameter("mu"), normal.values[rows]
     time_s = position.time_s[rows]
-    headings = episode.signal(f"/sim/{robot}/heading")
+    headings = episode.signals[f"/sim/{robot}/heading"]
     heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
-    way = position.values[rows, :2] - position.values[rows[0], :2]
+    path = position.values[rows, :2] - position.values[rows[0], :2]
     return Cycle(
         robot,
         time_s,
@@ -138,7 +140,7 @@ def _cycle(episode: Episode, turn: _Turn) -> Cycle:
         mu * load.sum(axis=1),
         load,
         sliding(friction, normal, mu)[rows],
-        way @ [np.cos(heading), np.sin(heading)],
+        path @ [np.cos(heading), np.sin(heading)],
     )
 
 
@@ -149,7 +151,7 @@ def _angles(
     recorded = episode.signals.get(f"/raw/{robot}/theta")
     if recorded is not None:
         return recorded.values[np.searchsorted(recorded.time_s, time_s)]
-    slow = episode.signal(f"/sim/{robot}/motors/theta")
+    slow = episode.signals[f"/sim/{robot}/motors/theta"]
     before = np.flatnonzero(np.abs(slow.time_s - (time_s[0] - dt_s)) < 0.5 * dt_s)
     if not len(before):
         return None
@@ -168,12 +170,12 @@ def _driving_force(episode: Episode, turn: _Turn) -> np.ndarray:
 
 
 def draw(cycle: Cycle) -> Figure:
-    """Forces, loads, speeds and way over the angle of motor D."""
+    """Forces, loads, speeds and distance over the angle of motor D."""
     figure, grid = plt.subplots(2, 2, figsize=(WIDTH_IN, 4.4), sharex=True)
     direction = np.sign(cycle.omega[0, 0])
     degrees = np.rad2deg(direction * cycle.theta[:, 0])
     degrees -= 360.0 * np.floor(degrees[0] / 360.0)
-    (force, load), (speed, way) = grid
+    (force, load), (speed, distance) = grid
     force.fill_between(
         degrees, -cycle.holds_n, cycle.holds_n, color=GREY, alpha=0.3, lw=0, label="friction holds"
     )
@@ -186,14 +188,14 @@ def draw(cycle: Cycle) -> Figure:
     for name, values, colour in zip("DE", np.abs(cycle.omega).T, (BLUE, VERMILION), strict=True):
         speed.plot(degrees, values, color=colour, label=f"motor {name}")
     speed.set(ylabel="speed in rad/s")
-    way.plot(degrees, 1e6 * cycle.ahead_m, color=BLUE)
-    way.set(ylabel="way ahead in µm")
+    distance.plot(degrees, 1e6 * cycle.ahead_m, color=BLUE)
+    distance.set(ylabel="distance ahead in µm")
     for axes in (force, load, speed):
         low, high = axes.get_ylim()
         axes.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
         axes.legend(loc="upper right", ncols=3, columnspacing=1.0, handlelength=1.5)
     ticks = np.arange(90.0 * np.ceil(degrees[0] / 90.0), degrees[-1] + 1e-6, 90.0)
-    for axes in (speed, way):
+    for axes in (speed, distance):
         axes.set_xlabel("angle of motor D in degrees")
         axes.set_xticks(ticks, [f"{tick % 360.0:.0f}" for tick in ticks])
     return figure
@@ -240,9 +242,5 @@ def make(results: Path) -> Drawing:
     Raises:
         FigureError: there is no recording, or none of its bursts holds a turn.
     """
-    paths = recordings(SCENARIO, results)
-    if not paths:
-        command = RESULTS[f"episodes_{SCENARIO}"].command(results)
-        raise FigureError(f"scenario {SCENARIO}: no recordings; run `{command}` first")
-    cycle = find_cycle(read_episode(paths[0]))
+    cycle = find_cycle(read_episode(recorded(SCENARIO, results)[0]))
     return Drawing(draw(cycle), caption(cycle))

@@ -1,13 +1,19 @@
-"""One look for all figures: colours that colour-blind readers tell apart, PNG and PDF together."""
+"""What all figures share: one look, with colours that colour-blind readers tell apart; their files.
 
+A figure is a PNG, a PDF, and a JSON file with its caption: the paper's claim and our numbers.
+"""
+
+import json
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 from cycler import cycler
 from matplotlib.figure import Figure
 
 from cosim.base.errors import UserError
+from cosim.base.reading import Kind, read_json
 from cosim.base.storage import replacing
 
 # Okabe and Ito's palette.
@@ -17,6 +23,7 @@ GREY = "#808080"
 
 WIDTH_IN = 7.2  # two columns of a journal page
 FORMATS = (".png", ".pdf")
+NOTHING = "–"  # where a number has no value
 
 _SETTINGS: dict[Any, Any] = {
     "axes.grid": True,
@@ -68,3 +75,69 @@ def save(figure: Figure, out: Path) -> list[Path]:
         with replacing(file) as path:
             figure.savefig(path, metadata=metadata)
     return files
+
+
+@dataclass(frozen=True)
+class Caption:
+    """Caption of a figure; numbers in it are computed from the data drawn.
+
+    Attributes:
+        figure: name of the figure, that of its files.
+        title: what it shows.
+        claim: what the paper says or shows; empty if the paper has no such figure.
+        ours: what we find, one sentence each.
+        numbers: the numbers in `ours` by name, unit suffixes in the names.
+        inputs: results it was drawn from, below the results folder.
+    """
+
+    figure: str
+    title: str
+    claim: str
+    ours: tuple[str, ...]
+    numbers: dict[str, Any] = field(default_factory=dict)
+    inputs: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """The caption in words, for a page."""
+        claim = f" The paper: {self.claim}" if self.claim else ""
+        return f"{self.title}.{claim} Here: {' '.join(self.ours)}"
+
+
+class Drawing(NamedTuple):
+    """A figure that is drawn, with its caption."""
+
+    figure: Figure
+    caption: Caption
+
+
+def write_caption(caption: Caption, folder: Path) -> Path:
+    """Write `<figure>.json` and return its path."""
+    path = folder / f"{caption.figure}.json"
+    with replacing(path) as temporary:
+        text = json.dumps(asdict(caption), indent=1, ensure_ascii=False, allow_nan=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return path
+
+
+def read_caption(folder: Path, figure: str) -> Caption:
+    """The caption of a figure that `python -m analysis.figures` wrote.
+
+    Raises:
+        FigureError: there is none, or it is damaged.
+    """
+    mend = f"draw it with `python -m analysis.figures {figure} --out {folder}`"
+    kind = Kind("caption of a figure", mend, FigureError)
+    return read_json(folder / f"{figure}.json", kind, Caption)
+
+
+def interval(
+    statistics: dict[str, Any], factor: float = 1.0, digits: int = 2, unit: str = ""
+) -> str:
+    """Mean and 95 % interval of statistics, or of any record with mean, low and high."""
+    mean, low, high = (statistics.get(name) for name in ("mean", "low", "high"))
+    if mean is None:
+        return NOTHING
+    text = f"{factor * mean:.{digits}f}{unit}"
+    if low is not None and high is not None:
+        text += f" [{factor * low:.{digits}f}, {factor * high:.{digits}f}]"
+    return text.replace("-", "−")

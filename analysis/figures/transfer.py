@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.caption import Caption, Drawing
 from analysis.figures.style import (
     BLUE,
     GREEN,
@@ -21,6 +20,8 @@ from analysis.figures.style import (
     SKY,
     VERMILION,
     WIDTH_IN,
+    Caption,
+    Drawing,
     FigureError,
 )
 from analysis.reading.results import FIGURES, RESULTS

@@ -1,1 +1,1 @@
-"""Recordings and result files as arrays."""
+"""Result files and where they lie, and what looks wrong in an episode."""

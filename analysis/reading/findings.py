@@ -1,6 +1,6 @@
 """Where an episode looks wrong: saturation, slipping, lift-offs, near misses, moves given up.
 
-Works on what a recording holds (`analysis.reading.recordings`); a finding whose signals a recording
+Works on what a recording holds (`cosim.reading.episode`); a finding whose signals a recording
 lacks is left out. Nothing is printed here.
 """
 
@@ -10,16 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from analysis.reading.recordings import Episode
-from analysis.reading.rrd import Signal
+from cosim.reading.episode import Episode
+from cosim.reading.rrd import Signal
+from cosim.recording.series import NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE
 
 # Eq. (9) calls robots near up to 6 cm for robots of 5 cm: a fifth of a diameter between them.
 NEAR_DIAMETERS = 1.2
 # A friction force is at its limit µN within this share of it; sticking feet stay below.
 AT_LIMIT = 1e-6
 FEET = 3
-# How lines of the log on a robot's failure begin, see `cosim.recording.episode_log`.
-_FAILURES = {"leaves the board": "out of board", "has not arrived": "not arrived"}
+_FAILURES = {OFF_THE_BOARD: "out of board", ON_OBSTACLE: "obstacle", NOT_ARRIVED: "not arrived"}
 
 
 class Finding(NamedTuple):
@@ -112,7 +112,7 @@ def _lift_offs(episode: Episode, robot: str) -> Iterator[Finding]:
 
 def _given_up(episode: Episode, robot: str) -> Iterator[Finding]:
     for move in episode.moves[robot]:
-        if move.timed_out:
+        if move.given_up:
             lasted_s = move.end_s - move.start_s
             text = f"move {move.direction} given up after {lasted_s:.0f} s"
             numbers = {"lasted_s": lasted_s, "direction": move.direction}
@@ -120,15 +120,20 @@ def _given_up(episode: Episode, robot: str) -> Iterator[Finding]:
 
 
 def _failures(episode: Episode, robot: str) -> Iterator[Finding]:
-    """What the log says that the robot was short of at the end."""
-    log = episode.texts.get("/log")
-    if log is None:
+    """What the robot was short of at the end."""
+    failures = episode.texts.get(f"/rl/{robot}/failure")
+    position = episode.signals.get(f"/sim/{robot}/position")
+    if failures is None or position is None:
         return
-    for time_s, text in zip(log.time_s, log.texts, strict=True):
-        for start, kind in _FAILURES.items():
-            if text.startswith(f"{robot} {start}"):
-                words = text.removeprefix(f"{robot} ")
-                yield Finding(kind, robot, words, float(time_s), {})
+    x, y = position.values[-1]
+    for time_s, state in zip(failures.time_s, failures.texts, strict=True):
+        numbers = {"x_m": float(x), "y_m": float(y)}
+        text = f"{state} at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
+        if state == NOT_ARRIVED:
+            target = episode.facts["targets_m"][episode.robots.index(robot)]
+            numbers["target_away_m"] = float(np.hypot(target[0] - x, target[1] - y))
+            text = f"{state}: target {100.0 * numbers['target_away_m']:.1f} cm away"
+        yield Finding(_FAILURES[state], robot, text, float(time_s), numbers)
 
 
 def gap_m(episode: Episode, first: str, second: str) -> tuple[np.ndarray, np.ndarray]:

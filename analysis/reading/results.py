@@ -1,7 +1,7 @@
 """Where every result lies in a results folder, and which command puts it there.
 
-The one place that knows the layout: `analysis.figures` draws from it, `analysis.reproduce` fills
-it, `analysis.report` links to it. No result is read or made here.
+The one place that knows the layout and the order: `analysis.figures` draws from it,
+`analysis.reproduce` fills it, `analysis.report` links to it. No result is read or made here.
 """
 
 import shlex
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cosim.base.scenario import BUILT_IN
 
-# Episodes of a scenario whose ways Fig. 9 or 12 shows: the paper draws many of one robot on one
+# Episodes of a scenario whose paths Fig. 9 or 12 shows: the paper draws many of one robot on one
 # board, and few of a pair.
 SINGLE_EPISODES, PAIR_EPISODES = 6, 2
 
@@ -21,16 +21,20 @@ class Result:
 
     Attributes:
         name: by which figures and people ask for it.
+        title: what is done to get it.
         path: below the results folder; a folder where the command makes several files.
         proof: file below the results folder that is there once the result can be used.
         module: makes it.
+        of: experiment or scenario, where the module makes several.
         arguments: of the module, without --out.
     """
 
     name: str
+    title: str
     path: str
     proof: str
     module: str
+    of: str = ""
     arguments: tuple[str, ...] = ()
 
     def location(self, results: Path) -> Path:
@@ -45,38 +49,62 @@ class Result:
         """Whether the result can be used."""
         return self.proof_in(results).is_file()
 
-    def argv(self, results: Path) -> list[str]:
-        """The command that makes it: what follows `python`."""
-        return ["-m", self.module, *self.arguments, "--out", str(self.location(results))]
-
     def command(self, results: Path) -> str:
         """The command that makes it, as one types it."""
-        return shlex.join(["python", *self.argv(results)])
+        arguments = (*self.arguments, "--out", str(self.location(results)))
+        return shlex.join(["python", "-m", self.module, *arguments])
 
 
-def _experiment(name: str) -> Result:
+def _experiment(name: str, title: str) -> Result:
     folder = f"experiments/{name}"
-    return Result(name, folder, f"{folder}/results.json", "agent.experiments", (name,))
+    return Result(name, title, folder, f"{folder}/results.json", "agent.experiments", name, (name,))
 
 
 def _episodes(scenario: str) -> Result:
-    folder = f"episodes/{scenario}"
-    count = SINGLE_EPISODES if BUILT_IN[scenario].robots == 1 else PAIR_EPISODES
-    arguments = ("--scenario", scenario, "--episodes", str(count), "--jobs", "2")
-    return Result(f"episodes_{scenario}", folder, f"{folder}/summary.json", "cosim.run", arguments)
+    folder, alone = f"episodes/{scenario}", BUILT_IN[scenario].robots == 1
+    title = f"scenario {scenario} co-simulated (Fig. {9 if alone else 12})"
+    count = str(SINGLE_EPISODES if alone else PAIR_EPISODES)
+    arguments = ("--scenario", scenario, "--episodes", count, "--jobs", "2")
+    proof = f"{folder}/summary.json"
+    return Result(f"episodes_{scenario}", title, folder, proof, "cosim.run", scenario, arguments)
 
 
+# In the order of being made: the quick ones first, so that a mistake shows early.
 RESULTS: dict[str, Result] = {
     result.name: result
     for result in (
-        Result("platform", "platform.npz", "platform.npz", "cosim.platform"),
-        Result("motor_test", "motor_test.rrd", "motor_test.rrd", "analysis.motor_test"),
-        _experiment("fig08"),
-        _experiment("fig10"),
-        _experiment("fig11"),
+        Result(
+            "platform",
+            "platform of one degree of freedom (Fig. 3)",
+            "platform.npz",
+            "platform.npz",
+            "cosim.platform",
+        ),
+        Result(
+            "motor_test",
+            "motor in open and closed loop (Fig. 7)",
+            "motor_test.rrd",
+            "motor_test.rrd",
+            "analysis.motor_test",
+        ),
+        Result(
+            "calibration",
+            "motor speeds calibrated to motion",
+            "calibration",
+            "calibration/calibration.npz",
+            "cosim.calibrate",
+        ),
         *(_episodes(scenario) for scenario in BUILT_IN),
-        Result("transfer", "transfer", "transfer/transfer.json", "cosim.transfer"),
-        Result("calibration", "calibration", "calibration/calibration.npz", "cosim.calibrate"),
+        _experiment("fig08", "training of one robot (Fig. 8)"),
+        _experiment("fig11", "training of pairs (Fig. 11)"),
+        _experiment("fig10", "training with values of c (Fig. 10)"),
+        Result(
+            "transfer",
+            "success in co-simulation",
+            "transfer",
+            "transfer/transfer.json",
+            "cosim.transfer",
+        ),
     )
 }
 

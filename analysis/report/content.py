@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from analysis.figures.caption import Caption, read_caption
-from analysis.figures.style import FORMATS, FigureError
+from analysis.figures.style import FORMATS, Caption, FigureError, read_caption
 from analysis.reading.results import FIGURES, RESULTS, missing
 from analysis.report.tables import RESULT_FILE, ReportError, read_result
 from cosim.base.reading import parsing

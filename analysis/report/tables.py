@@ -6,13 +6,13 @@ Reads what commands wrote and formats it, with intervals; the page around it is 
 from pathlib import Path
 from typing import Any, NamedTuple, NotRequired, TypedDict
 
+from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
+from cosim.base.outcome import ENDS
 from cosim.base.reading import Kind, parsing, read_json
 
-NOTHING = "–"
-_OUTCOMES = ("success", "collision", "out_of_board", "timeout")
 TIMINGS_FILE = "timings.json"
 # Column, measure of `agent.process.exact`, factor, digits, unit.
 _MEASURES = (
@@ -30,7 +30,7 @@ class ReportError(UserError):
 RESULT_FILE = Kind("result", "make it again", ReportError)
 
 
-class Table(NamedTuple):
+class ReportTable(NamedTuple):
     """A table as it is shown.
 
     Attributes:
@@ -57,7 +57,7 @@ def read_result(path: Path) -> dict[str, Any] | None:
     return read_json(path, RESULT_FILE, dict[str, Any]) if path.exists() else None
 
 
-def learning_tables(results: Path) -> list[Table]:
+def learning_tables(results: Path) -> list[ReportTable]:
     """What training found, a table per experiment of the paper.
 
     Raises:
@@ -78,7 +78,7 @@ def learning_tables(results: Path) -> list[Table]:
     return tables
 
 
-def _learning_table(title: str, content: dict[str, Any]) -> Table:
+def _learning_table(title: str, content: dict[str, Any]) -> ReportTable:
     rows, differences = [], content.get("differences", {})
     for key, variant in content["variants"].items():
         row = [variant["label"]]
@@ -100,27 +100,14 @@ def _learning_table(title: str, content: dict[str, Any]) -> Table:
         f"python -m agent.experiments {content['experiment']} --runs {runs} "
         f"--episodes {content['episodes']} --seed {content['seed']}"
     )
-    return Table(title, note, command, tuple(header), rows)
+    return ReportTable(title, note, command, tuple(header), rows)
 
 
 def _runs(count: int) -> str:
     return "1 run" if count == 1 else f"{count} runs"
 
 
-def interval(
-    statistics: dict[str, Any], factor: float = 1.0, digits: int = 2, unit: str = ""
-) -> str:
-    """Mean and 95 % interval of statistics, or of any record with mean, low and high."""
-    mean, low, high = (statistics.get(name) for name in ("mean", "low", "high"))
-    if mean is None:
-        return NOTHING
-    text = f"{factor * mean:.{digits}f}{unit}"
-    if low is not None and high is not None:
-        text += f" [{factor * low:.{digits}f}, {factor * high:.{digits}f}]"
-    return text.replace("-", "−")
-
-
-def transfer_tables(results: Path) -> list[Table]:
+def transfer_tables(results: Path) -> list[ReportTable]:
     """What policies achieve in co-simulation, by training method; none if it was not evaluated.
 
     Raises:
@@ -132,18 +119,18 @@ def transfer_tables(results: Path) -> list[Table]:
         return []
     with parsing(path, RESULT_FILE):
         rows = [_transfer_row(row) for row in content["rows"]]
-    outcomes = (name.replace("_", " ") for name in _OUTCOMES)
+    outcomes = (name.replace("_", " ") for name in ENDS)
     header = ("scenario", "training", "µ", "safety layer", "episodes", *outcomes, "path over grid")
     note = (
         "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
         "intervals."
     )
     title = "Success in co-simulation by training method"
-    return [Table(title, note, "python -m cosim.transfer", header, rows)]
+    return [ReportTable(title, note, "python -m cosim.transfer", header, rows)]
 
 
 def _transfer_row(row: dict[str, Any]) -> tuple[str, ...]:
-    shares = (_named(row, name, 100.0, 1, " %") for name in _OUTCOMES)
+    shares = (_named(row, name, 100.0, 1, " %") for name in ENDS)
     margin_m = row.get("safety_margin_m") or 0.0
     return (
         str(row["scenario"]),
@@ -189,7 +176,7 @@ def read_timings(results: Path) -> TimingsContent | None:
     return read_json(path, RESULT_FILE, TimingsContent) if path.exists() else None
 
 
-def timing_table(timings: TimingsContent) -> Table:
+def timing_table(timings: TimingsContent) -> ReportTable:
     """How long each stage of `analysis.reproduce` took."""
     rows = [
         (
@@ -207,14 +194,14 @@ def timing_table(timings: TimingsContent) -> Table:
     )
     rows.append(("all", f"{total:.1f} s", "", ""))
     header = ("stage", "time", "attempts", "")
-    return Table("Time", note, "python -m analysis.reproduce", header, rows)
+    return ReportTable("Time", note, "python -m analysis.reproduce", header, rows)
 
 
-def parameter_table() -> Table:
+def parameter_table() -> ReportTable:
     """Parameters of the co-simulation as `cosim.base.params` has them."""
     rows = []
     for name, row in CoSimConfig().table().items():
         value = f"{row['value']:.6g}" if isinstance(row["value"], float) else str(row["value"])
         rows.append((name, f"{value} {row['unit']}".strip(), row["description"], row["source"]))
     header = ("name", "value", "meaning", "source")
-    return Table("Parameters", "SI units.", "cosim/base/params.py", header, rows)
+    return ReportTable("Parameters", "SI units.", "cosim/base/params.py", header, rows)

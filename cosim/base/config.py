@@ -41,7 +41,7 @@ class CoSimConfig:
         on_collision: whether two robots that touch end the episode or push each other on; a
             robot that touches an obstacle always ends it.
         safety_margin_m: gap that the safety layer (`cosim.navigation.safety`) keeps between the
-            ways of robots, and from obstacles; 0 switches it off.
+            plans of robots, and from obstacles; 0 switches it off.
 
     Raises:
         ConfigError: a parameter is out of range, the robot's parts do not fit into its body, or a

@@ -120,9 +120,8 @@ class TimingParams(NamedTuple):
 class SteeringParams(NamedTuple):
     """Heading and line control that turn a commanded direction into motor set points.
 
-    The motor speeds realise the desired ones: `cosim.navigation.calibrating.calibrated` finds them
-    for the parameters at hand, the values here are its result for the defaults. See
-    docs/steering.md.
+    The motor speeds realise the desired ones: `cosim.navigation.calibration_cache` finds them for
+    the parameters at hand, the values here are its result for the defaults. See docs/steering.md.
     """
 
     drive_speed_m_s: Annotated[
@@ -204,12 +203,12 @@ class Fig7Params(NamedTuple):
     ] = 0.709
 
 
-# Robots stray from their ways by under 1 mm, and by under 5 mm when they turn first (the worst of
+# Robots stray from their plans by under 1 mm, and by under 5 mm when they turn first (the worst of
 # 20 seeds, `python benchmarks/steering.py`); the rest is reserve (assumed).
 SAFETY_MARGIN_M = 0.006
 SAFETY_MARGIN_HELP = (
-    "Gap in m that the safety layer keeps between robots' ways, and from obstacles; robots wait or "
-    "give way for it. 0 switches it off. Robots stray up to 1 mm, or 5 mm when they turn: "
+    "Gap in m that the safety layer keeps between robots' plans, and from obstacles; robots wait "
+    "or yield for it. 0 switches it off. Robots stray up to 1 mm, or 5 mm when they turn: "
     f"{SAFETY_MARGIN_M} covers both."
 )
 

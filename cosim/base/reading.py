@@ -144,7 +144,7 @@ def read_arrays(
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     if member.compress_type not in _COMPRESSIONS:
-        raise ValueError(f"{member.filename} is compressed in an unknown way")
+        raise ValueError(f"{member.filename} is compressed by an unknown method")
     # Read first: a shape that claims more than there is takes no memory.
     content = io.BytesIO(archive.read(member))
     version = np.lib.format.read_magic(content)

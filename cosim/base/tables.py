@@ -11,7 +11,7 @@ _NAME_WIDTH = 24  # up to which a name stands on one line
 
 
 def show_table(
-    console: Console,
+    console: Console | None,
     header: Sequence[str],
     rows: Sequence[Sequence[str]],
     *,
@@ -22,7 +22,7 @@ def show_table(
     """Print a table, or several if the console is too narrow for one: no number is ever cut.
 
     Args:
-        console: to print on.
+        console: to print on; None for that of stdout.
         header: of the columns.
         rows: of text, as long as the header.
         names: how many of the first columns name a row: each table has them, and long ones in
@@ -30,6 +30,7 @@ def show_table(
         numbers: how many of the last columns are set flush right.
         title: of the table.
     """
+    console = console or Console()
     columns = list(zip(header, *rows, strict=True))
     widths = [max(map(cell_len, column)) + _BORDER for column in columns]
     left = 1 + sum(min(width, _NAME_WIDTH + _BORDER) for width in widths[:names])

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cosim.base.jit import kernel
+from cosim.base.outcome import RUNNING
 from cosim.coupling.calls import INCOMPLETE, do_step, exchange_float64
 from cosim.coupling.fmu import FMI_OK, FMI_WARNING, Motor
 from cosim.coupling.plant import (
-    RUNNING,
     Plant,
     begin_period,
     begin_step,
@@ -30,12 +30,12 @@ from cosim.coupling.plant import (
 from cosim.coupling.signals import MOTORS, RawSamples, Samples, State
 
 
-class Progress(NamedTuple):
+class Advance(NamedTuple):
     """How far an advance came.
 
     Attributes:
         periods: control periods completed.
-        event: RUNNING, COLLISION or OUT_OF_BOARD, as in cosim.coupling.plant.
+        event: RUNNING, COLLISION or OUT_OF_BOARD of `cosim.base.outcome`.
     """
 
     periods: int
@@ -55,7 +55,7 @@ class Driver(Protocol):
         samples: Samples,
         raw: RawSamples,
         first_tick: int,
-    ) -> Progress:
+    ) -> Advance:
         """Run whole control periods until an event.
 
         Args:
@@ -86,7 +86,7 @@ class ReferenceDriver:
         samples: Samples,
         raw: RawSamples,
         first_tick: int,
-    ) -> Progress:
+    ) -> Advance:
         """See `Driver.advance`."""
         dt, tick, slots = plant.body.dt, 0, self._slots(state)
         for period in range(len(noise)):
@@ -100,8 +100,8 @@ class ReferenceDriver:
                 state.electrical[slot] = motor.electrical(first_tick + tick, dt)
             event = end_period(plant, state, samples, period)
             if event != RUNNING:
-                return Progress(period + 1, event)
-        return Progress(len(noise), RUNNING)
+                return Advance(period + 1, event)
+        return Advance(len(noise), RUNNING)
 
     def _slots(self, state: State) -> list[tuple[Motor, Any]]:
         """Each motor with its place (robot, motor) in the arrays of the state."""
@@ -165,7 +165,7 @@ class CompiledDriver:
         samples: Samples,
         raw: RawSamples,
         first_tick: int,
-    ) -> Progress:
+    ) -> Advance:
         """See `Driver.advance`."""
         periods, event, motor, status = run_periods(
             plant, state, noise, samples, raw, self._calls, first_tick
@@ -174,7 +174,7 @@ class CompiledDriver:
             what = "asked to stop" if status == INCOMPLETE else f"failed (fmi3Status {status})"
             tick = first_tick + periods
             raise self.motors[motor].error(tick * plant.body.dt, what)
-        return Progress(periods, event)
+        return Advance(periods, event)
 
 
 @kernel

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
+from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.base.params import SteeringParams
 from cosim.coupling.signals import FEET, MOTORS, RawSamples, Samples, State
 from cosim.coupling.steering import HEADING_ERROR, MODE, steer
@@ -21,7 +22,6 @@ from cosim.physics.obstacle import touches_obstacle
 from cosim.physics.rotation import heading, rotation_matrix, to_body
 from cosim.physics.trig import sine_cosine
 
-RUNNING, COLLISION, OUT_OF_BOARD = 0, 1, 2  # events; a higher one outranks, as on the grid
 # Share of the squared friction limit from which a foot slides; the solver's projection rounds.
 AT_LIMIT = 1.0 - 1e-9
 
@@ -226,7 +226,7 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
         row: of the period.
 
     Returns:
-        RUNNING, COLLISION or OUT_OF_BOARD, the highest of the robots' events.
+        RUNNING, COLLISION or OUT_OF_BOARD, that of the robots' events that outranks the others.
     """
     robots = state.bodies.shape[0]
     event = RUNNING

@@ -1,7 +1,7 @@
 """RL steps of 2 s on top of the master: observe, act, terminate.
 
 An action aims at the centre of the neighbouring cell and stays in force until the robot gets there
-or a time limit passes; policies are asked every RL step, and a robot on its way ignores the answer.
+or a time limit passes; policies are asked every RL step, and a robot under way ignores the answer.
 A cell belongs to the robot whose centre is in it; distance class and gradient sign are those of
 the cells. Nothing here learns or records.
 """
@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.outcome import BY_RANK, RUNNING, Outcome
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.scenario import Cell, Scenario
 from cosim.coupling.adaptive import AdaptiveDriver
@@ -27,7 +28,6 @@ from cosim.coupling.assembly import (
 )
 from cosim.coupling.fmu import Motor, MotorFmu
 from cosim.coupling.master import CompiledDriver, Driver, ReferenceDriver
-from cosim.coupling.plant import COLLISION, OUT_OF_BOARD
 from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples, new_state
 from cosim.coupling.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
 from cosim.navigation.features import (
@@ -45,10 +45,9 @@ DRIVERS: dict[str, Callable[[list[Motor]], Driver]] = {
     "reference": ReferenceDriver,
     "adaptive": AdaptiveDriver,
 }
-OUTCOMES = ("success", "collision", "out_of_board", "timeout")
 
 
-class Policy(Protocol):
+class SupportsAct(Protocol):
     """What the co-simulation needs of an agent."""
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -70,7 +69,8 @@ class Step(NamedTuple):
         samples: signals at every control period that was simulated.
         raw: signals at every tick of the burst at the start of the step.
         events: (N,) what became of each robot: RUNNING, COLLISION or OUT_OF_BOARD of
-            cosim.coupling.plant. outcome: of the episode, one of OUTCOMES, or "" while it goes on.
+            `cosim.base.outcome`.
+        outcome: of the episode, RUNNING while it goes on.
     """
 
     number: int
@@ -83,7 +83,7 @@ class Step(NamedTuple):
     samples: Samples
     raw: RawSamples
     events: np.ndarray
-    outcome: str
+    outcome: Outcome
 
 
 class CoSimulation:
@@ -92,7 +92,7 @@ class CoSimulation:
     Attributes:
         scenario, config: as given; by default the default parameters, uncalibrated, with robots of
             the scenario's diameter.
-        outcome: of the episode, "" before its end.
+        outcome: of the episode, RUNNING before its end.
         time_s: simulated time.
         measures: of the episode so far.
         conflicts: decisions that the safety layer changed, or would have changed.
@@ -167,7 +167,7 @@ class CoSimulation:
         self._action = np.full(n, -1)
         self._squared_at_decision = nearest_squared(self._cells())
         self.measures = Measures(self._state.bodies[:, :2], self.config.timing.control_period_s)
-        self.outcome = ""
+        self.outcome = Outcome.RUNNING
         self._observation = self._observe()
         return self._observation
 
@@ -185,7 +185,7 @@ class CoSimulation:
         """Simulate one RL step.
 
         Args:
-            action: (N,) direction index of each robot; a robot on its way keeps its own.
+            action: (N,) direction index of each robot; a robot under way keeps its own.
 
         Raises:
             FmuError: an FMU failed; names the instance and the time.
@@ -285,23 +285,21 @@ class CoSimulation:
     def _observe(self) -> Observation:
         return observe(self._state.bodies, self.scenario, self._squared_at_decision)
 
-    def _judge(self, event: int) -> str:
-        if event == COLLISION:
-            return "collision"
-        if event == OUT_OF_BOARD:
-            return "out_of_board"
-        if self._arrived.all():
-            return "success"
-        return "timeout" if self.time_s >= self.config.timing.episode_limit_s else ""
+    def _judge(self, event: int) -> Outcome:
+        if event == RUNNING and self._arrived.all():
+            return Outcome.SUCCESS
+        if event == RUNNING and self.time_s >= self.config.timing.episode_limit_s:
+            return Outcome.TIMEOUT
+        return BY_RANK[event]
 
 
 def run_episode(
     system: CoSimulation,
-    policy: Policy,
+    policy: SupportsAct,
     starts: tuple[Cell, ...],
     seed: np.random.SeedSequence,
     observe_step: Callable[[Step], None],
-) -> str:
+) -> Outcome:
     """Run one episode and return its outcome; `observe_step` sees every RL step."""
     observation = system.reset(starts, seed)
     while not system.outcome:

@@ -1,4 +1,4 @@
-"""What is measured along an episode: way, closeness, energy, contact, from control-period samples.
+"""What is measured along an episode: path, closeness, energy, contact, from control-period samples.
 
 Accumulated RL step by RL step, so that an episode need not be kept. Outcomes are the episode's
 (`cosim.navigation.episode`), statistics over episodes those of `cosim.evaluate`.
@@ -16,12 +16,12 @@ class Measures:
     """Sums and extremes over the samples of one episode of N robots.
 
     Attributes:
-        path_length_m: (N,) way of each robot's centre.
+        path_length_m: (N,) path of each robot's centre.
         min_distance_m: smallest distance between the centres of two robots so far, taken every
             control period: within one, robots of some mm/s move by micrometres. Infinite for a
             robot alone. Robots touch at one diameter.
         energy_j: (N,) ∫ max(V i, 0) dt over the motors of each robot. The battery gives what a
-            motor draws and gets nothing back: the simple driver of such a robot has no way to
+            motor draws and gets nothing back: the simple driver of such a robot cannot
             store what a braked motor returns (assumed). V and i are those at the ends of control
             periods: with the default noise, to which the voltage answers within a period, some
             5 % less than at every tick.
@@ -51,9 +51,9 @@ class Measures:
         """Take the samples of one RL step."""
         positions = samples.position[:, :, :2]
         every = max(1, round(PATH_SAMPLING_S / self._period_s))
-        way = np.concatenate([self._last_m[None], positions[every - 1 :: every]])
-        self.path_length_m += np.linalg.norm(np.diff(way, axis=0), axis=2).sum(axis=0)
-        self._last_m = way[-1].copy()
+        path = np.concatenate([self._last_m[None], positions[every - 1 :: every]])
+        self.path_length_m += np.linalg.norm(np.diff(path, axis=0), axis=2).sum(axis=0)
+        self._last_m = path[-1].copy()
         self._measure_distance(positions)
         power = samples.voltage * samples.current
         drawn = np.maximum(power, 0.0)

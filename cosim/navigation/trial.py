@@ -19,6 +19,7 @@ from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver
 from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples, new_state
 from cosim.physics.body import standing_state
+from cosim.physics.rotation import headings
 
 # Robots never meet: a trial takes minutes at some mm/s. Coordinates stay small enough for a
 # rounding error of a femtometre, which is that of a board.
@@ -103,6 +104,4 @@ class Trial:
 
 def heading_angles(quaternions: np.ndarray) -> np.ndarray:
     """Heading in rad, continuous along the first axis, of quaternions (n, …, 4) as (w, x, y, z)."""
-    w, x, y, z = np.moveaxis(quaternions, -1, 0)
-    angles = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-    return np.unwrap(angles, axis=0)
+    return np.unwrap(headings(quaternions), axis=0)

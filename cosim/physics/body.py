@@ -6,6 +6,7 @@ mass moves in the world frame and the angular velocity is kept in the body frame
 body keeps its momenta to rounding. The caller owns time and forces.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -94,7 +95,7 @@ def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: floa
     """State of a robot at rest on its feet, shape (STATE_SIZE,)."""
     state = np.zeros(STATE_SIZE)
     state[POSITION] = x_m, y_m, robot.com_height_m
-    state[QUATERNION] = np.cos(heading_rad / 2.0), 0.0, 0.0, np.sin(heading_rad / 2.0)
+    state[QUATERNION] = math.cos(heading_rad / 2.0), 0.0, 0.0, math.sin(heading_rad / 2.0)
     return state
 
 

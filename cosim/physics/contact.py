@@ -92,11 +92,16 @@ def contact_params(robot: RobotParams, tolerance: float) -> ContactParams:
     return ContactParams(
         *((float(x), float(y), float(z)) for x, y, z in feet),
         mu=robot.mu,
-        step_normal=float(1.0 / (largest * scale[2])),
-        step_tangential=float(1.0 / (largest * scale[0])),
+        step_normal=_rounded(1.0 / (largest * scale[2])),
+        step_tangential=_rounded(1.0 / (largest * scale[0])),
         tolerance=tolerance,
         max_sweeps=MAX_SWEEPS,
     )
+
+
+def _rounded(value: float) -> float:
+    """To 12 digits: the last ones of LAPACK differ from processor to processor."""
+    return float(f"{value:.12g}")
 
 
 @inlined

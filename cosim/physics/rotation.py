@@ -5,7 +5,9 @@ A quaternion (w, x, y, z) and its matrix turn body-frame components into world-f
 
 import math
 
-from cosim.base.jit import inlined
+import numpy as np
+
+from cosim.base.jit import inlined, kernel
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -90,3 +92,21 @@ def heading(q: Quaternion) -> float:
 def wrapped(angle: float) -> float:
     """The angle in rad brought into [−π, π)."""
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+
+
+def headings(quaternions: np.ndarray) -> np.ndarray:
+    """Heading in rad of each of the quaternions (…, 4), with the same bits on every processor.
+
+    numpy's trigonometric functions round otherwise where a processor has wider vectors.
+    """
+    flat = np.ascontiguousarray(quaternions).reshape(-1, 4)
+    return _headings(flat).reshape(quaternions.shape[:-1])
+
+
+@kernel
+def _headings(quaternions: np.ndarray) -> np.ndarray:
+    found = np.empty(len(quaternions))
+    for k in range(len(quaternions)):
+        q = quaternions[k]
+        found[k] = heading((q[0], q[1], q[2], q[3]))
+    return found

@@ -49,10 +49,10 @@ def episode_blueprint(
         ]
         return rrb.Grid(*views, grid_columns=robots, name=title)
 
-    def states(title: str, *paths: str) -> rrb.StateTimelineView:
+    def states(title: str, *paths: str, also: tuple[str, ...] = ()) -> rrb.StateTimelineView:
         return rrb.StateTimelineView(
             origin="/",
-            contents=[f"/rl/{name}/{path}" for name in names for path in paths],
+            contents=[*(f"/rl/{name}/{path}" for name in names for path in paths), *also],
             name=title,
             time_view=_WHOLE_TIME,
         )
@@ -114,7 +114,11 @@ def episode_blueprint(
     arena = _arena("arena", size_m, names)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(arena, states("actions", "action"), row_shares=[3, 1]),
+            rrb.Vertical(
+                arena,
+                states("actions and how they end", "action", "move", "failure", also=("/outcome",)),
+                row_shares=[3, 1],
+            ),
             rrb.Tabs(*tabs, active_tab=0),
             column_shares=[2, 3],
         ),

@@ -19,13 +19,12 @@ from cosim.coupling.signals import RawSamples, Samples
 from cosim.navigation.episode import Step
 from cosim.navigation.features import GRADIENT_SIGNS, Observation
 from cosim.recording.blueprint import episode_blueprint, robot_names
-from cosim.recording.episode_log import EpisodeLog, Line
+from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
 from cosim.recording.episode_scene import EpisodeScene
 from cosim.recording.file import Recording, properties, scalars, simulated
-from cosim.recording.floor import write_floor
 from cosim.recording.levels import DETAILS, Level, periods
 from cosim.recording.policy_map import PolicyMap
-from cosim.recording.scene import write_scene
+from cosim.recording.scene import write_floor, write_scene
 from cosim.recording.series import (
     ARRIVED,
     DIRECTION_NAMES,
@@ -54,7 +53,7 @@ class EpisodeRecorder:
         scenario: board, targets, number of robots.
         config: parameters; its `burst_s` should be that of the level.
         recording_id: identity of the recording; equal runs use equal ones.
-        facts: seed, versions and what else identifies the run, for the properties and `/info/run`.
+        facts: what identifies the run, as JSON can hold it, for properties and `/info/run`.
         level: how much is recorded.
         viewer: address of a running viewer that gets the same data, if any.
         policies: what each robot's policy says of each cell, to be drawn on the floor.
@@ -88,13 +87,14 @@ class EpisodeRecorder:
             policies=bool(policies),
         )
         self.file = Recording(path, recording_id, blueprint, viewer)
-        self.file.stream.send_property("episode", properties(facts | {"record": level}))
+        known = {"record": level, "targets_m": [scenario.centre_m(t) for t in scenario.targets]}
+        self.file.stream.send_property("episode", properties(facts | known))
+        self.file.stream.send_property("parameters", properties(config.table()))
         write_scene(self.file, scenario, config.robot)
         write_styles(self.file, scenario.robots)
         for name, policy in zip(self._names, policies, strict=False):
             write_floor(self.file, name, scenario, policy)
-        page = rr.TextDocument(_run_document(facts, config), media_type="text/markdown")
-        self.file.static("/info/run", page)
+        write_run_page(self.file, facts, config)
         self._scenes = [
             EpisodeScene(self.file, name, robot, scenario, config, self._detail)
             for robot, name in enumerate(self._names)
@@ -235,13 +235,8 @@ class EpisodeRecorder:
         self._return[robot] += reward.sum()
 
     def _write_log(self) -> None:
-        lines: list[Line] = []
-        for step, _, parts in self._batch:
-            lines += self._log.lines(step, parts.sum(axis=1))
-        if lines:
-            time_s, numbers, levels, texts = zip(*lines, strict=True)
-            rows = rr.TextLog.columns(text=texts, level=levels)
-            self.file.columns("/log", simulated(np.array(time_s), np.array(numbers)), rows)
+        told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts in self._batch)
+        write_lines(self.file, [line for lines in told for line in lines])
 
     def _starts(self) -> tuple[np.ndarray, np.ndarray]:
         """Times in s and numbers of the batch's RL steps."""
@@ -252,15 +247,3 @@ class EpisodeRecorder:
     def _end_s(self, step: Step) -> float:
         ticks = step.first_tick + self._config.ticks_per_period * len(step.samples.omega)
         return ticks * self._config.timing.dt_s
-
-
-def _run_document(facts: dict[str, Any], config: CoSimConfig) -> str:
-    """Markdown page that says what was run, with every parameter and its source."""
-    lines = ["# Episode", "", "| | |", "|---|---|"]
-    lines += [f"| {key} | {value} |" for key, value in facts.items()]
-    lines += ["", "# Parameters", "", "| name | value | unit | meaning | source |", "|-|-|-|-|-|"]
-    lines += [
-        f"| {name} | {row['value']} | {row['unit']} | {row['description']} | {row['source']} |"
-        for name, row in config.table().items()
-    ]
-    return "\n".join(lines)

@@ -1,27 +1,52 @@
-"""An episode in words: decisions, moves that end or are given up, contacts, and why it ended."""
+"""An episode in words and states: decisions, moves that end or are given up, and why it ended.
 
+The words are for people. Programs read the states, of entities named in `cosim.recording.series`.
+"""
+
+from collections.abc import Iterator
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import rerun as rr
 
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import Scenario, touches_obstacle
 from cosim.navigation.episode import Step
 from cosim.recording.blueprint import robot_names
-from cosim.recording.series import DIRECTION_NAMES
+from cosim.recording.file import Recording, simulated
+from cosim.recording.series import (
+    DIRECTION_NAMES,
+    ENDED,
+    GIVEN_UP,
+    NOT_ARRIVED,
+    OFF_THE_BOARD,
+    ON_OBSTACLE,
+    OUTCOME,
+)
 
 # Vibrating robots part and meet many times a second; that is one contact.
 NEW_CONTACT_S = 0.5
 
 
 class Line(NamedTuple):
-    """A line of the log: simulated time, RL step, level (INFO, WARN or ERROR) and text."""
+    """A line of the log, which may be the change of an entity's state.
+
+    Attributes:
+        time_s: simulated time.
+        rl_step: number of the RL step.
+        level: INFO, WARN or ERROR.
+        text: for people.
+        entity: path of what changes its state; empty if nothing does.
+        state: its new state.
+    """
 
     time_s: float
     rl_step: int
     level: str
     text: str
+    entity: str = ""
+    state: str = ""
 
 
 class EpisodeLog:
@@ -36,7 +61,7 @@ class EpisodeLog:
         self._scenario, self._config = scenario, config
         self._names = robot_names(scenario.robots)
         self._walls_m = scenario.walls * scenario.cell_m
-        self._under_way = np.zeros(scenario.robots, dtype=bool)
+        self._moving = np.zeros(scenario.robots, dtype=bool)
         self._touched_s = dict.fromkeys(combinations(range(scenario.robots), 2), -np.inf)
 
     def lines(self, step: Step, reward: np.ndarray) -> list[Line]:
@@ -44,36 +69,42 @@ class EpisodeLog:
 
         Args:
             step: what the co-simulation returned.
-            reward: (N,) of the step, NaN for robots that were not on their way.
+            reward: (N,) of the step, NaN for robots that were at their targets.
         """
         timing = self._config.timing
         start_s = step.first_tick * timing.dt_s
         end_s = start_s + len(step.samples.omega) * timing.control_period_s
         lines = [
-            Line(start_s, step.number, level, text)
+            Line(start_s, step.number, *told)
             for robot in np.flatnonzero(step.decided)
-            for level, text in self._decision(step, int(robot))
+            for told in self._decision(step, int(robot))
         ]
         lines += self._contacts(step, start_s)
         failed = step.outcome in ("collision", "out_of_board") and ~np.isnan(reward)
         for robot in np.flatnonzero(step.completed | failed):
             where = tuple(step.after.cells[robot].tolist())
-            text = f"{self._names[robot]} ends its move in {where}, reward {reward[robot]:.2f}"
-            lines.append(Line(end_s, step.number, "INFO", text))
-        self._under_way = (step.action >= 0) & ~step.completed
+            name = self._names[robot]
+            text = f"{name} ends its move in {where}, reward {reward[robot]:.2f}"
+            lines.append(Line(end_s, step.number, "INFO", text, f"/rl/{name}/move", ENDED))
+        self._moving = (step.action >= 0) & ~step.completed
         if step.outcome:
-            lines += [Line(end_s, step.number, "WARN", text) for text in self._failures(step)]
+            for name, state, detail in self._failures(step):
+                entity, text = f"/rl/{name}/failure", f"{name} {state}{detail}"
+                lines.append(Line(end_s, step.number, "WARN", text, entity, state))
             level = "INFO" if step.outcome == "success" else "ERROR"
-            lines.append(Line(end_s, step.number, level, f"episode ends: {step.outcome}"))
+            text = f"episode ends: {step.outcome}"
+            lines.append(Line(end_s, step.number, level, text, OUTCOME, step.outcome))
         return lines
 
-    def _decision(self, step: Step, robot: int) -> list[tuple[str, str]]:
+    def _decision(self, step: Step, robot: int) -> list[tuple[str, str, str, str]]:
+        """Level, text, entity and state of the lines on a decision."""
         name, where = self._names[robot], tuple(step.before.cells[robot].tolist())
-        text = f"{name} in {where} heads for {DIRECTION_NAMES[int(step.action[robot])]}"
-        if not self._under_way[robot]:
-            return [("INFO", text)]
-        limit_s = self._config.timing.move_limit_s
-        return [("WARN", f"{name} gives its move up after {limit_s:g} s"), ("INFO", text)]
+        entity, direction = f"/rl/{name}/move", DIRECTION_NAMES[int(step.action[robot])]
+        decided = ("INFO", f"{name} in {where} heads for {direction}", entity, direction)
+        if not self._moving[robot]:
+            return [decided]
+        text = f"{name} gives its move up after {self._config.timing.move_limit_s:g} s"
+        return [("WARN", text, entity, GIVEN_UP), decided]
 
     def _contacts(self, step: Step, start_s: float) -> list[Line]:
         """Pairs that begin to touch, and how far apart their centres are."""
@@ -97,19 +128,55 @@ class EpisodeLog:
                 self._touched_s[i, j] = time_s
         return sorted(lines)
 
-    def _failures(self, step: Step) -> list[str]:
-        """What each robot was short of, unless the episode succeeded."""
-        texts = []
+    def _failures(self, step: Step) -> Iterator[tuple[str, str, str]]:
+        """Robot, state and detail of what each was short of, unless the episode succeeded."""
         width, height = self._scenario.size_m
         for robot, name in enumerate(self._names):
             x, y = step.samples.position[-1, robot, :2]
             target = self._scenario.targets[robot]
+            place = f" at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
             if step.outcome == "out_of_board" and not (0.0 <= x <= width and 0.0 <= y <= height):
-                texts.append(f"{name} leaves the board at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm")
+                yield name, OFF_THE_BOARD, place
             radius_m = self._config.robot.diameter_m / 2.0
             if touches_obstacle(x, y, radius_m**2, self._walls_m):
-                texts.append(f"{name} touches an obstacle at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm")
+                yield name, ON_OBSTACLE, place
             if step.outcome == "timeout" and tuple(step.after.cells[robot]) != target:
-                way_m = np.hypot(*(np.array(self._scenario.centre_m(target)) - (x, y)))
-                texts.append(f"{name} has not arrived: target {100.0 * way_m:.1f} cm away")
-        return texts
+                away_m = np.hypot(*(np.array(self._scenario.centre_m(target)) - (x, y)))
+                yield name, NOT_ARRIVED, f": target {100.0 * away_m:.1f} cm away"
+
+
+def write_lines(file: Recording, lines: list[Line]) -> None:
+    """Write lines to `/log`, and the states among them to their entities.
+
+    Args:
+        file: recording being written.
+        lines: in the order in which they were told.
+    """
+    if lines:
+        rows = rr.TextLog.columns(
+            text=[line.text for line in lines], level=[line.level for line in lines]
+        )
+        file.columns("/log", _times(lines), rows)
+    for entity in {line.entity: None for line in lines if line.entity}:
+        changes = [line for line in lines if line.entity == entity]
+        states = rr.StateChange.columns(state=[line.state for line in changes])
+        file.columns(entity, _times(changes), states)
+
+
+def _times(lines: list[Line]) -> list[rr.TimeColumn]:
+    return simulated(
+        np.array([line.time_s for line in lines]), np.array([line.rl_step for line in lines])
+    )
+
+
+def write_run_page(file: Recording, facts: dict[str, Any], config: CoSimConfig) -> None:
+    """Write the page `/info/run`: what was run, with every parameter and its source."""
+    lines = ["# Episode", "", "| | |", "|---|---|"]
+    lines += [f"| {key} | {value} |" for key, value in facts.items()]
+    lines += ["", "# Parameters", "", "| name | value | unit | meaning | source |", "|-|-|-|-|-|"]
+    lines += [
+        f"| {name} | {row['value']} | {row['unit']} | {row['description']} | {row['source']} |"
+        for name, row in config.table().items()
+    ]
+    page = rr.TextDocument("\n".join(lines), media_type="text/markdown")
+    file.static("/info/run", page)

@@ -1,4 +1,4 @@
-"""What moves in the 3D view of an episode: robots, eccentric masses, forces, ways and plans.
+"""What moves in the 3D view of an episode: robots, eccentric masses, forces, tracks and plans.
 
 What stands still is `cosim.recording.scene`; signals over time are `cosim.recording.series`.
 """
@@ -28,7 +28,7 @@ _PLAN_CLEARANCE_M = 0.003
 
 
 class EpisodeScene:
-    """Writes the moving parts of one robot; remembers its way.
+    """Writes the moving parts of one robot; remembers its track.
 
     Args:
         file: recording being written.
@@ -64,7 +64,7 @@ class EpisodeScene:
         if len(time_s):
             self._write_body(samples, time_s)
             self._write_masses(steps, samples, time_s)
-        self._write_way(steps)
+        self._write_track(steps)
         self._write_plan(steps)
 
     def _write_body(self, samples: Samples, time_s: np.ndarray) -> None:
@@ -107,7 +107,7 @@ class EpisodeScene:
             f"/world/{self._name}/robot/motors/masses", simulated(time_s[rows]), points
         )
 
-    def _write_way(self, steps: list[Step]) -> None:
+    def _write_track(self, steps: list[Step]) -> None:
         """The trail so far and the cells visited so far, at the end of each RL step."""
         timing, cell = self._config.timing, self._scenario.cell_m
         every = round(TRAIL_PERIOD_S / timing.control_period_s)
@@ -116,9 +116,9 @@ class EpisodeScene:
             end_s = step.first_tick * timing.dt_s
             end_s += len(step.samples.omega) * timing.control_period_s
             if len(step.samples.omega):
-                way = step.samples.position[::every, self._robot].copy()
-                way[:, 2] = _TRAIL_HEIGHT_M
-                self._trail = np.vstack([self._trail, way])
+                track = step.samples.position[::every, self._robot].copy()
+                track[:, 2] = _TRAIL_HEIGHT_M
+                self._trail = np.vstack([self._trail, track])
                 ends.append(end_s)
                 trails.append(self._trail)
             known = len(self._visited)

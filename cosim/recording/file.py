@@ -8,6 +8,7 @@ free space is checked, every flush has a time limit and writes are ours
 """
 
 import atexit
+import json
 import os
 import shutil
 import sys
@@ -188,9 +189,11 @@ def scalars(values: np.ndarray) -> Any:
 
 
 def properties(values: Mapping[str, Any]) -> rr.AnyValues:
-    """Values for a recording's properties: numbers and strings as they are, the rest as text."""
+    """Values for a recording's properties: numbers and strings as they are, the rest as JSON."""
     known: dict[str, Any] = {
-        key: value if isinstance(value, int | float | str) else str(value)
+        key: value
+        if isinstance(value, int | float | str)
+        else json.dumps(value, ensure_ascii=False)
         for key, value in values.items()
     }
     return rr.AnyValues(**known)

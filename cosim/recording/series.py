@@ -1,24 +1,31 @@
 """The recorded signals of an episode: where each comes from, its rate, unit, names and colours."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 import rerun as rr
 
+from cosim.base.outcome import ENDS
 from cosim.coupling.signals import Samples
 from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS
+from cosim.physics.rotation import headings
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording
-from cosim.recording.scene import EIGHT, LIGHT, SERIES, palette
+from cosim.recording.scene import EIGHT, GREY, LIGHT, SERIES, palette
 
 DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
 ARRIVED = "at target"
+# States of /rl/<robot>/move besides directions, and of /rl/<robot>/failure; OUTCOME is an entity.
+ENDED, GIVEN_UP = "ended", "given up"
+OFF_THE_BOARD, ON_OBSTACLE = "leaves the board", "touches an obstacle"
+NOT_ARRIVED = "has not arrived"
+OUTCOME = "/outcome"
 REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
 _DE, _ABC, _XY = ("D", "E"), ("A", "B", "C"), ("x", "y")
 
 
-class Signal(NamedTuple):
+class SignalSpec(NamedTuple):
     """A signal below `/sim/<robot>`.
 
     Attributes:
@@ -38,12 +45,6 @@ class Signal(NamedTuple):
     of: Callable[[Samples], np.ndarray]
 
 
-def headings(samples: Samples) -> np.ndarray:
-    """Heading of each robot in rad, (n, N), from the quaternions."""
-    w, x, y, z = np.moveaxis(samples.quaternion, -1, 0)
-    return np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-
-
 def nearest_distances(samples: Samples) -> np.ndarray:
     """Distance in m of each robot's centre to the nearest other, (n, N), infinite if alone."""
     between = samples.position[:, :, None, :2] - samples.position[:, None, :, :2]
@@ -54,21 +55,23 @@ def nearest_distances(samples: Samples) -> np.ndarray:
 
 
 SIGNALS = (
-    Signal("motors/omega", _DE, "rad/s", "fast", "mean", lambda s: s.omega),
-    Signal("motors/voltage", _DE, "V", "fast", "mean", lambda s: s.voltage),
-    Signal("motors/omega_des", _DE, "rad/s", "slow", "last", lambda s: s.omega_des),
-    Signal("motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
-    Signal("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
-    Signal("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
-    Signal("heading", ("heading",), "rad", "pose", "last", headings),
-    Signal("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
-    Signal("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
-    Signal("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
-    Signal("contact/normal_max", _ABC, "N", "slow", "max", lambda s: s.normal_max),
-    Signal("contact/friction_max", _ABC, "N", "slow", "max", lambda s: s.friction_max),
-    Signal("contact/slipping_share", _ABC, "1", "slow", "mean", lambda s: s.slipping_share),
-    Signal("contact/lifted_share", ("share",), "1", "slow", "mean", lambda s: s.lifted_share),
-    Signal("contact/touching_share", ("share",), "1", "slow", "mean", lambda s: s.touching_share),
+    SignalSpec("motors/omega", _DE, "rad/s", "fast", "mean", lambda s: s.omega),
+    SignalSpec("motors/voltage", _DE, "V", "fast", "mean", lambda s: s.voltage),
+    SignalSpec("motors/omega_des", _DE, "rad/s", "slow", "last", lambda s: s.omega_des),
+    SignalSpec("motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
+    SignalSpec("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
+    SignalSpec("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
+    SignalSpec("heading", ("heading",), "rad", "pose", "last", lambda s: headings(s.quaternion)),
+    SignalSpec("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
+    SignalSpec("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
+    SignalSpec("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
+    SignalSpec("contact/normal_max", _ABC, "N", "slow", "max", lambda s: s.normal_max),
+    SignalSpec("contact/friction_max", _ABC, "N", "slow", "max", lambda s: s.friction_max),
+    SignalSpec("contact/slipping_share", _ABC, "1", "slow", "mean", lambda s: s.slipping_share),
+    SignalSpec("contact/lifted_share", ("share",), "1", "slow", "mean", lambda s: s.lifted_share),
+    SignalSpec(
+        "contact/touching_share", ("share",), "1", "slow", "mean", lambda s: s.touching_share
+    ),
 )
 
 # Signals of bursts below /raw/<robot>, fields of `cosim.coupling.signals.RawSamples`: names and
@@ -99,7 +102,7 @@ def reduce(values: np.ndarray, every: int, how: str) -> np.ndarray:
     Args:
         values: (n, ...) at every control period, n ≥ 1.
         every: periods per block.
-        how: see `Signal.reduced`.
+        how: see `SignalSpec.reduced`.
     """
     if every == 1:
         return values
@@ -119,7 +122,7 @@ def block_ends(count: int, every: int) -> np.ndarray:
 
 
 def write_styles(file: Recording, robots: int) -> None:
-    """Log names, units, colours and aggregation of every signal of an episode."""
+    """Log names, units, colours and aggregation of every signal and state of an episode."""
     for name in robot_names(robots):
         series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in SIGNALS}
         series |= {f"/raw/{name}/{path}": entry for path, entry in RAW_SERIES.items()}
@@ -138,10 +141,19 @@ def write_styles(file: Recording, robots: int) -> None:
             )
         for path, values, colours in (
             ("action", (*DIRECTION_NAMES, ARRIVED), [*EIGHT, LIGHT]),
+            ("move", (*DIRECTION_NAMES, ENDED, GIVEN_UP), [*EIGHT, LIGHT, GREY]),
+            ("failure", (OFF_THE_BOARD, ON_OBSTACLE, NOT_ARRIVED), SERIES),
             ("greedy", DIRECTION_NAMES, EIGHT),
             ("gradient", GRADIENT_SIGNS, SERIES),
         ):
-            states = rr.StateConfiguration(
-                values=list(values), labels=list(values), colors=palette(list(colours))
-            )
-            file.static(f"/rl/{name}/{path}", states)
+            _write_states(file, f"/rl/{name}/{path}", values, colours)
+    _write_states(file, OUTCOME, ENDS, [SERIES[2], EIGHT[5], EIGHT[4], GREY])
+
+
+def _write_states(
+    file: Recording, entity: str, values: Sequence[str], colours: Sequence[int]
+) -> None:
+    states = rr.StateConfiguration(
+        values=list(values), labels=list(values), colors=palette(list(colours))
+    )
+    file.static(entity, states)

@@ -1,4 +1,4 @@
-"""The named ways of training: what each learns on, and training on a file of moves."""
+"""The named methods: what each learns on, and training on a file of moves."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 
 from agent import methods, train
 from agent.methods import METHODS, method_config, method_of
-from agent.moves.model import Move, Transitions
+from agent.moves.model import Move, ObservedMoves
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
 from cosim.base.scenario import find_scenario
@@ -17,7 +17,7 @@ from cosim.navigation.features import DIRECTIONS
 @pytest.fixture
 def moves():
     kinds = [(direction, heading) for direction in (0, 1) for heading in range(4)]
-    return Transitions(
+    return ObservedMoves(
         "made by hand",
         0,
         tuple(
@@ -33,9 +33,9 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
     config = method_config(method, find_scenario(name), seed=3, episodes=1000)
     assert config.learning.episodes == 1000
     assert config.seed.entropy == 3
-    assert (config.transitions is not None) == (method == "identified")
+    assert (config.moves is not None) == (method == "moves")
     assert (config.process.slip_probability > 0.0) == (method == "slip")
-    expected = {"1b": {"h"}, "4": {"b"}}[name] if method == "identified" else set()
+    expected = {"1b": {"h"}, "4": {"b"}}[name] if method == "moves" else set()
     assert set(config.process.features) & {"b", "h"} == expected
     assert method_of(config) == method
     longer = msgspec.structs.replace(config, learning=replace(config.learning, greedy_points=3))
@@ -47,9 +47,9 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
 def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):
     moves.save(tmp_path / "moves.json")
     out = tmp_path / "runs"
-    arguments = ["--scenario", "1a", "--transitions", str(tmp_path / "moves.json"), "--out"]
+    arguments = ["--scenario", "1a", "--moves", str(tmp_path / "moves.json"), "--out"]
     short = ["--learning.episodes", "2000", "--learning.epsilon-episodes", "10", "--jobs", "1"]
     monkeypatch.setattr("sys.argv", ["train", *arguments, str(out), *short])
     train.main()
     (path,) = policy_paths(out)
-    assert Policy.load(path).config.transitions == moves
+    assert Policy.load(path).config.moves == moves

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from agent.evaluation.cases import Case
 from agent.evaluation.result_file import ResultFile
-from agent.moves.model import Transitions, build_model
+from agent.moves.model import ObservedMoves, build_model
 from agent.process.bound import optimum
 from agent.process.readings import ProcessConfig, build_process
 from agent.training.learning import LearningConfig, initial_state
@@ -23,7 +23,7 @@ from agent.training.policy import Policy
 from agent.training.settings import read_settings
 from agent.training.store import LOG_FILE, trained_policy
 from agent.training.worker import load_checkpoint, save_checkpoint
-from analysis.figures.caption import Caption, read_caption, write_caption
+from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
@@ -44,8 +44,8 @@ def read_checkpoint(path, config):
     return load_checkpoint(path, config, initial_state(process, config.learning, 0))
 
 
-def read_transitions(path):
-    return build_model(Transitions.load(path), 2.0, 5.0)
+def read_moves(path):
+    return build_model(ObservedMoves.load(path), 2.0, 5.0)
 
 
 @pytest.fixture(scope="module")
@@ -65,22 +65,22 @@ def seeds(tmp_path_factory):
         for d in (0, 1)
         for h in range(4)
     ]
-    transitions = {"schema_version": 1, "source": "", "seed": 0, "moves": moves}
-    (folder / "moves.json").write_text(json.dumps(transitions))
+    moves = {"schema_version": 1, "source": "", "seed": 0, "moves": moves}
+    (folder / "moves.json").write_text(json.dumps(moves))
     (folder / "settings.toml").write_text('[process]\nfeatures = ["x", "y"]\n[learning]\neta = 1\n')
     write_caption(Caption("fig03", "Motion", "it slides", ("5 µm",), {"step_um": 5.0}), folder)
     return {
         "policy": (path, Policy.load),
         "training": (path.with_name(LOG_FILE), TrainingLog.load),
         "checkpoint": (folder / "checkpoint.npz", lambda p: read_checkpoint(p, config)),
-        "transitions": (folder / "moves.json", read_transitions),
+        "moves": (folder / "moves.json", read_moves),
         "scenario": (EXAMPLE, read_scenario),
         "settings": (folder / "settings.toml", read_settings),
         "caption": (folder / "fig03.json", lambda p: read_caption(p.parent, p.stem)),
     }
 
 
-KINDS = ("policy", "training", "checkpoint", "transitions", "scenario", "settings", "caption")
+KINDS = ("policy", "training", "checkpoint", "moves", "scenario", "settings", "caption")
 
 
 @pytest.mark.parametrize("kind", KINDS)

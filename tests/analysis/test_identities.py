@@ -4,7 +4,7 @@ import numba
 import pytest
 
 from agent.evaluation.cases import Case
-from agent.moves.observe import transitions_path
+from agent.moves.observe import moves_path
 from agent.process.bound import optimum
 from agent.process.readings import ProcessConfig, build_process
 from agent.training.learning import LearningConfig, initial_state
@@ -17,7 +17,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.provenance import ROOT
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir
-from cosim.navigation.calibrating import digest
+from cosim.navigation.calibration_cache import digest
 from fmus.build import cached_fmu
 
 SMALL = Scenario("small", "", ((4, 4),), (((0, 0),),), columns=6, rows=6, zone=(0, 0, 0, 0))
@@ -46,7 +46,7 @@ IDENTITIES = {
     "calibration": lambda: digest(CoSimConfig(), cached_fmu()),
     "evaluation": evaluation,
     "kernels": lambda: sources.source_digest(jit._kernel_sources(), numba.__version__),
-    "moves": lambda: transitions_path(CoSimConfig(), cached_fmu()).name,
+    "moves": lambda: moves_path(CoSimConfig(), cached_fmu()).name,
     "policy": lambda: policy_folder(policy_config()).name,
     "reproduced experiment": lambda: code_of("fig08"),
     "reproduced motor test": lambda: code_of("motor_test"),
@@ -54,7 +54,7 @@ IDENTITIES = {
 }
 
 # Modules that matter, and modules that do not.
-ON_THE_WAY = {
+MATTER = {
     "bound": """
         agent.process.bound agent.process.exact agent.process.grid agent.process.readings
         agent.process.rng cosim.base.scenario cosim.navigation.features
@@ -62,7 +62,7 @@ ON_THE_WAY = {
     "calibration": """
         cosim.base.config cosim.base.params cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
-        cosim.navigation.calibrating cosim.navigation.calibration cosim.navigation.trial
+        cosim.navigation.calibration_trials cosim.navigation.calibration cosim.navigation.trial
         cosim.physics.body cosim.physics.collision cosim.physics.contact
         cosim.physics.forces cosim.physics.rotation
     """,
@@ -86,7 +86,7 @@ ON_THE_WAY = {
     "moves": """
         agent.moves.model agent.moves.observe cosim.base.config cosim.base.params
         cosim.base.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
-        cosim.coupling.signals cosim.coupling.steering cosim.navigation.calibrating
+        cosim.coupling.signals cosim.coupling.steering cosim.navigation.calibration_cache
         cosim.navigation.calibration cosim.navigation.episode cosim.navigation.features
         cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
         cosim.navigation.trial cosim.physics.body cosim.physics.collision
@@ -191,8 +191,8 @@ def identity(tmp_path, monkeypatch):
     return IDENTITIES
 
 
-@pytest.mark.parametrize(("kind", "module"), modules(ON_THE_WAY))
-def test_a_change_on_the_way_gives_another_identity(kind, module, identity, change):
+@pytest.mark.parametrize(("kind", "module"), modules(MATTER))
+def test_a_change_that_matters_gives_another_identity(kind, module, identity, change):
     before = identity[kind]()
     change(module, "\nCHANGED = 1\n")
     assert identity[kind]() != before
@@ -208,7 +208,7 @@ def test_a_change_elsewhere_gives_the_same_identity(kind, module, identity, chan
 @pytest.mark.parametrize("kind", sorted(IDENTITIES.keys() - LAID_OUT))
 def test_a_comment_gives_the_same_identity(kind, identity, change):
     before = identity[kind]()
-    for _, module in modules({kind: ON_THE_WAY[kind]}):
+    for _, module in modules({kind: MATTER[kind]}):
         change(module, "\n# changed\n")
     assert identity[kind]() == before
 

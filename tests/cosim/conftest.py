@@ -13,15 +13,16 @@ from cosim.navigation.features import DIRECTION_COUNT, Observation
 
 
 class StraightPolicy:
-    """Heads for the target by the shortest way, blind for the other robot."""
+    """Heads for the target by the shortest path, blind for the other robot."""
 
     def __init__(self, targets: tuple[tuple[int, int], ...]) -> None:
         self._targets = np.array(targets)
 
     def act(self, observation: Observation) -> np.ndarray:
-        way = np.sign(self._targets - observation.cells)
+        offset = np.sign(self._targets - observation.cells)
         sector = 2.0 * math.pi / DIRECTION_COUNT
-        return np.round(np.arctan2(way[:, 1], way[:, 0]) / sector).astype(int) % DIRECTION_COUNT
+        turns = np.round(np.arctan2(offset[:, 1], offset[:, 0]) / sector)
+        return turns.astype(int) % DIRECTION_COUNT
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import cosim.run
-from agent.moves import observe as identify
-from agent.moves.model import Transitions
+from agent.moves import observe
+from agent.moves.model import ObservedMoves
 from agent.process.readings import ProcessConfig
 from agent.training.learning import LearningConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
@@ -139,17 +139,17 @@ def test_bad_input_gets_one_sentence(run, arguments, sentence):
 
 def test_default_method_observes_moves_and_trains_on_them(run, tmp_path, monkeypatch):
     """In the small: a move or two of every kind instead of two dozen."""
-    few = functools.partial(identify.identify, moves_per_kind=1)
-    monkeypatch.setattr(identify, "identify", few)
-    monkeypatch.setattr(identify, "WALKS", 1)
-    monkeypatch.setattr(identify, "cache_dir", lambda kind: tmp_path / kind)
+    few = functools.partial(observe.observe_moves, moves_per_kind=1)
+    monkeypatch.setattr(observe, "observe_moves", few)
+    monkeypatch.setattr(observe, "WALKS", 1)
+    monkeypatch.setattr(observe, "cache_dir", lambda kind: tmp_path / kind)
     out = tmp_path / "run"
     done = run("--train-episodes", 20_000, "--time-limit", 4, "--out", out, "--record", "none")
     assert done.returncode == 0, done.stderr
-    (path,) = (tmp_path / "transitions").glob("*.json")
+    (path,) = (tmp_path / "moves").glob("*.json")
     policy = Policy.load(out / "policy.npz", find_scenario("2"))
-    assert policy.config.transitions == Transitions.load(path)
-    assert summary_of(out)["method"] == "identified"
+    assert policy.config.moves == ObservedMoves.load(path)
+    assert summary_of(out)["method"] == "moves"
 
 
 def test_policy_of_another_scenario_is_refused(run, runs, tmp_path):
@@ -167,7 +167,7 @@ def test_policy_of_another_scenario_is_refused(run, runs, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "names"),
     [
-        (["--method", "identified"], "--method"),
+        (["--method", "moves"], "--method"),
         (["--train-seed", 0], "--train-seed"),
         (["--train-episodes", 5, "--retrain"], "--train-episodes and --retrain"),
     ],

@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from agent.evaluation import evaluate as evaluate_command
+from agent.evaluation import dynamics as evaluate_command
 from agent.evaluation.cases import Case
-from agent.evaluation.evaluate import Evaluate, evaluate, report_of
+from agent.evaluation.dynamics import Evaluate, evaluate, report_of
 from agent.evaluation.outcomes import rate, summary
 from agent.evaluation.result_file import ResultFile, ResultFileError
 from agent.evaluation.rollout import EpisodeResult

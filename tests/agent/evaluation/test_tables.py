@@ -98,7 +98,7 @@ def test_experiments():
 
 
 def test_transfer_has_all_that_its_file_has():
-    entry = {"scenario": "4", "method": "identified", "mu": 0.15, "safety_margin_m": 0.003}
+    entry = {"scenario": "4", "method": "moves", "mu": 0.15, "safety_margin_m": 0.003}
     entry |= {"episodes": 50, "planned": 200} | OUTCOMES
     report = {"rows": [entry], "goals": [], "sessions": [{}], "simulated": 50}
     report |= {"elapsed_s": 60.0, "episode_wall_s": 120.0}

@@ -17,6 +17,7 @@ from agent.training.learning import LearningConfig
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.store import train_policy
 from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.outcome import Outcome
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.scenario import Scenario, ScenarioError
 
@@ -119,7 +120,7 @@ def test_budget_leaves_a_table_of_what_is_there(options, tmp_path):
 
 
 PLAIN = EpisodeResult(
-    "success", 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
+    Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
 )
 CHANGED = replace(PLAIN, conflicts=2)
 
@@ -167,12 +168,12 @@ def test_episodes_that_the_layer_changes_are_not_left_out(row):
 
 
 def test_goals_are_judged_by_the_worst_row(table):
-    best = [row | {"method": "identified"} for row in table["rows"]]
+    best = [row | {"method": "moves"} for row in table["rows"]]
     failing = best[0] | {"mu": 0.2, "success": 0.5, "success_low": 0.1, "success_high": 0.9}
-    success, collisions, ways = goals([*best, failing])
+    success, collisions, paths = goals([*best, failing])
     assert (success["worst"], success["mu"], success["holds"]) == (0.5, 0.2, False)
     assert (collisions["worst"], collisions["holds"]) == (0.0, True)
-    assert ways["holds"]
+    assert paths["holds"]
     assert goals(table["rows"]) == []
 
 

@@ -15,6 +15,7 @@ from agent.process.exact import all_starts, evaluate
 from agent.process.readings import ProcessConfig, build_process
 from agent.training.learning import LearningConfig
 from agent.training.store import trained_policy
+from cosim.base.outcome import RUNNING, SUCCESS, Outcome
 from cosim.base.scenario import Scenario, find_scenario
 
 
@@ -25,7 +26,7 @@ def mean_bounds(scenario, **readings):
 
 
 @pytest.mark.parametrize("name", ["1a", "1b"])
-def test_lone_robot_takes_the_octile_way(name):
+def test_lone_robot_takes_the_octile_path(name):
     scenario = find_scenario(name)
     (gx, gy), starts = scenario.targets[0], scenario.starts[0]
     spans = [sorted((abs(x - gx), abs(y - gy))) for x, y in starts]
@@ -62,7 +63,7 @@ def dijkstra(process, starts, diagonal):
             assert grid.place(process, world, np.array(state[0]))
             world[:, grid.STATUS] = [grid.ARRIVED if done else grid.MOVING for done in state[1]]
             outcome = grid.move(process, world, np.array(actions), rewards)
-            if outcome not in {grid.RUNNING, grid.SUCCESS}:
+            if outcome not in {RUNNING, SUCCESS}:
                 continue
             cells = tuple(map(tuple, world[:, : grid.VX].tolist()))
             done = tuple(bool(s == grid.ARRIVED) for s in world[:, grid.STATUS])
@@ -102,7 +103,7 @@ def test_no_policy_beats_the_optimum():
     learning = LearningConfig(episodes=30_000, epsilon_episodes=10, greedy_points=0)
     policy, _, _ = trained_policy(crossing(), None, learning)
     result = evaluate(policy.process, policy.values)
-    assert result.rate("success") > 0.0
+    assert result.rate(Outcome.SUCCESS) > 0.0
     path_ratio, steps_ratio = ratios(policy.process, result)
     assert path_ratio >= 1.0 - 1e-12
     assert steps_ratio >= 1.0 - 1e-12

@@ -1,4 +1,4 @@
-"""Transitions and rewards against hand-computed ones."""
+"""ObservedMoves and rewards against hand-computed ones."""
 
 import math
 
@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from agent.process import grid
 from agent.process.readings import OBSTACLE, ProcessConfig, build_process
 from agent.process.rng import seeded_state
+from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
 from cosim.base.scenario import Scenario, ScenarioError, find_scenario
 from cosim.navigation.features import DIRECTIONS, LARGE, MEDIUM, NEAR
 
@@ -40,15 +41,15 @@ def pair(**readings):
 def test_each_direction_moves_one_cell(action):
     process = build_process(find_scenario("1a"), ProcessConfig())
     world = world_at(process, (5, 5))
-    assert step(process, world, action) == (grid.RUNNING, [-1.0])
+    assert step(process, world, action) == (RUNNING, [-1.0])
     assert world[0, : grid.VX].tolist() == [5 + DIRECTIONS[action, 0], 5 + DIRECTIONS[action, 1]]
 
 
 def test_lone_robot_reaches_goal_and_leaves_board_with_eq_8():
     process = build_process(find_scenario("1a"), ProcessConfig())
-    assert step(process, world_at(process, (15, 19)), S) == (grid.SUCCESS, [100.0])
+    assert step(process, world_at(process, (15, 19)), S) == (SUCCESS, [100.0])
     for cell, action in [((0, 5), W), ((29, 5), E), ((5, 0), S), ((5, 29), N), ((29, 29), NE)]:
-        assert step(process, world_at(process, cell), action) == (grid.OUT_OF_BOARD, [-100.0])
+        assert step(process, world_at(process, cell), action) == (OUT_OF_BOARD, [-100.0])
 
 
 def test_reward_and_features_when_a_pair_closes_in():
@@ -56,7 +57,7 @@ def test_reward_and_features_when_a_pair_closes_in():
     world = world_at(process, (5, 10), (14, 10))
     assert world[:, grid.CLASS].tolist() == [MEDIUM, MEDIUM]
     outcome, rewards = step(process, world, E, W)  # distance 9 → 7
-    assert outcome == grid.RUNNING
+    assert outcome == RUNNING
     assert rewards == [eq_11(7, 1.5)] * 2 == [np.float32(-1.45)] * 2
     assert world[:, grid.SIGN].tolist() == [-1, -1]
     _, rewards = step(process, world, N, N)  # 7 → 7: not approaching
@@ -79,39 +80,39 @@ def test_distance_classes_and_far_robots_cost_nothing():
 def test_contact_fails_both_moving_robots_but_not_a_parked_one():
     process = pair()
     outcome, rewards = step(process, world_at(process, (5, 25), (12, 25)), E, W)  # 7 → 5
-    assert (outcome, rewards) == (grid.COLLISION, [-100.0, -100.0])
+    assert (outcome, rewards) == (COLLISION, [-100.0, -100.0])
     world = world_at(process, (15, 19), (21, 17))
-    assert step(process, world, S, N) == (grid.RUNNING, [100.0, eq_11(6, 1.5)])
+    assert step(process, world, S, N) == (RUNNING, [100.0, eq_11(6, 1.5)])
     outcome, rewards = step(process, world, N, W)  # robot 1 is parked, robot 2 drives into it
-    assert (outcome, rewards) == (grid.COLLISION, [0.0, -100.0])
+    assert (outcome, rewards) == (COLLISION, [0.0, -100.0])
     assert world[:, grid.STATUS].tolist() == [grid.ARRIVED, grid.HIT]
 
 
 def test_partner_of_robot_off_the_board_gets_its_ordinary_reward():
     outcome, rewards = step(pair(), world_at(pair(), (0, 29), (5, 5)), W, E)
-    assert (outcome, rewards) == (grid.OUT_OF_BOARD, [-100.0, -1.0])
+    assert (outcome, rewards) == (OUT_OF_BOARD, [-100.0, -1.0])
 
 
 def test_arrived_robot_stays_and_success_needs_both():
     process = pair()
     world = world_at(process, (15, 19), (15, 10))
-    assert step(process, world, S, N)[0] == grid.RUNNING
+    assert step(process, world, S, N)[0] == RUNNING
     before = world[0].copy()
-    assert step(process, world, E, N) == (grid.SUCCESS, [0.0, 100.0])
+    assert step(process, world, E, N) == (SUCCESS, [0.0, 100.0])
     assert world[0, : grid.VX].tolist() == before[: grid.VX].tolist()
 
 
 def test_target_of_the_other_robot_is_an_obstacle_of_a_cell_or_a_disk():
     for process, last_free in [(pair(), 11), (pair(target_obstacle="disk"), 6)]:
         world = world_at(process, (15, last_free - 1), (2, 2))
-        assert step(process, world, N, E)[0] == grid.RUNNING
-        assert step(process, world, N, E)[0] == grid.COLLISION
+        assert step(process, world, N, E)[0] == RUNNING
+        assert step(process, world, N, E)[0] == COLLISION
 
 
 def test_zone_is_an_obstacle_only_if_asked_but_never_the_own_target():
-    assert step(pair(), world_at(pair(), (12, 19), (2, 2)), S, E)[0] == grid.RUNNING
+    assert step(pair(), world_at(pair(), (12, 19), (2, 2)), S, E)[0] == RUNNING
     closed = pair(zone_is_obstacle=True)
-    assert step(closed, world_at(closed, (12, 19), (2, 2)), S, E)[0] == grid.COLLISION
+    assert step(closed, world_at(closed, (12, 19), (2, 2)), S, E)[0] == COLLISION
     assert step(closed, world_at(closed, (15, 19), (2, 2)), S, E)[1][0] == 100.0
 
 
@@ -119,7 +120,7 @@ def test_swept_collision_sees_robots_that_pass_each_other():
     # robots smaller than a cell that swap their cells are never in contact on a cell's centre
     tiny = Scenario("t", "", ((5, 5), (0, 5)), (((0, 0),), ((9, 9),)), robot_diameter_m=0.009)
     readings = (ProcessConfig(collision="cells"), ProcessConfig(collision="swept"))
-    for reading, expected in zip(readings, (grid.RUNNING, grid.COLLISION), strict=True):
+    for reading, expected in zip(readings, (RUNNING, COLLISION), strict=True):
         process = build_process(tiny, reading)
         assert step(process, world_at(process, (3, 3), (4, 3)), E, W)[0] == expected
 
@@ -143,9 +144,9 @@ def test_a_cell_is_blocked_if_a_robot_in_its_middle_touches_an_obstacle(diameter
             gap = math.hypot(max(abs(x - 10) - 0.5, 0.0), max(abs(y - 10) - 0.5, 0.0))
             assert (process.terrain[0, x + 1, y + 1] == OBSTACLE) == (gap <= radius + 1e-9)
     beside = world_at(process, (10 + reach + 1, 10))
-    assert step(process, beside, W) == (grid.COLLISION, [-100.0])
+    assert step(process, beside, W) == (COLLISION, [-100.0])
     assert beside[0, grid.STATUS] == grid.HIT
-    assert step(process, world_at(process, (10 + reach + 1, 10)), N) == (grid.RUNNING, [-1.0])
+    assert step(process, world_at(process, (10 + reach + 1, 10)), N) == (RUNNING, [-1.0])
 
 
 @pytest.mark.parametrize("reading", ["cells", "swept"])
@@ -157,11 +158,11 @@ def test_swept_collision_sees_corners_that_diagonal_moves_graze(reading):
     process = build_process(board, ProcessConfig(collision=reading))
     for start, action in [((11, 10), NW), ((10, 11), SE), ((9, 10), NE), ((10, 9), NE)]:
         outcome, _ = step(process, world_at(process, start), action)
-        assert outcome == (grid.COLLISION if reading == "swept" else grid.RUNNING)
+        assert outcome == (COLLISION if reading == "swept" else RUNNING)
     for start, action in [((11, 10), NE), ((12, 10), NW), ((11, 10), N)]:
-        assert step(process, world_at(process, start), action)[0] == grid.RUNNING
+        assert step(process, world_at(process, start), action)[0] == RUNNING
     outside = world_at(process, (0, 0))
-    assert step(process, outside, SW) == (grid.OUT_OF_BOARD, [-100.0])
+    assert step(process, outside, SW) == (OUT_OF_BOARD, [-100.0])
 
 
 def test_only_robots_that_touch_fail():
@@ -171,11 +172,11 @@ def test_only_robots_that_touch_fail():
     )
     world = world_at(process, (5, 5), (11, 5), (25, 5))
     outcome, rewards = step(process, world, E, W, N)
-    assert outcome == grid.COLLISION
+    assert outcome == COLLISION
     assert world[:, grid.STATUS].tolist() == [grid.HIT, grid.HIT, grid.MOVING]
     assert rewards == [-100.0, -100.0, -1.0]
     world = world_at(process, (5, 5), (11, 5), (29, 5))
-    assert step(process, world, E, W, E)[0] == grid.OUT_OF_BOARD  # outranks the collision
+    assert step(process, world, E, W, E)[0] == OUT_OF_BOARD  # outranks the collision
     assert world[:, grid.STATUS].tolist() == [grid.HIT, grid.HIT, grid.LEFT]
 
 

@@ -11,6 +11,7 @@ from agent.process.readings import ProcessConfig
 from agent.training.learning import LearningConfig
 from agent.training.policy import Policy, PolicyError
 from agent.training.store import trained_policy
+from cosim.base.outcome import RUNNING, TIMEOUT, Outcome
 from cosim.base.scenario import Scenario, find_scenario
 from cosim.navigation.features import Observation
 
@@ -48,21 +49,21 @@ def observation_of(world, facing):
 def test_acting_on_observations_repeats_the_exact_evaluation(policy):
     process = policy.process
     result = evaluate(process, policy.values)
-    assert result.rate("success") > 0.5
+    assert result.rate(Outcome.SUCCESS) > 0.5
     for k in range(len(result.outcome)):
         world = np.zeros((2, grid.COLUMN_COUNT), dtype=np.int64)
         grid.place(process, world, result.starts[k])
         facing = np.where(2 * result.starts[k, :, 1] < 12, 2, 6)
         rewards = np.empty(2, dtype=np.float32)
-        outcome = grid.RUNNING
+        outcome = RUNNING
         steps = 0
-        while outcome == grid.RUNNING and steps < process.step_limit:
+        while outcome == RUNNING and steps < process.step_limit:
             actions = policy.act(observation_of(world, facing))
             moving = world[:, grid.STATUS] == grid.MOVING
             facing = np.where(moving, actions, facing)
             outcome = grid.move(process, world, facing, rewards)
             steps += 1
-        assert (outcome or grid.TIMEOUT) == result.outcome[k]
+        assert (outcome or TIMEOUT) == result.outcome[k]
         assert steps == result.steps[k].max()
 
 

@@ -7,6 +7,7 @@ from agent.process.exact import evaluate
 from agent.process.readings import ProcessConfig
 from agent.training.learning import LearningConfig
 from agent.training.store import LOG_FILE, trained_policy
+from cosim.base.outcome import Outcome
 from cosim.base.scenario import find_scenario
 
 pytestmark = pytest.mark.usefixtures("fresh_cache")
@@ -36,7 +37,7 @@ def test_a_second_call_finds_the_policy_and_its_curves():
         {"scenario": find_scenario("3")},
         {"process": ProcessConfig(approach_coefficient=2.0)},
         {"learning": LearningConfig(episodes=5001, epsilon_episodes=10)},
-        {"retrain": True},
+        {"again": True},
     ],
 )
 def test_any_difference_trains_again(other):
@@ -62,14 +63,14 @@ def test_learning_curves_have_the_shapes_and_values_documented():
     assert log.epsilon[-1] == 0.0
     assert log.epsilon[0] == pytest.approx(0.9 * 0.999**99)
     assert log.greedy_episode.tolist() == log.episode.tolist()
-    assert log.greedy_success[-1] == evaluate(policy.process, policy.values).rate("success")
+    assert log.greedy_success[-1] == evaluate(policy.process, policy.values).rate(Outcome.SUCCESS)
 
 
 def test_scenario_2_reaches_100_percent_of_all_900_starts():
     policy, log, _ = trained_policy(find_scenario("2"))
     result = evaluate(policy.process, policy.values)
     assert result.outcome.shape == (900,)
-    assert result.rate("success") == 1.0
+    assert result.rate(Outcome.SUCCESS) == 1.0
     # the exact optimum is 14.85 cm and 11.917 moves (agent.process.bound)
     assert 14.85 <= result.mean_path_cells() < 17.0
     assert 11.91 <= result.mean_steps() < 12.5

@@ -2,8 +2,7 @@
 
 import pytest
 
-from analysis.figures.caption import Caption, read_caption, write_caption
-from analysis.figures.style import FigureError
+from analysis.figures.style import Caption, FigureError, read_caption, write_caption
 
 CAPTION = Caption("fig03", "Motion", "it slides", ("5 µm a turn.",), {"step_um": 5.0}, ("a.npz",))
 

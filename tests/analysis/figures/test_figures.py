@@ -8,8 +8,7 @@ import pytest
 from PIL import Image
 
 from analysis.figures import draw as figures
-from analysis.figures.caption import read_caption
-from analysis.figures.style import FigureError
+from analysis.figures.style import FigureError, read_caption
 from analysis.reading.results import FIGURES
 from cosim.base.errors import run_command
 

@@ -14,7 +14,7 @@ from agent.experiments import EXPERIMENTS, main, show
 from analysis.figures import fig05
 from analysis.figures.learning import (
     POINTS,
-    Variant,
+    VariantCurves,
     draw_learning_curves,
     load_content,
     load_variants,
@@ -22,7 +22,7 @@ from analysis.figures.learning import (
     settled_after,
     thinned,
 )
-from analysis.figures.learning_figures import fig10, path_ratio, with_interval
+from analysis.figures.learning_figures import fig10, path_ratio
 from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
 from cosim.base.errors import run_command
@@ -80,10 +80,6 @@ def test_captions_state_the_numbers_of_the_results(results):
         caption.numbers["c5_path_minus_c1.5_cm"] == (content["differences"]["c5"]["path_length_cm"])
     )
     assert len(caption.ours) == len(content["variants"]) + 1
-    assert with_interval({"mean": 0.5, "low": 0.25, "high": 1.0}, 100.0, 1, " %") == (
-        "50.0 % [25.0, 100.0]"
-    )
-    assert with_interval({"mean": None, "low": None, "high": None}, 1.0, 1, "") == "–"
 
 
 def test_learnt_is_where_success_stays_high():
@@ -91,7 +87,7 @@ def test_learnt_is_where_success_stays_high():
         log = SimpleNamespace(
             greedy_success=np.array(rates), greedy_episode=1000 * np.arange(1, 1 + len(rates))
         )
-        return Variant("x", "2", (log,))  # pyright: ignore[reportArgumentType]
+        return VariantCurves("x", "2", (log,))  # pyright: ignore[reportArgumentType]
 
     assert settled_after(variant([0.2, 1.0, 0.9, 1.0, 1.0]), 0.99) == 4000
     assert settled_after(variant([1.0, 1.0]), 0.99) == 1000

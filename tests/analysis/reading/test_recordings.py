@@ -3,16 +3,20 @@
 import json
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import analysis
 from analysis import inspect
 from analysis.reading.findings import find, intervals, sliding
-from analysis.reading.recordings import _moves, read_episode
-from analysis.reading.rrd import RecordingReadError, Signal, Texts, read_rrd
+from cosim.base.config import CoSimConfig
 from cosim.base.params import TABLE_II, TIMING
+from cosim.base.storage import StorageError
+from cosim.reading.episode import DrivenMove, _moves, read_episode
+from cosim.reading.rrd import RecordingReadError, Signal, Texts, read_rrd
 
 
 @pytest.fixture(scope="module")
@@ -25,52 +29,92 @@ def test_episode_says_what_was_run(episode, run_folder):
     (result,) = summary["episodes"]
     assert episode.complete
     assert episode.outcome == result["outcome"] == "timeout"
-    assert episode.duration_s == result["sim_time_s"] == 8.0
+    assert episode.time_s == result["sim_time_s"] == 8.0
     assert episode.robots == ("r1", "r2")
     assert episode.facts["seed"] == summary["seed"]
     assert [list(start) for start in episode.facts["starts"]] == result["starts"]
     assert episode.facts["versions"] == summary["versions"]
-    values = {name: parameter.value for name, parameter in episode.parameters.items()}
-    assert values == summary["parameters"]
-    assert episode.parameters["V_s_max"].unit == "V"
+    table = CoSimConfig().table()
+    assert episode.parameters.keys() == table.keys()
+    for name, parameter in episode.parameters.items():
+        assert parameter._asdict() == table[name] | {"value": summary["parameters"][name]}
     assert episode.parameter("V_s_max") == TABLE_II.V_s_max
 
 
 def test_signals_are_arrays_in_order_of_time(episode):
-    omega = episode.signal("/sim/r1/motors/omega")
+    omega = episode.signals["/sim/r1/motors/omega"]
     assert omega.components == ("D", "E")
     assert omega.values.shape == (8000, 2)
     assert omega.time_s == pytest.approx(TIMING.control_period_s * np.arange(1, 8001), abs=1e-9)
-    raw = episode.signal("/raw/r2/omega")
+    raw = episode.signals["/raw/r2/omega"]
     assert np.diff(raw.time_s).min() == pytest.approx(TIMING.dt_s, abs=1e-9)
     for path, signal in episode.signals.items():
         assert (np.diff(signal.time_s) >= 0.0).all(), path
         assert len(signal.time_s) == len(signal.values), path
 
 
+def test_names_of_signals_may_be_short(episode):
+    for short, path in (
+        ("r1/motors/omega", "/sim/r1/motors/omega"),
+        ("r2/position", "/sim/r2/position"),  # and /raw/r2/position
+        ("r1/cell", "/rl/r1/cell"),
+        ("raw/r1/omega", "/raw/r1/omega"),
+    ):
+        assert episode.signals[short] is episode.signals[path]
+    assert "r3/position" not in episode.signals
+    assert all(path.startswith("/") for path in episode.signals)
+
+
+def test_an_episode_is_saved_under_another_name_and_nothing_is_lost(recording, episode, tmp_path):
+    saved = tmp_path / "new" / "copy.rrd"
+    episode.save(saved)
+    assert saved.read_bytes() == recording.read_bytes()
+    with pytest.raises(StorageError, match="it exists; move it away"):
+        episode.save(saved)
+
+
+def test_a_temporary_folder_ends_with_its_episode(recording):
+    folder = tempfile.TemporaryDirectory()
+    path = Path(shutil.copy(recording, folder.name))
+    episode = read_episode(path, folder)
+    del folder
+    assert len(episode.signals["r1/heading"].values) > 0
+    assert path.exists()
+    del episode
+    assert not path.parent.exists()
+
+
+def test_analysis_opens_recordings(recording, episode):
+    assert analysis.open(str(recording)).recording_id == episode.recording_id
+
+
 def test_signals_agree_with_each_other(episode):
     """Burst and control-period samples at the same times are the same numbers."""
-    slow, raw = (episode.signal(f"/{rate}/r1/{name}") for rate, name in
+    slow, raw = (episode.signals[f"/{rate}/r1/{name}"] for rate, name in
                  (("sim", "motors/omega"), ("raw", "omega")))  # fmt: skip
     _, i, j = np.intersect1d(
         np.round(1e9 * slow.time_s), np.round(1e9 * raw.time_s), return_indices=True
     )
     assert len(i) >= 4 * 8  # bursts of 9 ms at least
     np.testing.assert_array_equal(slow.values[i], raw.values[j])
-    position = episode.signal("/world/r1/robot:translation")
+    position = episode.signals["/world/r1/robot:translation"]
     assert position.values[-1, 2] == pytest.approx(0.015, abs=1e-3)
 
 
 def test_units_are_known_of_every_signal(episode):
-    assert episode.signal("/sim/r1/motors/omega").unit == "rad/s"
-    assert episode.signal("/world/r1/robot:translation").unit == "m"
+    assert episode.signals["/sim/r1/motors/omega"].unit == "rad/s"
+    assert episode.signals["/world/r1/robot:translation"].unit == "m"
     plotted = ("/sim/", "/raw/", "/rl/")
     assert [p for p, s in episode.signals.items() if p.startswith(plotted) and not s.unit] == []
 
 
 def test_missing_signals_and_parameters_are_named(episode):
-    with pytest.raises(RecordingReadError, match="has no signal /sim/r9/position"):
-        episode.signal("/sim/r9/position")
+    with pytest.raises(
+        RecordingReadError, match=r"has no signal r1/motor/omega; like it are r1/mo"
+    ):
+        episode.signals["r1/motor/omega"]
+    with pytest.raises(KeyError, match="no signal qqq; record with the defaults"):
+        episode.signals["qqq"]
     with pytest.raises(RecordingReadError, match="does not say its parameter nothing"):
         episode.parameter("nothing")
 
@@ -79,8 +123,8 @@ def test_recording_of_a_killed_run_is_read(killed_recording):
     episode = read_episode(killed_recording)
     assert not episode.complete
     assert episode.outcome == ""
-    assert episode.duration_s >= TIMING.rl_step_s
-    assert len(episode.signal("/sim/r1/motors/omega").time_s) >= 2000
+    assert episode.time_s >= TIMING.rl_step_s
+    assert len(episode.signals["/sim/r1/motors/omega"].time_s) >= 2000
 
 
 def test_recording_cut_in_the_middle_is_read(recording, episode, tmp_path):
@@ -92,8 +136,8 @@ def test_recording_cut_in_the_middle_is_read(recording, episode, tmp_path):
     assert not part.complete
     assert part.path == cut
     assert part.recording_id == episode.recording_id
-    whole = episode.signal("/raw/r1/omega")
-    held = part.signal("/raw/r1/omega")
+    whole = episode.signals["/raw/r1/omega"]
+    held = part.signals["/raw/r1/omega"]
     assert 0 < len(held.time_s) <= len(whole.time_s)
     np.testing.assert_array_equal(held.values, whole.values[: len(held.values)])
 
@@ -123,25 +167,12 @@ def test_other_recordings_are_read_too(run_folder):
 
 
 def test_moves_end_time_out_or_are_cut_off():
-    log = Texts(
-        np.array([0.0, 0.0, 4.0, 4.0, 44.0, 46.0]),
-        (
-            "r1 in (0, 29) heads for 0°",
-            "r2 in (16, 0) heads for 45°",
-            "r1 ends its move in (1, 29), reward -1.00",
-            "r1 in (1, 29) heads for 90°",
-            "r1 in (1, 29) heads for 45°",
-            "r2 ends its move in (17, 1), reward -1.00",
-        ),
+    states = Texts(np.array([0.0, 4.0, 6.0, 46.0, 46.0]), ("0°", "ended", "90°", "given up", "45°"))
+    assert _moves(states, 50.0) == (
+        DrivenMove(0.0, 4.0, "0°", ended=True, given_up=False),
+        DrivenMove(6.0, 46.0, "90°", ended=False, given_up=True),
+        DrivenMove(46.0, 50.0, "45°", ended=False, given_up=False),
     )
-    first, second, third = _moves("r1", log, 50.0)
-    assert (first.start_s, first.end_s, first.direction, first.ended) == (0.0, 4.0, "0°", True)
-    assert not first.timed_out
-    assert second.timed_out
-    assert third.last
-    assert not third.timed_out
-    (only,) = _moves("r2", log, 50.0)
-    assert only.ended
 
 
 def test_intervals_are_first_and_last_index():
@@ -162,7 +193,7 @@ def test_feet_at_the_friction_limit_slide():
 
 def test_findings_say_when_and_what(episode):
     findings = {(finding.kind, finding.where): finding for finding in find(episode)}
-    voltage = episode.signal("/sim/r1/motors/voltage")
+    voltage = episode.signals["/sim/r1/motors/voltage"]
     share = float((np.abs(voltage.values[:, 0]) >= TABLE_II.V_s_max).mean())
     saturation = findings["voltage saturation", "r1 D"]
     assert saturation.numbers["share"] == share > 0.0  # the motors start from rest

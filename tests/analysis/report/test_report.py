@@ -12,11 +12,11 @@ from markupsafe import escape
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from analysis.figures.caption import Caption, read_caption, write_caption
+from analysis.figures.style import Caption, interval, read_caption, write_caption
 from analysis.reading.results import FIGURES
 from analysis.report.page import Report, write_report
 from analysis.report.server import address, server
-from analysis.report.tables import ReportError, interval, transfer_tables
+from analysis.report.tables import ReportError, transfer_tables
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 # Drawn by the processor: machines that test have no graphics card.

@@ -6,11 +6,12 @@ import re
 import numpy as np
 import pytest
 
+from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.master import CompiledDriver
-from cosim.coupling.plant import COLLISION, OUT_OF_BOARD, RUNNING, Plant
+from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
 from cosim.coupling.steering import DIRECTION, GOAL_X, START
 from cosim.navigation.episode import DRIVERS

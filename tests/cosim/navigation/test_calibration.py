@@ -12,8 +12,8 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.navigation.calibrating import calibrated, digest, find_calibration
 from cosim.navigation.calibration import MANOEUVRES, Calibration, CalibrationError, load_calibration
+from cosim.navigation.calibration_cache import calibrated, digest, find_calibration
 from cosim.navigation.trial import Trial, heading_angles
 
 SILENT = Console(quiet=True)
@@ -150,6 +150,6 @@ def test_friction_changes_neither_speed_nor_turn_rate(motor_fmu, mu):
 
     there, here = seconds(TABLE_I.mu, 0.05, 0.0), seconds(mu, 0.05, 0.0)
     assert here == pytest.approx(there, rel=0.03)
-    # the way after the turn is the same in both, so that the difference is turning
+    # the path after the turn is the same in both, so that the difference is turning
     there, here = (seconds(m, 0.01, 85.0) - seconds(m, 0.01, 30.0) for m in (TABLE_I.mu, mu))
     assert here == pytest.approx(there, rel=0.08)

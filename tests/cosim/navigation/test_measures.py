@@ -22,11 +22,11 @@ def samples_of(positions: np.ndarray, voltage: float = 0.0, current: float = 0.0
 def circles(radii: tuple[float, ...], periods: int) -> np.ndarray:
     """One turn of each robot around its own centre, centres 20 cm apart on a line."""
     angle = 2.0 * np.pi * np.arange(1, periods + 1) / periods
-    ways = [
+    tracks = [
         np.stack([0.2 * k + r * np.cos(angle), r * np.sin(angle)], axis=1)
         for k, r in enumerate(radii)
     ]
-    return np.stack(ways, axis=1)
+    return np.stack(tracks, axis=1)
 
 
 def test_path_length_of_a_circle():
@@ -38,7 +38,7 @@ def test_path_length_of_a_circle():
     assert measures.path_length_m == pytest.approx([0.05 * 100 * chord, 0.02 * 100 * chord])
 
 
-def test_vibration_is_no_way():
+def test_vibration_is_no_path():
     still = np.zeros((10_000, 1, 2))
     shaking = (
         still + 1e-4 * np.sin(2.0 * np.pi * 150.0 * PERIOD_S * np.arange(10_000))[:, None, None]

@@ -1,4 +1,4 @@
-"""The safety layer: geometry of ways, and who waits or gives way."""
+"""The safety layer: geometry of plans, and who waits or yields."""
 
 import math
 
@@ -12,7 +12,7 @@ from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.scenario import Scenario
 from cosim.navigation.episode import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
-from cosim.navigation.safety import WAIT, permitted, way_to_way
+from cosim.navigation.safety import WAIT, line_to_line, permitted
 from cosim.physics.body import STATE_SIZE
 
 E, N, W, S = 0, 2, 4, 6
@@ -21,18 +21,18 @@ FACING = Scenario(
 )
 
 coordinate = st.floats(-1.0, 1.0)
-ways = st.tuples(coordinate, coordinate, coordinate, coordinate).map(
+lines = st.tuples(coordinate, coordinate, coordinate, coordinate).map(
     lambda v: np.array(v).reshape(2, 2)
 )
 
 
-@given(ways, ways)
+@given(lines, lines)
 def test_distance_of_ways_is_that_of_their_closest_points(a, b):
     shares = np.linspace(0.0, 1.0, 101)[:, None]
     on_a, on_b = a[0] + shares * (a[1] - a[0]), b[0] + shares * (b[1] - b[0])
     sampled = np.linalg.norm(on_a[:, None] - on_b[None], axis=2).min()
     spacing = (np.linalg.norm(a[1] - a[0]) + np.linalg.norm(b[1] - b[0])) / 100
-    assert sampled - spacing <= way_to_way(a, b) <= sampled + 1e-12
+    assert sampled - spacing <= line_to_line(a, b) <= sampled + 1e-12
 
 
 def bodies_at(*cells):
@@ -54,18 +54,18 @@ def goals_of(bodies, *directions):
     ("other", "moving", "wanted", "expected"),
     [
         ((14, 5), None, E, E),  # far away
-        ((10, 5), None, E, N),  # stands in the way, and of the diagonals too
+        ((10, 5), None, E, N),  # stands in the plan, and of the diagonals too
         ((10, 5), W, E, WAIT),  # comes closer
         ((9, 5), None, W, W),  # touches: moving away is free
     ],
 )
-def test_who_waits_and_who_gives_way(other, moving, wanted, expected):
+def test_who_waits_and_who_yields(other, moving, wanted, expected):
     bodies = bodies_at((4, 5), other)
     goals = goals_of(bodies, None, moving)
     assert permitted(FACING, bodies, goals, 0, wanted, SAFETY_MARGIN_M) == expected
 
 
-def test_giving_way_never_leads_off_the_board():
+def test_yielding_never_leads_off_the_board():
     bodies = bodies_at((0, 5), (5, 5))
     for wanted in range(8):
         allowed = permitted(FACING, bodies, goals_of(bodies), 0, wanted, SAFETY_MARGIN_M)

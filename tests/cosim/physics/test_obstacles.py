@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
+from cosim.base.outcome import COLLISION, RUNNING
 from cosim.base.params import SAFETY_MARGIN_M, TABLE_I, TIMING
 from cosim.base.scenario import Scenario, ScenarioError, find_scenario, touches_obstacle
-from cosim.coupling.plant import COLLISION, RUNNING
 from cosim.navigation.episode import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
 from cosim.navigation.safety import WAIT, permitted
@@ -36,7 +36,7 @@ cells = st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7)), max_size=12)
 
 @pytest.fixture
 def wall(tmp_path):
-    """A scenario file with a wall across the way to the target."""
+    """A scenario file with a wall across the path to the target."""
     (tmp_path / "wall.toml").write_text(WALL)
     return find_scenario(tmp_path / "wall.toml")
 
@@ -162,12 +162,12 @@ BESIDE = tuple((x, y) for y in range(1, 10) for x in (4, 12))
         (((10, 8),), W, W),
     ],
 )
-def test_moves_that_come_too_close_to_an_obstacle_give_way(obstacles, wanted, expected):
+def test_moves_that_come_too_close_to_an_obstacle_yield(obstacles, wanted, expected):
     assert allowed(obstacles, wanted) == expected
 
 
 @given(st.lists(st.tuples(st.integers(3, 13), st.integers(0, 10)), min_size=1, max_size=6))
-def test_a_way_is_free_if_every_point_of_it_is(obstacles):
+def test_a_plan_is_free_if_every_point_of_it_is(obstacles):
     least = RADIUS_M / 0.01 + SAFETY_MARGIN_M / 0.01
     if min(distance(8.5, 5.5, obstacle) for obstacle in obstacles) < least:
         return

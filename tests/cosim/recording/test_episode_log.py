@@ -3,6 +3,7 @@
 import numpy as np
 
 from cosim.base.config import CoSimConfig
+from cosim.base.outcome import Outcome
 from cosim.base.params import TIMING
 from cosim.base.scenario import Scenario
 from cosim.coupling.signals import RawSamples, new_raw_samples, new_samples
@@ -35,8 +36,12 @@ def step(
         samples,
         RawSamples(*new_raw_samples(0, 2)),
         np.zeros(2, dtype=int),
-        outcome,
+        Outcome(outcome),
     )
+
+
+def changes(log: EpisodeLog, step: Step, reward: np.ndarray = NOTHING) -> list[tuple[str, str]]:
+    return [(line.entity, line.state) for line in log.lines(step, reward) if line.entity]
 
 
 def texts(log: EpisodeLog, step: Step, reward: np.ndarray = NOTHING) -> list[tuple[str, str]]:
@@ -71,11 +76,25 @@ def test_moves_are_decided_and_given_up():
     assert texts(log, step(1, decided=True)) == [("WARN", "r1 gives its move up after 40 s"), heads]
 
 
+def test_states_of_a_move_follow_each_other():
+    log, move = EpisodeLog(SCENARIO, CONFIG), "/rl/r1/move"
+    assert changes(log, step(0, decided=True)) == [(move, "0°")]
+    assert changes(log, step(1, decided=True)) == [(move, "given up"), (move, "0°")]
+    ended = step(2)._replace(completed=np.array([True, False]))
+    assert changes(log, ended, np.full(2, -1.0)) == [(move, "ended")]
+    assert changes(log, step(3, decided=True)) == [(move, "0°")]
+
+
 def test_timeout_says_who_is_missing_and_how_far():
     lines = texts(EpisodeLog(SCENARIO, CONFIG), step(outcome="timeout"))
     assert lines[0] == ("WARN", "r1 has not arrived: target 22.1 cm away")
     assert lines[-1] == ("ERROR", "episode ends: timeout")
     assert len(lines) == 3
+    assert changes(EpisodeLog(SCENARIO, CONFIG), step(outcome="timeout")) == [
+        ("/rl/r1/failure", "has not arrived"),
+        ("/rl/r2/failure", "has not arrived"),
+        ("/outcome", "timeout"),
+    ]
 
 
 def test_leaving_the_board_names_the_robot_and_the_place():
@@ -85,4 +104,8 @@ def test_leaving_the_board_names_the_robot_and_the_place():
     assert lines == [
         ("WARN", "r2 leaves the board at (30.02, 5.50) cm"),
         ("ERROR", "episode ends: out_of_board"),
+    ]
+    assert changes(EpisodeLog(SCENARIO, CONFIG), lost) == [
+        ("/rl/r2/failure", "leaves the board"),
+        ("/outcome", "out_of_board"),
     ]

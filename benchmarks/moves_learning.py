@@ -1,6 +1,6 @@
 """What helps policies on moves observed in co-simulation: features, learning rate, cost of failure.
 
-    uv run python -m benchmarks.timed_learning [--json]
+    uv run python -m benchmarks.moves_learning [--json]
 
 Trains scenario 4 on the observed moves with each variant and plays the greedy policy on the same
 moves: fast enough for tens of thousands of episodes, but no substitute for `cosim.evaluate`.
@@ -28,7 +28,7 @@ from agent.training.learning import (
     initial_state,
 )
 from agent.training.loop import move_model
-from agent.training.moves_qlearning import advance_timed
+from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
 from cosim.base.errors import run_command
 from cosim.base.scenario import find_scenario
@@ -72,13 +72,13 @@ def play(config: PolicyConfig, trained: TrainingState, episodes: int) -> np.ndar
     state = initial_state(process, learning, 1)
     state.q[:] = trained.q
     still = build_learning(learning)._replace(eta=np.float32(0.0))
-    advance_timed(process, model, still, state, episodes)
+    advance_moves(process, model, still, state, episodes)
     return state.curve[0]
 
 
 def measure(options: Options) -> list[dict[str, Any]]:
     """One row per variant."""
-    base = method_config("identified", find_scenario(options.scenario))
+    base = method_config("moves", find_scenario(options.scenario))
     rows: list[dict[str, Any]] = []
     for name in options.variants:
         features, eta, goal_reward = VARIANTS[name]
@@ -87,12 +87,12 @@ def measure(options: Options) -> list[dict[str, Any]]:
             ProcessConfig(features=features, goal_reward=goal_reward),
             LearningConfig(episodes=options.episodes, eta=eta),
             base.seed,
-            base.transitions,
+            base.moves,
         )
         process, model = build_process(config.scenario, config.process), move_model(config)
         assert model is not None
         state = initial_state(process, config.learning, 0)
-        advance_timed(process, model, build_learning(config.learning), state, options.episodes)
+        advance_moves(process, model, build_learning(config.learning), state, options.episodes)
         curve = play(config, state, options.test_episodes)
         failed = round(curve[EPISODES] - curve[SUCCESSES])
         interval = binomtest(failed, options.test_episodes).proportion_ci(CONFIDENCE, "wilson")
@@ -111,7 +111,7 @@ def measure(options: Options) -> list[dict[str, Any]]:
 def main() -> None:
     """Command line; see `Options`."""
     options = tyro.cli(
-        Options, prog="python -m benchmarks.timed_learning", config=(tyro.conf.FlagCreatePairsOff,)
+        Options, prog="python -m benchmarks.moves_learning", config=(tyro.conf.FlagCreatePairsOff,)
     )
     rows = measure(options)
     table = Table("variant", "failures", "95 % interval", "path length, cells")

@@ -1,30 +1,23 @@
-"""Calibrates a configuration: co-simulates single robots, keeps the map, resolves motor speeds.
+"""The trials of a calibration: single robots co-simulated at many motor speeds.
 
-What the trials say is `cosim.navigation.calibration`; the command line is `cosim.calibrate`.
+What the trials say is `cosim.navigation.calibration`, where they are kept and used
+`cosim.navigation.calibration_cache`.
 """
 
-import hashlib
-import json
 import math
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import lift_off_speed
-from cosim.base.provenance import code_digest, with_imports
-from cosim.base.scenario import Scenario
-from cosim.base.storage import cache_dir, cached
+from cosim.base.progress import Progress, silent
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.signals import FEET
 from cosim.coupling.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.navigation.calibration import DRIVES, MANOEUVRES, Calibration, load_calibration
+from cosim.navigation.calibration import DRIVES, MANOEUVRES, Calibration
 from cosim.navigation.trial import Trial, heading_angles
 
 # Motor speeds of the trials as shares of the lift-off speed, closest where robots drive.
@@ -76,7 +69,7 @@ def measure(
     config: CoSimConfig,
     motor_fmu: Path,
     jobs: int = 2,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Calibration:
     """Co-simulate all trials.
 
@@ -84,7 +77,7 @@ def measure(
         config: of the co-simulation; its motor speeds and desired speeds do not matter.
         motor_fmu: of every motor.
         jobs: threads; the result does not depend on it.
-        progress: called with the trials done and all trials.
+        progress: is told the trials done.
 
     Raises:
         FmuError: the FMU cannot be used, or failed.
@@ -92,7 +85,8 @@ def measure(
     todo, fmu = points(config), MotorFmu(motor_fmu)
     batches = [todo[k : k + BATCH] for k in range(0, len(todo), BATCH)]
     rows: list[np.ndarray] = []
-    progress(0, len(todo))
+    task = "calibrating speeds"
+    progress(task, 0, len(todo))
     with ThreadPoolExecutor(jobs) as threads:
         seeds = (np.random.SeedSequence(0, spawn_key=(k,)) for k in range(len(batches)))
         try:
@@ -100,7 +94,7 @@ def measure(
                 lambda b, s: _measure_batch(config, fmu, b, s), batches, seeds
             ):
                 rows += list(result)
-                progress(len(rows), len(todo))
+                progress(task, len(rows), len(todo))
         except BaseException:
             threads.shutdown(cancel_futures=True)
             raise
@@ -148,7 +142,8 @@ def _measure_batch(
     poses = np.concatenate(track)
     angles = heading_angles(poses[:, :, 3:7])
     moved, middle = np.diff(poses[:, :, :2], axis=0), 0.5 * (angles[1:] + angles[:-1])
-    c, s = np.cos(middle), np.sin(middle)
+    # Library functions: numpy's round otherwise where a processor has wider vectors.
+    c, s = (np.vectorize(function)(middle) for function in (math.cos, math.sin))
     time_s = len(moved) * period_s
     return np.column_stack(
         [
@@ -165,86 +160,3 @@ def _half_round_s(config: CoSimConfig) -> float:
     """Time in which the dither takes the phase once around."""
     rate = 2.0 * config.steering.dither_rad_s
     return 2.0 * math.pi / rate if rate > 0.0 else UNDITHERED_ROUND_S / 2.0
-
-
-def digest(config: CoSimConfig, motor_fmu: Path) -> str:
-    """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise, code."""
-    facts = {
-        "robot": config.robot,
-        "motor": config.motor,
-        "noise": config.noise,
-        "clock": [
-            config.timing.dt_s,
-            config.timing.communication_step_s,
-            config.timing.control_period_s,
-        ],
-        "dither": config.steering.dither_rad_s,
-        "coupling": [config.order, config.reaction],
-        "fmu": hashlib.sha256(motor_fmu.read_bytes()).hexdigest(),
-        "code": code_digest(with_imports([Path(__file__)])),
-    }
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def find_calibration(
-    config: CoSimConfig,
-    motor_fmu: Path,
-    console: Console,
-    *,
-    jobs: int = 2,
-    again: bool = False,
-) -> Calibration:
-    """The calibration of a configuration: found in the cache, or measured and kept there.
-
-    Args:
-        config: of the co-simulation.
-        motor_fmu: of every motor.
-        console: for a progress bar; nothing is drawn if it is no terminal.
-        jobs: threads.
-        again: measure even if the calibration is there.
-
-    Raises:
-        FmuError: the FMU cannot be used, or failed.
-    """
-    MotorFmu(motor_fmu)  # a missing or foreign file is named before anything is hashed
-    path = cache_dir("calibrations") / f"{digest(config, motor_fmu)}.npz"
-
-    def make() -> Calibration:
-        columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-            task = bar.add_task("calibrating speeds", total=None)
-            return measure(
-                config, motor_fmu, jobs, lambda k, n: bar.update(task, completed=k, total=n)
-            )
-
-    return cached(path, load_calibration, make, Calibration.save, again=again)
-
-
-def calibrated_for(scenario: Scenario, motor_fmu: Path, console: Console) -> CoSimConfig:
-    """The default parameters with the robots of a scenario, calibrated.
-
-    Robots that would hop at the default drive speed drive as fast as they can without.
-
-    Args: as of `find_calibration`.
-
-    Raises:
-        ConfigError: robots are too small for their motors.
-        FmuError: the FMU cannot be used, or failed.
-    """
-    config = CoSimConfig().sized(scenario.robot_diameter_m)
-    calibration = find_calibration(config, motor_fmu, console)
-    speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
-    steering = config.steering._replace(drive_speed_m_s=min(speeds))
-    return calibration.resolved(replace(config, steering=steering))
-
-
-def calibrated(config: CoSimConfig, motor_fmu: Path, console: Console) -> CoSimConfig:
-    """The configuration with the motor speeds that realise its drive speed and turn rate.
-
-    Args: as of `find_calibration`.
-
-    Raises:
-        CalibrationError: the drive speed needs hopping.
-        FmuError: the FMU cannot be used, or failed.
-    """
-    return find_calibration(config, motor_fmu, console).resolved(config)

@@ -1,7 +1,7 @@
 """A Rerun file as numpy arrays, whatever it records.
 
 Reads whole files, files without a footer (their writer was killed) and files cut in the middle.
-What the signals of an episode mean is said in `analysis.reading.recordings`.
+What the signals of an episode mean is said in `cosim.reading.episode`.
 """
 
 import subprocess

@@ -6,13 +6,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from analysis.figures import motor_cycle
-from analysis.figures import paths as ways
-from analysis.figures.board import ROBOT_COLOURS
+from analysis.figures import motor_cycle, paths
+from analysis.figures.fig05 import ROBOT_COLOURS
 from analysis.figures.style import FigureError
-from analysis.reading.recordings import read_episode
 from analysis.reading.results import recordings
 from cosim.base.params import STEERING, TABLE_I, TABLE_II
+from cosim.reading.episode import read_episode
 
 
 @pytest.fixture(autouse=True)
@@ -21,29 +20,29 @@ def close_figures():
     plt.close("all")
 
 
-def test_ways_are_those_of_the_recordings(results, run_folder):
-    figure, caption = ways.fig12(results)
+def test_tracks_are_those_of_the_recordings(results, run_folder):
+    figure, caption = paths.fig12(results)
     boards = [axes for axes in figure.axes if axes.axison]
     assert len(boards) == 3
     lines = [line for line in boards[0].lines if len(np.asarray(line.get_xdata())) > 100]
     assert [line.get_color() for line in lines] == [*ROBOT_COLOURS[:2]]
     (path,) = recordings("2", results)
-    position = read_episode(path).signal("/sim/r2/position").values
+    position = read_episode(path).signals["/sim/r2/position"].values
     np.testing.assert_array_equal(lines[1].get_xydata(), 100.0 * position)
     (result,) = json.loads((run_folder / "summary.json").read_text())["episodes"]
     assert caption.numbers["2"]["outcomes"] == [result["outcome"]] == ["timeout"]
     assert "Scenario 2: 0 of 1 co-simulated episodes end in success" in caption.text()
 
 
-def test_length_of_a_way_is_that_of_the_run(results, run_folder):
+def test_length_of_a_track_is_that_of_the_run(results, run_folder):
     (path,) = recordings("2", results)
     (result,) = json.loads((run_folder / "summary.json").read_text())["episodes"]
-    lengths = [100.0 * length for length in ways.read_way(path).path_length_m]
+    lengths = [100.0 * length for length in paths.read_track(path).path_length_m]
     assert lengths == pytest.approx(result["path_length_cm_by_robot"], abs=0.05)
 
 
-def test_one_board_holds_all_ways_of_one_robot(results):
-    figure, caption = ways.fig09(results)
+def test_one_board_holds_all_tracks_of_one_robot(results):
+    figure, caption = paths.fig09(results)
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "scenario 1a: 0 of 1 reached",
         "scenario 1b: 0 of 1 reached",
@@ -53,7 +52,7 @@ def test_one_board_holds_all_ways_of_one_robot(results):
 
 def test_missing_recordings_are_named(tmp_path):
     with pytest.raises(FigureError, match=r"run `python -m cosim\.run --scenario 1a"):
-        ways.fig09(tmp_path)
+        paths.fig09(tmp_path)
     with pytest.raises(FigureError, match=r"run `python -m cosim\.run --scenario 2"):
         motor_cycle.make(tmp_path)
 
@@ -85,6 +84,6 @@ def test_cycle_is_drawn_and_described(cycle):
     caption = motor_cycle.caption(cycle)
     assert 0.0 < caption.numbers["sliding_share"] <= 1.0
     assert caption.numbers["step_um"] == pytest.approx(1e6 * cycle.ahead_m[-1])
-    force, load, speed, way = motor_cycle.draw(cycle).axes
+    force, load, speed, distance = motor_cycle.draw(cycle).axes
     np.testing.assert_array_equal(force.lines[0].get_ydata(), cycle.driving_n)
-    assert [len(axes.lines) for axes in (force, load, speed, way)] == [2, 3, 2, 1]
+    assert [len(axes.lines) for axes in (force, load, speed, distance)] == [2, 3, 2, 1]

@@ -29,9 +29,10 @@ from agent.evaluation.tables import show
 from agent.training.policy import Policy
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import UserError, run_command
+from cosim.base.outcome import Outcome
 from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, TABLE_I, TIMING
 from cosim.base.scenario import find_scenario
-from cosim.navigation.calibrating import calibrated
+from cosim.navigation.calibration_cache import calibrated
 from fmus.build import cached_fmu
 
 SCHEMA_VERSION = 1
@@ -42,7 +43,7 @@ class Evaluate:
     """Evaluate policies in the full co-simulation: motors, friction, noise, decisions every 2 s.
 
     Every start, or a sample drawn with the seed, gives one episode; rates have 95 % Wilson
-    intervals, ways are compared with the policy's own on the grid. Results are kept as they come:
+    intervals, paths are compared with the policy's own on the grid. Results are kept as they come:
     the same command, or one that asks for more starts, goes on where an earlier one ended.
     Recorded are failures and a few successes, to be opened in the Rerun viewer.
     """
@@ -130,7 +131,7 @@ class Evaluated:
         failed: list[int] = []
         succeeded: list[int] = []
         for index, result in self.results().items():
-            (succeeded if result.outcome == "success" else failed).append(index)
+            (succeeded if result.outcome == Outcome.SUCCESS else failed).append(index)
         jobs: list[Job] = []
         for index in failed[: self._recorded] + succeeded[: self._recorded]:
             outcome = self.file.results[index].outcome
@@ -205,7 +206,7 @@ def tracked(
         for job, result in episodes:
             yield job, result
             count += 1
-            successes += result.outcome == "success"
+            successes += result.outcome == Outcome.SUCCESS
             bar.update(task, advance=1, state=f"success {successes / count:.1%}")
 
 

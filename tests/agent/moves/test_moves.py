@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from agent.moves import kernels as timed
-from agent.moves import observe as identify_module
+from agent.moves import kernels
+from agent.moves import observe as observe_module
 from agent.moves.model import (
     NO_DIRECTION,
     Move,
-    Transitions,
-    TransitionsError,
+    MovesError,
+    ObservedMoves,
     build_model,
     move_kind,
 )
-from agent.moves.observe import KINDS, identify
+from agent.moves.observe import KINDS, observe_moves
 from agent.process import grid
 from agent.process.readings import ProcessConfig, build_process
 from agent.process.rng import next_word, seeded_state
@@ -26,6 +26,7 @@ from agent.training.learning import LearningConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
+from cosim.base.outcome import COLLISION, RUNNING
 from cosim.base.params import TIMING
 from cosim.base.scenario import Scenario, ScenarioError, find_scenario
 from cosim.navigation.features import DIRECTIONS
@@ -61,15 +62,15 @@ def ideal_moves(duration_s=RL_STEP_S, turn_s=0.0, drift=0.0, stop=0.0):
         for direction in (0, 1)
         for heading in range(4)
     ]
-    return Transitions("ideal", 0, tuple(moves))
+    return ObservedMoves("ideal", 0, tuple(moves))
 
 
 def pair_at(process, *cells):
     world = np.zeros((len(cells), grid.COLUMN_COUNT), dtype=np.int64)
     assert grid.place(process, world, np.array(cells, dtype=np.int64))
-    ways = np.zeros((len(cells), timed.WAY_SIZE))
-    timed.stand(world, ways)
-    return world, ways
+    plans = np.zeros((len(cells), kernels.PLAN_SIZE))
+    kernels.stand(world, plans)
+    return world, plans
 
 
 def test_moves_of_one_step_are_the_grid():
@@ -82,21 +83,21 @@ def test_moves_of_one_step_are_the_grid():
         if ((cells[0] - cells[1]) ** 2).sum() <= 49:
             continue
         on_grid, _ = pair_at(process, *cells)
-        world, ways = pair_at(process, *cells)
+        world, plans = pair_at(process, *cells)
         expected, rewards = np.zeros(2, dtype=np.float32), np.zeros(2, dtype=np.float32)
         for _ in range(20):
             actions = rng.integers(0, 8, 2)
             outcome = grid.move(process, on_grid, actions, expected)
-            begun = grid.RUNNING
+            begun = RUNNING
             for robot in np.flatnonzero(world[:, grid.STATUS] == grid.MOVING):
-                begun = begun or timed.begin_move(
-                    process, model, world, ways, int(robot), int(actions[robot]), random
+                begun = begun or kernels.begin_move(
+                    process, model, world, plans, int(robot), int(actions[robot]), random
                 )
             if begun:
                 assert outcome == begun
                 break
-            after = timed.step(process, model, world, ways, rewards)
-            if grid.touched_on_the_way(on_grid, 0, 1, 25):
+            after = kernels.step(process, model, world, plans, rewards)
+            if grid.touched_between(on_grid, 0, 1, 25):
                 break  # the grid looks at the ends of moves only
             assert after == outcome
             if outcome:
@@ -113,19 +114,19 @@ def test_moves_of_one_step_are_the_grid():
 def test_a_robot_turns_then_drives_then_waits():
     process = build_process(find_scenario("1a"), ProcessConfig())
     model = build_model(ideal_moves(duration_s=7.0, turn_s=3.0, drift=0.1, stop=0.05), 2.0, 5.0)
-    world, ways = pair_at(process, (5, 5))
+    world, plans = pair_at(process, (5, 5))
     rewards = np.zeros(1, dtype=np.float32)
     north = 2
-    assert timed.begin_move(process, model, world, ways, 0, north, seeded_state(0)) == grid.RUNNING
+    assert kernels.begin_move(process, model, world, plans, 0, north, seeded_state(0)) == RUNNING
     positions = []
     for _ in range(4):
-        assert not timed.waits(ways, 0)
-        timed.step(process, model, world, ways, rewards)
-        positions.append(ways[0, [timed.AT_X, timed.AT_Y]].tolist())
-    assert timed.waits(ways, 0)
+        assert not kernels.waits(plans, 0)
+        kernels.step(process, model, world, plans, rewards)
+        positions.append(plans[0, [kernels.AT_X, kernels.AT_Y]].tolist())
+    assert kernels.waits(plans, 0)
     # north-west of a move to the east is south-west of one to the north
     assert positions[0] == pytest.approx([5.5 - 0.1 * 2 / 3, 5.5 - 0.1 * 2 / 3])
-    share = 1.0 / 4.0  # of the way after the turn, 4 s after the beginning
+    share = 1.0 / 4.0  # of the path after the turn, 4 s after the beginning
     assert positions[1] == pytest.approx([5.4 + share * 0.05, 5.4 + share * 1.05])
     assert positions[3] == pytest.approx([5.45, 6.45])
     assert world[0, [grid.X, grid.Y, grid.AXIS]].tolist() == [5, 6, north]
@@ -134,11 +135,11 @@ def test_a_robot_turns_then_drives_then_waits():
 def test_robots_that_meet_between_cells_collide():
     process = build_process(SMALL, ProcessConfig())
     model = build_model(ideal_moves(duration_s=4.0), 2.0, 5.0)
-    world, ways = pair_at(process, (2, 5), (8, 5))
+    world, plans = pair_at(process, (2, 5), (8, 5))
     random, rewards = seeded_state(0), np.zeros(2, dtype=np.float32)
     for robot, direction in enumerate((0, 4)):
-        timed.begin_move(process, model, world, ways, robot, direction, random)
-    assert timed.step(process, model, world, ways, rewards) == grid.COLLISION
+        kernels.begin_move(process, model, world, plans, robot, direction, random)
+    assert kernels.step(process, model, world, plans, rewards) == COLLISION
     assert rewards.tolist() == [-100.0, -100.0]
 
 
@@ -159,12 +160,12 @@ def test_a_robot_that_strays_to_an_obstacle_collides():
         (moves[0], (2, 2), 0),  # into a blocked cell
     ]:
         model = build_model(observed, RL_STEP_S, 5.0)
-        world, ways = pair_at(process, start)
-        outcome = timed.begin_move(process, model, world, ways, 0, direction, seeded_state(0))
-        while outcome == grid.RUNNING and not timed.waits(ways, 0):
-            outcome = timed.step(process, model, world, ways, rewards)
+        world, plans = pair_at(process, start)
+        outcome = kernels.begin_move(process, model, world, plans, 0, direction, seeded_state(0))
+        while outcome == RUNNING and not kernels.waits(plans, 0):
+            outcome = kernels.step(process, model, world, plans, rewards)
         outcomes.append(outcome)
-    assert outcomes == [grid.RUNNING, grid.RUNNING, grid.COLLISION, grid.COLLISION]
+    assert outcomes == [RUNNING, RUNNING, COLLISION, COLLISION]
     assert rewards.tolist() == [-100.0]
 
 
@@ -196,26 +197,26 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
 
     process, model = build_process(alone, config.process), build_model(moves, RL_STEP_S, 5.0)
     world = np.zeros((1, grid.COLUMN_COUNT), dtype=np.int64)
-    ways, cells = np.zeros((1, timed.WAY_SIZE)), np.zeros((1, 2), dtype=np.int64)
+    plans, cells = np.zeros((1, kernels.PLAN_SIZE)), np.zeros((1, 2), dtype=np.int64)
     random, rewards = seeded_state(1), np.zeros(1, dtype=np.float32)
     q = np.zeros((2, process.state_count, 8))
     for _ in range(learning.episodes):
         grid.place_randomly(process, world, cells, random)
-        timed.stand(world, ways)
-        outcome = grid.RUNNING
-        while outcome == grid.RUNNING:
+        kernels.stand(world, plans)
+        outcome = RUNNING
+        while outcome == RUNNING:
             state = int(grid.state_index(process, world, 0))
             action, word = int(q.sum(axis=0)[state].argmax()), int(next_word(random))
             if word >> 11 < round(0.9 * 2**53):
                 action = word % 8
-            outcome = timed.begin_move(process, model, world, ways, 0, action, random)
-            target, steps = (0.0, 0) if outcome == grid.RUNNING else (-100.0, 0)
-            while outcome == grid.RUNNING and not timed.waits(ways, 0):
-                outcome = timed.step(process, model, world, ways, rewards)
+            outcome = kernels.begin_move(process, model, world, plans, 0, action, random)
+            target, steps = (0.0, 0) if outcome == RUNNING else (-100.0, 0)
+            while outcome == RUNNING and not kernels.waits(plans, 0):
+                outcome = kernels.step(process, model, world, plans, rewards)
                 target += 0.99**steps * rewards[0]
                 steps += 1
             table = int(next_word(random)) & 1
-            if outcome == grid.RUNNING:
+            if outcome == RUNNING:
                 after = int(grid.state_index(process, world, 0))
                 target += 0.99**steps * q[1 - table, after, q[table, after].argmax()]
             q[table, state, action] += 0.5 * (target - q[table, state, action])
@@ -224,35 +225,35 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
 
 
 @pytest.mark.parametrize(
-    ("process", "moves", "message"),
+    ("process", "on_moves", "message"),
     [
-        ({"diagonal_cost": 1.5}, True, "diagonal_cost = 1.5 .* with transitions.* at 1.0"),
-        ({"collision": "swept"}, True, "collision = swept .* with transitions.* at cells"),
+        ({"diagonal_cost": 1.5}, True, "diagonal_cost = 1.5 .* on moves.* at 1.0"),
+        ({"collision": "swept"}, True, "collision = swept .* on moves.* at cells"),
         ({"partner_of_failed": "none"}, True, "partner_of_failed = none .* at ordinary"),
         ({"slip_probability": 0.2}, True, "slip_probability = 0.2 .* at 0.0"),
         ({"clearance_m": 0.003}, False, "clearance_m = 0.003 .* on the grid.* at 0.002"),
     ],
 )
-def test_readings_without_effect_are_refused_by_name(process, moves, message, tmp_path):
+def test_readings_without_effect_are_refused_by_name(process, on_moves, message, tmp_path):
     """In Python, on the command line and from a settings file, before anything is written."""
-    (name, value), transitions = *process.items(), ideal_moves()
+    (name, value), moves = *process.items(), ideal_moves()
     learning = LearningConfig(episodes=10, greedy_points=0)
     other = ProcessConfig(**process)
-    assert PolicyConfig(SMALL, other, learning, Seed(0), None if moves else transitions)
+    assert PolicyConfig(SMALL, other, learning, Seed(0), None if on_moves else moves)
     with pytest.raises(ScenarioError, match=message):
-        PolicyConfig(SMALL, other, learning, Seed(0), transitions if moves else None)
+        PolicyConfig(SMALL, other, learning, Seed(0), moves if on_moves else None)
     file, settings, out = (tmp_path / f for f in ("moves.json", "settings.toml", "out"))
-    transitions.save(file)
+    moves.save(file)
     settings.write_text(f"[process]\n{name} = {json.dumps(value)}\n")
     arguments = ["--scenario", "2", "--out", str(out), "--learning.episodes", "10"]
-    arguments += ["--transitions", str(file)] if moves else []
+    arguments += ["--moves", str(file)] if on_moves else []
     for given in ([f"--process.{name}", str(value)], ["--config", str(settings)]):
         with pytest.raises(ScenarioError, match=message):
             train(parse([*arguments, *given]), Console(quiet=True))
     assert not out.exists()
 
 
-def test_a_policy_keeps_its_transitions(tmp_path):
+def test_a_policy_keeps_its_moves(tmp_path):
     learning = LearningConfig(episodes=10, greedy_points=0)
     config = PolicyConfig(SMALL, ProcessConfig(), learning, Seed(0), ideal_moves())
     policy, _ = train_policy(config)
@@ -260,11 +261,11 @@ def test_a_policy_keeps_its_transitions(tmp_path):
     assert Policy.load(tmp_path / "policy.npz").config == config
 
 
-def test_transitions_survive_a_file(tmp_path):
-    transitions = ideal_moves()
-    transitions.save(tmp_path / "moves.json")
-    assert Transitions.load(tmp_path / "moves.json") == transitions
-    counts = transitions.counts(RL_STEP_S)
+def test_moves_survive_a_file(tmp_path):
+    moves = ideal_moves()
+    moves.save(tmp_path / "moves.json")
+    assert ObservedMoves.load(tmp_path / "moves.json") == moves
+    counts = moves.counts(RL_STEP_S)
     assert counts[1, 3, NO_DIRECTION] == {(1, 1, 1): 1}
 
 
@@ -273,25 +274,25 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, content):
     path = tmp_path / "moves.json"
     if content is not None:
         path.write_text(content)
-    with pytest.raises(TransitionsError, match=r"moves\.json.*agent\.identify"):
-        Transitions.load(path)
+    with pytest.raises(MovesError, match=r"moves\.json.*agent\.moves"):
+        ObservedMoves.load(path)
 
 
 def test_missing_kinds_are_refused():
-    with pytest.raises(TransitionsError, match="more moves"):
-        build_model(Transitions("", 0, ideal_moves().moves[:3]), RL_STEP_S, 5.0)
+    with pytest.raises(MovesError, match="more moves"):
+        build_model(ObservedMoves("", 0, ideal_moves().moves[:3]), RL_STEP_S, 5.0)
 
 
 def test_moves_are_observed_in_the_co_simulation(monkeypatch):
-    monkeypatch.setattr(identify_module, "WALKS", 2)
+    monkeypatch.setattr(observe_module, "WALKS", 2)
     motor_fmu = cached_fmu()
-    transitions = identify(CoSimConfig(), motor_fmu, moves_per_kind=2, jobs=2)
-    again = identify(CoSimConfig(), motor_fmu, moves_per_kind=2, jobs=1)
-    assert transitions == again
-    kinds = [move_kind(move.direction, move.heading) for move in transitions.moves]
+    moves = observe_moves(CoSimConfig(), motor_fmu, moves_per_kind=2, jobs=2)
+    again = observe_moves(CoSimConfig(), motor_fmu, moves_per_kind=2, jobs=1)
+    assert moves == again
+    kinds = [move_kind(move.direction, move.heading) for move in moves.moves]
     assert min(kinds.count(kind) for kind in range(KINDS)) >= 2
-    for move in transitions.moves:
+    for move in moves.moves:
         assert (move.columns, move.rows) == tuple(DIRECTIONS[move.direction])
         assert 0.0 <= move.turn_s < move.duration_s < TIMING.move_limit_s
         assert math.hypot(move.stop_x, move.stop_y) < 0.3
-    build_model(transitions, RL_STEP_S, 5.0)
+    build_model(moves, RL_STEP_S, 5.0)

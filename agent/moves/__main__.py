@@ -1,0 +1,64 @@
+"""`python -m agent.moves`: observe moves in co-simulation and write what they did to a file."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.config import ConfigError
+from cosim.base.errors import run_command
+from cosim.navigation.options import Physics
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserveMoves:
+    """Observe moves of one robot in the co-simulation and keep what they did.
+
+    The file lists every move (direction, heading, previous direction; Δcell, duration, where it
+    stopped); `python -m agent.train --moves FILE` trains with them.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("runs/moves.json")
+    """File to write (.json)."""
+    moves: int = 24
+    """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
+    seed: int = 0
+    """Seed of the directions and the speed noise."""
+    jobs: Jobs = -1
+    json: Json = False
+    physics: Physics = field(default_factory=Physics)
+
+    def __post_init__(self) -> None:
+        workers(self.jobs)
+        if self.moves < 1:
+            raise ConfigError("--moves must be at least 1")
+
+
+def main() -> None:
+    """Command line; see `ObserveMoves`."""
+    options = parse(ObserveMoves, "agent.moves")
+    from agent.moves.observe import facts_of, move_rows, observe_moves  # noqa: PLC0415 - slow
+    from cosim.base.progress import progress_bars  # noqa: PLC0415
+    from cosim.base.tables import show_table  # noqa: PLC0415
+
+    with progress_bars() as progress:
+        config, fmu = options.physics.prepare(progress=progress)
+        moves = observe_moves(
+            config,
+            fmu,
+            moves_per_kind=options.moves,
+            seed=options.seed,
+            jobs=workers(options.jobs),
+            progress=progress,
+        )
+    moves.save(options.out)
+    show_table(None, *move_rows(moves, config.timing.rl_step_s))
+    print(f"moves in {options.out}")
+    if options.json:
+        print_json(facts_of(moves) | {"out": str(options.out)})
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,96 @@
+"""Calibrations found again, and configurations with the motor speeds that they give.
+
+The trials are `cosim.navigation.calibration_trials`; the command line is `cosim.calibrate`.
+"""
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from cosim.base.config import CoSimConfig
+from cosim.base.progress import Progress, silent
+from cosim.base.provenance import code_digest, with_imports
+from cosim.base.scenario import Scenario
+from cosim.base.storage import cache_dir, cached
+from cosim.coupling.fmu import MotorFmu
+from cosim.navigation.calibration import DRIVES, Calibration, load_calibration
+from cosim.navigation.calibration_trials import measure
+
+
+def digest(config: CoSimConfig, motor_fmu: Path) -> str:
+    """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise, code."""
+    facts = {
+        "robot": config.robot,
+        "motor": config.motor,
+        "noise": config.noise,
+        "clock": [
+            config.timing.dt_s,
+            config.timing.communication_step_s,
+            config.timing.control_period_s,
+        ],
+        "dither": config.steering.dither_rad_s,
+        "coupling": [config.order, config.reaction],
+        "fmu": hashlib.sha256(motor_fmu.read_bytes()).hexdigest(),
+        "code": code_digest(with_imports([Path(__file__).with_name("calibration_trials.py")])),
+    }
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def find_calibration(
+    config: CoSimConfig,
+    motor_fmu: Path,
+    progress: Progress = silent,
+    *,
+    jobs: int = 2,
+    again: bool = False,
+) -> Calibration:
+    """The calibration of a configuration: found in the cache, or measured and kept there.
+
+    Args:
+        config: of the co-simulation.
+        motor_fmu: of every motor.
+        progress: is told the trials done.
+        jobs: threads.
+        again: measure even if the calibration is there.
+
+    Raises:
+        FmuError: the FMU cannot be used, or failed.
+    """
+    MotorFmu(motor_fmu)  # a missing or foreign file is named before anything is hashed
+    path = cache_dir("calibrations") / f"{digest(config, motor_fmu)}.npz"
+
+    def make() -> Calibration:
+        return measure(config, motor_fmu, jobs, progress)
+
+    return cached(path, load_calibration, make, Calibration.save, again=again)
+
+
+def calibrated_for(scenario: Scenario, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
+    """The default parameters with the robots of a scenario, calibrated.
+
+    Robots that would hop at the default drive speed drive as fast as they can without.
+
+    Args: as of `find_calibration`.
+
+    Raises:
+        ConfigError: robots are too small for their motors.
+        FmuError: the FMU cannot be used, or failed.
+    """
+    config = CoSimConfig().sized(scenario.robot_diameter_m)
+    calibration = find_calibration(config, motor_fmu, progress)
+    speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
+    steering = config.steering._replace(drive_speed_m_s=min(speeds))
+    return calibration.resolved(replace(config, steering=steering))
+
+
+def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
+    """The configuration with the motor speeds that realise its drive speed and turn rate.
+
+    Args: as of `find_calibration`.
+
+    Raises:
+        CalibrationError: the drive speed needs hopping.
+        FmuError: the FMU cannot be used, or failed.
+    """
+    return find_calibration(config, motor_fmu, progress).resolved(config)

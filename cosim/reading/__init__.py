@@ -1,0 +1,1 @@
+"""Recordings read back: any Rerun file as arrays (`rrd`), and an episode (`episode`)."""
