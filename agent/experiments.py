@@ -16,10 +16,10 @@ import tyro
 from rich.console import Console
 
 from agent.evaluation.grid import report_of, statistics_of
-from agent.process.readings import Feature, ProcessConfig
+from agent.process.config import Feature, ProcessConfig
 from agent.train import progress_bar
-from agent.training.learning import LearningConfig
 from agent.training.runs import Experiment, RunResult, train_runs
+from agent.training.settings import LearningConfig
 from agent.training.sweep import Backend
 from cosim.base.errors import UserError, run_command
 from cosim.base.scenario import find_scenario

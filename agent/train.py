@@ -18,11 +18,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from agent.evaluation.grid import report_of, show
 from agent.moves.model import ObservedMoves
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig
+from agent.process.config import ProcessConfig
 from agent.training.recording import write_runs
 from agent.training.runs import RECORDING_FILE, Experiment, RunResult, train_runs
-from agent.training.settings import read_settings
+from agent.training.settings import LearningConfig, read_settings
 from agent.training.store import POLICY_FILE
 from agent.training.sweep import Backend
 from agent.training.worker import read_progress

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from agent.methods import BEST, METHODS, Method
-from agent.training.learning import LearningConfig
+from agent.training.settings import LearningConfig
 from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.base.params import TIMING
 from cosim.base.scenario import BUILT_IN

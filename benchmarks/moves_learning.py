@@ -17,12 +17,12 @@ from rich.table import Table
 from scipy.stats import binomtest
 
 from agent.methods import method_config
-from agent.process.readings import Feature, ProcessConfig, build_process
+from agent.process.config import Feature, ProcessConfig
+from agent.process.readings import build_process
 from agent.training.learning import (
     EPISODES,
     PATH_CELLS,
     SUCCESSES,
-    LearningConfig,
     TrainingState,
     build_learning,
     initial_state,
@@ -30,6 +30,7 @@ from agent.training.learning import (
 from agent.training.loop import move_model
 from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
+from agent.training.settings import LearningConfig
 from cosim.base.errors import run_command
 from cosim.base.scenario import find_scenario
 

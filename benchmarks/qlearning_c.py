@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agent.process.readings import ProcessConfig
+from agent.process.config import ProcessConfig
 from agent.training.learning import Learning, TrainingState
 from cosim.base.scenario import Scenario
 from fmus.compiler import compiler_command

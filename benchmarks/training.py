@@ -18,10 +18,12 @@ import numpy as np
 import tyro
 
 import agent.envs.single
-from agent.process.readings import ProcessConfig, build_process
-from agent.training.learning import LearningConfig, TrainingState, build_learning, initial_state
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
+from agent.training.learning import TrainingState, build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.runs import Experiment, train_runs
+from agent.training.settings import LearningConfig
 from benchmarks.qlearning_c import build_reference, reference_state, train_reference
 from cosim.base.errors import run_command
 from cosim.base.scenario import BUILT_IN, find_scenario

@@ -185,7 +185,7 @@ TargetChoice = Literal[
 
 
 @dataclass(frozen=True)
-class BuildFmu:
+class Build:
     """Build the vibration motor FMU.
 
     It offers co-simulation and Model Exchange. Without --fmi one FMI 3.0 FMU is written,
@@ -204,8 +204,8 @@ class BuildFmu:
 
 
 def main() -> None:
-    """Command line; see `BuildFmu`."""
-    options = parse(BuildFmu, "fmus.build")
+    """Command line; see `Build`."""
+    options = parse(Build, "fmus.build")
     targets: dict[str, None] = {}
     for choice in options.targets:
         names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from agent.evaluation.rollout import roll_out
+
 from agent.moves.observe import observe_moves
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig
+from agent.process.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import find_scenario

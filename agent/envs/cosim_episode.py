@@ -8,8 +8,9 @@ reward of every step that its move takes.
 import numpy as np
 
 from agent.envs.grid_episode import place_checked
+from agent.process.config import ProcessConfig
 from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING
-from agent.process.readings import ProcessConfig, build_process, feature_sizes, nearest_bearings
+from agent.process.readings import build_process, feature_sizes, nearest_bearings
 from agent.process.rewards import failed, step_reward
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from agent.process.config import ProcessConfig
 from agent.process.grid import (
     AXIS,
     BEARING,
@@ -26,7 +27,7 @@ from agent.process.grid import (
     place_randomly,
     slipped,
 )
-from agent.process.readings import Process, ProcessConfig, build_process, feature_sizes
+from agent.process.readings import Process, build_process, feature_sizes
 from agent.process.rng import seeded_state
 from cosim.base.errors import UserError
 from cosim.base.outcome import RUNNING, TIMEOUT

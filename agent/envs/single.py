@@ -8,7 +8,7 @@ from gymnasium import spaces
 
 from agent.envs.grid_episode import EnvEpisode, GridEpisode, direction_error
 from agent.envs.parallel import NavigationParallelEnv, episode_info, render_episode
-from agent.process.readings import ProcessConfig
+from agent.process.config import ProcessConfig
 from cosim.base.errors import UserError
 from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.base.scenario import Scenario, find_scenario

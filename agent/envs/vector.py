@@ -15,8 +15,9 @@ from gymnasium.vector.utils import batch_space
 
 from agent.envs.grid_episode import FEATURE_COLUMNS, ActionError, direction_error, place_checked
 from agent.envs.rendering import board_pixels, board_text
+from agent.process.config import ProcessConfig
 from agent.process.grid import COLUMN_COUNT, VX, VY, X, Y, move, place_randomly, slipped
-from agent.process.readings import Process, ProcessConfig, build_process, feature_sizes
+from agent.process.readings import Process, build_process, feature_sizes
 from agent.process.rng import seeded_state
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel

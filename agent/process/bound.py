@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 import tyro
 
+from agent.process.config import ProcessConfig
 from agent.process.exact import Evaluation, all_starts
 from agent.process.grid import COLUMN_COUNT, VX, VY, X, Y, touched_between
-from agent.process.readings import FREE, GOAL, Process, ProcessConfig, build_process
+from agent.process.readings import FREE, GOAL, Process, build_process
 from cosim.base.errors import UserError, run_command
 from cosim.base.jit import kernel
 from cosim.base.outcome import SUCCESS

@@ -1,16 +1,15 @@
-"""The decision process of Sections III and V as data: readings, maps, reward and state tables.
+"""The decision process of Sections III and V as data: terrain, reward and state tables.
 
-`ProcessConfig` names every reading that the paper leaves open; `build_process` turns a scenario
-and a configuration into the arrays that the kernels of `agent.process.grid` walk on. No dynamics
-here.
+`build_process` turns a scenario and a `ProcessConfig`, which names the readings that the paper
+leaves open, into the arrays that the kernels of `agent.process.grid` walk on. No dynamics here.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from agent.process.config import FEATURES, PARTNER_UPDATES, ProcessConfig
 from agent.process.rng import probability_threshold
 from cosim.base.scenario import Cell, Scenario, ScenarioError
 from cosim.navigation.features import (
@@ -23,95 +22,6 @@ from cosim.navigation.features import (
 )
 
 FREE, GOAL, OUTSIDE, OBSTACLE = 0, 1, 2, 3  # terrain of a cell, as one robot sees it
-
-Feature = Literal["x", "y", "d", "g", "b", "h"]
-PARTNER_UPDATES = ("ordinary", "penalty", "none")
-
-
-@dataclass(frozen=True)
-class ProcessConfig:
-    """How the paper's decision process is read; the defaults are the readings of this project."""
-
-    goal_reward: float = 100.0
-    """L of Eq. (8): reward of the goal, and minus the reward of a failure (Section III)."""
-    step_cost: float = 1.0
-    """Cost of every move, Eq. (8) and (11)."""
-    diagonal_cost: float = 1.0
-    """Factor on the step cost of a diagonal move (assumed 1; sqrt 2 rewards centimetres)."""
-    approach_coefficient: float = 1.5
-    """c of Eq. (12), at least 1: how much closing in on the other robot costs (Section V)."""
-    distance_limit_m: float = 0.1
-    """D of Eq. (11): beyond it the other robot costs nothing (Section III)."""
-    features: tuple[Feature, ...] = ("x", "y", "d", "g")
-    """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
-    h (the axis that the robot itself faces, forwards or backwards)."""
-    zone_is_obstacle: bool = False
-    """Whether no robot's centre may enter the central zone, except its own target (assumed no).
-    Unlike a scenario's obstacles, which exist in the dynamics too, a reading of the grid alone."""
-    target_obstacle: Literal["cell", "disk"] = "cell"
-    """Extent of another robot's target as a static obstacle (assumed: its cell)."""
-    collision: Literal["cells", "swept"] = "cells"
-    """Contact after the simultaneous moves (assumed), or at any moment of the straight moves; with
-    robots and with obstacles."""
-    partner_of_failed: Literal["ordinary", "penalty", "none"] = "ordinary"
-    """Update of a robot whose partner failed: as ever (assumed), -L as well, or none."""
-    slip_probability: float = 0.0
-    """Probability of moving 45 degrees left or right of the action while learning (assumed 0)."""
-    clearance_m: float = 0.002
-    """Gap between two robots that training on moves counts as contact already (assumed)."""
-    step_limit: int = 1000
-    """Moves after which an episode is cut, counted as a failure (assumed; none in the paper); RL
-    steps in training on moves.
-    A low limit keeps robots that circle from unlearning it: 200 costs success in scenario 4."""
-
-    def __post_init__(self) -> None:
-        checks = {
-            "goal_reward": self.goal_reward > 0,
-            "step_cost": self.step_cost >= 0,
-            "diagonal_cost": self.diagonal_cost >= 0,
-            "approach_coefficient": self.approach_coefficient >= 1,
-            "distance_limit_m": self.distance_limit_m > 0,
-            "features": len(set(self.features)) == len(self.features) > 0,
-            "slip_probability": 0 <= self.slip_probability <= 1,
-            "clearance_m": self.clearance_m >= 0,
-            "step_limit": self.step_limit >= 1,
-        }
-        for name, valid in checks.items():
-            if not valid:
-                raise ScenarioError(
-                    f"process: {name} = {getattr(self, name)} is not allowed; see its "
-                    "description in ProcessConfig or `python -m agent.train --help`"
-                )
-
-
-# Readings without effect in training on moves, and on the grid, and what is so instead.
-_NOT_ON_MOVES = {
-    "diagonal_cost": "every RL step of a move costs the same",
-    "collision": "contact is looked for during the move",
-    "partner_of_failed": "a robot learns from the moves that it has ended, whoever fails",
-    "slip_probability": "moves end where they were observed to end",
-}
-_NOT_ON_THE_GRID = {"clearance_m": "contact is a distance of cells"}
-
-
-def refuse_without_effect(config: ProcessConfig, *, moves: bool) -> None:
-    """Refuse readings that change nothing in training.
-
-    Args:
-        config: readings.
-        moves: whether training is on observed moves, or else on the grid.
-
-    Raises:
-        ScenarioError: names the reading.
-    """
-    where = "on moves" if moves else "on the grid, without moves"
-    for name, reason in (_NOT_ON_MOVES if moves else _NOT_ON_THE_GRID).items():
-        value, default = getattr(config, name), getattr(ProcessConfig, name)
-        if value != default:
-            raise ScenarioError(
-                f"process: {name} = {value} has no effect in training {where}: {reason}; "
-                f"leave it at {default}"
-            )
 
 
 class Process(NamedTuple):
@@ -288,7 +198,7 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
 
 def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...], int]:
     """Strides of the state index and the number of states; a feature not used has stride 0."""
-    strides: dict[str, int] = dict.fromkeys(("x", "y", "d", "g", "b", "h"), 0)
+    strides: dict[str, int] = dict.fromkeys(FEATURES, 0)
     states = 1
     for name, size in reversed(feature_sizes(scenario, config).items()):
         strides[name] = states

@@ -1,4 +1,4 @@
-"""What a training run is given and what it is made of: numbers of Section V, schedule, state.
+"""What a training run is made of: its schedule, and the state between two episodes.
 
 The compiled loop over a `TrainingState` is `agent.training.qlearning`, or
 `agent.training.moves_qlearning` for moves that last; files, progress bars and policies are
@@ -6,71 +6,17 @@ elsewhere.
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agent.process.readings import Process
 from agent.process.rng import probability_threshold, seeded_state
-from cosim.base.errors import UserError
+from agent.training.settings import LearningConfig
 from cosim.navigation.features import DIRECTION_COUNT
 
 # Maps are kept of boards with up to this many cells times robots: 10 MB.
 MAX_MAPPED_CELLS = 100_000
-
-
-class LearningError(UserError):
-    """A learning configuration that cannot be used; the message names the field."""
-
-
-@dataclass(frozen=True)
-class LearningConfig:
-    """Numbers of Section V and what the paper leaves open about learning."""
-
-    episodes: int = 5_000_000
-    """Training episodes (Section V)."""
-    eta: float = 0.01
-    """Learning rate of Eq. (7) (Section V; Section III says 0.001)."""
-    gamma: float = 0.99
-    """Discount rate (Section V)."""
-    epsilon: float = 0.9
-    """Probability of a random action at the start (Section V)."""
-    epsilon_decay: float = 0.999
-    """Factor on epsilon every `epsilon_episodes` episodes (Section V)."""
-    epsilon_episodes: int = 500
-    """Episodes between two reductions of epsilon (Section V)."""
-    exploration: float = 0.6
-    """Share of the episodes with exploration; epsilon is 0 afterwards (Section V)."""
-    schedule: Literal["geometric", "linear"] = "geometric"
-    """Reduction by the factor (assumed), or linear to 0 at the end of exploration."""
-    algorithm: Literal["q", "double_q"] = "q"
-    """Q-learning of Eq. (7), or double Q-learning (two tables per robot)."""
-    log_episodes: int = 1000
-    """Episodes between two points of the learning curves."""
-    log_window: int = 100
-    """Last episodes that a point of the learning curves is the mean of (Section V.B: 100)."""
-    greedy_points: int = 50
-    """Exact evaluations of the greedy policy during training, evenly spread; 0 for none."""
-
-    def __post_init__(self) -> None:
-        checks = {
-            "episodes": self.episodes >= 1,
-            "eta": 0 < self.eta <= 1,
-            "gamma": 0 <= self.gamma <= 1,
-            "epsilon": 0 <= self.epsilon <= 1,
-            "epsilon_decay": 0 <= self.epsilon_decay <= 1,
-            "epsilon_episodes": self.epsilon_episodes >= 1,
-            "exploration": 0 <= self.exploration <= 1,
-            "log_episodes": self.log_episodes >= 1,
-            "log_window": 1 <= self.log_window <= self.log_episodes,
-            "greedy_points": self.greedy_points >= 0,
-        }
-        for name, valid in checks.items():
-            if not valid:
-                raise LearningError(
-                    f"learning: {name} = {getattr(self, name)} is not allowed; see its "
-                    "description in `python -m agent.train --help`"
-                )
 
 
 class Learning(NamedTuple):

@@ -12,6 +12,7 @@ import numpy as np
 
 from agent.moves.model import MoveModel, build_model
 from agent.process.exact import all_starts, evaluate
+from agent.process.maps import cell_map
 from agent.process.readings import build_process
 from agent.training.learning import (
     EPISODES,
@@ -19,16 +20,15 @@ from agent.training.learning import (
     RETURNS,
     STEPS,
     SUCCESSES,
-    LearningConfig,
     TrainingState,
     build_learning,
     epsilon_of_episodes,
     map_points,
 )
-from agent.training.maps import cell_map
 from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
 from agent.training.qlearning import advance
+from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.params import TIMING

@@ -6,7 +6,7 @@ with the same JSON beside it for people; nothing in it is executed on loading. T
 """
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,21 +15,21 @@ import msgspec
 import numpy as np
 
 from agent.moves.model import ObservedMoves
+from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import least_rotation_argmax
-from agent.process.readings import (
-    Process,
-    ProcessConfig,
-    build_process,
-    nearest_bearings,
-    refuse_without_effect,
-)
-from agent.training.learning import LearningConfig, TrainingState
+from agent.process.maps import cell_map
+from agent.process.readings import Process, build_process, nearest_bearings
+from agent.process.rewards import reward_parts
+from agent.training.learning import TrainingState
+from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import code_digest, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.base.scenario import Scenario
 from cosim.base.storage import replacing
+from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+from cosim.recording.policy_map import PolicyMap
 
 SCHEMA_VERSION = 1
 
@@ -86,7 +86,7 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         refuse_without_effect(self.process, moves=self.moves is not None)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Policy:
     """Greedy policy over one table per robot.
 
@@ -99,10 +99,14 @@ class Policy:
     """
 
     config: PolicyConfig
-    q: np.ndarray = field(repr=False)
-    visits: np.ndarray = field(repr=False)
-    random: np.ndarray = field(repr=False)
+    q: np.ndarray
+    visits: np.ndarray
+    random: np.ndarray
     episodes: int
+
+    def __repr__(self) -> str:
+        on = "on moves" if self.config.moves else "on the grid"
+        return f"Policy(scenario {self.config.scenario.name}, {self.episodes} episodes {on})"
 
     @classmethod
     def of_training(cls, config: PolicyConfig, state: TrainingState) -> "Policy":
@@ -155,12 +159,36 @@ class Policy:
         rows = zip(self.q_values(observation), observation.direction, strict=True)
         return np.array([least_rotation_argmax(v, int(f)) for v, f in rows], dtype=np.int64)
 
-    def save(self, path: Path) -> None:
+    def reward_parts(self, step: Step, arrived: np.ndarray) -> np.ndarray:
+        """(N, 3) float64, reward of a co-simulated step by parts, see `agent.process.rewards`."""
+        return reward_parts(self.process, step, arrived)
+
+    def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:
+        """Refuse any geometry but that of training.
+
+        Raises:
+            PolicyError: the policy was trained on another scenario.
+        """
+        trained = self.config.scenario
+        if scenario.digest() != trained.digest():
+            raise PolicyError(
+                f"{name} was trained on scenario {trained.name} (digest {trained.digest()}), not "
+                f"on scenario {scenario.name} (digest {scenario.digest()}); choose that scenario "
+                "or train a new policy"
+            )
+
+    def maps(self) -> list[PolicyMap]:
+        """What each robot's table says of the cells of the board, for pictures."""
+        tables = zip(self.values, self.visits, strict=True)
+        return [cell_map(self.process, values, visits) for values, visits in tables]
+
+    def save(self, path: Path | str) -> None:
         """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
 
         Raises:
             OSError: the folder cannot be written.
         """
+        path = Path(path)
         text = msgspec.json.format(msgspec.json.encode(self._description()), indent=1)
         with replacing(path.with_suffix(".json")) as temporary:
             temporary.write_bytes(text + b"\n")
@@ -181,7 +209,7 @@ class Policy:
         }
 
     @classmethod
-    def load(cls, path: Path, scenario: Scenario | None = None) -> "Policy":
+    def load(cls, path: Path | str, scenario: Scenario | None = None) -> "Policy":
         """Read a policy; with `scenario`, only if it was trained on that geometry.
 
         Raises:
@@ -203,12 +231,8 @@ class Policy:
             consistent = digest == config.scenario.digest() and policy._consistent()
         if not consistent:
             raise PolicyError(f"{path}: tables and configuration do not fit; train it again")
-        if scenario is not None and scenario.digest() != digest:
-            raise PolicyError(
-                f"{path}: the policy was trained on scenario {policy.config.scenario.name} "
-                f"(digest {digest}), not on scenario {scenario.name} (digest "
-                f"{scenario.digest()}); choose that scenario or train a new policy"
-            )
+        if scenario is not None:
+            policy.require_scenario(scenario, f"{path}: the policy")
         return policy
 
     def _consistent(self) -> bool:

@@ -11,7 +11,6 @@ import numpy as np
 import rerun as rr
 
 from agent.training.loop import TrainingLog
-from agent.training.maps import policy_maps
 from agent.training.policy import Policy
 from cosim.recording.blueprint import robot_names, training_blueprint
 from cosim.recording.file import Recording, properties, scalars
@@ -53,7 +52,7 @@ def write_training(path: Path, policy: Policy, log: TrainingLog, facts: dict[str
             int(episode): [PolicyMap(m[0], m[1].astype(np.int64), m[2]) for m in maps]
             for episode, maps in zip(log.map_episode, log.maps, strict=True)
         }
-        moments[policy.episodes] = policy_maps(policy)
+        moments[policy.episodes] = policy.maps()
         for episode, maps in moments.items():
             file.stream.set_time("episode", sequence=episode)
             for name, of_robot in zip(robot_names(robots), maps, strict=True):

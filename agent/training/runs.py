@@ -19,11 +19,12 @@ import msgspec
 import numpy as np
 
 from agent.moves.model import ObservedMoves
-from agent.process.readings import ProcessConfig, build_process
-from agent.training.learning import LearningConfig
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.recording import write_training
+from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE, config_digest, load_run, save_run
 from agent.training.sweep import Backend, sweep
 from agent.training.worker import CHECKPOINT_FILE, PROGRESS_FILE, RunTask, clear_progress, train_run

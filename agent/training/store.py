@@ -10,8 +10,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from agent.process.readings import ProcessConfig, build_process
-from agent.training.learning import LearningConfig, initial_state
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
+from agent.training.learning import initial_state
 from agent.training.loop import (
     ProgressCallback,
     TrainingLog,
@@ -20,6 +21,7 @@ from agent.training.loop import (
     training_log,
 )
 from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
+from agent.training.settings import LearningConfig
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, found_or_made, require_no_folder
 

@@ -14,7 +14,7 @@ ALL = "all"
 
 
 @dataclass(frozen=True)
-class DrawFigures:
+class Figures:
     """Draw figures of the paper, and three that it lacks, from a folder of results.
 
     Each figure becomes a PNG and a PDF of the same name, and a .json with its caption: the paper's
@@ -45,8 +45,8 @@ class DrawFigures:
 
 
 def main() -> None:
-    """Command line; see `DrawFigures`."""
-    options = parse(DrawFigures, "analysis.figures")
+    """Command line; see `Figures`."""
+    options = parse(Figures, "analysis.figures")
     from analysis.figures.draw import draw_figures
     from cosim.base.progress import progress_bars
 

@@ -24,7 +24,8 @@ from analysis.figures.style import (
     FigureError,
 )
 from analysis.reading.results import FIGURES
-from analysis.reading.written import TransferRow, read_transfer
+from agent.evaluation.transfer_table import TransferRow
+from analysis.reading.written import read_transfer
 
 _COLOURS = (VERMILION, BLUE, GREEN, ORANGE, PURPLE, SKY)
 # Of a group of bars side by side, the share of the distance between scenarios.
@@ -130,7 +131,7 @@ def make(results: Path) -> Drawing:
         ResultError: there is no such result, or it is damaged.
         FigureError: it has no row with episodes.
     """
-    rows = [row for row in read_transfer(results) if row.success is not None]
+    rows = [row for row in read_transfer(results).rows if row.success is not None]
     if not rows:
         raise FigureError("the table of `python -m cosim.transfer` has no rows with episodes")
     return Drawing(draw(rows), caption(rows))

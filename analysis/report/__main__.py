@@ -11,7 +11,7 @@ from cosim.base.errors import run_command
 
 
 @dataclass(frozen=True)
-class WriteReport:
+class Report:
     """Write a page with every figure beside the paper's claim, tables, and recordings to watch.
 
     Results are those of `python -m analysis.reproduce`, or of single commands with the same
@@ -31,8 +31,8 @@ class WriteReport:
 
 
 def main() -> None:
-    """Command line; see `WriteReport`."""
-    options = parse(WriteReport, "analysis.report")
+    """Command line; see `Report`."""
+    options = parse(Report, "analysis.report")
     from analysis.report.page import write_report
 
     page = write_report(options.results, options.out, options.figures, options.episode)

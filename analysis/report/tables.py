@@ -6,9 +6,10 @@ Reads what commands wrote and formats it, with intervals; the page around it is 
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from agent.evaluation.transfer_table import TransferRow
 from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
-from analysis.reading.written import TransferRow, kind_of, read_experiment, read_transfer
+from analysis.reading.written import kind_of, read_experiment, read_transfer
 from analysis.timings import TimingsFile
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import ENDS
@@ -98,7 +99,7 @@ def transfer_tables(results: Path) -> list[ReportTable]:
     """
     if not RESULTS["transfer"].exists(results):
         return []
-    rows = [_transfer_row(row) for row in read_transfer(results)]
+    rows = [_transfer_row(row) for row in read_transfer(results).rows]
     outcomes = (name.replace("_", " ") for name in ENDS)
     header = ("scenario", "training", "µ", "safety layer", "episodes", *outcomes, "path over grid")
     note = (

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
+import msgspec
 import tyro
 
 from cosim.base.errors import UserError
-from cosim.base.storage import encode_json
 
 Options = TypeVar("Options")
 
@@ -43,8 +43,7 @@ def parse(options: type[Options], module: str, arguments: list[str] | None = Non
         arguments: of the command line, by default those of the process.
     """
     called = sys.argv[0] if sys.argv[0].startswith("minirobots ") else f"python -m {module}"
-    # Options that belong together keep their own group of the help, but no prefix.
-    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes)
+    config = (tyro.conf.FlagCreatePairsOff,)
     return tyro.cli(options, prog=called, args=arguments, config=config)
 
 
@@ -63,4 +62,4 @@ def workers(jobs: int) -> int:
 
 def print_json(content: Any) -> None:
     """Print what `--json` promises: one object on one line."""
-    print(encode_json(content).decode())
+    print(msgspec.json.encode(content).decode())

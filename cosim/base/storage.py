@@ -162,19 +162,14 @@ def replacing(path: Path) -> Iterator[Path]:
         os.close(handle)
 
 
-def encode_json(content: Any) -> bytes:
-    """Content as JSON on one line: structs, records and numpy's numbers too; no number is null."""
-    return msgspec.json.encode(content, enc_hook=lambda number: number.item())
-
-
 def write_json(path: Path, content: Any) -> None:
-    """Write content as a JSON file for people and programs.
+    """Write what `msgspec` can encode as JSON for people and programs, whole or not at all.
 
     Raises:
-        StorageError, OSError: see `replacing`.
+        OSError: the folder cannot be written.
     """
     with replacing(path) as temporary:
-        temporary.write_bytes(msgspec.json.format(encode_json(content), indent=1) + b"\n")
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 
 
 def _temporary(path: Path) -> tuple[int, Path]:

@@ -41,7 +41,7 @@ class MovePlatform:
 def main() -> None:
     """Command line; see `MovePlatform`."""
     options = parse(MovePlatform, "cosim.platform")
-    from cosim.platform.result import move_platforms  # noqa: PLC0415 - slow
+    from cosim.platform.result import move_platforms
 
     result = move_platforms(options.cycles, options.omega, options.mu)
     result.save(options.out)

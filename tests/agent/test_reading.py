@@ -16,11 +16,12 @@ from agent.evaluation.cases import Case
 from agent.evaluation.result_file import ResultFile
 from agent.moves.model import ObservedMoves, build_model
 from agent.process.bound import optimum
-from agent.process.readings import ProcessConfig, build_process
-from agent.training.learning import LearningConfig, initial_state
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
+from agent.training.learning import initial_state
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy
-from agent.training.settings import read_settings
+from agent.training.settings import LearningConfig, read_settings
 from agent.training.store import LOG_FILE, trained_policy
 from agent.training.worker import load_checkpoint, save_checkpoint
 from analysis.figures.style import Caption, read_caption, write_caption

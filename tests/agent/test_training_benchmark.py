@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from agent.training.learning import LearningConfig
+from agent.training.settings import LearningConfig
 from benchmarks import training
 
 

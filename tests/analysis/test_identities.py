@@ -6,9 +6,11 @@ import pytest
 from agent.evaluation.cases import Case
 from agent.moves.observe import moves_path
 from agent.process.bound import optimum
-from agent.process.readings import ProcessConfig, build_process
-from agent.training.learning import LearningConfig, initial_state
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
+from agent.training.learning import initial_state
 from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from analysis.timings import Timings, code_of
 from cosim.base import jit
@@ -56,63 +58,69 @@ IDENTITIES = {
 # Modules that matter, and modules that do not.
 MATTER = {
     "bound": """
-        agent.process.bound agent.process.exact agent.process.grid agent.process.readings
-        agent.process.rng cosim.base.scenario cosim.navigation.features
+        agent.process.bound agent.process.config agent.process.exact agent.process.grid
+        agent.process.readings agent.process.rng cosim.base.scenario
+        cosim.navigation.features
     """,
     "calibration": """
         cosim.base.config cosim.base.params cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
-        cosim.navigation.calibration_trials cosim.navigation.calibration cosim.navigation.trial
-        cosim.physics.body cosim.physics.collision cosim.physics.contact
-        cosim.physics.forces cosim.physics.rotation
+        cosim.navigation.calibration cosim.navigation.calibration_trials
+        cosim.navigation.trial cosim.physics.body cosim.physics.collision
+        cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "evaluation": """
-        agent.evaluation.cases agent.evaluation.rollout agent.process.exact
-        agent.process.grid agent.process.readings agent.process.rng agent.training.policy
-        cosim.base.config cosim.base.params cosim.base.scenario cosim.coupling.fmu
-        cosim.coupling.master cosim.coupling.plant cosim.coupling.signals
-        cosim.coupling.steering cosim.navigation.episode cosim.navigation.features
-        cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
-        cosim.physics.body cosim.physics.collision cosim.physics.contact
-        cosim.physics.forces cosim.physics.rotation
+        agent.evaluation.cases agent.evaluation.rollout agent.process.config
+        agent.process.exact agent.process.grid agent.process.readings agent.process.rng
+        agent.training.policy cosim.base.config cosim.base.params cosim.base.scenario
+        cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
+        cosim.coupling.signals cosim.coupling.steering cosim.navigation.episode
+        cosim.navigation.features cosim.navigation.measures cosim.navigation.observing
+        cosim.navigation.safety cosim.physics.body cosim.physics.collision
+        cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "kernels": """
-        agent.envs.vector agent.moves.kernels agent.process.bound agent.process.exact
-        agent.process.grid agent.process.readings agent.process.rng
+        agent.envs.vector agent.moves.kernels agent.process.bound agent.process.config
+        agent.process.exact agent.process.grid agent.process.readings agent.process.rng
         agent.training.moves_qlearning agent.training.qlearning cosim.base.params
         cosim.coupling.plant cosim.coupling.steering cosim.navigation.features
-        cosim.physics.body cosim.physics.contact cosim.physics.forces cosim.physics.rotation
+        cosim.physics.body cosim.physics.contact cosim.physics.forces
+        cosim.physics.rotation
     """,
     "moves": """
         agent.moves.model agent.moves.observe cosim.base.config cosim.base.params
         cosim.base.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
-        cosim.coupling.signals cosim.coupling.steering cosim.navigation.calibration_cache
-        cosim.navigation.calibration cosim.navigation.episode cosim.navigation.features
-        cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
-        cosim.navigation.trial cosim.physics.body cosim.physics.collision
-        cosim.physics.contact cosim.physics.forces cosim.physics.rotation fmus.variables
+        cosim.coupling.signals cosim.coupling.steering cosim.navigation.calibration
+        cosim.navigation.calibration_cache cosim.navigation.episode
+        cosim.navigation.features cosim.navigation.measures cosim.navigation.observing
+        cosim.navigation.safety cosim.navigation.trial cosim.physics.body
+        cosim.physics.collision cosim.physics.contact cosim.physics.forces
+        cosim.physics.rotation fmus.variables
     """,
     "policy": """
-        agent.moves.kernels agent.moves.model agent.process.exact agent.process.grid
-        agent.process.readings agent.process.rng agent.training.learning agent.training.loop
-        agent.training.maps agent.training.moves_qlearning agent.training.qlearning
-        cosim.base.params cosim.base.scenario cosim.navigation.features
+        agent.moves.kernels agent.moves.model agent.process.config agent.process.exact
+        agent.process.grid agent.process.maps agent.process.readings agent.process.rng
+        agent.training.learning agent.training.loop agent.training.moves_qlearning
+        agent.training.qlearning agent.training.settings cosim.base.params
+        cosim.base.scenario cosim.navigation.features
     """,
     "reproduced experiment": """
         agent.experiments agent.moves.kernels agent.moves.model agent.process.bound
-        agent.process.exact agent.process.grid agent.process.readings agent.process.rng
-        agent.training.learning agent.training.loop agent.training.maps
-        agent.training.moves_qlearning agent.training.qlearning cosim.base.scenario
+        agent.process.config agent.process.exact agent.process.grid agent.process.maps
+        agent.process.readings agent.process.rng agent.training.learning
+        agent.training.loop agent.training.moves_qlearning agent.training.qlearning
+        agent.training.settings cosim.base.scenario
     """,
     "reproduced motor test": """
         analysis.motor.step_test cosim.base.params cosim.recording.file
     """,
     "reproduced transfer": """
         agent.evaluation.outcomes agent.evaluation.rollout agent.evaluation.transfer
-        agent.evaluation.transfer_table agent.methods agent.moves.kernels agent.moves.model
-        agent.moves.observe agent.process.exact agent.process.grid agent.process.readings
-        agent.process.rng agent.training.learning agent.training.loop agent.training.maps
-        agent.training.moves_qlearning agent.training.qlearning cosim.base.config
+        agent.evaluation.transfer_table agent.methods agent.moves.kernels
+        agent.moves.model agent.moves.observe agent.process.config agent.process.exact
+        agent.process.grid agent.process.maps agent.process.readings agent.process.rng
+        agent.training.learning agent.training.loop agent.training.moves_qlearning
+        agent.training.qlearning agent.training.settings cosim.base.config
         cosim.base.params cosim.base.scenario cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
         cosim.navigation.calibration cosim.navigation.episode cosim.navigation.features
@@ -130,9 +138,9 @@ ELSEWHERE = {
         cosim.recording.file cosim.run
     """,
     "evaluation": """
-        agent.evaluation.outcomes agent.evaluation.transfer agent.moves.kernels agent.train
-        analysis.figures.style cosim.recording.blueprint cosim.recording.episode
-        cosim.recording.file cosim.run
+        agent.evaluation.outcomes agent.evaluation.transfer agent.moves.kernels
+        agent.train analysis.figures.style cosim.recording.blueprint
+        cosim.recording.episode cosim.recording.file cosim.run
     """,
     "kernels": """
         agent.train analysis.figures.style cosim.recording.blueprint cosim.run
@@ -146,8 +154,8 @@ ELSEWHERE = {
         cosim.physics.body cosim.run
     """,
     "reproduced experiment": """
-        agent.moves.observe analysis.figures.draw analysis.figures.style cosim.physics.body
-        cosim.run
+        agent.moves.observe analysis.figures.draw analysis.figures.style
+        cosim.physics.body cosim.run
     """,
     "reproduced motor test": """
         agent.process.grid analysis.figures.draw cosim.run

@@ -5,16 +5,16 @@ import threading
 from dataclasses import replace
 
 import pytest
+from agent.evaluation.rollout import EpisodeResult
 from rich.console import Console
 
 from agent.evaluation.cases import Case, Job
 from agent.evaluation.result_file import ResultFile
-from agent.evaluation.rollout import EpisodeResult
 from agent.evaluation.transfer import Transfer, transfer
 from agent.evaluation.transfer_table import Row, goals, markdown
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig
+from agent.process.config import ProcessConfig
 from agent.training.policy import PolicyConfig, Seed
+from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.outcome import Outcome

@@ -11,9 +11,10 @@ import pytest
 from agent.process import bound as bound_module
 from agent.process import grid
 from agent.process.bound import optimum, ratios
+from agent.process.config import ProcessConfig
 from agent.process.exact import all_starts, evaluate
-from agent.process.readings import ProcessConfig, build_process
-from agent.training.learning import LearningConfig
+from agent.process.readings import build_process
+from agent.training.settings import LearningConfig
 from agent.training.store import trained_policy
 from cosim.base.outcome import RUNNING, SUCCESS, Outcome
 from cosim.base.scenario import Scenario, find_scenario

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.process import grid
-from agent.process.readings import OBSTACLE, ProcessConfig, build_process
+from agent.process.config import ProcessConfig
+from agent.process.readings import OBSTACLE, build_process
 from agent.process.rng import seeded_state
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
 from cosim.base.scenario import Scenario, ScenarioError, find_scenario

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from agent.process.readings import ProcessConfig, build_process
-from agent.training.learning import LearningConfig, build_learning, initial_state
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
+from agent.training.learning import build_learning, initial_state
 from agent.training.qlearning import advance
+from agent.training.settings import LearningConfig
 from benchmarks.qlearning_c import build_reference, reference_state, train_reference
 from cosim.base.scenario import find_scenario
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from agent.process import grid
+from agent.process.config import ProcessConfig
 from agent.process.exact import evaluate
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig
 from agent.training.policy import Policy, PolicyError
+from agent.training.settings import LearningConfig
 from agent.training.store import trained_policy
 from cosim.base.outcome import RUNNING, TIMEOUT, Outcome
 from cosim.base.scenario import Scenario, find_scenario

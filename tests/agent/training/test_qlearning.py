@@ -3,16 +3,12 @@
 import numpy as np
 import pytest
 
-from agent.process.readings import ProcessConfig, build_process
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
 from agent.process.rng import next_word
-from agent.training.learning import (
-    LearningConfig,
-    LearningError,
-    build_learning,
-    epsilon_of_episodes,
-    initial_state,
-)
+from agent.training.learning import build_learning, epsilon_of_episodes, initial_state
 from agent.training.qlearning import advance
+from agent.training.settings import LearningConfig, LearningError
 from cosim.base.scenario import Scenario, find_scenario
 
 

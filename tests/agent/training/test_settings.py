@@ -2,9 +2,8 @@
 
 import pytest
 
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig
-from agent.training.settings import SettingsError, read_settings
+from agent.process.config import ProcessConfig
+from agent.training.settings import LearningConfig, SettingsError, read_settings
 
 
 def test_given_fields_override_defaults(tmp_path):

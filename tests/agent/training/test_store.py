@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from agent.process.config import ProcessConfig
 from agent.process.exact import evaluate
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig
+from agent.training.settings import LearningConfig
 from agent.training.store import LOG_FILE, trained_policy
 from cosim.base.outcome import Outcome
 from cosim.base.scenario import find_scenario

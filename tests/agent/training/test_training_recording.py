@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from agent.process.readings import ProcessConfig
-from agent.training.learning import LearningConfig, map_points
+from agent.process.config import ProcessConfig
+from agent.training.learning import map_points
 from agent.training.loop import TrainingLog
-from agent.training.maps import policy_maps
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.recording import joined, write_runs, write_training
+from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.scenario import find_scenario
 from cosim.recording.blueprint import training_blueprint
@@ -64,7 +64,7 @@ def test_moments_are_early_ones_and_the_last():
 def test_maps_are_those_of_the_tables_at_their_time(trained, recordings):
     policy, log = trained[0]
     assert log.map_episode.tolist() == [800, 1600, 3200, 4000]
-    assert np.array_equal(log.maps[-1], np.array(policy_maps(policy), dtype=np.float32))
+    assert np.array_equal(log.maps[-1], np.array(policy.maps(), dtype=np.float32))
     assert (np.diff(log.maps[:, :, 2].sum(axis=(1, 2, 3))) > 0).all()  # visits
     for entity in ("value_map", "visits"):
         episodes, images = columns(recordings / "one.rrd", f"/q/r2/{entity}", "Image:buffer")

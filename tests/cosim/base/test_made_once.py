@@ -8,7 +8,7 @@ SCRIPT = """
 import os
 import sys
 
-from agent.training.learning import LearningConfig
+from agent.training.settings import LearningConfig
 from agent.training.store import trained_policy
 from cosim.base.jit import kernel
 from cosim.base.scenario import find_scenario
@@ -34,7 +34,7 @@ def built():
     return len(builds)
 
 def trained():
-    seen, learning = [], LearningConfig(episodes=300_000)
+    seen, learning = [], LearningConfig(episodes=100_000)
     trained_policy(find_scenario("1a"), None, learning, progress=seen.append)
     return int(bool(seen))
 

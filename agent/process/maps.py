@@ -3,14 +3,7 @@
 import numpy as np
 
 from agent.process.readings import Process
-from agent.training.policy import Policy
 from cosim.recording.policy_map import PolicyMap
-
-
-def policy_maps(policy: Policy) -> list[PolicyMap]:
-    """Maps of every robot's table."""
-    tables = zip(policy.values, policy.visits, strict=True)
-    return [cell_map(policy.process, values, visits) for values, visits in tables]
 
 
 def cell_map(process: Process, values: np.ndarray, visits: np.ndarray) -> PolicyMap:

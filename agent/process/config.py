@@ -1,0 +1,117 @@
+"""How the paper's decision process is read: every reading that it leaves open, checked by name.
+
+What readings mean for a scenario is `agent.process.readings`; nothing here is slow to import.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from cosim.base.errors import UserError
+from cosim.base.scenario import ScenarioError
+
+Feature = Literal["x", "y", "d", "g", "b", "h"]
+PartnerUpdate = Literal["ordinary", "penalty", "none"]
+FEATURES: tuple[Feature, ...] = get_args(Feature)
+PARTNER_UPDATES: tuple[PartnerUpdate, ...] = get_args(PartnerUpdate)
+
+
+@dataclass(frozen=True)
+class ProcessConfig:
+    """How the paper's decision process is read; the defaults are the readings of this project."""
+
+    goal_reward: float = 100.0
+    """L of Eq. (8): reward of the goal, and minus the reward of a failure (Section III)."""
+    step_cost: float = 1.0
+    """Cost of every move, Eq. (8) and (11)."""
+    diagonal_cost: float = 1.0
+    """Factor on the step cost of a diagonal move (assumed 1; sqrt 2 rewards centimetres)."""
+    approach_coefficient: float = 1.5
+    """c of Eq. (12), at least 1: how much closing in on the other robot costs (Section V)."""
+    distance_limit_m: float = 0.1
+    """D of Eq. (11): beyond it the other robot costs nothing (Section III)."""
+    features: tuple[Feature, ...] = ("x", "y", "d", "g")
+    """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
+    h (the axis that the robot itself faces, forwards or backwards)."""
+    zone_is_obstacle: bool = False
+    """Whether no robot's centre may enter the central zone, except its own target (assumed no).
+    Unlike a scenario's obstacles, which exist in the dynamics too, a reading of the grid alone."""
+    target_obstacle: Literal["cell", "disk"] = "cell"
+    """Extent of another robot's target as a static obstacle (assumed: its cell)."""
+    collision: Literal["cells", "swept"] = "cells"
+    """Contact after the simultaneous moves (assumed), or at any moment of the straight moves; with
+    robots and with obstacles."""
+    partner_of_failed: PartnerUpdate = "ordinary"
+    """Update of a robot whose partner failed: as ever (assumed), -L as well, or none."""
+    slip_probability: float = 0.0
+    """Probability of moving 45 degrees left or right of the action while learning (assumed 0)."""
+    clearance_m: float = 0.002
+    """Gap between two robots that training on moves counts as contact already (assumed)."""
+    step_limit: int = 1000
+    """Moves after which an episode is cut, counted as a failure (assumed; none in the paper); RL
+    steps in training on moves.
+    A low limit keeps robots that circle from unlearning it: 200 costs success in scenario 4."""
+
+    def __post_init__(self) -> None:
+        valid = {
+            "goal_reward": self.goal_reward > 0,
+            "step_cost": self.step_cost >= 0,
+            "diagonal_cost": self.diagonal_cost >= 0,
+            "approach_coefficient": self.approach_coefficient >= 1,
+            "distance_limit_m": self.distance_limit_m > 0,
+            "features": len(set(self.features)) == len(self.features) > 0,
+            "slip_probability": 0 <= self.slip_probability <= 1,
+            "clearance_m": self.clearance_m >= 0,
+            "step_limit": self.step_limit >= 1,
+        }
+        require("process", self, valid, ScenarioError)
+
+
+def require(table: str, config: object, valid: Mapping[str, bool], error: type[UserError]) -> None:
+    """Refuse the first field of a table of settings that is not valid.
+
+    Args:
+        table: of a settings file, and prefix of its options.
+        config: has the fields.
+        valid: whether each field is, by name.
+        error: raised.
+
+    Raises:
+        UserError: `error`, which names the field.
+    """
+    for name, fine in valid.items():
+        if not fine:
+            raise error(
+                f"{table}: {name} = {getattr(config, name)} is not allowed; see its description "
+                "in `python -m agent.train --help`"
+            )
+
+
+# Readings without effect in training on moves, and on the grid, and what is so instead.
+_NOT_ON_MOVES = {
+    "diagonal_cost": "every RL step of a move costs the same",
+    "collision": "contact is looked for during the move",
+    "partner_of_failed": "a robot learns from the moves that it has ended, whoever fails",
+    "slip_probability": "moves end where they were observed to end",
+}
+_NOT_ON_THE_GRID = {"clearance_m": "contact is a distance of cells"}
+
+
+def refuse_without_effect(config: ProcessConfig, *, moves: bool) -> None:
+    """Refuse readings that change nothing in training.
+
+    Args:
+        config: readings.
+        moves: whether training is on observed moves, or else on the grid.
+
+    Raises:
+        ScenarioError: names the reading.
+    """
+    where = "on moves" if moves else "on the grid, without moves"
+    for name, reason in (_NOT_ON_MOVES if moves else _NOT_ON_THE_GRID).items():
+        value, default = getattr(config, name), getattr(ProcessConfig, name)
+        if value != default:
+            raise ScenarioError(
+                f"process: {name} = {value} has no effect in training {where}: {reason}; "
+                f"leave it at {default}"
+            )
