@@ -34,18 +34,26 @@ MotorFmuFile = Annotated[
 ]
 
 
-def parse(options: type[Options], module: str, arguments: list[str] | None = None) -> Options:
+def parse(
+    options: type[Options],
+    module: str,
+    arguments: list[str] | None = None,
+    *,
+    default: Options | None = None,
+    prefixes: bool = False,
+) -> Options:
     """Options of a command line.
 
     Args:
         options: dataclass whose docstrings are the help.
         module: of the command; `minirobots` names it by its sub-command.
         arguments: of the command line, by default those of the process.
+        default: what the command line changes, instead of the dataclass's own defaults.
+        prefixes: whether options of a group have its name before theirs (`--learning.eta`).
     """
     called = sys.argv[0] if sys.argv[0].startswith("minirobots ") else f"python -m {module}"
-    # Options that belong together keep their own group of the help, but no prefix.
-    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes)
-    return tyro.cli(options, prog=called, args=arguments, config=config)
+    config = (tyro.conf.FlagCreatePairsOff, *(() if prefixes else (tyro.conf.OmitArgPrefixes,)))
+    return tyro.cli(options, prog=called, args=arguments, default=default, config=config)
 
 
 def workers(jobs: int) -> int:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
+import msgspec
 import platformdirs
 from filelock import FileLock
 
@@ -159,6 +160,17 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         temporary.unlink(missing_ok=True)
         os.close(handle)
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write what msgspec can encode as JSON for people too, whole or not at all.
+
+    Raises:
+        StorageError: a folder is in the file's place.
+        OSError: the folder cannot be written.
+    """
+    with replacing(path) as temporary:
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
 
 
 def _temporary(path: Path) -> tuple[int, Path]:
