@@ -1,1 +1,94 @@
-"""Learning to navigate: decision process, Q-learning kernels, policies, evaluation."""
+"""Learning: decision process, Q-learning, policies and what they achieve.
+
+>>> import agent
+>>> policy = agent.train("1a", method="paper", episodes=20_000)
+>>> policy.config.scenario.name
+'1a'
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress, silent
+from cosim.base.scenario import Scenario, find_scenario
+
+if TYPE_CHECKING:
+    from agent.training.policy import Policy
+
+__all__ = ["Policy", "load", "methods", "train"]
+
+
+def methods() -> tuple[str, ...]:
+    """Names of the methods of training, the best one first; see `agent.methods`."""
+    from agent.methods import METHODS  # noqa: PLC0415 - numba is slow to import
+
+    return METHODS
+
+
+def train(
+    scenario: str | Path | Scenario,
+    *,
+    method: str = "moves",
+    seed: int = 0,
+    episodes: int | None = None,
+    motor_fmu: str | Path | None = None,
+    again: bool = False,
+    progress: Progress = silent,
+) -> "Policy":
+    """Train a policy, or find it in the cache if this configuration was trained before.
+
+    Args:
+        scenario: name of a built-in scenario, scenario file (.toml) or record.
+        method: one of `methods()`.
+        seed: of training.
+        episodes: of training, the method's own number by default.
+        motor_fmu: whose moves are observed by the method moves, the built-in one by default.
+        again: train even if the policy is there.
+        progress: is told what is calibrated, observed and trained.
+
+    Returns:
+        The policy: `act(observation)`, `save(path)` and what it was trained with, `config`.
+
+    Raises:
+        UserError: the scenario or the method is unknown, or the FMU cannot be used.
+    """
+    from agent.methods import method_policy  # noqa: PLC0415 - numba is slow to import
+
+    if motor_fmu is not None and method != "moves":
+        raise UserError(f"motor_fmu has no effect on training by method {method}; leave it out")
+    if not isinstance(scenario, Scenario):
+        scenario = find_scenario(str(scenario))
+    policy, *_ = method_policy(
+        method,
+        scenario,
+        seed,
+        episodes=episodes,
+        motor_fmu=None if motor_fmu is None else Path(motor_fmu),
+        again=again,
+        progress=progress,
+    )
+    return policy
+
+
+def load(path: str | Path, scenario: Scenario | None = None) -> "Policy":
+    """A policy from its file.
+
+    Args:
+        path: of the .npz file that `Policy.save` or a run has written.
+        scenario: if given, only a policy trained on that geometry is accepted.
+
+    Raises:
+        PolicyError: there is no such file, it is no policy, or one of another scenario.
+    """
+    from agent.training.policy import Policy  # noqa: PLC0415 - numba is slow to import
+
+    return Policy.load(Path(path), scenario)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "Policy":
+        from agent.training.policy import Policy  # noqa: PLC0415 - numba is slow to import
+
+        return Policy
+    raise AttributeError(f"module 'agent' has no attribute '{name}'")

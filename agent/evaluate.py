@@ -27,17 +27,14 @@ class EvaluateOnGrid:
 def main() -> None:
     """Command line; see `EvaluateOnGrid`."""
     options = parse(EvaluateOnGrid, "agent.evaluate")
-    import msgspec  # noqa: PLC0415 - what follows is slow to import
-    from rich.console import Console  # noqa: PLC0415
-
-    from agent.evaluation.grid import policy_files, report_of, show  # noqa: PLC0415
-    from agent.training.policy import Policy  # noqa: PLC0415
+    from agent.evaluation.grid import policy_files, report_of, show
+    from agent.training.policy import Policy
 
     paths = policy_files(options.policies)
     report = report_of((str(path), Policy.load(path)) for path in paths)
-    show(report, Console())
+    show(report)
     if options.json:
-        print_json(msgspec.to_builtins(report))
+        print_json(report)
 
 
 if __name__ == "__main__":

@@ -13,14 +13,13 @@ from agent.moves.observe import cached_moves
 from agent.process.config import ProcessConfig
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.policy import Policy, PolicyConfig, Seed
-from agent.training.settings import BEST, METHODS, LearningConfig, Method
+from agent.training.settings import METHODS, LearningConfig, Method
 from agent.training.store import find_or_train
+from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.scenario import Scenario
 from cosim.navigation.calibration_cache import calibrated_for
 from fmus.build import cached_fmu
-
-__all__ = ["BEST", "METHODS", "Method", "method_config", "method_of", "method_policy"]
 
 MOVES_EPISODES = 1_500_000
 SLIP_PROBABILITY = 0.2  # assumed
@@ -29,7 +28,7 @@ _FREE = ("episodes", "log_episodes", "log_window", "greedy_points")
 
 
 def method_config(
-    method: Method,
+    method: str,
     scenario: Scenario,
     seed: int = 0,
     *,
@@ -48,8 +47,10 @@ def method_config(
         progress: is told what is calibrated and observed.
 
     Raises:
-        UserError: moves cannot be observed.
+        UserError: the method is unknown, or moves cannot be observed.
     """
+    if method not in METHODS:
+        raise UserError(f"method {method!r} is unknown; choose one of {', '.join(METHODS)}")
     process, learning = _settings(method, scenario)
     if episodes is not None:
         learning = replace(learning, episodes=episodes)
@@ -74,7 +75,7 @@ def method_of(config: PolicyConfig) -> Method | None:
     return None
 
 
-def _settings(method: Method, scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
+def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
     if method != "moves":
         slip = SLIP_PROBABILITY if method == "slip" else 0.0
         return ProcessConfig(slip_probability=slip), LearningConfig()
@@ -92,7 +93,7 @@ def _observed_moves(scenario: Scenario, fmu: Path, progress: Progress) -> Observ
 
 
 def method_policy(
-    method: Method,
+    method: str,
     scenario: Scenario,
     seed: int = 0,
     *,

@@ -1,1 +1,44 @@
-"""Co-simulation of mini-robots: parameters, rigid body, contact, master, steering, recording."""
+"""Co-simulation of motor FMUs and rigid bodies: episodes, parameters, scenarios.
+
+Names are imported when they are asked for, so that `import cosim` itself takes no time.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cosim.base.config import CoSimConfig
+    from cosim.base.outcome import Outcome
+    from cosim.base.scenario import Scenario, find_scenario
+    from cosim.navigation.episode import CoSimulation
+    from cosim.navigation.features import Observation
+    from cosim.reading.episode import Episode
+    from cosim.simulation import simulate
+
+__all__ = [
+    "CoSimConfig",
+    "CoSimulation",
+    "Episode",
+    "Observation",
+    "Outcome",
+    "Scenario",
+    "find_scenario",
+    "simulate",
+]
+
+_MODULES = {
+    "CoSimConfig": "cosim.base.config",
+    "CoSimulation": "cosim.navigation.episode",
+    "Episode": "cosim.reading.episode",
+    "Observation": "cosim.navigation.features",
+    "Outcome": "cosim.base.outcome",
+    "Scenario": "cosim.base.scenario",
+    "find_scenario": "cosim.base.scenario",
+    "simulate": "cosim.simulation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
+    raise AttributeError(f"module 'cosim' has no attribute '{name}'")

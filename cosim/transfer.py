@@ -1,7 +1,85 @@
-"""`python -m cosim.transfer`: the command of `agent.evaluation.transfer`."""
+"""`python -m cosim.transfer`: how many episodes of the full dynamics succeed, by method.
 
-from agent.evaluation.transfer import main
+Makes the table of docs/transfer.md: scenarios, methods, friction coefficients, with and without
+the safety layer. The work is `agent.evaluation.transfer`.
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from agent.training.settings import METHODS, Method
+from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
+from cosim.base.progress import progress_bars
+from cosim.base.scenario import BUILT_IN, find_scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer:
+    """Measure how policies trained by different methods succeed in the full co-simulation.
+
+    Rows are scenarios 1a to 4, methods, friction coefficients, and the safety layer off
+    and on; the most important ones come first. Every episode is kept as it comes: the same command
+    goes on where an earlier one ended, and writes the table of what is there at any time.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/transfer")
+    """Folder of the table (transfer.json, transfer.md), policies and results."""
+    quick: bool = False
+    """Two episodes in every row instead of all starts, 200 or 50: to see that it works."""
+    budget_minutes: Annotated[float | None, tyro.conf.arg(metavar="M")] = None
+    """Start no episode after so many minutes; rows then have as much of the beginning of their
+    samples as is there."""
+    scenarios: tuple[str, ...] = tuple(BUILT_IN)
+    """Scenarios to measure, built in or files (.toml)."""
+    methods: tuple[Method, ...] = METHODS
+    """Methods to measure; see `python -m cosim.run --help`."""
+    seed: int = 0
+    """Seed of training, of samples of starts and of the speed noise."""
+    jobs: Jobs = -1
+    json: Json = False
+
+    def __post_init__(self) -> None:
+        workers(self.jobs)
+        if self.seed < 0:
+            raise ConfigError("--seed must not be negative")
+        if self.budget_minutes is not None and self.budget_minutes < 0.0:
+            raise ConfigError("--budget-minutes must not be negative")
+        for name in self.scenarios:
+            find_scenario(name)
+
+
+def main() -> None:
+    """Command line; see `Transfer`."""
+    options = parse(Transfer, "cosim.transfer")
+    from agent.evaluation.transfer import transfer
+    from agent.evaluation.transfer_table import show
+
+    try:
+        with progress_bars() as progress:
+            report = transfer(
+                options.out,
+                scenarios=options.scenarios,
+                methods=options.methods,
+                seed=options.seed,
+                quick=options.quick,
+                budget_minutes=options.budget_minutes,
+                jobs=workers(options.jobs),
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        print(f"episodes so far are in {options.out}/; the same command goes on", file=sys.stderr)
+        raise
+    show(report)
+    print(f"table in {options.out}/: transfer.json, transfer.md")
+    if options.json:
+        print_json(report)
+
 
 if __name__ == "__main__":
     run_command(main)

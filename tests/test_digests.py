@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from agent.evaluation.rollout import roll_out
+
 from agent.moves.observe import observe_moves
 from agent.process.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed

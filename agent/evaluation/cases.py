@@ -10,7 +10,7 @@ import itertools
 import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from agent.evaluation.rollout import EpisodeResult, roll_out
 from agent.process.exact import all_starts
 from agent.training.policy import Policy
 from cosim.base.config import CoSimConfig
@@ -27,6 +26,7 @@ from cosim.base.provenance import ROOT, code_digest, versions, with_imports
 from cosim.base.scenario import Cell
 from cosim.navigation.episode import CoSimulation, Step
 from cosim.recording.episode import EpisodeRecorder
+from cosim.simulation import EpisodeResult, simulate_episode
 
 # What is drawn from the seed: the order of the starts, and the noise of every one.
 _ORDER, _NOISE = 0, 1
@@ -86,7 +86,13 @@ class Case:
         tables = hashlib.sha256(msgspec.json.encode(policy.config.process, order="sorted"))
         tables.update(np.ascontiguousarray(policy.values).tobytes())
         # what is recorded of an episode does not change it
-        code = with_imports([Path(__file__)], but=[ROOT / "cosim" / "recording" / "episode.py"])
+        code = with_imports(
+            [Path(__file__)],
+            but=[
+                ROOT / "cosim" / "recording" / "episode.py",
+                ROOT / "cosim" / "reading" / "episode.py",
+            ],
+        )
         return {
             "scenario": policy.config.scenario.name,
             "scenario_digest": policy.config.scenario.digest(),
@@ -162,10 +168,10 @@ class Job:
         sequence = np.random.SeedSequence(self.case.seed, spawn_key=(_NOISE, self.index))
         arguments = (system, self.case.policy, self.case.start_cells(self.index), sequence)
         if self.recording is None:
-            return roll_out(*arguments, watch=watch)
+            return simulate_episode(*arguments, watch=watch)
         with self.case.recorder(self.recording, self.index) as recorder:
-            result = roll_out(*arguments, recorder, watch)
-        return replace(result, recording=self.recording.name)
+            result = simulate_episode(*arguments, recorder, watch)
+        return msgspec.structs.replace(result, recording=self.recording.name)
 
 
 def run_jobs(jobs: Iterable[Job], threads: int) -> Iterator[tuple[Job, EpisodeResult]]:

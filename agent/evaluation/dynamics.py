@@ -1,117 +1,39 @@
-"""`python -m cosim.evaluate`: what policies achieve in the full dynamics, start by start.
+"""What policies achieve in the full dynamics, start by start: episodes, results, recordings.
 
-The counterpart of `agent.evaluate`, which is exact on the grid; here motors, friction and noise
-decide, and rates have intervals. The report is data first (`--json`) and tables second.
+The counterpart of `agent.evaluation.grid`, which is exact on the grid. Results are kept as they
+come; the command line is `cosim.evaluate`.
 """
 
-import json
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
 
-import tyro
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-)
+import msgspec
 
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.grid import policy_files
-from agent.evaluation.outcomes import failures, summary
+from agent.evaluation.outcomes import Failure, Measured, failures, summary
 from agent.evaluation.result_file import ResultFile
-from agent.evaluation.rollout import EpisodeResult
-from agent.evaluation.tables import show
 from agent.training.policy import Policy
-from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.errors import UserError, run_command
+from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
-from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, TABLE_I, TIMING
+from cosim.base.progress import Progress, silent, under_way
 from cosim.base.scenario import find_scenario
-from cosim.navigation.calibration_cache import calibrated
-from fmus.build import cached_fmu
-
-SCHEMA_VERSION = 1
-
-
-@dataclass(frozen=True)
-class Evaluate:
-    """Evaluate policies in the full co-simulation: motors, friction, noise, decisions every 2 s.
-
-    Every start, or a sample drawn with the seed, gives one episode; rates have 95 % Wilson
-    intervals, paths are compared with the policy's own on the grid. Results are kept as they come:
-    the same command, or one that asks for more starts, goes on where an earlier one ended.
-    Recorded are failures and a few successes, to be opened in the Rerun viewer.
-    """
-
-    policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Policies (policy.npz) or folders of runs made by agent.train."""
-    starts: str = "50"
-    """How many starts to sample without replacement, or 'all' of them (1a 30, 1b 116, pairs
-    900)."""
-    seed: int = 0
-    """Seed of the sample and of the speed noise; every start has its own noise."""
-    jobs: int = 2
-    """Episodes to co-simulate at the same time, in threads; the results do not depend on it."""
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/evaluate")
-    """Folder of results and recordings; results of other configurations are kept apart in it."""
-    scenario: str | None = None
-    """Refuse policies of any other scenario (1a, 1b, 2, 3, 4 or a scenario file)."""
-    mu: float = TABLE_I.mu
-    """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature). Above some 0.2 the
-    desired speed needs hopping and is refused."""
-    noise: float = SPEED_NOISE.relative_amplitude
-    """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
-    safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
-    time_limit: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.episode_limit_s
-    """Simulated time in s after which an episode ends as a time-out."""
-    recordings: int = 3
-    """Episodes of each policy to record: at most so many failures and so many successes."""
-    json: bool = False
-    """Print a JSON object as the last line of output."""
-
-    def __post_init__(self) -> None:
-        if self.starts != "all" and not (self.starts.isdecimal() and int(self.starts) > 0):
-            raise ConfigError(f"--starts {self.starts} is neither 'all' nor a positive number")
-        if self.jobs < 1:
-            raise ConfigError("--jobs must be at least 1")
-        for name in ("seed", "recordings"):
-            if getattr(self, name) < 0:
-                raise ConfigError(f"--{name} must not be negative")
-
-    def count(self) -> int | None:
-        """Number of starts, None for all."""
-        return None if self.starts == "all" else int(self.starts)
-
-    def config(self) -> CoSimConfig:
-        """Parameters of the co-simulation.
-
-        Raises:
-            ConfigError: they do not fit together.
-        """
-        return CoSimConfig(
-            robot=TABLE_I._replace(mu=self.mu),
-            noise=SPEED_NOISE._replace(relative_amplitude=self.noise),
-            timing=TIMING._replace(episode_limit_s=self.time_limit),
-            safety_margin_m=self.safety_margin,
-        )
+from cosim.navigation.options import Driving
+from cosim.simulation import EpisodeResult
 
 
 class Evaluated:
     """A named policy with the episodes asked for and those that are there."""
 
-    def __init__(self, name: str, file: ResultFile, options: Evaluate) -> None:
+    def __init__(
+        self, name: str, file: ResultFile, starts: int | None, folder: Path, recorded: int
+    ) -> None:
         self.name = name
         self.case = file.case
-        self.indices = file.case.sample(options.count())
+        self.indices = file.case.sample(starts)
         self.file = file
         self.recordings: dict[int, Path] = {}
-        self._folder = options.out / "recordings"
-        self._recorded = options.recordings
+        self._folder, self._recorded = folder, recorded
 
     def missing(self) -> list[Job]:
         """Episodes not yet simulated, in the order of the sample."""
@@ -121,10 +43,13 @@ class Evaluated:
         """Results so far of the episodes asked for, in the order of the sample."""
         found = {k: self.file.results.get(k) for k in self.indices}
         return {
-            k: replace(r, recording=str(self.recordings[k]) if k in self.recordings else None)
+            k: msgspec.structs.replace(r, recording=self._recording(k))
             for k, r in found.items()
             if r is not None
         }
+
+    def _recording(self, index: int) -> str | None:
+        return str(self.recordings[index]) if index in self.recordings else None
 
     def unrecorded(self) -> list[Job]:
         """Episodes to record: the first failures and successes of the sample, simulated again."""
@@ -142,42 +67,57 @@ class Evaluated:
         return jobs
 
 
-def evaluate(options: Evaluate, console: Console) -> list[Evaluated]:
+def evaluate(
+    policies: Iterable[Path],
+    physics: Driving,
+    out: Path,
+    *,
+    starts: int | None = 50,
+    seed: int = 0,
+    scenario: str | None = None,
+    recordings: int = 3,
+    jobs: int = 2,
+    progress: Progress = silent,
+) -> list[Evaluated]:
     """Simulate what is missing, and record what is to be recorded.
 
     Args:
-        options: the command line.
-        console: for progress; nothing is drawn if it is no terminal.
+        policies: files, or folders of runs.
+        physics: of the co-simulation.
+        out: folder of results and recordings.
+        starts: how many to sample, None for all.
+        seed: of the sample and of the speed noise.
+        scenario: refuse policies of any other one.
+        recordings: failures to record of each policy, and successes.
+        jobs: threads; the results do not depend on it.
+        progress: is told what is prepared and simulated.
 
     Raises:
         UserError: see its message.
     """
-    scenario = None if options.scenario is None else find_scenario(options.scenario)
-    policies = [(path, Policy.load(path, scenario)) for path in policy_files(options.policies)]
-    with console.status("preparing the motor FMU (some seconds the first time)"):
-        fmu = cached_fmu()
-    configs = {
-        diameter_m: calibrated(options.config().sized(diameter_m), fmu, console)
-        for diameter_m in {policy.config.scenario.robot_diameter_m for _, policy in policies}
-    }
-    with console.status("preparing the kernels (some seconds the first time)"):
-        files: dict[str, ResultFile] = {}
-        evaluated: list[Evaluated] = []
-        for path, policy in policies:
-            config = configs[policy.config.scenario.robot_diameter_m]
-            case = Case(policy, config, fmu, options.seed)
-            file = files.setdefault(case.digest, ResultFile(options.out, case))
-            evaluated.append(Evaluated(str(path), file, options))
+    only = None if scenario is None else find_scenario(scenario)
+    named = [(path, Policy.load(path, only)) for path in policy_files(tuple(policies))]
+    diameters = {policy.config.scenario.robot_diameter_m for _, policy in named}
+    prepared = {d: physics.prepare(d, progress) for d in diameters}
+    files: dict[str, ResultFile] = {}
+    evaluated: list[Evaluated] = []
+    for path, policy in named:
+        config, fmu = prepared[policy.config.scenario.robot_diameter_m]
+        case = Case(policy, config, fmu, seed)
+        file = files.setdefault(case.digest, ResultFile(out, case))
+        evaluated.append(Evaluated(str(path), file, starts, out / "recordings", recordings))
+    with under_way(progress, "preparing the kernels"):
         evaluated[0].case.system().compile()
     missing = list({job.key: job for e in evaluated for job in e.missing()}.values())
-    for job, result in tracked(run_jobs(missing, options.jobs), len(missing), console):
+    for job, result in tracked(run_jobs(missing, jobs), len(missing), progress, "episodes"):
         files[job.case.digest].add(job.index, result)
     unrecorded = list({job.key: job for e in evaluated for job in e.unrecorded()}.values())
-    for job, result in tracked(
-        run_jobs(unrecorded, options.jobs), len(unrecorded), console, "recordings"
-    ):
+    recorded = run_jobs(unrecorded, jobs)
+    for job, result in tracked(recorded, len(unrecorded), progress, "recordings"):
         first = files[job.case.digest].results[job.index]
-        again = replace(result, recording=None, realtime_factor=first.realtime_factor)
+        again = msgspec.structs.replace(
+            result, recording=None, realtime_factor=first.realtime_factor
+        )
         if again != first:
             raise UserError(
                 f"{job.recording}: the same episode ended otherwise when it was simulated again; "
@@ -187,80 +127,69 @@ def evaluate(options: Evaluate, console: Console) -> list[Evaluated]:
 
 
 def tracked(
-    episodes: Iterator[tuple[Job, EpisodeResult]],
-    total: int,
-    console: Console,
-    what: str = "episodes",
+    episodes: Iterator[tuple[Job, EpisodeResult]], total: int, progress: Progress, task: str
 ) -> Iterator[tuple[Job, EpisodeResult]]:
-    """Pass episodes on while a bar shows how many there are, their success and the time left."""
-    columns = (
-        TextColumn("[progress.description]{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[state]}"),
-        TimeRemainingColumn(),
-    )
-    successes = count = 0
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=total, state="")
-        for job, result in episodes:
-            yield job, result
-            count += 1
-            successes += result.outcome == Outcome.SUCCESS
-            bar.update(task, advance=1, state=f"success {successes / count:.1%}")
+    """Pass episodes on and report how many there are, and their success."""
+    successes = 0
+    for count, (job, result) in enumerate(episodes, 1):
+        yield job, result
+        successes += result.outcome == Outcome.SUCCESS
+        progress(task, count, total, f"{count}/{total}  success {successes / count:.1%}")
 
 
-def report_of(evaluated: list[Evaluated], options: Evaluate) -> dict[str, Any]:
-    """The object that `--json` prints."""
-    rows: list[dict[str, Any]] = []
+class PolicyRow(Measured, frozen=True, kw_only=True):
+    """A policy of a report.
+
+    Attributes:
+        policy: name of its file.
+        scenario, digest: what was simulated, see `Case`.
+        starts: how many there are.
+        wall_s: of all episodes together.
+        failing_starts, failures: those that did not end in success.
+        recordings, results: files.
+    """
+
+    policy: str
+    scenario: str
+    digest: str
+    starts: int
+    wall_s: float
+    failing_starts: int
+    failures: tuple[Failure, ...]
+    recordings: tuple[str, ...]
+    results: str
+
+
+class EvaluationReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What `python -m cosim.evaluate --json` prints: the policies under one physics."""
+
+    schema_version: int = 1
+    seed: int
+    mu: float
+    safety_margin_m: float
+    policies: tuple[PolicyRow, ...]
+
+
+def report_of(evaluated: list[Evaluated], physics: Driving, seed: int) -> EvaluationReport:
+    """Rates, measures and failures of evaluated policies."""
+    rows = []
     for e in evaluated:
         results = e.results()
         failed = failures(results)
         rows.append(
-            {
-                "policy": e.name,
-                "scenario": e.case.policy.config.scenario.name,
-                "digest": e.case.digest,
-                "starts": len(e.case.starts),
-                **summary(e.case, results),
-                "wall_s": sum(r.wall_s for r in results.values()),
-                "failing_starts": len(failed),
-                "failures": failed,
-                "recordings": [str(path) for path in e.recordings.values()],
-                "results": str(e.file.path),
-            }
+            PolicyRow(
+                policy=e.name,
+                scenario=e.case.policy.config.scenario.name,
+                digest=e.case.digest,
+                starts=len(e.case.starts),
+                **msgspec.structs.asdict(summary(e.case, results)),
+                wall_s=sum(r.wall_s for r in results.values()),
+                failing_starts=len(failed),
+                failures=failed,
+                recordings=tuple(str(path) for path in e.recordings.values()),
+                results=str(e.file.path),
+            )
         )
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "seed": options.seed,
-        "mu": options.mu,
-        "safety_margin_m": options.safety_margin,
-        "policies": rows,
-    }
-
-
-def main() -> None:
-    """Command line; see `Evaluate`."""
-    options = tyro.cli(
-        Evaluate, prog="python -m cosim.evaluate", config=(tyro.conf.FlagCreatePairsOff,)
+    return EvaluationReport(
+        seed=seed, mu=physics.mu, safety_margin_m=physics.safety_margin, policies=tuple(rows)
     )
-    stderr, stdout = Console(stderr=True), Console()
-    try:
-        evaluated = evaluate(options, stderr)
-    except KeyboardInterrupt:
-        stderr.print(
-            f"results so far are in {options.out}/; the same command goes on", soft_wrap=True
-        )
-        raise
-    report = report_of(evaluated, options)
-    show(report, stdout)
-    stdout.print(f"results in {options.out}/", soft_wrap=True)
-    recordings = [path for row in report["policies"] for path in row["recordings"]]
-    if recordings:
-        stdout.print(f"open with: uv run rerun {recordings[0]}", soft_wrap=True)
-    if options.json:
-        print(json.dumps(report))
-
-
-if __name__ == "__main__":
-    run_command(main)

@@ -10,7 +10,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from rich.console import Console
 
 from agent.evaluation.statistics import Statistics, summarise
 from agent.process.exact import evaluate
@@ -56,7 +55,7 @@ class PolicyMeasures(msgspec.Struct, frozen=True):
     failing_starts: int
 
 
-class Failure(msgspec.Struct, frozen=True):
+class GridFailure(msgspec.Struct, frozen=True):
     """A start that does not end in success.
 
     Attributes:
@@ -75,7 +74,7 @@ class PolicyReport(PolicyMeasures, frozen=True):
         failures: the first `MAX_FAILURES` failing starts.
     """
 
-    failures: tuple[Failure, ...]
+    failures: tuple[GridFailure, ...]
 
 
 class GridReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -109,7 +108,7 @@ def measure(name: str, policy: Policy) -> PolicyReport:
         steps_ratio_to_bound=_known(steps_ratio),
         failing_starts=len(failing),
         failures=tuple(
-            Failure(tuple((x, y) for x, y in starts), BY_RANK[outcome])
+            GridFailure(tuple((x, y) for x, y in starts), BY_RANK[outcome])
             for starts, outcome in zip(
                 result.starts[failing[:MAX_FAILURES]].tolist(),
                 result.outcome[failing[:MAX_FAILURES]],
@@ -152,8 +151,8 @@ def report_of(policies: Iterable[tuple[str, Policy]]) -> GridReport:
     return GridReport(policies=rows, over_policies=over_policies)
 
 
-def show(report: GridReport, console: Console) -> None:
-    """Print a report as tables: each policy, the first failing starts, and statistics."""
+def show(report: GridReport) -> None:
+    """Print a report as tables on stdout: each policy, the first failing starts, and statistics."""
     rows = [
         (
             row.policy,
@@ -164,8 +163,8 @@ def show(report: GridReport, console: Console) -> None:
         for row in report.policies
     ]
     header = ("policy", "scenario", "starts", *(name.replace("_", " ") for name in _MEASURES))
-    show_table(console, header, rows, names=2)
-    show_failures(msgspec.to_builtins(report.policies), console)
+    show_table(None, header, rows, names=2)
+    show_failures(report.policies)
     for scenario, measures in report.over_policies.items():
         runs = measures["success"].runs
         if runs == 1:
@@ -175,18 +174,22 @@ def show(report: GridReport, console: Console) -> None:
             mean, iqm, low, high = (_text(name, value) for value in (s.mean, s.iqm, s.low, s.high))
             rows.append((name.replace("_", " "), mean, iqm, f"{low} to {high}"))
         header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
-        show_table(console, header, rows)
+        show_table(None, header, rows)
 
 
-def show_failures(policies: list[dict[str, Any]], console: Console) -> None:
-    """Print the first failing starts of each policy of a report."""
+def show_failures(policies: Iterable[Any]) -> None:
+    """Print the first failing starts of policies.
+
+    Args:
+        policies: their rows in a report, of this module's or of `agent.evaluation.dynamics`.
+    """
     for row in policies:
-        for failure in row["failures"][:_LISTED_FAILURES]:
-            starts = " ".join(f"({x}, {y})" for x, y in failure["starts"])
-            console.print(f"{row['policy']}: {failure['outcome']} from {starts}", soft_wrap=True)
-        more = row["failing_starts"] - _LISTED_FAILURES
+        for failure in row.failures[:_LISTED_FAILURES]:
+            starts = " ".join(f"({x}, {y})" for x, y in failure.starts)
+            print(f"{row.policy}: {failure.outcome} from {starts}")
+        more = row.failing_starts - _LISTED_FAILURES
         if more > 0:
-            console.print(f"{row['policy']}: {more} more failing starts (--json lists more)")
+            print(f"{row.policy}: {more} more failing starts (--json lists more)")
 
 
 def _text(name: str, value: float | None) -> str:

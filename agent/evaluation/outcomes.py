@@ -4,16 +4,18 @@ Only numbers, with None where there is none; tables of them are drawn by the com
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from scipy.stats import binomtest
 
 from agent.evaluation.cases import Case
-from agent.evaluation.rollout import EpisodeResult
 from agent.evaluation.statistics import CONFIDENCE, summarise
 from agent.process.exact import evaluate
 from cosim.base.outcome import ENDS, SUCCESS, Outcome
+from cosim.base.scenario import Cell
+from cosim.simulation import EpisodeResult
 
 
 class Rate(NamedTuple):
@@ -35,38 +37,77 @@ def rate(count: int, episodes: int) -> Rate:
     return Rate(count / episodes, float(interval.low), float(interval.high))
 
 
-def summary(case: Case, results: Mapping[int, EpisodeResult]) -> dict[str, Any]:
-    """What `--json` lists of a case.
+class Measured(msgspec.Struct, frozen=True, kw_only=True):
+    """Statistics over the episodes of a case; None where there is none.
+
+    Every outcome has the share of the episodes that ended so, and its 95 % Wilson interval.
 
     Rates are over all episodes, and so is `min_distance_cm`, the smallest distance between two
     robots' centres in any of them. Path, time and energy are means over successful episodes, the
     path also over the robots, the energy summed over them. `path_ratio_to_grid` is the mean over
     the episodes that succeed here and on the grid of the path over that of the same policy's exact
     grid episode from the same start, with its bootstrap interval.
+    """
+
+    episodes: int
+    success: float | None
+    success_low: float | None
+    success_high: float | None
+    collision: float | None
+    collision_low: float | None
+    collision_high: float | None
+    out_of_board: float | None
+    out_of_board_low: float | None
+    out_of_board_high: float | None
+    timeout: float | None
+    timeout_low: float | None
+    timeout_high: float | None
+    path_length_cm: float | None
+    path_ratio_to_grid: float | None
+    path_ratio_to_grid_low: float | None
+    path_ratio_to_grid_high: float | None
+    min_distance_cm: float | None
+    sim_time_s: float | None
+    energy_j: float | None
+
+
+class Failure(msgspec.Struct, frozen=True):
+    """A start that did not end in success: its index and cells, the outcome, its recording."""
+
+    index: int
+    starts: tuple[Cell, ...]
+    outcome: Outcome
+    recording: str | None
+
+
+def summary(case: Case, results: Mapping[int, EpisodeResult]) -> Measured:
+    """Statistics over episodes.
 
     Args:
         case: policy and configuration.
         results: by index of the start.
     """
     episodes = len(results)
-    values: dict[str, Any] = {"episodes": episodes}
+    shares: dict[str, float | None] = {}
     for outcome in ENDS:
         share = low = high = None
         if episodes:
             share, low, high = rate(sum(r.outcome == outcome for r in results.values()), episodes)
-        values |= {outcome: share, f"{outcome}_low": low, f"{outcome}_high": high}
+        shares |= {outcome: share, f"{outcome}_low": low, f"{outcome}_high": high}
     successes = {index: r for index, r in results.items() if r.outcome == Outcome.SUCCESS}
     distances = [r.min_distance_cm for r in results.values() if r.min_distance_cm is not None]
     ratio = summarise(_ratios_to_grid(case, successes))
-    return values | {
-        "path_length_cm": _mean([r.path_length_cm for r in successes.values()]),
-        "path_ratio_to_grid": ratio.mean if ratio.runs else None,
-        "path_ratio_to_grid_low": ratio.low if ratio.runs else None,
-        "path_ratio_to_grid_high": ratio.high if ratio.runs else None,
-        "min_distance_cm": min(distances, default=None),
-        "sim_time_s": _mean([r.sim_time_s for r in successes.values()]),
-        "energy_j": _mean([r.energy_j for r in successes.values()]),
-    }
+    return Measured(
+        episodes=episodes,
+        **shares,
+        path_length_cm=_mean([r.path_length_cm for r in successes.values()]),
+        path_ratio_to_grid=ratio.mean if ratio.runs else None,
+        path_ratio_to_grid_low=ratio.low if ratio.runs else None,
+        path_ratio_to_grid_high=ratio.high if ratio.runs else None,
+        min_distance_cm=min(distances, default=None),
+        sim_time_s=_mean([r.sim_time_s for r in successes.values()]),
+        energy_j=_mean([r.energy_j for r in successes.values()]),
+    )
 
 
 def _mean(values: list[float]) -> float | None:
@@ -85,10 +126,10 @@ def _ratios_to_grid(case: Case, successes: Mapping[int, EpisodeResult]) -> np.nd
     return np.array([r.path_length_cm for r in successes.values()]) / expected
 
 
-def failures(results: Mapping[int, EpisodeResult]) -> list[dict[str, Any]]:
-    """Starts that did not end in success, with their outcomes."""
-    return [
-        {"index": index, "starts": r.starts, "outcome": r.outcome, "recording": r.recording}
+def failures(results: Mapping[int, EpisodeResult]) -> tuple[Failure, ...]:
+    """Starts that did not end in success, by index."""
+    return tuple(
+        Failure(index, r.starts, r.outcome, r.recording)
         for index, r in sorted(results.items())
         if r.outcome != Outcome.SUCCESS
-    ]
+    )

@@ -11,10 +11,10 @@ from typing import Any
 import msgspec
 
 from agent.evaluation.cases import Case
-from agent.evaluation.rollout import EpisodeResult
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_bytes
 from cosim.base.storage import replacing
+from cosim.simulation import EpisodeResult
 
 SCHEMA_VERSION = 1
 
@@ -79,7 +79,7 @@ class ResultFile:
     def add(self, index: int, result: EpisodeResult) -> None:
         """Keep a result: in one write, so that a killed process leaves whole lines."""
         with self.path.open("ab", buffering=0) as file:
-            file.write(_line({"index": index, **vars(result)}))
+            file.write(_line({"index": index, **msgspec.structs.asdict(result)}))
         self.results[index] = result
 
 

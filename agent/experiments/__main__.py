@@ -48,12 +48,10 @@ class Experiments:
 def main() -> None:
     """Command line; see `Experiments`."""
     options = parse(Experiments, "agent.experiments")
-    import msgspec  # noqa: PLC0415 - what follows is slow to import
-    from rich.console import Console  # noqa: PLC0415
 
-    from agent.experiments.results import show  # noqa: PLC0415
-    from agent.experiments.run import new_folder, run_experiment  # noqa: PLC0415
-    from cosim.base.progress import progress_bars  # noqa: PLC0415
+    from agent.experiments.results import show
+    from agent.experiments.run import new_folder, run_experiment
+    from cosim.base.progress import progress_bars
 
     with progress_bars() as progress:
         result = run_experiment(
@@ -67,9 +65,9 @@ def main() -> None:
             address=options.address,
             progress=progress,
         )
-    show(result, Console())
+    show(result)
     if options.json:
-        print_json(msgspec.to_builtins(result))
+        print_json(result)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import msgspec
 import numpy as np
-from rich.console import Console
 
 from agent.evaluation.grid import GridReport, PolicyMeasures
 from agent.evaluation.statistics import Statistics, summarise
@@ -91,13 +90,13 @@ def differences(
     }
 
 
-def show(result: ExperimentResult, console: Console) -> None:
-    """Print the statistics of every variant: mean and 95 % interval over runs."""
+def show(result: ExperimentResult) -> None:
+    """Print the statistics of every variant on stdout: mean and 95 % interval over runs."""
     header = ("variant", "success", "path length in cm", "moves", "path over optimum")
     measures = (*_COMPARED, "ratio_to_bound")
     variants = result.variants
     rows = [(v.label, *_intervals(v.over_runs, measures)) for v in variants.values()]
-    show_table(console, header, rows)
+    show_table(None, header, rows)
     if result.differences:
         reference = variants[REFERENCES[result.experiment]].label
         header = (f"minus {reference}, run by run", *header[1:4])
@@ -105,10 +104,8 @@ def show(result: ExperimentResult, console: Console) -> None:
             (variants[name].label, *_intervals(statistics, _COMPARED))
             for name, statistics in result.differences.items()
         ]
-        show_table(console, header, rows)
-    console.print(
-        f"{result.seconds:.0f} s; results in {result.out}/: {RESULTS_FILE}, runs by variant"
-    )
+        show_table(None, header, rows)
+    print(f"{result.seconds:.0f} s; results in {result.out}/: {RESULTS_FILE}, runs by variant")
 
 
 def _intervals(statistics: Mapping[str, Statistics], measures: tuple[str, ...]) -> list[str]:

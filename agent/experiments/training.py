@@ -66,21 +66,18 @@ def options_of(arguments: list[str]) -> Train:
     if config is not None:
         process, learning = read_settings(Path(config))
         default = Train(config=Path(config), process=process, learning=learning)
-    return parse(Train, "agent.train", arguments, default=default, prefixes=True)
+    return parse(Train, "agent.train", arguments, default)
 
 
 def main() -> None:
     """Command line; see `Train`."""
     options = options_of(sys.argv[1:])
-    import msgspec  # noqa: PLC0415 - what follows is slow to import
-    from rich.console import Console  # noqa: PLC0415
-
-    from agent.evaluation.grid import show  # noqa: PLC0415
-    from agent.experiments.run import new_folder, train_and_evaluate  # noqa: PLC0415
-    from agent.moves.model import ObservedMoves  # noqa: PLC0415
-    from agent.training.runs import Experiment  # noqa: PLC0415
-    from cosim.base.progress import progress_bars  # noqa: PLC0415
-    from cosim.base.scenario import find_scenario  # noqa: PLC0415
+    from agent.evaluation.grid import show
+    from agent.experiments.run import new_folder, train_and_evaluate
+    from agent.moves.model import ObservedMoves
+    from agent.training.runs import Experiment
+    from cosim.base.progress import progress_bars
+    from cosim.base.scenario import find_scenario
 
     scenario = find_scenario(options.scenario)
     moves = options.moves and ObservedMoves.load(options.moves)
@@ -98,10 +95,10 @@ def main() -> None:
             checkpoint_episodes=options.checkpoint_episodes,
             progress=progress,
         )
-    show(summary, Console())
+    show(summary)
     print(
         f"results in {out}/: summary.json, run_*/policy.npz, training.npz, training.rrd"
         + (", and training.rrd of all runs" if options.runs > 1 else "")
     )
     if options.json:
-        print_json(msgspec.to_builtins(summary))
+        print_json(summary)

@@ -28,7 +28,7 @@ class ObserveMoves:
     """Seed of the directions and the speed noise."""
     jobs: Jobs = -1
     json: Json = False
-    physics: Physics = field(default_factory=Physics)
+    physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
 
     def __post_init__(self) -> None:
         workers(self.jobs)
@@ -39,9 +39,9 @@ class ObserveMoves:
 def main() -> None:
     """Command line; see `ObserveMoves`."""
     options = parse(ObserveMoves, "agent.moves")
-    from agent.moves.observe import facts_of, move_rows, observe_moves  # noqa: PLC0415 - slow
-    from cosim.base.progress import progress_bars  # noqa: PLC0415
-    from cosim.base.tables import show_table  # noqa: PLC0415
+    from agent.moves.observe import facts_of, move_rows, observe_moves
+    from cosim.base.progress import progress_bars
+    from cosim.base.tables import show_table
 
     with progress_bars() as progress:
         config, fmu = options.physics.prepare(progress=progress)

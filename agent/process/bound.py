@@ -23,11 +23,11 @@ class BoundOptions:
 
 def main() -> None:
     """Command line; see `BoundOptions`."""
-    options = parse(BoundOptions, "agent.process.bound", prefixes=True)
-    from agent.process.exact import all_starts  # noqa: PLC0415 - slow to import
-    from agent.process.optimum import optimum  # noqa: PLC0415
-    from agent.process.readings import build_process  # noqa: PLC0415
-    from cosim.base.scenario import find_scenario  # noqa: PLC0415
+    options = parse(BoundOptions, "agent.process.bound")
+    from agent.process.exact import all_starts
+    from agent.process.optimum import optimum
+    from agent.process.readings import build_process
+    from cosim.base.scenario import find_scenario
 
     scenario = find_scenario(options.scenario)
     process = build_process(scenario, options.process)

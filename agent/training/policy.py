@@ -19,6 +19,7 @@ from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import least_rotation_argmax
 from agent.process.maps import cell_map
 from agent.process.readings import Process, build_process, nearest_bearings
+from agent.process.rewards import reward_parts
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
@@ -26,6 +27,7 @@ from cosim.base.provenance import code_digest, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.base.scenario import Scenario
 from cosim.base.storage import replacing
+from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
 
@@ -153,6 +155,24 @@ class Policy:
         rows = zip(self.q_values(observation), observation.direction, strict=True)
         return np.array([least_rotation_argmax(v, int(f)) for v, f in rows], dtype=np.int64)
 
+    def reward_parts(self, step: Step, arrived: np.ndarray) -> np.ndarray:
+        """(N, 3) float64, reward of a co-simulated step by parts, see `agent.process.rewards`."""
+        return reward_parts(self.process, step, arrived)
+
+    def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:
+        """Refuse any geometry but that of training.
+
+        Raises:
+            PolicyError: the policy was trained on another scenario.
+        """
+        trained = self.config.scenario
+        if scenario.digest() != trained.digest():
+            raise PolicyError(
+                f"{name} was trained on scenario {trained.name} (digest {trained.digest()}), not "
+                f"on scenario {scenario.name} (digest {scenario.digest()}); choose that scenario "
+                "or train a new policy"
+            )
+
     def maps(self) -> list[PolicyMap]:
         """What each robot's table says of the cells of the board, for pictures."""
         tables = zip(self.values, self.visits, strict=True)
@@ -206,12 +226,8 @@ class Policy:
             consistent = digest == config.scenario.digest() and policy._consistent()
         if not consistent:
             raise PolicyError(f"{path}: tables and configuration do not fit; train it again")
-        if scenario is not None and scenario.digest() != digest:
-            raise PolicyError(
-                f"{path}: the policy was trained on scenario {policy.config.scenario.name} "
-                f"(digest {digest}), not on scenario {scenario.name} (digest "
-                f"{scenario.digest()}); choose that scenario or train a new policy"
-            )
+        if scenario is not None:
+            policy.require_scenario(scenario, f"{path}: the policy")
         return policy
 
     def _consistent(self) -> bool:

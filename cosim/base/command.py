@@ -4,12 +4,12 @@ Modules with commands import only what their options need; `main` imports the re
 `--help` comes at once.
 """
 
-import json
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, cast
 
+import msgspec
 import tyro
 
 from cosim.base.errors import UserError
@@ -38,9 +38,7 @@ def parse(
     options: type[Options],
     module: str,
     arguments: list[str] | None = None,
-    *,
     default: Options | None = None,
-    prefixes: bool = False,
 ) -> Options:
     """Options of a command line.
 
@@ -49,11 +47,12 @@ def parse(
         module: of the command; `minirobots` names it by its sub-command.
         arguments: of the command line, by default those of the process.
         default: what the command line changes, instead of the dataclass's own defaults.
-        prefixes: whether options of a group have its name before theirs (`--learning.eta`).
     """
     called = sys.argv[0] if sys.argv[0].startswith("minirobots ") else f"python -m {module}"
-    config = (tyro.conf.FlagCreatePairsOff, *(() if prefixes else (tyro.conf.OmitArgPrefixes,)))
-    return tyro.cli(options, prog=called, args=arguments, default=default, config=config)
+    config = (tyro.conf.FlagCreatePairsOff,)
+    return cast(
+        Options, tyro.cli(options, prog=called, args=arguments, default=default, config=config)
+    )
 
 
 def workers(jobs: int) -> int:
@@ -71,4 +70,4 @@ def workers(jobs: int) -> int:
 
 def print_json(content: Any) -> None:
     """Print what `--json` promises: one object on one line."""
-    print(json.dumps(content))
+    print(msgspec.json.encode(content).decode())

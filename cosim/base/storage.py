@@ -9,7 +9,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import platformdirs
@@ -162,15 +162,14 @@ def replacing(path: Path) -> Iterator[Path]:
         os.close(handle)
 
 
-def write_json(path: Path, content: object) -> None:
-    """Write what msgspec can encode as JSON for people too, whole or not at all.
+def write_json(path: Path, content: Any) -> None:
+    """Write what `msgspec` can encode as JSON for people and programs, whole or not at all.
 
     Raises:
-        StorageError: a folder is in the file's place.
         OSError: the folder cannot be written.
     """
     with replacing(path) as temporary:
-        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 
 
 def _temporary(path: Path) -> tuple[int, Path]:

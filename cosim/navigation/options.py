@@ -48,6 +48,18 @@ class Physics:
             reaction=self.reaction,
         )
 
+    def fmu(self, progress: Progress = silent) -> Path:
+        """The motor FMU: the one named, or the built-in one, which is compiled the first time.
+
+        Raises:
+            UserError: it cannot be compiled.
+        """
+        # here, because commands parse their options before they load fmpy
+        from fmus.build import cached_fmu  # noqa: PLC0415
+
+        with under_way(progress, "preparing the motor FMU"):
+            return self.motor_fmu or cached_fmu()
+
     def prepare(
         self, diameter_m: float = TABLE_I.diameter_m, progress: Progress = silent
     ) -> tuple[CoSimConfig, Path]:
@@ -61,12 +73,9 @@ class Physics:
             FmuError: the FMU cannot be used, or failed.
         """
         config = self.config().sized(diameter_m)
-        # here, because commands parse their options before they load numba and fmpy
-        from cosim.navigation.calibration_cache import calibrated  # noqa: PLC0415
-        from fmus.build import cached_fmu  # noqa: PLC0415
+        from cosim.navigation.calibration_cache import calibrated  # noqa: PLC0415 - as above
 
-        with under_way(progress, "preparing the motor FMU"):
-            fmu = self.motor_fmu or cached_fmu()
+        fmu = self.fmu(progress)
         return calibrated(config, fmu, progress), fmu
 
 

@@ -17,7 +17,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.scenario import Scenario
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.navigation.episode import Step
-from cosim.navigation.features import GRADIENT_SIGNS, Observation
+from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS, Observation
 from cosim.recording.blueprint import episode_blueprint, robot_names
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
 from cosim.recording.episode_scene import EpisodeScene
@@ -28,6 +28,7 @@ from cosim.recording.scene import write_floor, write_scene
 from cosim.recording.series import (
     ARRIVED,
     DIRECTION_NAMES,
+    REWARD_PARTS,
     SIGNALS,
     block_ends,
     reduce,
@@ -109,12 +110,17 @@ class EpisodeRecorder:
         finally:
             self.file.close()
 
-    def write(self, step: Step, q_values: np.ndarray, reward_parts: np.ndarray) -> None:
+    def write(
+        self,
+        step: Step,
+        q_values: np.ndarray | None = None,
+        reward_parts: np.ndarray | None = None,
+    ) -> None:
         """Take one RL step.
 
         Args:
             step: what the co-simulation returned.
-            q_values: (N, 8) action values of the observation before the step.
+            q_values: (N, 8) action values of the observation before the step, if known.
             reward_parts: (N, 3) reward of the step as the sum of
                 `cosim.recording.series.REWARD_PARTS`, NaN where none was.
 
@@ -122,6 +128,11 @@ class EpisodeRecorder:
             RecordingError: the disk is full.
         """
         self.file.check_space()
+        robots = len(self._names)
+        if q_values is None:
+            q_values = np.full((robots, DIRECTION_COUNT), np.nan)
+        if reward_parts is None:
+            reward_parts = np.full((robots, len(REWARD_PARTS)), np.nan)
         self._batch.append(_Decided(step, q_values, reward_parts))
         if len(self._batch) == _BATCH_STEPS:
             self._write_batch()
@@ -184,13 +195,13 @@ class EpisodeRecorder:
         seen = [decided.step.before for decided in self._batch]
         action = [int(decided.step.action[robot]) for decided in self._batch]
         q_values = np.array([decided.q_values[robot] for decided in self._batch])
-        self._send(f"/rl/{name}/q_s", times, q_values, numbers)
-        for path, names in (
-            ("action", [DIRECTION_NAMES[a] if a >= 0 else ARRIVED for a in action]),
-            ("greedy", [DIRECTION_NAMES[k] for k in q_values.argmax(axis=1)]),
-        ):
-            states = rr.StateChange.columns(state=names)
-            self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), states)
+        states = {"action": [DIRECTION_NAMES[a] if a >= 0 else ARRIVED for a in action]}
+        if not np.isnan(q_values).any():  # of a policy that says what it thinks of actions
+            self._send(f"/rl/{name}/q_s", times, q_values, numbers)
+            states["greedy"] = [DIRECTION_NAMES[k] for k in q_values.argmax(axis=1)]
+        for path, names in states.items():
+            rows = rr.StateChange.columns(state=names)
+            self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), rows)
         last = self._batch[-1].step
         if last.outcome:
             seen.append(last.after)

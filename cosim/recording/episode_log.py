@@ -69,7 +69,7 @@ class EpisodeLog:
 
         Args:
             step: what the co-simulation returned.
-            reward: (N,) of the step, NaN for robots that were at their targets.
+            reward: (N,) of the step, NaN for robots at their targets and where nobody says it.
         """
         timing = self._config.timing
         start_s = step.first_tick * timing.dt_s
@@ -84,7 +84,8 @@ class EpisodeLog:
         for robot in np.flatnonzero(step.completed | failed):
             where = tuple(step.after.cells[robot].tolist())
             name = self._names[robot]
-            text = f"{name} ends its move in {where}, reward {reward[robot]:.2f}"
+            known = not np.isnan(reward[robot])
+            text = f"{name} ends its move in {where}" + known * f", reward {reward[robot]:.2f}"
             lines.append(Line(end_s, step.number, "INFO", text, f"/rl/{name}/move", ENDED))
         self._moving = (step.action >= 0) & ~step.completed
         if step.outcome:

@@ -5,8 +5,10 @@ weighs; docs/performance.md has the sizes. What the signals are is `cosim.record
 """
 
 import math
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
+from cosim.base.config import CoSimConfig
 from cosim.coupling.signals import RawSamples
 
 Level = Literal["summary", "default", "full"]
@@ -36,6 +38,12 @@ DETAILS: dict[Level, Detail] = {
     "default": Detail(0.001, 0.025, 0.025, 0.009, ("omega", "position", "normal", "friction")),
     "full": Detail(0.001, 0.001, 0.001, 0.05, RawSamples._fields),
 }
+
+
+def with_bursts(config: CoSimConfig, level: Level | Literal["none"]) -> CoSimConfig:
+    """A configuration that samples the bursts of a level, and none where nothing is recorded."""
+    burst_s = 0.0 if level == "none" else DETAILS[level].burst_s
+    return replace(config, timing=config.timing._replace(burst_s=burst_s))
 
 
 def periods(time_s: float, control_period_s: float, rl_step_s: float) -> int:

@@ -10,8 +10,6 @@ import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
-import rerun as rr
-
 from cosim.base.errors import UserError
 
 DEFAULT_VIEWER = "rerun+http://127.0.0.1:9876/proxy"
@@ -46,6 +44,8 @@ def spawn_viewer(url: str) -> str:
     Raises:
         LiveError: it does not start.
     """
+    import rerun as rr  # noqa: PLC0415 - slow; commands read the default address from here
+
     host, port = _host(url)
     try:
         rr.spawn(

@@ -4,10 +4,13 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
+from functools import partial
 
 import pytest
 from rich.console import Console
 
+from agent import experiments, methods
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
 from analysis.reproduce import Reproduce, reproduce
@@ -29,6 +32,18 @@ TINY = Profile(
 BRIEF = ("--method", "paper", "--train-episodes", "20000")
 
 
+def evaluate_seldom(patch):
+    """Few exact evaluations on the way: policies trained so briefly circle to the step limit."""
+    for module in (methods, experiments):
+        patch.setattr(module, "replace", partial(replace, greedy_points=6))
+
+
+@pytest.fixture(autouse=True)
+def few_evaluations(monkeypatch):
+    """The same while a test goes on with a reproduction."""
+    evaluate_seldom(monkeypatch)
+
+
 @pytest.fixture(scope="session")
 def tiny():
     """Profile of the session's reproduction."""
@@ -39,7 +54,9 @@ def tiny():
 def reproduction(tmp_path_factory):
     """A reproduction with everything small: results, figures and report."""
     out = tmp_path_factory.mktemp("reproduction")
-    reproduce(Reproduce(out, jobs=1), TINY, Console(stderr=True))
+    with pytest.MonkeyPatch.context() as patch:
+        evaluate_seldom(patch)
+        reproduce(Reproduce(out, jobs=1), TINY, Console(stderr=True))
     return out
 
 

@@ -15,6 +15,7 @@ from agent.process import grid
 from agent.process.config import ProcessConfig
 from agent.process.readings import build_process
 from agent.process.rng import seeded_state
+from agent.training.learning import LearningConfig
 from agent.training.policy import Policy
 from agent.training.store import trained_policy
 from cosim.base.errors import UserError
@@ -104,7 +105,8 @@ def test_pettingzoo_steps_the_kernels_process(slip):
 
 
 def test_a_trained_policy_reaches_the_targets_in_the_environment():
-    policy, _, _ = trained_policy(find_scenario("2"))
+    learning = LearningConfig(episodes=200_000, greedy_points=0)
+    policy, _, _ = trained_policy(find_scenario("2"), None, learning)
     env = envs.parallel_env("2")
     tables: Policy = policy
     for seed in range(5):

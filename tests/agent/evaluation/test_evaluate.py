@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from agent.evaluation.rollout import EpisodeResult
 from rich.console import Console
 
 from agent.evaluation import dynamics as evaluate_command
@@ -11,7 +12,6 @@ from agent.evaluation.cases import Case
 from agent.evaluation.dynamics import Evaluate, evaluate, report_of
 from agent.evaluation.outcomes import rate, summary
 from agent.evaluation.result_file import ResultFile, ResultFileError
-from agent.evaluation.rollout import EpisodeResult
 from agent.process.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig

@@ -5,11 +5,11 @@ import threading
 from dataclasses import replace
 
 import pytest
+from agent.evaluation.rollout import EpisodeResult
 from rich.console import Console
 
 from agent.evaluation.cases import Case, Job
 from agent.evaluation.result_file import ResultFile
-from agent.evaluation.rollout import EpisodeResult
 from agent.evaluation.transfer import Transfer, transfer
 from agent.evaluation.transfer_table import Row, goals, markdown
 from agent.process.config import ProcessConfig

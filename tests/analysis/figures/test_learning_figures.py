@@ -9,7 +9,6 @@ import matplotlib.pyplot as plt
 import msgspec
 import numpy as np
 import pytest
-from rich.console import Console
 
 from agent.experiments.__main__ import main
 from agent.experiments.results import ExperimentResult, show
@@ -142,7 +141,7 @@ def test_variants_are_compared_run_by_run(results, capsys):
     expected = np.mean([a["success"] - b["success"] for a, b in pairs])
     assert content["differences"]["c5"]["success"]["mean"] == pytest.approx(expected)
     assert "c1.5" not in content["differences"]
-    show(msgspec.convert(content, ExperimentResult), Console())
+    show(msgspec.convert(content, ExperimentResult))
     assert "minus c = 1.5, run by run" in capsys.readouterr().out
 
 

@@ -63,5 +63,5 @@ def test_ctrl_c_is_the_intended_end(folder):
         said = serving.stdout.readline()
         assert said.startswith(b"report: http://127.0.0.1:")
         serving.send_signal(signal.SIGINT)
-        _, errors = serving.communicate(timeout=30)
+        _, errors = serving.communicate(timeout=300)
     assert (serving.returncode, errors) == (0, b"")

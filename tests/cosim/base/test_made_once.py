@@ -34,7 +34,7 @@ def built():
     return len(builds)
 
 def trained():
-    seen, learning = [], LearningConfig(episodes=300_000)
+    seen, learning = [], LearningConfig(episodes=100_000)
     trained_policy(find_scenario("1a"), None, learning, progress=seen.append)
     return int(bool(seen))
 

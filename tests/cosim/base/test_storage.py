@@ -111,7 +111,7 @@ def writer(path, what):
 def test_an_interrupted_process_leaves_nothing(tmp_path, how):
     process = writer(tmp_path / "result.npz", "time.sleep(60)")
     process.send_signal(how)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=300)
     assert (process.returncode, errors) == (130, "interrupted\n")
     assert not list(tmp_path.iterdir())
 

@@ -9,7 +9,7 @@ from cosim.physics.trig import sine_cosine
 @kernel
 def both(angles: np.ndarray, out: np.ndarray) -> None:
     for i in range(len(angles)):
-        out[i] = sine_cosine(angles[i])
+        out[i, 0], out[i, 1] = sine_cosine(angles[i])
 
 
 def test_agrees_with_the_library_to_rounding():

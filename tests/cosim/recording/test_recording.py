@@ -218,7 +218,7 @@ run_command(globals()[sys.argv[2]])
 @pytest.mark.parametrize("when", ["in_the_middle", "at_the_end"])
 def test_full_disk_ends_in_a_sentence_and_no_file_by_its_name(tmp_path, when):
     command = [sys.executable, "-c", FULL_DISK, str(tmp_path), when]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 2, done.stderr
     part = tmp_path / "a.rrd.part"
     assert done.stderr == (

@@ -63,7 +63,7 @@ def test_other_importers(fmus, importer, standard, own):
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=300,
     )
     assert run.returncode == 0, run.stderr
     assert json.loads(run.stdout.splitlines()[-1]) == pytest.approx(own, rel=SAME)

@@ -1,0 +1,80 @@
+"""`minirobots`: all commands under one name, each loaded when it is asked for."""
+
+import sys
+from importlib import import_module
+from typing import NamedTuple
+
+from cosim.base.errors import USER_ERROR_STATUS, run_command
+
+
+class Command(NamedTuple):
+    """A sub-command.
+
+    Attributes:
+        module: with `main`, and the options class for shell completion.
+        options: name of that class.
+        purpose: in a few words.
+    """
+
+    module: str
+    options: str
+    purpose: str
+
+
+COMMANDS = {
+    "run": Command("cosim.run", "Run", "train, co-simulate and record episodes"),
+    "train": Command("agent.experiments.training", "Train", "train many runs and evaluate them"),
+    "evaluate": Command("cosim.evaluate", "Evaluate", "what policies achieve in the dynamics"),
+    "evaluate-grid": Command("agent.evaluate", "EvaluateOnGrid", "the same on the grid, exactly"),
+    "transfer": Command("cosim.transfer", "Transfer", "success in the dynamics by method"),
+    "experiments": Command(
+        "agent.experiments.__main__", "Experiments", "the paper's learning experiments"
+    ),
+    "moves": Command("agent.moves.__main__", "ObserveMoves", "observe what moves really do"),
+    "calibrate": Command("cosim.calibrate", "Calibrate", "motor speeds to speed and yaw rate"),
+    "platform": Command("cosim.platform", "Platform", "the 1-DOF platform of Eq. (1), Fig. 3"),
+    "fmu": Command("fmus.build", "Build", "build the motor FMU for other tools"),
+    "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
+    "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),
+    "report": Command("analysis.report.__main__", "Report", "one page with all results"),
+    "serve": Command("analysis.serve", "Serve", "open a report in the browser"),
+    "inspect": Command("analysis.inspect", "Inspect", "what a recording holds, what looks wrong"),
+    "screenshot": Command("analysis.screenshot", "Screenshot", "what the viewer shows, as a file"),
+}
+_COMPLETION = "--tyro-print-completion"
+
+
+def main() -> None:
+    """Hand over to a sub-command, or say which there are."""
+    name, *rest = sys.argv[1:] or ["--help"]
+    if name in {"-h", "--help"}:
+        print("usage: minirobots COMMAND [OPTIONS]   (minirobots COMMAND --help tells them)\n")
+        for known, command in COMMANDS.items():
+            print(f"  {known:<15}{command.purpose}")
+        print(f"\nshell completion: minirobots {_COMPLETION} bash, zsh or tcsh")
+        return
+    if name.startswith(_COMPLETION):
+        _print_completion(sys.argv[1:])
+        return
+    if name not in COMMANDS:
+        print(
+            f"error: minirobots has no command {name}; choose one of {', '.join(COMMANDS)}",
+            file=sys.stderr,
+        )
+        sys.exit(USER_ERROR_STATUS)
+    sys.argv = [f"minirobots {name}", *rest]
+    run_command(import_module(COMMANDS[name].module).main)
+
+
+def _print_completion(arguments: list[str]) -> None:
+    """What a shell completes, of all commands at once."""
+    from tyro.extras import SubcommandApp  # noqa: PLC0415 - only here
+
+    app = SubcommandApp()
+    for name, command in COMMANDS.items():
+        app.command(getattr(import_module(command.module), command.options), name=name)
+    app.cli(prog="minirobots", args=arguments)
+
+
+if __name__ == "__main__":
+    main()
