@@ -9,10 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import cast
 
-from rich.console import Console
-
-from agent.evaluation.transfer import Transfer, transfer
-from agent.experiments import Experiments, Name, run_experiment
+from agent.evaluation.transfer import transfer
+from agent.experiments.run import run_experiment
+from agent.experiments.variants import Name
 from analysis.figures.draw import draw_figures
 from analysis.motor.options import StepTest
 from analysis.motor.step_test import record
@@ -23,6 +22,7 @@ from analysis.timings import Timings
 from cosim.base.progress import Progress, silent
 from cosim.base.scenario import BUILT_IN
 from cosim.calibrate import Calibrate, calibrate
+from cosim.navigation.options import Driving
 from cosim.platform.__main__ import MovePlatform
 from cosim.platform.result import move_platforms
 from cosim.run import Run, run
@@ -55,7 +55,7 @@ def reproduce(
         UserError: see its message; what was finished stays.
     """
     results = out / "results"
-    timings = run_stages(out, profile, seed=seed, jobs=jobs, say=say)
+    timings = run_stages(out, profile, seed=seed, jobs=jobs, progress=progress, say=say)
     with timings.stage("figures"):
         drawn, lacking = draw_figures(FIGURES, results, out / "figures", progress=progress)
     for name, reason in lacking.items():
@@ -65,7 +65,13 @@ def reproduce(
 
 
 def run_stages(
-    out: Path, profile: Profile, *, seed: int, jobs: int, say: Callable[[str], None]
+    out: Path,
+    profile: Profile,
+    *,
+    seed: int,
+    jobs: int,
+    progress: Progress = silent,
+    say: Callable[[str], None],
 ) -> Timings:
     """Run what is not finished; returns how long everything took. Arguments as of `reproduce`.
 
@@ -81,17 +87,18 @@ def run_stages(
             continue
         say(f"{label} …")
         with timings.stage(result.name):
-            _make(result, result.location(results), profile, seed, jobs)
+            _make(result, result.location(results), profile, seed, jobs, progress)
         say(f"{label}: {timings.seconds(result.name):.1f} s")
     return timings
 
 
-def _make(result: Result, out: Path, profile: Profile, seed: int, jobs: int) -> None:
+def _make(
+    result: Result, out: Path, profile: Profile, seed: int, jobs: int, progress: Progress
+) -> None:
     """Do what the result's command does, as much of it as the profile says.
 
     Called again after an interrupt it goes on, or begins anew.
     """
-    console = Console(stderr=True)
     match result.module:
         case "cosim.platform":
             platform = MovePlatform()
@@ -99,38 +106,38 @@ def _make(result: Result, out: Path, profile: Profile, seed: int, jobs: int) -> 
         case "analysis.motor_test":
             record(out, cached_fmu(), StepTest())
         case "cosim.calibrate":
-            calibrate(Calibrate(out=out, jobs=jobs), console)
+            calibrate(Calibrate(out=out, jobs=jobs), progress)
         case "cosim.run":
             alone = BUILT_IN[result.of].robots == 1
             settings = Run(
-                result.of,
+                scenario=result.of,
                 episodes=profile.single_episodes if alone else profile.pair_episodes,
                 method=profile.drive_method,
                 train_episodes=profile.drive_episodes,
                 seed=seed,
                 out=out,
                 jobs=jobs,
-                time_limit=profile.episode_limit_s,
+                physics=Driving(time_limit=profile.episode_limit_s),
             )
-            run(settings, console)
+            for _ in run(settings, progress):
+                pass
         case "agent.experiments":
-            experiment = Experiments(
+            run_experiment(
                 cast(Name, result.of),
+                out,
                 runs=profile.runs,
                 seed=seed,
-                out=out,
                 episodes=profile.train_episodes,
                 jobs=jobs,
-                resume=True,
+                progress=progress,
             )
-            run_experiment(experiment, console)
         case "cosim.transfer":
-            table = Transfer(
-                out=out,
+            transfer(
+                out,
                 quick=profile.transfer_quick,
                 scenarios=profile.transfer_scenarios,
                 methods=profile.transfer_methods,
                 seed=seed,
                 jobs=jobs,
+                progress=progress,
             )
-            transfer(table, console)

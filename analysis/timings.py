@@ -123,8 +123,9 @@ class Timings:
         A stage that is finished and made again is timed anew.
         """
         before = self._content.stages.get(name)
-        goes_on = before is not None and not before.finished
-        earlier_s, attempts = (before.seconds, before.attempts) if goes_on else (0.0, 0)
+        earlier_s, attempts = 0.0, 0
+        if before is not None and not before.finished:
+            earlier_s, attempts = before.seconds, before.attempts
         code = code_of(name)
         began, finished = time.perf_counter(), False
         try:

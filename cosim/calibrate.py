@@ -40,9 +40,7 @@ class Calibrate:
         workers(self.jobs)
 
 
-def calibrate(
-    options: Calibrate, progress: Progress
-) -> "tuple[Calibration, CalibrationReport]":
+def calibrate(options: Calibrate, progress: Progress) -> "tuple[Calibration, CalibrationReport]":
     """Find or measure the calibration and write its files.
 
     Args:

@@ -11,6 +11,7 @@ import matplotlib as mpl
 from cycler import cycler
 from matplotlib.figure import Figure
 
+from agent.evaluation.statistics import Statistics
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import replacing, write_json
@@ -127,11 +128,19 @@ def read_caption(folder: Path, figure: str) -> Caption:
     return read_json(folder / f"{figure}.json", kind, Caption)
 
 
+class Interval(NamedTuple):
+    """A mean with its 95 % interval; None where it has none."""
+
+    mean: float | None
+    low: float | None
+    high: float | None
+
+
 def interval(
-    statistics: dict[str, Any], factor: float = 1.0, digits: int = 2, unit: str = ""
+    of: Interval | Statistics, factor: float = 1.0, digits: int = 2, unit: str = ""
 ) -> str:
-    """Mean and 95 % interval of statistics, or of any record with mean, low and high."""
-    mean, low, high = (statistics.get(name) for name in ("mean", "low", "high"))
+    """Mean and 95 % interval in words."""
+    mean, low, high = of.mean, of.low, of.high
     if mean is None:
         return NOTHING
     text = f"{factor * mean:.{digits}f}{unit}"

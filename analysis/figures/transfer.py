@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from agent.evaluation.transfer_table import TransferRow
 from analysis.figures.style import (
     BLUE,
     GREEN,
@@ -24,7 +25,6 @@ from analysis.figures.style import (
     FigureError,
 )
 from analysis.reading.results import FIGURES
-from agent.evaluation.transfer_table import TransferRow
 from analysis.reading.written import read_transfer
 
 _COLOURS = (VERMILION, BLUE, GREEN, ORANGE, PURPLE, SKY)
@@ -108,8 +108,8 @@ def caption(rows: list[TransferRow]) -> Caption:
                 }
             )
             parts.append(
-                f"{name} at least {worst.success:.1%} [{100 * worst.success_low:.1f}, "
-                f"{100 * worst.success_high:.1f}] (scenario {worst.scenario}, "
+                f"{name} at least {worst.success:.1%} [{100 * (worst.success_low or 0.0):.1f}, "
+                f"{100 * (worst.success_high or 0.0):.1f}] (scenario {worst.scenario}, "
                 f"{episodes} episodes in all)"
             )
         ours.append(f"µ = {mu:g}: {'; '.join(parts)}.")

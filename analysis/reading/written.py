@@ -4,10 +4,10 @@ Their writers own their content; figures and tables take what they show from it.
 """
 
 from pathlib import Path
-from typing import Any
 
 from agent.evaluation.batch import RunSummary
 from agent.evaluation.transfer_table import TransferReport
+from agent.experiments.results import ExperimentResult
 from analysis.reading.results import RESULTS
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json
@@ -26,15 +26,15 @@ def kind_of(name: str, results: Path) -> Kind:
     )
 
 
-def read_experiment(name: str, results: Path) -> dict[str, Any]:
+def read_experiment(name: str, results: Path) -> ExperimentResult:
     """What `agent.experiments` says of an experiment.
 
     Raises:
         ResultError: there is no such result, or it is of another experiment.
     """
     path, kind = RESULTS[name].proof_in(results), kind_of(name, results)
-    content = read_json(path, kind, dict[str, Any])
-    if content.get("experiment") != name:
+    content = read_json(path, kind, ExperimentResult)
+    if content.experiment != name:
         raise ResultError(f"{path}: not a result of {name}; {kind.mend}")
     return content
 

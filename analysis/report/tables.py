@@ -4,16 +4,16 @@ Reads what commands wrote and formats it, with intervals; the page around it is 
 """
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from agent.evaluation.transfer_table import TransferRow
-from analysis.figures.style import NOTHING, interval
+from agent.experiments.results import ExperimentResult
+from analysis.figures.style import NOTHING, Interval, interval
 from analysis.reading.results import RESULTS
-from analysis.reading.written import kind_of, read_experiment, read_transfer
+from analysis.reading.written import read_experiment, read_transfer
 from analysis.timings import TimingsFile
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import ENDS
-from cosim.base.reading import parsing
 
 # Column, measure of `agent.process.exact`, factor, digits, unit.
 _MEASURES = (
@@ -56,18 +56,16 @@ def learning_tables(results: Path) -> list[ReportTable]:
     tables = []
     for name, title in titles.items():
         if RESULTS[name].exists(results):
-            content = read_experiment(name, results)
-            with parsing(RESULTS[name].proof_in(results), kind_of(name, results)):
-                tables.append(_learning_table(title, content))
+            tables.append(_learning_table(title, read_experiment(name, results)))
     return tables
 
 
-def _learning_table(title: str, content: dict[str, Any]) -> ReportTable:
-    rows, differences = [], content.get("differences", {})
-    for key, variant in content["variants"].items():
-        row = [variant["label"]]
+def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
+    rows, differences = [], content.differences
+    for key, variant in content.variants.items():
+        row = [variant.label]
         for _, measure, factor, digits, unit in _MEASURES:
-            row.append(interval(variant["over_runs"][measure], factor, digits, unit))
+            row.append(interval(variant.over_runs[measure], factor, digits, unit))
         if differences:
             difference = differences.get(key)
             row.append(interval(difference["path_length_cm"]) if difference else NOTHING)
@@ -75,14 +73,14 @@ def _learning_table(title: str, content: dict[str, Any]) -> ReportTable:
     header = ["", *(column for column, *_ in _MEASURES)]
     if differences:
         header.append("difference in cm, same seeds")
-    runs = len(next(iter(content["variants"].values()))["runs"])
+    runs = len(next(iter(content.variants.values())).runs)
     note = (
-        f"Every start, evaluated exactly, for each of {_runs(runs)} of {content['episodes']:,} "
+        f"Every start, evaluated exactly, for each of {_runs(runs)} of {content.episodes:,} "
         "training episodes: mean and 95 % bootstrap interval over the runs."
     )
     command = (
-        f"python -m agent.experiments {content['experiment']} --runs {runs} "
-        f"--episodes {content['episodes']} --seed {content['seed']}"
+        f"python -m agent.experiments {content.experiment} --runs {runs} "
+        f"--episodes {content.episodes} --seed {content.seed}"
     )
     return ReportTable(title, note, command, tuple(header), rows)
 
@@ -125,9 +123,8 @@ def _transfer_row(row: TransferRow) -> tuple[str, ...]:
 
 def _named(row: TransferRow, name: str, factor: float, digits: int, unit: str) -> str:
     """A value of a row of `cosim.transfer` with its interval."""
-    ends = {"mean": name, "low": f"{name}_low", "high": f"{name}_high"}
-    statistics = {end: getattr(row, attribute) for end, attribute in ends.items()}
-    return interval(statistics, factor, digits, unit)
+    ends = (getattr(row, each) for each in (name, f"{name}_low", f"{name}_high"))
+    return interval(Interval(*ends), factor, digits, unit)
 
 
 def timing_table(timings: TimingsFile) -> ReportTable:

@@ -6,11 +6,13 @@ import sys
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
+import msgspec
 import numpy as np
 import pytest
-from rich.console import Console
 
-from agent.experiments import EXPERIMENTS, main, show
+from agent.experiments.__main__ import main
+from agent.experiments.results import ExperimentResult, show
+from agent.experiments.variants import EXPERIMENTS
 from analysis.figures import fig05
 from analysis.figures.learning import (
     POINTS,
@@ -25,7 +27,6 @@ from analysis.figures.learning_figures import fig10, path_ratio
 from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
 from analysis.reading.written import ResultError, read_experiment
-from cosim.base.errors import run_command
 from cosim.base.scenario import BUILT_IN
 
 
@@ -47,7 +48,7 @@ def test_curves_are_those_of_the_runs(results):
         assert log.episode.tolist() == [1000, 2000, 3000]
         drawn = np.asarray(behaviour.lines[k].get_ydata())
         np.testing.assert_allclose(drawn, 100.0 * variant.curves("success").mean(axis=0))
-        final = [100.0 * run["success"] for run in content["variants"][variant.scenario]["runs"]]
+        final = [100.0 * run.success for run in content.variants[variant.scenario].runs]
         assert np.asarray(greedy.lines[k].get_ydata())[-1] == pytest.approx(np.mean(final))
     assert greedy_path.get_ylabel() == "path length in cm"
 
@@ -74,11 +75,9 @@ def test_band_leaves_out_points_that_no_run_has():
 def test_captions_state_the_numbers_of_the_results(results):
     content = read_experiment("fig10", results)
     caption = fig10(results).caption
-    over_runs = content["variants"]["c2"]["over_runs"]
+    over_runs = content.variants["c2"].over_runs
     assert caption.numbers["c2"]["success"] == over_runs["success"]
-    assert (
-        caption.numbers["c5_path_minus_c1.5_cm"] == (content["differences"]["c5"]["path_length_cm"])
-    )
+    assert caption.numbers["c5_path_minus_c1.5_cm"] == content.differences["c5"]["path_length_cm"]
     assert len(caption.ours) == len(content["variants"]) + 1
 
 
@@ -96,11 +95,11 @@ def test_learnt_is_where_success_stays_high():
 
 def test_path_ratio_shows_every_run(results):
     drawing = path_ratio(results)
-    content = read_experiment("fig08", results)["variants"]["1a"]
-    runs = [run["ratio_to_bound"] for run in content["runs"] if run["ratio_to_bound"] is not None]
+    content = read_experiment("fig08", results).variants["1a"]
+    runs = [run.ratio_to_bound for run in content.runs if run.ratio_to_bound is not None]
     dots = drawing.figure.axes[0].lines[0]
     np.testing.assert_array_equal(dots.get_ydata(), runs)
-    assert drawing.caption.numbers["1a"]["path_length"] == content["over_runs"]["ratio_to_bound"]
+    assert drawing.caption.numbers["1a"]["path_length"] == content.over_runs["ratio_to_bound"]
 
 
 def test_fig05_draws_every_scenario():
@@ -123,15 +122,11 @@ def test_other_folders_are_refused(results, tmp_path):
         load_variants(copy, read_experiment("fig08", tmp_path))
 
 
-def test_experiments_resume_and_print_json(results, monkeypatch, capsys):
+def test_experiments_go_on_and_print_json(results, monkeypatch, capsys):
     folder = RESULTS["fig08"].location(results)
     arguments = ("fig08", "--runs", "2", "--episodes", "3000", "--jobs", "1", "--json")
     monkeypatch.setattr(sys, "argv", ["x", *arguments, "--out", str(folder)])
-    with pytest.raises(SystemExit):
-        run_command(main)
-    assert "add --resume" in capsys.readouterr().err
     before = json.loads((folder / "results.json").read_text())
-    sys.argv.append("--resume")
     main()
     content = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert content["variants"] == before["variants"]
@@ -145,7 +140,7 @@ def test_variants_are_compared_run_by_run(results, capsys):
     expected = np.mean([a["success"] - b["success"] for a, b in pairs])
     assert content["differences"]["c5"]["success"]["mean"] == pytest.approx(expected)
     assert "c1.5" not in content["differences"]
-    show(content, Console())
+    show(msgspec.convert(content, ExperimentResult))
     assert "minus c = 1.5, run by run" in capsys.readouterr().out
 
 
