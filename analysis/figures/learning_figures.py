@@ -154,7 +154,7 @@ def _draw_ratios(variants: dict[str, VariantResult]) -> Figure:
             spread = random.uniform(-0.15, 0.15, len(values))
             axes.plot(place + spread, values, ".", color=GREY, markersize=4, alpha=0.6)
             s = variant.over_runs[key]
-            if s.mean is not None:
+            if s.mean is not None and s.low is not None and s.high is not None:
                 below, above = s.mean - s.low, s.high - s.mean
                 bars = np.maximum([[below], [above]], 0.0)
                 axes.errorbar(place, s.mean, bars, fmt="o", color=colour, capsize=4)

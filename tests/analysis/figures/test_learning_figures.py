@@ -6,12 +6,11 @@ import sys
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
-import msgspec
 import numpy as np
 import pytest
 
 from agent.experiments.__main__ import main
-from agent.experiments.results import ExperimentResult, show
+from agent.experiments.results import show
 from agent.experiments.variants import EXPERIMENTS
 from analysis.figures import fig05
 from analysis.figures.learning import (
@@ -78,7 +77,7 @@ def test_captions_state_the_numbers_of_the_results(results):
     over_runs = content.variants["c2"].over_runs
     assert caption.numbers["c2"]["success"] == over_runs["success"]
     assert caption.numbers["c5_path_minus_c1.5_cm"] == content.differences["c5"]["path_length_cm"]
-    assert len(caption.ours) == len(content["variants"]) + 1
+    assert len(caption.ours) == len(content.variants) + 1
 
 
 def test_learnt_is_where_success_stays_high():
@@ -135,12 +134,12 @@ def test_experiments_go_on_and_print_json(results, monkeypatch, capsys):
 
 def test_variants_are_compared_run_by_run(results, capsys):
     content = read_experiment("fig10", results)
-    runs = {name: variant["runs"] for name, variant in content["variants"].items()}
+    runs = {name: variant.runs for name, variant in content.variants.items()}
     pairs = zip(runs["c5"], runs["c1.5"], strict=True)
-    expected = np.mean([a["success"] - b["success"] for a, b in pairs])
-    assert content["differences"]["c5"]["success"]["mean"] == pytest.approx(expected)
-    assert "c1.5" not in content["differences"]
-    show(msgspec.convert(content, ExperimentResult))
+    expected = np.mean([a.success - b.success for a, b in pairs])
+    assert content.differences["c5"]["success"].mean == pytest.approx(expected)
+    assert "c1.5" not in content.differences
+    show(content)
     assert "minus c = 1.5, run by run" in capsys.readouterr().out
 
 

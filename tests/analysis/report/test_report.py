@@ -1,7 +1,6 @@
 """The report from results made in the small: what it says, what it refuses, and in a browser."""
 
 import io
-import json
 import re
 import shutil
 import threading
@@ -12,7 +11,7 @@ from markupsafe import escape
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from analysis.figures.style import Caption, interval, read_caption, write_caption
+from analysis.figures.style import Caption, Interval, interval, read_caption, write_caption
 from analysis.reading.results import FIGURES
 from analysis.reading.written import ResultError
 from analysis.report.content import ReportError
@@ -97,31 +96,18 @@ def test_empty_and_damaged_results(tmp_path):
         write_report(empty, tmp_path / "report")
 
 
-def test_transfer_is_a_table_with_intervals(tmp_path):
-    shares = {"success": 0.9, "collision": 0.1, "out_of_board": 0.0, "timeout": 0.0}
-    row = {"scenario": "4", "method": "slip", "mu": 0.15, "episodes": 50} | shares
-    row |= {f"{name}_low": max(0.0, share - 0.05) for name, share in shares.items()}
-    row |= {f"{name}_high": share + 0.05 for name, share in shares.items()}
-    row |= {f"path_ratio_to_grid{end}": None for end in ("", "_low", "_high")}
-    file = tmp_path / "transfer" / "transfer.json"
-    file.parent.mkdir()
-    file.write_text(json.dumps({"rows": [row]}))
-    (table,) = transfer_tables(tmp_path)
+def test_transfer_is_a_table_with_intervals(row, write_transfer):
+    (table,) = transfer_tables(write_transfer(row("4", "slip", 0.85)))
     (cells,) = table.rows
-    assert cells[:6] == ("4", "slip", "0.15", "–", "50", "90.0 % [85.0, 95.0]")
+    assert cells[:6] == ("4", "slip", "0.15", "–", "50", "85.0 % [75.0, 95.0]")
     assert cells[-1] == "–"
     assert len(cells) == len(table.header)
-    del row["collision_low"]
-    file.write_text(json.dumps({"rows": [row]}))
-    with pytest.raises(ResultError, match="field `collision_low`"):
-        transfer_tables(tmp_path)
 
 
 def test_intervals_in_words():
-    row = {"mean": 0.5, "low": 0.25, "high": 0.75}
-    assert interval(row, 100.0, 1, " %") == "50.0 % [25.0, 75.0]"
-    assert interval({"mean": -1.0, "low": None, "high": None}) == "−1.00"
-    assert interval({"mean": None, "low": None, "high": None}) == "–"
+    assert interval(Interval(0.5, 0.25, 0.75), 100.0, 1, " %") == "50.0 % [25.0, 75.0]"
+    assert interval(Interval(-1.0, None, None)) == "−1.00"
+    assert interval(Interval(None, None, None)) == "–"
 
 
 @pytest.fixture
