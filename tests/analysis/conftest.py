@@ -6,13 +6,13 @@ import sys
 import time
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from typing import Any
 
+import msgspec
 import pytest
 
-from agent import methods
 from agent.evaluation.transfer_table import TransferReport, TransferRow
-from agent.experiments import run as experiments
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
 from analysis.stages import reproduce
@@ -37,8 +37,8 @@ BRIEF = ("--method", "paper", "--train-episodes", "20000")
 
 def evaluate_seldom(patch):
     """Few exact evaluations on the way: policies trained so briefly circle to the step limit."""
-    for module in (methods, experiments):
-        patch.setattr(module, "replace", partial(replace, greedy_points=6))
+    for module in ("agent.methods", "agent.experiments.run"):
+        patch.setattr(import_module(module), "replace", partial(replace, greedy_points=6))
 
 
 @pytest.fixture(autouse=True)
@@ -105,7 +105,7 @@ def transfer_row(scenario, method, success, margin_m=0.0, mu=0.15):
     for name, share in shares.items():
         known |= {name: share, f"{name}_low": max(share - 0.1, 0.0)}
         known[f"{name}_high"] = min(share + 0.1, 1.0)
-    return TransferRow(**unknown | known | {"failures": ()})
+    return msgspec.convert(unknown | known | {"failures": ()}, TransferRow)
 
 
 @pytest.fixture
