@@ -6,7 +6,7 @@ with the same JSON beside it for people; nothing in it is executed on loading. T
 """
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -86,7 +86,7 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         refuse_without_effect(self.process, moves=self.moves is not None)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Policy:
     """Greedy policy over one table per robot.
 
@@ -99,10 +99,14 @@ class Policy:
     """
 
     config: PolicyConfig
-    q: np.ndarray = field(repr=False)
-    visits: np.ndarray = field(repr=False)
-    random: np.ndarray = field(repr=False)
+    q: np.ndarray
+    visits: np.ndarray
+    random: np.ndarray
     episodes: int
+
+    def __repr__(self) -> str:
+        on = "on moves" if self.config.moves else "on the grid"
+        return f"Policy(scenario {self.config.scenario.name}, {self.episodes} episodes {on})"
 
     @classmethod
     def of_training(cls, config: PolicyConfig, state: TrainingState) -> "Policy":
@@ -178,12 +182,13 @@ class Policy:
         tables = zip(self.values, self.visits, strict=True)
         return [cell_map(self.process, values, visits) for values, visits in tables]
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
 
         Raises:
             OSError: the folder cannot be written.
         """
+        path = Path(path)
         text = msgspec.json.format(msgspec.json.encode(self._description()), indent=1)
         with replacing(path.with_suffix(".json")) as temporary:
             temporary.write_bytes(text + b"\n")
@@ -204,7 +209,7 @@ class Policy:
         }
 
     @classmethod
-    def load(cls, path: Path, scenario: Scenario | None = None) -> "Policy":
+    def load(cls, path: Path | str, scenario: Scenario | None = None) -> "Policy":
         """Read a policy; with `scenario`, only if it was trained on that geometry.
 
         Raises:
