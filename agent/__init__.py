@@ -83,7 +83,7 @@ def load(path: str | Path, scenario: Scenario | None = None) -> "Policy":
     """
     from agent.training.policy import Policy  # noqa: PLC0415 - numba is slow to import
 
-    return Policy.load(Path(path), scenario)
+    return Policy.load(path, scenario)
 
 
 def __getattr__(name: str) -> Any:

@@ -14,7 +14,8 @@ import tyro
 from rich.console import Console
 
 from agent.evaluation.transfer import Transfer, transfer
-from agent.experiments import Experiments, Name, run_experiment
+from agent.experiments.run import run_experiment
+from agent.experiments.variants import Name
 from analysis.figures.draw import Figures, draw_figures
 from analysis.motor_test import MotorTest, record
 from analysis.profiles import FULL, QUICK, Profile
@@ -22,6 +23,7 @@ from analysis.reading.results import RESULTS, Result
 from analysis.report.page import Report, write_report
 from analysis.timings import Timings
 from cosim.base.errors import UserError, run_command
+from cosim.base.progress import progress_bars
 from cosim.base.scenario import BUILT_IN
 from cosim.calibrate import Calibrate, calibrate
 from cosim.platform import PlatformRun, write_platform
@@ -122,16 +124,16 @@ def _make(
             )
             run(settings, console)
         case "agent.experiments":
-            experiment = Experiments(
-                cast(Name, result.of),
-                runs=profile.runs,
-                seed=seed,
-                out=out,
-                episodes=profile.train_episodes,
-                jobs=jobs,
-                resume=True,
-            )
-            run_experiment(experiment, console)
+            with progress_bars(console) as progress:
+                run_experiment(
+                    cast(Name, result.of),
+                    out,
+                    runs=profile.runs,
+                    seed=seed,
+                    episodes=profile.train_episodes,
+                    jobs=jobs,
+                    progress=progress,
+                )
         case "cosim.transfer":
             table = Transfer(
                 out=out,

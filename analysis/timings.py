@@ -30,8 +30,9 @@ def code_of(stage: str) -> str | None:
     """Hash (16 hex digits) of the code that makes a result; None if the stage is of no result."""
     if stage not in RESULTS:
         return None
-    module = ROOT.joinpath(*RESULTS[stage].module.split(".")).with_suffix(".py")
-    return code_digest(with_imports([module]))
+    place = ROOT.joinpath(*RESULTS[stage].module.split("."))
+    command = place / "__main__.py" if place.is_dir() else place.with_suffix(".py")
+    return code_digest(with_imports([command]))
 
 
 class Timings:

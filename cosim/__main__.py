@@ -23,11 +23,13 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "run": Command("cosim.run", "Run", "train, co-simulate and record episodes"),
-    "train": Command("agent.training.command", "Train", "train many runs and evaluate them"),
+    "train": Command("agent.experiments.training", "Train", "train many runs and evaluate them"),
     "evaluate": Command("cosim.evaluate", "Evaluate", "what policies achieve in the dynamics"),
     "evaluate-grid": Command("agent.evaluate", "EvaluateOnGrid", "the same on the grid, exactly"),
     "transfer": Command("cosim.transfer", "Transfer", "success in the dynamics by method"),
-    "experiments": Command("agent.experiments", "Experiments", "the paper's learning experiments"),
+    "experiments": Command(
+        "agent.experiments.__main__", "Experiments", "the paper's learning experiments"
+    ),
     "moves": Command("agent.moves.__main__", "ObserveMoves", "observe what moves really do"),
     "calibrate": Command("cosim.calibrate", "Calibrate", "motor speeds to speed and yaw rate"),
     "platform": Command("cosim.platform", "Platform", "the 1-DOF platform of Eq. (1), Fig. 3"),

@@ -1,68 +1,125 @@
-"""`python -m agent.evaluate`: exact rates, lengths and failing starts of trained policies.
+"""What policies achieve exactly on the grid: rates, lengths and failing starts.
 
 The report is data first (`report_of`, what `--json` prints) and tables second (`show`).
 """
 
-import json
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
+import msgspec
 import numpy as np
-import tyro
-from rich.console import Console
 
-from agent.evaluation.statistics import summarise
-from agent.process.bound import ratios
-from agent.process.exact import Evaluation, evaluate
+from agent.evaluation.statistics import Statistics, summarise
+from agent.process.exact import evaluate
+from agent.process.optimum import ratios
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
-from cosim.base.errors import UserError, run_command
-from cosim.base.outcome import BY_RANK, ENDS, SUCCESS
+from cosim.base.errors import UserError
+from cosim.base.outcome import BY_RANK, ENDS, SUCCESS, Outcome
 from cosim.base.tables import show_table
 
-_LISTED_FAILURES = 10
 MAX_FAILURES = 1000  # in the report; scenarios of four robots have some 700 000 starts
+
+_LISTED_FAILURES = 10
 _MEASURES = (*ENDS, "path_length_cm", "steps", "ratio_to_bound", "steps_ratio_to_bound")
 
 
-@dataclass(frozen=True)
-class EvaluateOnGrid:
-    """Evaluate policies exactly: the greedy episode from every combination of start cells.
+class PolicyMeasures(msgspec.Struct, frozen=True):
+    """What a policy achieves from all starts.
 
-    Nothing is sampled: scenarios 1a, 1b and 2 to 4 have 30, 116 and 900 starts. Path length and
-    moves are means over robots and successful starts; their ratio to the exact optimum
-    (python -m agent.process.bound) says how far a policy is from the best possible one.
+    Attributes:
+        policy: its name.
+        scenario: name of its scenario.
+        starts: how many there are.
+        success, collision, out_of_board, timeout: share of the starts with that outcome.
+        path_length_cm: mean over robots and successful starts; None without a success.
+        steps: moves, the same mean.
+        ratio_to_bound, steps_ratio_to_bound: these over the exact optimum
+            (`agent.process.optimum.ratios`).
+        failing_starts: how many do not end in success.
     """
 
-    policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Policies (policy.npz) or folders of runs made by agent.train."""
-    json: bool = False
-    """Print a JSON object as the last line of output."""
+    policy: str
+    scenario: str
+    starts: int
+    success: float
+    collision: float
+    out_of_board: float
+    timeout: float
+    path_length_cm: float | None
+    steps: float | None
+    ratio_to_bound: float | None
+    steps_ratio_to_bound: float | None
+    failing_starts: int
 
 
-def measure(policy: Policy) -> tuple[dict[str, float], Evaluation]:
-    """Measures of one policy by name, NaN where there is none, and the evaluation they are of."""
+class GridFailure(msgspec.Struct, frozen=True):
+    """A start that does not end in success.
+
+    Attributes:
+        starts: cell of each robot.
+        outcome: how it ends.
+    """
+
+    starts: tuple[tuple[int, int], ...]
+    outcome: Outcome
+
+
+class PolicyReport(PolicyMeasures, frozen=True):
+    """What a policy achieves, and where it fails.
+
+    Attributes:
+        failures: the first `MAX_FAILURES` failing starts.
+    """
+
+    failures: tuple[GridFailure, ...]
+
+
+class GridReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What policies achieve.
+
+    Attributes:
+        schema_version: of the report.
+        policies: one by one.
+        over_policies: statistics over them, by scenario and measure.
+    """
+
+    schema_version: int = 1
+    policies: tuple[PolicyReport, ...]
+    over_policies: dict[str, dict[str, Statistics]]
+
+
+def measure(name: str, policy: Policy) -> PolicyReport:
+    """Evaluate a policy from all starts."""
     result = evaluate(policy.process, policy.values)
     path_ratio, steps_ratio = ratios(policy.process, result)
-    measures = {
-        **{name: result.rate(name) for name in ENDS},
-        "path_length_cm": 100.0 * policy.config.scenario.cell_m * result.mean_path_cells(),
-        "steps": result.mean_steps(),
-        "ratio_to_bound": path_ratio,
-        "steps_ratio_to_bound": steps_ratio,
-    }
-    return measures, result
+    failing = np.flatnonzero(result.outcome != SUCCESS)
+    scenario = policy.config.scenario
+    return PolicyReport(
+        policy=name,
+        scenario=scenario.name,
+        starts=len(result.outcome),
+        **{str(end): result.rate(end) for end in ENDS},
+        path_length_cm=_known(100.0 * scenario.cell_m * result.mean_path_cells()),
+        steps=_known(result.mean_steps()),
+        ratio_to_bound=_known(path_ratio),
+        steps_ratio_to_bound=_known(steps_ratio),
+        failing_starts=len(failing),
+        failures=tuple(
+            GridFailure(tuple((x, y) for x, y in starts), BY_RANK[outcome])
+            for starts, outcome in zip(
+                result.starts[failing[:MAX_FAILURES]].tolist(),
+                result.outcome[failing[:MAX_FAILURES]],
+                strict=True,
+            )
+        ),
+    )
 
 
-def failures(result: Evaluation) -> list[dict[str, Any]]:
-    """Starts that do not end in success, with their outcomes; the first `MAX_FAILURES`."""
-    failed = np.flatnonzero(result.outcome != SUCCESS)[:MAX_FAILURES]
-    return [
-        {"starts": result.starts[k].tolist(), "outcome": BY_RANK[result.outcome[k]]} for k in failed
-    ]
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def policy_files(paths: tuple[Path, ...]) -> list[Path]:
@@ -82,75 +139,57 @@ def policy_files(paths: tuple[Path, ...]) -> list[Path]:
     return found
 
 
-def report_of(policies: Iterable[tuple[str, Policy]]) -> dict[str, Any]:
-    """Evaluate named policies; the object that `--json` prints, where NaN is null."""
-    rows: list[dict[str, Any]] = []
-    by_scenario: dict[str, list[dict[str, float]]] = {}
-    for name, policy in policies:
-        measures, result = measure(policy)
-        scenario = policy.config.scenario.name
-        by_scenario.setdefault(scenario, []).append(measures)
-        rows.append(
-            {
-                "policy": name,
-                "scenario": scenario,
-                "starts": len(result.outcome),
-                **_null_for_nan(measures),
-                "failing_starts": int((result.outcome != SUCCESS).sum()),
-                "failures": failures(result),
-            }
-        )
-    over_policies = {
-        scenario: {name: statistics_of(m[name] for m in group) for name in group[0]}
-        for scenario, group in by_scenario.items()
-    }
-    return {"schema_version": 1, "policies": rows, "over_policies": over_policies}
+def report_of(policies: Iterable[tuple[str, Policy]]) -> GridReport:
+    """Evaluate named policies."""
+    rows = tuple(measure(name, policy) for name, policy in policies)
+    over_policies = {}
+    for scenario in dict.fromkeys(row.scenario for row in rows):
+        group = [row for row in rows if row.scenario == scenario]
+        over_policies[scenario] = {
+            str(name): summarise([getattr(row, name) for row in group]) for name in _MEASURES
+        }
+    return GridReport(policies=rows, over_policies=over_policies)
 
 
-def statistics_of(values: Iterable[float]) -> dict[str, float | None]:
-    """`agent.evaluation.statistics.Statistics` by name, where NaN is None, as JSON has it."""
-    return _null_for_nan(summarise(np.array(list(values)))._asdict())
-
-
-def _null_for_nan(values: dict[str, float]) -> dict[str, float | None]:
-    return {name: v if math.isfinite(v) else None for name, v in values.items()}
-
-
-def show(report: dict[str, Any], console: Console) -> None:
-    """Print a report as tables: each policy, the first failing starts, and statistics."""
+def show(report: GridReport) -> None:
+    """Print a report as tables on stdout: each policy, the first failing starts, and statistics."""
     rows = [
         (
-            row["policy"],
-            row["scenario"],
-            str(row["starts"]),
-            *(_text(name, row[name]) for name in _MEASURES),
+            row.policy,
+            row.scenario,
+            str(row.starts),
+            *(_text(name, getattr(row, name)) for name in _MEASURES),
         )
-        for row in report["policies"]
+        for row in report.policies
     ]
     header = ("policy", "scenario", "starts", *(name.replace("_", " ") for name in _MEASURES))
-    show_table(console, header, rows, names=2)
-    show_failures(report["policies"], console)
-    for scenario, measures in report["over_policies"].items():
-        runs = measures["success"]["runs"]
+    show_table(None, header, rows, names=2)
+    show_failures(report.policies)
+    for scenario, measures in report.over_policies.items():
+        runs = measures["success"].runs
         if runs == 1:
             continue
         rows = []
         for name, s in measures.items():
-            mean, iqm, low, high = (_text(name, s[k]) for k in ("mean", "iqm", "low", "high"))
+            mean, iqm, low, high = (_text(name, value) for value in (s.mean, s.iqm, s.low, s.high))
             rows.append((name.replace("_", " "), mean, iqm, f"{low} to {high}"))
         header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
-        show_table(console, header, rows)
+        show_table(None, header, rows)
 
 
-def show_failures(policies: list[dict[str, Any]], console: Console) -> None:
-    """Print the first failing starts of each policy of a report."""
+def show_failures(policies: Iterable[Any]) -> None:
+    """Print the first failing starts of policies.
+
+    Args:
+        policies: their rows in a report, of this module's or of `agent.evaluation.dynamics`.
+    """
     for row in policies:
-        for failure in row["failures"][:_LISTED_FAILURES]:
-            starts = " ".join(f"({x}, {y})" for x, y in failure["starts"])
-            console.print(f"{row['policy']}: {failure['outcome']} from {starts}", soft_wrap=True)
-        more = row["failing_starts"] - _LISTED_FAILURES
+        for failure in row.failures[:_LISTED_FAILURES]:
+            starts = " ".join(f"({x}, {y})" for x, y in failure.starts)
+            print(f"{row.policy}: {failure.outcome} from {starts}")
+        more = row.failing_starts - _LISTED_FAILURES
         if more > 0:
-            console.print(f"{row['policy']}: {more} more failing starts (--json lists more)")
+            print(f"{row.policy}: {more} more failing starts (--json lists more)")
 
 
 def _text(name: str, value: float | None) -> str:
@@ -159,19 +198,3 @@ def _text(name: str, value: float | None) -> str:
     if name in ENDS:
         return f"{value:.2%}"
     return f"{value:.3f}" if "ratio" in name else f"{value:.2f}"
-
-
-def main() -> None:
-    """Command line; see `EvaluateOnGrid`."""
-    options = tyro.cli(
-        EvaluateOnGrid, prog="python -m agent.evaluate", config=(tyro.conf.FlagCreatePairsOff,)
-    )
-    paths = policy_files(options.policies)
-    result = report_of((str(path), Policy.load(path)) for path in paths)
-    show(result, Console())
-    if options.json:
-        print(json.dumps(result))
-
-
-if __name__ == "__main__":
-    run_command(main)

@@ -4,16 +4,17 @@ Recommended for reinforcement learning by Agarwal et al., "Deep Reinforcement Le
 of the Statistical Precipice" (2021).
 """
 
-from typing import NamedTuple
+from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
 
 
-class Statistics(NamedTuple):
-    """Statistics over runs.
+class Statistics(msgspec.Struct, frozen=True):
+    """Statistics over runs; None where no run has a value.
 
     Attributes:
         mean: mean over the runs.
@@ -22,10 +23,10 @@ class Statistics(NamedTuple):
         runs: runs counted; runs without a value (NaN) are not.
     """
 
-    mean: float
-    iqm: float
-    low: float
-    high: float
+    mean: float | None
+    iqm: float | None
+    low: float | None
+    high: float | None
     runs: int
 
 
@@ -39,20 +40,20 @@ def interquartile_mean(values: np.ndarray) -> float:
     return float((weights * ordered).sum() / weights.sum())
 
 
-def summarise(values: np.ndarray, seed: int = 0) -> Statistics:
+def summarise(values: Sequence[float | None] | np.ndarray, seed: int = 0) -> Statistics:
     """Statistics of one value per run.
 
     Args:
-        values: (runs,) float64, NaN for a run without a value.
+        values: (runs,), NaN or None for a run without a value.
         seed: of the bootstrap.
     """
-    values = np.asarray(values, dtype=float)
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return Statistics(*[float("nan")] * 4, runs=0)
-    low, high = bootstrap_interval(values[:, None], seed)[:, 0]
+    given = np.asarray(values, dtype=float)
+    known = given[np.isfinite(given)]
+    if not len(known):
+        return Statistics(None, None, None, None, runs=0)
+    low, high = bootstrap_interval(known[:, None], seed)[:, 0]
     return Statistics(
-        float(values.mean()), interquartile_mean(values), float(low), float(high), len(values)
+        float(known.mean()), interquartile_mean(known), float(low), float(high), len(known)
     )
 
 

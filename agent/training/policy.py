@@ -182,12 +182,13 @@ class Policy:
         tables = zip(self.values, self.visits, strict=True)
         return [cell_map(self.process, values, visits) for values, visits in tables]
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
 
         Raises:
             OSError: the folder cannot be written.
         """
+        path = Path(path)
         text = msgspec.json.format(msgspec.json.encode(self._description()), indent=1)
         with replacing(path.with_suffix(".json")) as temporary:
             temporary.write_bytes(text + b"\n")
@@ -208,7 +209,7 @@ class Policy:
         }
 
     @classmethod
-    def load(cls, path: Path, scenario: Scenario | None = None) -> "Policy":
+    def load(cls, path: Path | str, scenario: Scenario | None = None) -> "Policy":
         """Read a policy; with `scenario`, only if it was trained on that geometry.
 
         Raises:

@@ -7,11 +7,13 @@
     run_000/training.rrd the same for the Rerun viewer
     run_000/checkpoint.npz   only while the run is going on
 
-One run is `agent.training.worker`, where runs are computed `agent.training.sweep`, the command line
-`agent.train`.
+One run is `agent.training.worker`, where runs are computed `agent.training.sweep`, the command
+`python -m agent.train`.
 """
 
-from collections.abc import Iterator
+import contextlib
+import threading
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,24 +26,38 @@ from agent.process.readings import build_process
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.recording import write_training
-from agent.training.settings import LearningConfig
+from agent.training.settings import Backend, LearningConfig
 from agent.training.store import POLICY_FILE, config_digest, load_run, save_run
-from agent.training.sweep import Backend, sweep
-from agent.training.worker import CHECKPOINT_FILE, PROGRESS_FILE, RunTask, clear_progress, train_run
+from agent.training.sweep import sweep
+from agent.training.worker import (
+    CHECKPOINT_FILE,
+    PROGRESS_FILE,
+    RunTask,
+    clear_progress,
+    read_progress,
+    train_run,
+)
 from cosim.base.errors import UserError
+from cosim.base.progress import Progress, silent
+from cosim.base.reading import Kind, read_json
 from cosim.base.scenario import Scenario
-from cosim.base.storage import replacing
+from cosim.base.storage import write_json
 
 EXPERIMENT_FILE = "experiment.json"
 RECORDING_FILE = "training.rrd"
+
+_POLL_S = 0.2
 
 
 class RunsError(UserError):
     """A folder of runs that cannot be used; the message says what to do instead."""
 
 
+_FILE = Kind("configuration of runs", "choose another --out", RunsError)
+
+
 class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Configuration of a folder of runs that differ only in their seeds."""
+    """Configuration of a folder of runs that differ only in their seeds, kept in the folder."""
 
     scenario: Scenario
     process: ProcessConfig
@@ -49,6 +65,7 @@ class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: int
     runs: int
     moves: ObservedMoves | None = None
+    schema_version: int = 1
 
     def configs(self) -> list[PolicyConfig]:
         """One configuration per run; seeds are spawned from the experiment's seed."""
@@ -66,13 +83,11 @@ class RunResult(NamedTuple):
         run: its number.
         policy: trained policy.
         log: learning curves.
-        seconds: time that it took, since its last checkpoint if there was one; 0 if it was there.
     """
 
     run: int
     policy: Policy
     log: TrainingLog
-    seconds: float
 
 
 def train_runs(
@@ -82,23 +97,26 @@ def train_runs(
     jobs: int = -1,
     backend: Backend = "loky",
     address: str | None = None,
-    resume: bool = False,
     checkpoint_episodes: int = 500_000,
-) -> Iterator[RunResult]:
+    progress: Progress = silent,
+    task: str = "training",
+) -> list[RunResult]:
     """Train the runs of an experiment and write each to its folder as soon as it is ready.
 
     Args:
         experiment: what to train.
-        out: folder of the experiment, made if it is missing.
+        out: folder of the experiment, made if it is missing; runs that it has are only read, or
+            gone on with from their checkpoints.
         jobs, backend, address: see `agent.training.sweep.sweep`.
-        resume: go on with what the folder has; finished runs are only read.
         checkpoint_episodes: episodes between two checkpoints of a run.
+        progress: is told the episodes of all runs together, mean success and exploration.
+        task: what progress calls it.
 
-    Yields:
-        Results in the order of completion, those already there first.
+    Returns:
+        All runs in their order.
 
     Raises:
-        RunsError: the folder has runs and `resume` is false, or has another configuration.
+        RunsError: the folder belongs to another configuration.
         ScenarioError: the scenario cannot be used with these readings.
         SweepError: see `agent.training.sweep.sweep`.
         OSError: the folder cannot be written.
@@ -109,32 +127,74 @@ def train_runs(
         RunTask(config, run, out, experiment.runs, checkpoint_episodes)
         for run, config in enumerate(experiment.configs())
     ]
-    _claim(out, experiment, resume)
+    _claim(out, experiment)
+    results: dict[int, RunResult] = {}
     missing: list[RunTask] = []
-    for task in tasks:
-        found = load_run(task.folder, task.config)
+    for run in tasks:
+        found = load_run(run.folder, run.config)
         if found is None:
-            task.folder.mkdir(exist_ok=True)
-            missing.append(task)
+            run.folder.mkdir(exist_ok=True)
+            missing.append(run)
         else:
-            yield RunResult(task.run, *found, seconds=0.0)
+            results[run.run] = RunResult(run.run, *found)
     clear_progress(out, experiment.runs)
     try:
-        for k, result in sweep(train_run, missing, jobs=jobs, backend=backend, address=address):
-            task = missing[k]
-            policy, log, seconds = result
-            facts = {
-                "scenario": experiment.scenario.name,
-                "seed": experiment.seed,
-                "run": task.run,
-                "config_digest": config_digest(task.config),
-            }
-            write_training(task.folder / RECORDING_FILE, policy, log, facts)
-            save_run(task.folder, policy, log)
-            (task.folder / CHECKPOINT_FILE).unlink(missing_ok=True)
-            yield RunResult(task.run, policy, log, seconds)
+        with _watched(experiment, out, results, progress, task):
+            for k, result in sweep(train_run, missing, jobs=jobs, backend=backend, address=address):
+                _keep(missing[k], experiment.seed, *result)
+                results[missing[k].run] = RunResult(missing[k].run, *result)
     finally:
         (out / PROGRESS_FILE).unlink(missing_ok=True)
+    return [results[run] for run in sorted(results)]
+
+
+def _keep(task: RunTask, seed: int, policy: Policy, log: TrainingLog) -> None:
+    """Write what a run has given to its folder."""
+    facts = {
+        "scenario": task.config.scenario.name,
+        "seed": seed,
+        "run": task.run,
+        "config_digest": config_digest(task.config),
+    }
+    write_training(task.folder / RECORDING_FILE, policy, log, facts)
+    save_run(task.folder, policy, log)
+    (task.folder / CHECKPOINT_FILE).unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _watched(
+    experiment: Experiment,
+    out: Path,
+    finished: Mapping[int, RunResult],
+    progress: Progress,
+    task: str,
+) -> Iterator[None]:
+    """Tell the progress of all runs while the body computes them."""
+    episodes = experiment.learning.episodes
+    over = threading.Event()
+
+    def report() -> None:
+        rows = read_progress(out)
+        going = [row for run, row in enumerate(rows) if run not in finished and row[0] > 0]
+        done = len(finished) * episodes + sum(row[0] for row in going)
+        state = f"{len(finished)}/{experiment.runs} runs"
+        if going:
+            success, epsilon = np.mean(going, axis=0)[2:]
+            state += f"  success {success:.1%}  ε {epsilon:.3f}"
+        progress(task, done, experiment.runs * episodes, state)
+
+    def watch() -> None:
+        while not over.wait(_POLL_S):
+            report()
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        report()
 
 
 def policy_paths(out: Path) -> list[Path]:
@@ -142,18 +202,13 @@ def policy_paths(out: Path) -> list[Path]:
     return sorted(out.glob(f"run_*/{POLICY_FILE}"))
 
 
-def _claim(out: Path, experiment: Experiment, resume: bool) -> None:
+def _claim(out: Path, experiment: Experiment) -> None:
     """Make the folder this experiment's, or refuse."""
     path = out / EXPERIMENT_FILE
-    encoded = msgspec.json.format(msgspec.json.encode(experiment), indent=1) + b"\n"
-    if path.exists():
-        if not resume:
-            raise RunsError(f"{out}: has runs already; add --resume or choose another --out")
-        if path.read_bytes() != encoded:
-            raise RunsError(
-                f"{path}: belongs to another configuration; give the options it was started with "
-                "or choose another --out"
-            )
-        return
-    with replacing(path) as temporary:
-        temporary.write_bytes(encoded)
+    if not path.exists():
+        write_json(path, experiment)
+    elif read_json(path, _FILE, Experiment) != experiment:
+        raise RunsError(
+            f"{path}: belongs to another configuration; give the options it was started with or "
+            "choose another --out"
+        )

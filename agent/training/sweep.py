@@ -7,14 +7,13 @@ else. What a task does is the caller's: here is nothing about learning.
 import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import joblib
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
+from agent.training.settings import Backend
 from cosim.base.errors import UserError
-
-Backend = Literal["loky", "threading", "ray", "dask"]
 
 ATTEMPTS = 4  # of a task whose worker died; a task that kills every worker should not run for ever
 
@@ -64,7 +63,7 @@ def sweep(
             return
     raise SweepError(
         f"workers died {ATTEMPTS} times, {len(remaining)} of {len(tasks)} runs are missing; give "
-        "them more memory or fewer jobs and continue with --resume"
+        "them more memory or fewer jobs, the same command goes on"
     )
 
 

@@ -5,7 +5,6 @@ end are in `agent.training.runs`, the learning itself is in `agent.training.loop
 """
 
 import logging
-import time
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -37,6 +36,11 @@ class CheckpointError(UserError):
 _FILE = Kind("checkpoint", "train from the start", CheckpointError)
 
 
+def run_name(run: int) -> str:
+    """Name of the folder of a run."""
+    return f"run_{run:03d}"
+
+
 class RunTask(NamedTuple):
     """One run, as a worker gets it.
 
@@ -57,16 +61,15 @@ class RunTask(NamedTuple):
     @property
     def folder(self) -> Path:
         """Folder of the run."""
-        return self.out / f"run_{self.run:03d}"
+        return self.out / run_name(self.run)
 
 
-def train_run(task: RunTask) -> tuple[Policy, TrainingLog, float]:
+def train_run(task: RunTask) -> tuple[Policy, TrainingLog]:
     """Train one run, from its checkpoint if it has one.
 
     A worker on another machine may not see the experiment's folder: then it keeps no checkpoints
     and shows no progress, and the result is the same.
     """
-    began = time.perf_counter()
     config = task.config
     process = build_process(config.scenario, config.process)
     state = initial_state(process, config.learning, config.seed.sequence())
@@ -82,7 +85,7 @@ def train_run(task: RunTask) -> tuple[Policy, TrainingLog, float]:
         checkpoint_episodes=task.checkpoint_episodes,
     )
     log = training_log(config.learning, state, config.scenario.cell_m)
-    return Policy.of_training(config, state), log, time.perf_counter() - began
+    return Policy.of_training(config, state), log
 
 
 def save_checkpoint(path: Path, config: PolicyConfig, state: TrainingState) -> None:

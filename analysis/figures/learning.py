@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agent.evaluation.statistics import bootstrap_interval
-from agent.experiments import RESULTS_FILE
+from agent.experiments.results import RESULTS_FILE
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
@@ -65,7 +65,7 @@ def load_variants(folder: Path, content: dict[str, Any]) -> dict[str, VariantCur
         if len(policies) != len(variant["runs"]):
             raise FigureError(
                 f"{folder / name}: runs are missing; run `python -m agent.experiments "
-                f"{content['experiment']} --out {folder} --resume`"
+                f"{content['experiment']} --out {folder}`"
             )
         logs = tuple(TrainingLog.load(path.with_name(LOG_FILE)) for path in policies)
         variants[name] = VariantCurves(variant["label"], variant["scenario"], logs)

@@ -7,7 +7,7 @@ Modules with commands import only what their options need; `main` imports the re
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, cast
 
 import msgspec
 import tyro
@@ -34,17 +34,25 @@ MotorFmuFile = Annotated[
 ]
 
 
-def parse(options: type[Options], module: str, arguments: list[str] | None = None) -> Options:
+def parse(
+    options: type[Options],
+    module: str,
+    arguments: list[str] | None = None,
+    default: Options | None = None,
+) -> Options:
     """Options of a command line.
 
     Args:
         options: dataclass whose docstrings are the help.
         module: of the command; `minirobots` names it by its sub-command.
         arguments: of the command line, by default those of the process.
+        default: what the command line changes, instead of the dataclass's own defaults.
     """
     called = sys.argv[0] if sys.argv[0].startswith("minirobots ") else f"python -m {module}"
     config = (tyro.conf.FlagCreatePairsOff,)
-    return tyro.cli(options, prog=called, args=arguments, config=config)
+    return cast(
+        Options, tyro.cli(options, prog=called, args=arguments, default=default, config=config)
+    )
 
 
 def workers(jobs: int) -> int:

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from agent.evaluation.cases import Case
 from agent.evaluation.result_file import ResultFile
 from agent.moves.model import ObservedMoves, build_model
-from agent.process.bound import optimum
 from agent.process.config import ProcessConfig
+from agent.process.optimum import optimum
 from agent.process.readings import build_process
 from agent.training.learning import initial_state
 from agent.training.loop import TrainingLog

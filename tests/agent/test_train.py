@@ -1,4 +1,4 @@
-"""The training and evaluation commands: folders, resuming after a kill, messages."""
+"""The training and evaluation commands: folders, going on after a kill, messages."""
 
 import json
 import os
@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from agent import train
-from agent.evaluation import grid as evaluate
+from agent import evaluate
+from agent.experiments import training as train
 from agent.training.loop import TrainingLog
 from agent.training.worker import CHECKPOINT_FILE, load_checkpoint
 
@@ -63,18 +63,15 @@ def test_train_then_evaluate(command, tmp_path):
         assert len(ours["failures"]) == ours["failing_starts"]
     means = [p["success"] for p in report["policies"]]
     assert report["over_policies"]["2"]["success"]["mean"] == pytest.approx(np.mean(means))
-    status, _, errors = command(train, *options)
-    assert status == 2
-    assert "add --resume" in errors
-    status, _, errors = command(train, *options, "--resume", "--seed", 1)
+    status, _, errors = command(train, *options, "--seed", 1)
     assert status == 2
     assert "another configuration" in errors
     before = (out / "run_000" / "policy.npz").stat().st_mtime_ns
-    assert command(train, *options, "--resume")[0] == 0
+    assert command(train, *options)[0] == 0
     assert (out / "run_000" / "policy.npz").stat().st_mtime_ns == before
 
 
-def test_a_killed_command_resumes_bit_identically(command, tmp_path):
+def test_a_killed_command_goes_on_bit_identically(command, tmp_path):
     options = (
         "--scenario", "1a", "--runs", "2",
         "--learning.episodes", "300000", "--checkpoint-episodes", "25000",
@@ -91,13 +88,13 @@ def test_a_killed_command_resumes_bit_identically(command, tmp_path):
     finally:
         process.communicate()
     assert not (killed / "summary.json").exists()
-    assert command(train, *options, "--jobs", 1, "--out", killed, "--resume")[0] == 0
+    assert command(train, *options, "--jobs", 1, "--out", killed)[0] == 0
     for run in ("run_000", "run_001"):
         same_files(whole / run, killed / run)
         assert not (killed / run / CHECKPOINT_FILE).exists()
 
 
-def test_interrupt_ends_with_status_130_and_leaves_a_folder_to_resume(tmp_path):
+def test_interrupt_ends_with_status_130_and_leaves_a_folder_to_go_on_with(tmp_path):
     process = spawn(tmp_path, "--scenario", "4")
     while not (tmp_path / "run_000").exists():
         time.sleep(0.01)
@@ -129,7 +126,7 @@ def test_wrong_options_end_with_one_sentence(command, arguments, message, tmp_pa
 def test_options_override_the_settings_file(tmp_path):
     path = tmp_path / "s.toml"
     path.write_text("[learning]\neta = 0.5\ngamma = 0.5\n[process]\nstep_limit = 7\n")
-    options = train.parse(["--config", str(path), "--learning.gamma", "0.25"])
+    options = train.options_of(["--config", str(path), "--learning.gamma", "0.25"])
     assert (options.learning.eta, options.learning.gamma) == (0.5, 0.25)
     assert options.process.step_limit == 7
 

@@ -5,8 +5,8 @@ import pytest
 
 from agent.evaluation.cases import Case
 from agent.moves.observe import moves_path
-from agent.process.bound import optimum
 from agent.process.config import ProcessConfig
+from agent.process.optimum import optimum
 from agent.process.readings import build_process
 from agent.training.learning import initial_state
 from agent.training.policy import Policy, PolicyConfig, Seed

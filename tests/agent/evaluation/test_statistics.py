@@ -29,7 +29,7 @@ def test_runs_without_a_value_are_left_out():
     assert (s.mean, s.runs) == (2.0, 2)
     empty = summarise(np.array([np.nan]))
     assert empty.runs == 0
-    assert np.isnan(empty.mean)
+    assert empty.mean is None
 
 
 def test_interval_of_curves_is_that_of_each_point():

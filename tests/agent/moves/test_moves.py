@@ -2,11 +2,12 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
-from rich.console import Console
 
+from agent.experiments import training
 from agent.moves import kernels
 from agent.moves import observe as observe_module
 from agent.moves.model import (
@@ -22,7 +23,6 @@ from agent.process import grid
 from agent.process.config import ProcessConfig
 from agent.process.readings import build_process
 from agent.process.rng import next_word, seeded_state
-from agent.train import parse, train
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
@@ -235,7 +235,7 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
         ({"clearance_m": 0.003}, False, "clearance_m = 0.003 .* on the grid.* at 0.002"),
     ],
 )
-def test_readings_without_effect_are_refused_by_name(process, on_moves, message, tmp_path):
+def test_readings_without_effect_are_refused_by_name(process, on_moves, message, command, tmp_path):
     """In Python, on the command line and from a settings file, before anything is written."""
     (name, value), moves = *process.items(), ideal_moves()
     learning = LearningConfig(episodes=10, greedy_points=0)
@@ -249,8 +249,9 @@ def test_readings_without_effect_are_refused_by_name(process, on_moves, message,
     arguments = ["--scenario", "2", "--out", str(out), "--learning.episodes", "10"]
     arguments += ["--moves", str(file)] if on_moves else []
     for given in ([f"--process.{name}", str(value)], ["--config", str(settings)]):
-        with pytest.raises(ScenarioError, match=message):
-            train(parse([*arguments, *given]), Console(quiet=True))
+        ended = command(training, *arguments, *given)
+        assert ended.returncode == 2
+        assert re.search(message, ended.stderr)
     assert not out.exists()
 
 

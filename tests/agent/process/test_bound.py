@@ -10,9 +10,9 @@ import pytest
 
 from agent.process import bound as bound_module
 from agent.process import grid
-from agent.process.bound import optimum, ratios
 from agent.process.config import ProcessConfig
 from agent.process.exact import all_starts, evaluate
+from agent.process.optimum import optimum, ratios
 from agent.process.readings import build_process
 from agent.training.settings import LearningConfig
 from agent.training.store import trained_policy

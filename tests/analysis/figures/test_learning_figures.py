@@ -6,11 +6,13 @@ import sys
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
+import msgspec
 import numpy as np
 import pytest
-from rich.console import Console
 
-from agent.experiments import EXPERIMENTS, main, show
+from agent.experiments.__main__ import main
+from agent.experiments.results import ExperimentResult, show
+from agent.experiments.variants import EXPERIMENTS
 from analysis.figures import fig05
 from analysis.figures.learning import (
     POINTS,
@@ -25,7 +27,6 @@ from analysis.figures.learning import (
 from analysis.figures.learning_figures import fig10, path_ratio
 from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
-from cosim.base.errors import run_command
 from cosim.base.scenario import BUILT_IN
 
 
@@ -122,15 +123,11 @@ def test_other_folders_are_refused(results, tmp_path):
         load_variants(copy, load_content(copy, "fig08"))
 
 
-def test_experiments_resume_and_print_json(results, monkeypatch, capsys):
+def test_experiments_go_on_and_print_json(results, monkeypatch, capsys):
     folder = RESULTS["fig08"].location(results)
     arguments = ("fig08", "--runs", "2", "--episodes", "3000", "--jobs", "1", "--json")
     monkeypatch.setattr(sys, "argv", ["x", *arguments, "--out", str(folder)])
-    with pytest.raises(SystemExit):
-        run_command(main)
-    assert "add --resume" in capsys.readouterr().err
     before = json.loads((folder / "results.json").read_text())
-    sys.argv.append("--resume")
     main()
     content = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert content["variants"] == before["variants"]
@@ -144,7 +141,7 @@ def test_variants_are_compared_run_by_run(results, capsys):
     expected = np.mean([a["success"] - b["success"] for a, b in pairs])
     assert content["differences"]["c5"]["success"]["mean"] == pytest.approx(expected)
     assert "c1.5" not in content["differences"]
-    show(content, Console())
+    show(msgspec.convert(content, ExperimentResult))
     assert "minus c = 1.5, run by run" in capsys.readouterr().out
 
 

@@ -1,0 +1,74 @@
+"""`python -m agent.experiments`: run a learning experiment and evaluate every run exactly."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from agent.experiments.variants import Name
+from agent.training.settings import Backend, LearningConfig
+from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.errors import UserError, run_command
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiments:
+    """Run a learning experiment of the paper over many seeds and evaluate every run exactly.
+
+    fig08: one robot, scenarios 1a and 1b. fig10: the coefficient c. fig11: pairs, scenarios 2, 3
+    and 4. features: which of x, y, d, g (and the bearing b) a robot needs. readings: what each
+    assumed reading of the paper changes. The same command with --out goes on after an interrupt.
+    Draw the figures with python -m analysis.figures.
+    """
+
+    experiment: Annotated[Name, tyro.conf.Positional]
+    """Experiment to run."""
+    runs: int = 20
+    """Independent runs of each variant (the paper: 20)."""
+    seed: int = 0
+    """Seed that the runs' seeds are spawned from, the same for all variants."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Output folder; by default runs/<experiment>-<time>."""
+    episodes: int = LearningConfig().episodes
+    """Training episodes of a run (Section V: 5 000 000)."""
+    jobs: Jobs = -1
+    backend: Backend = "loky"
+    """Where runs are computed: processes or threads here, or a Ray or Dask cluster (extras)."""
+    address: str | None = None
+    """Address of the cluster's head; without it Ray and Dask start on this machine."""
+    json: Json = False
+
+    def __post_init__(self) -> None:
+        workers(self.jobs)
+        if self.runs < 1 or self.episodes < 1:
+            raise UserError("--runs and --episodes must be at least 1")
+
+
+def main() -> None:
+    """Command line; see `Experiments`."""
+    options = parse(Experiments, "agent.experiments")
+
+    from agent.experiments.results import show
+    from agent.experiments.run import new_folder, run_experiment
+    from cosim.base.progress import progress_bars
+
+    with progress_bars() as progress:
+        result = run_experiment(
+            options.experiment,
+            options.out or new_folder(options.experiment),
+            runs=options.runs,
+            seed=options.seed,
+            episodes=options.episodes,
+            jobs=options.jobs,
+            backend=options.backend,
+            address=options.address,
+            progress=progress,
+        )
+    show(result)
+    if options.json:
+        print_json(result)
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,122 @@
+"""Result files of trained runs, and an experiment's result as tables."""
+
+from collections.abc import Mapping
+
+import msgspec
+import numpy as np
+
+from agent.evaluation.grid import GridReport, PolicyMeasures
+from agent.evaluation.statistics import Statistics, summarise
+from agent.experiments.variants import REFERENCES, Name
+from cosim.base.tables import show_table
+
+RESULTS_FILE = "results.json"
+SUMMARY_FILE = "summary.json"
+
+_COMPARED = ("success", "path_length_cm", "steps")
+
+
+class TrainingSummary(GridReport, frozen=True, kw_only=True):
+    """What `summary.json` says of the runs of one configuration.
+
+    Attributes:
+        seed: that the runs' seeds were spawned from.
+        seconds: that training took, without what was there already.
+        out: folder of the runs.
+    """
+
+    seed: int
+    seconds: float
+    out: str
+
+
+class VariantResult(msgspec.Struct, frozen=True):
+    """What the runs of a variant achieve.
+
+    Attributes:
+        label: for people.
+        scenario: its name.
+        runs: in their order.
+        over_runs: statistics of each measure.
+    """
+
+    label: str
+    scenario: str
+    runs: tuple[PolicyMeasures, ...]
+    over_runs: dict[str, Statistics]
+
+
+class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What `results.json` says of an experiment.
+
+    Attributes:
+        schema_version: of the file.
+        experiment: its name.
+        seed: that the runs' seeds were spawned from.
+        episodes: of training, of each run.
+        seconds: that training took, without what was there already.
+        out: folder of the runs.
+        variants: by name.
+        differences: of each variant from the reference, by measure; none without a reference.
+    """
+
+    schema_version: int = 1
+    experiment: Name
+    seed: int
+    episodes: int
+    seconds: float
+    out: str
+    variants: dict[str, VariantResult]
+    differences: dict[str, dict[str, Statistics]]
+
+
+def differences(
+    variants: Mapping[str, VariantResult], reference: str | None
+) -> dict[str, dict[str, Statistics]]:
+    """Statistics of each variant's runs minus the reference's runs of the same seeds."""
+    if reference is None:
+        return {}
+
+    def values(name: str, measure: str) -> np.ndarray:
+        return np.array([getattr(run, measure) for run in variants[name].runs], dtype=float)
+
+    return {
+        name: {
+            measure: summarise(values(name, measure) - values(reference, measure))
+            for measure in _COMPARED
+        }
+        for name in variants
+        if name != reference
+    }
+
+
+def show(result: ExperimentResult) -> None:
+    """Print the statistics of every variant on stdout: mean and 95 % interval over runs."""
+    header = ("variant", "success", "path length in cm", "moves", "path over optimum")
+    measures = (*_COMPARED, "ratio_to_bound")
+    variants = result.variants
+    rows = [(v.label, *_intervals(v.over_runs, measures)) for v in variants.values()]
+    show_table(None, header, rows)
+    if result.differences:
+        reference = variants[REFERENCES[result.experiment]].label
+        header = (f"minus {reference}, run by run", *header[1:4])
+        rows = [
+            (variants[name].label, *_intervals(statistics, _COMPARED))
+            for name, statistics in result.differences.items()
+        ]
+        show_table(None, header, rows)
+    print(f"{result.seconds:.0f} s; results in {result.out}/: {RESULTS_FILE}, runs by variant")
+
+
+def _intervals(statistics: Mapping[str, Statistics], measures: tuple[str, ...]) -> list[str]:
+    return [_interval(name, statistics[name]) for name in measures]
+
+
+def _interval(name: str, s: Statistics) -> str:
+    if s.mean is None or s.low is None or s.high is None:
+        return "–"
+    factor, digits, unit = (100.0, 2, " %") if name == "success" else (1.0, 2, "")
+    if name == "ratio_to_bound":
+        digits = 3
+    mean, low, high = (f"{factor * value:.{digits}f}" for value in (s.mean, s.low, s.high))
+    return f"{mean}{unit} [{low}, {high}]"

@@ -1,0 +1,145 @@
+"""Train runs and evaluate them: of one configuration, or of all variants of an experiment."""
+
+import time
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+
+from agent.evaluation.grid import GridReport, PolicyMeasures, report_of
+from agent.experiments.results import (
+    RESULTS_FILE,
+    SUMMARY_FILE,
+    ExperimentResult,
+    TrainingSummary,
+    VariantResult,
+    differences,
+)
+from agent.experiments.variants import EXPERIMENTS, REFERENCES, Name
+from agent.training.recording import write_runs
+from agent.training.runs import RECORDING_FILE, Experiment, train_runs
+from agent.training.settings import Backend, LearningConfig
+from agent.training.store import POLICY_FILE
+from agent.training.worker import run_name
+from cosim.base.progress import Progress, silent
+from cosim.base.scenario import find_scenario
+from cosim.base.storage import write_json
+
+
+def new_folder(name: str) -> Path:
+    """A folder of results that is named by what it is of and by the time."""
+    return Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
+
+
+def train_and_evaluate(
+    experiment: Experiment,
+    out: Path,
+    *,
+    jobs: int = -1,
+    backend: Backend = "loky",
+    address: str | None = None,
+    checkpoint_episodes: int = 500_000,
+    progress: Progress = silent,
+) -> TrainingSummary:
+    """Train the runs of one configuration, evaluate them and write `summary.json`.
+
+    Args:
+        experiment: what to train.
+        out: folder, which may have some of the runs already.
+        jobs, backend, address, checkpoint_episodes, progress: see `agent.training.runs.train_runs`.
+
+    Raises:
+        UserError: see `agent.training.runs.train_runs`.
+    """
+    began = time.perf_counter()
+    scenario = experiment.scenario.name
+    results = train_runs(
+        experiment,
+        out,
+        jobs=jobs,
+        backend=backend,
+        address=address,
+        checkpoint_episodes=checkpoint_episodes,
+        progress=progress,
+        task=f"scenario {scenario}",
+    )
+    seconds = time.perf_counter() - began
+    report = report_of((f"{run_name(r.run)}/{POLICY_FILE}", r.policy) for r in results)
+    if experiment.runs > 1:
+        facts = {"scenario": scenario, "seed": experiment.seed}
+        write_runs(out / RECORDING_FILE, [result.log for result in results], facts)
+    summary = TrainingSummary(
+        policies=report.policies,
+        over_policies=report.over_policies,
+        seed=experiment.seed,
+        seconds=seconds,
+        out=str(out),
+    )
+    write_json(out / SUMMARY_FILE, summary)
+    return summary
+
+
+def run_experiment(
+    name: Name,
+    out: Path,
+    *,
+    runs: int = 20,
+    seed: int = 0,
+    episodes: int = LearningConfig().episodes,
+    jobs: int = -1,
+    backend: Backend = "loky",
+    address: str | None = None,
+    progress: Progress = silent,
+) -> ExperimentResult:
+    """Train and evaluate all variants of an experiment and write `results.json`.
+
+    Args:
+        name: of the experiment.
+        out: folder, which may have some of the runs already.
+        runs: of each variant.
+        seed: that the runs' seeds are spawned from, the same for all variants.
+        episodes: of training, of each run.
+        jobs, backend, address, progress: see `agent.training.runs.train_runs`.
+
+    Raises:
+        UserError: see `agent.training.runs.train_runs`.
+    """
+    began = time.perf_counter()
+    variants: dict[str, VariantResult] = {}
+    for key, variant in EXPERIMENTS[name].items():
+        experiment = Experiment(
+            find_scenario(variant.scenario),
+            variant.process,
+            replace(variant.learning, episodes=episodes),
+            seed,
+            runs,
+        )
+        results = train_runs(
+            experiment,
+            out / key,
+            jobs=jobs,
+            backend=backend,
+            address=address,
+            progress=progress,
+            task=variant.label,
+        )
+        report = report_of((f"{key}/{run_name(r.run)}", r.policy) for r in results)
+        variants[key] = _variant_result(variant.label, variant.scenario, report)
+    result = ExperimentResult(
+        experiment=name,
+        seed=seed,
+        episodes=episodes,
+        seconds=time.perf_counter() - began,
+        out=str(out),
+        variants=variants,
+        differences=differences(variants, REFERENCES.get(name)),
+    )
+    write_json(out / RESULTS_FILE, result)
+    return result
+
+
+def _variant_result(label: str, scenario: str, report: GridReport) -> VariantResult:
+    """What is kept of the report on a variant's runs: no single failures."""
+    rows = msgspec.convert(report.policies, tuple[PolicyMeasures, ...], from_attributes=True)
+    return VariantResult(label, scenario, rows, report.over_policies[scenario])

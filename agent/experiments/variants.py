@@ -1,0 +1,80 @@
+"""The experiments: which variants each of them compares, and with which one."""
+
+from typing import Literal, NamedTuple
+
+from agent.process.config import Feature, ProcessConfig
+from agent.training.settings import LearningConfig
+
+Name = Literal["fig08", "fig10", "fig11", "features", "readings"]
+
+
+class Variant(NamedTuple):
+    """One line of a figure or table.
+
+    Attributes:
+        label: for people.
+        scenario: name of a built-in scenario.
+        process: readings of the decision process.
+        learning: learning configuration, whose number of episodes the command may change.
+    """
+
+    label: str
+    scenario: str
+    process: ProcessConfig = ProcessConfig()
+    learning: LearningConfig = LearningConfig()
+
+
+def _scenarios(*names: str) -> dict[str, Variant]:
+    return {name: Variant(f"scenario {name}", name) for name in names}
+
+
+# The paper does not say on which scenario Fig. 10 was made; 4 has the most encounters (assumed).
+_HARDEST = "4"
+_FEATURES: tuple[tuple[Feature, ...], ...] = (
+    ("x", "y"),
+    ("x", "y", "d"),
+    ("x", "y", "g"),
+    ("x", "y", "d", "g"),
+    ("x", "y", "d", "g", "b"),
+)
+
+EXPERIMENTS: dict[Name, dict[str, Variant]] = {
+    "fig08": _scenarios("1a", "1b"),
+    "fig10": {
+        f"c{c:g}": Variant(f"c = {c:g}", _HARDEST, ProcessConfig(approach_coefficient=c))
+        for c in (1.0, 1.5, 2.0, 5.0)
+    },
+    "fig11": _scenarios("2", "3", "4"),
+    "features": {
+        "".join(features): Variant(
+            f"features {', '.join(features)}", _HARDEST, ProcessConfig(features=features)
+        )
+        for features in _FEATURES
+    },
+    "readings": {
+        "as_read": Variant("as read here", _HARDEST),
+        "swept": Variant("contact along the moves", _HARDEST, ProcessConfig(collision="swept")),
+        "disk": Variant("targets are disks", _HARDEST, ProcessConfig(target_obstacle="disk")),
+        "zone": Variant("zone is an obstacle", _HARDEST, ProcessConfig(zone_is_obstacle=True)),
+        "penalty": Variant(
+            "both pay for a failure", _HARDEST, ProcessConfig(partner_of_failed="penalty")
+        ),
+        "no_update": Variant(
+            "partner of a failed robot not updated",
+            _HARDEST,
+            ProcessConfig(partner_of_failed="none"),
+        ),
+        "diagonal": Variant("diagonals cost √2", _HARDEST, ProcessConfig(diagonal_cost=2.0**0.5)),
+        "slip": Variant("slip 0.2", _HARDEST, ProcessConfig(slip_probability=0.2)),
+        "limit200": Variant("step limit 200", _HARDEST, ProcessConfig(step_limit=200)),
+        "limit60": Variant("step limit 60", _HARDEST, ProcessConfig(step_limit=60)),
+        "eta": Variant("η = 0.001", _HARDEST, learning=LearningConfig(eta=0.001)),
+        "linear": Variant("ε linear", _HARDEST, learning=LearningConfig(schedule="linear")),
+        "double_q": Variant(
+            "double Q-learning", _HARDEST, learning=LearningConfig(algorithm="double_q")
+        ),
+    },
+}
+
+# The variant that the others are compared with, run by run (same seed, same run).
+REFERENCES: dict[Name, str] = {"fig10": "c1.5", "features": "xydg", "readings": "as_read"}

@@ -1,0 +1,38 @@
+"""The examples of docs/: the page on the Python API as one session, and every notebook."""
+
+import re
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+DOCS = Path(__file__).parents[1] / "docs"
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
+
+
+def test_api_page_runs_as_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(
+        r"^```python\n(.*?)^```$", (DOCS / "api.md").read_text("utf-8"), re.M | re.S
+    )
+    names: dict[str, object] = {"__name__": "session"}
+    for block in blocks:
+        exec(compile(block, "docs/api.md", "exec"), names)
+    assert "rad/s 20.0 ('D', 'E')" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"policy.npz", "policy.json", "ep.rrd"}
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs(path, tmp_path):
+    notebook = nbformat.read(path, as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells)  # kept small in the repository
+    context = {"metadata": {"path": str(tmp_path)}}
+    NotebookClient(notebook, timeout=300, resources=context).execute()
+    kinds = {
+        kind
+        for cell in notebook.cells
+        for out in cell.get("outputs", ())
+        for kind in out.get("data", ())
+    }
+    assert {"image/png", "application/vnd.jupyter.widget-view+json"} <= kinds
