@@ -9,7 +9,7 @@ from agent import experiments
 from agent.evaluation import grid as evaluate
 from agent.evaluation import tables as outcome_tables
 from agent.evaluation import transfer_table
-from cosim.base.tables import show_table
+from cosim.base.command import show_table
 
 SHARES = {
     "success": 0.9876,
