@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from cosim.base.command import Json, parse, print_json
+from cosim.base.command import Json, parse, print_json, show_table
 from cosim.base.errors import run_command
 
 if TYPE_CHECKING:
@@ -37,8 +37,6 @@ def show(found: "Inspection", parameters: bool) -> None:
     """Print what was found."""
     from rich.console import Console
     from rich.table import Table
-
-    from cosim.base.tables import show_table
 
     console = Console()
     if not console.is_terminal:  # a file takes whole lines; a terminal has its own width

@@ -25,8 +25,8 @@ from agent.training.loop import move_model
 from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
 from agent.training.settings import LearningConfig
+from cosim.base.command import show_table
 from cosim.base.scenario import find_scenario
-from cosim.base.tables import show_table
 
 PAPER: tuple[Feature, ...] = ("x", "y", "d", "g")
 WITH_BEARING: tuple[Feature, ...] = (*PAPER, "b")

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cosim.base.command import show_table
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.params import STEERING, TABLE_I, SteeringParams
-from cosim.base.tables import show_table
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
 from cosim.navigation.trial import Trial, heading_angles

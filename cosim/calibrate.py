@@ -71,7 +71,7 @@ def calibrate(options: Calibrate, progress: Progress) -> "tuple[Calibration, Cal
 def main() -> None:
     """Command line; see `Calibrate`."""
     options = parse(Calibrate, "cosim.calibrate")
-    from cosim.base.tables import show_table
+    from cosim.base.command import show_table
     from cosim.navigation.calibration_report import manoeuvre_rows
 
     with progress_bars() as progress:

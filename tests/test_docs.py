@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 import tyro
 
-from agent.evaluation.dynamics import Evaluate
 from analysis.figures import fig07
 from analysis.motor.options import StepTest
 from analysis.motor.step_test import record
 from analysis.reading.motor_test import read
+from cosim.evaluate import Evaluate
 from cosim.run import Run
 
 ROOT = Path(__file__).parents[1]

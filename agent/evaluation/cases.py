@@ -5,7 +5,6 @@ index, whatever else runs, in whatever order. Results are kept by `agent.evaluat
 statistics are `agent.evaluation.outcomes`, the command lines `cosim.evaluate` and `cosim.transfer`.
 """
 
-import hashlib
 import itertools
 import threading
 from collections.abc import Iterable, Iterator
@@ -22,7 +21,7 @@ from agent.process.exact import all_starts
 from agent.training.policy import Policy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.provenance import ROOT, code_digest, versions, with_imports
+from cosim.base.provenance import ROOT, code_digest, digest_of, versions, with_imports
 from cosim.base.scenario import Cell
 from cosim.navigation.episode import CoSimulation, Step
 from cosim.recording.episode import EpisodeRecorder
@@ -83,8 +82,6 @@ class Case:
     def identity(self) -> dict[str, Any]:
         """Everything that decides the result of an episode, for people and for the digest."""
         policy = self.policy
-        tables = hashlib.sha256(msgspec.json.encode(policy.config.process, order="sorted"))
-        tables.update(np.ascontiguousarray(policy.values).tobytes())
         # what is recorded of an episode does not change it
         code = with_imports(
             [Path(__file__)],
@@ -96,9 +93,9 @@ class Case:
         return {
             "scenario": policy.config.scenario.name,
             "scenario_digest": policy.config.scenario.digest(),
-            "policy_digest": tables.hexdigest()[:16],
+            "policy_digest": digest_of(policy.config.process, policy.values),
             "seed": self.seed,
-            "motor_fmu_digest": hashlib.sha256(self.fmu.read_bytes()).hexdigest()[:16],
+            "motor_fmu_digest": digest_of(self.fmu),
             "parameters": {name: row["value"] for name, row in self.config.table().items()},
             "code_digest": code_digest(code),
         }
@@ -106,8 +103,7 @@ class Case:
     @cached_property
     def digest(self) -> str:
         """Hash (16 hex digits) of the identity."""
-        text = msgspec.json.encode(self.identity, order="sorted")
-        return hashlib.sha256(text).hexdigest()[:16]
+        return digest_of(self.identity)
 
     def start_cells(self, index: int) -> tuple[Cell, ...]:
         """Start cell of each robot."""

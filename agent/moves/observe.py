@@ -5,27 +5,24 @@ an episode; directions are drawn so that every kind of move is seen equally ofte
 makes of the moves is `agent.moves.model`.
 """
 
-import hashlib
 import itertools
 import math
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
-from agent.moves.model import NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
+from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import code_digest, with_imports
+from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
 from cosim.coupling.steering import DRIVE, HOLD
 from cosim.navigation.episode import CoSimulation, Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
 
-KINDS = 2 * AXIS_COUNT
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
 WALKS = 4
 MOVES_PER_KIND = 24
@@ -111,9 +108,7 @@ class _Walker:
 
 def source_digest(config: CoSimConfig, fmu: Path) -> str:
     """Hash (16 hex digits) of the parameters and the motor FMU that moves depend on."""
-    digest = hashlib.sha256(msgspec.json.encode(config, order="sorted"))
-    digest.update(fmu.read_bytes())
-    return digest.hexdigest()[:16]
+    return digest_of(config, fmu)
 
 
 def observe_moves(

@@ -3,11 +3,9 @@
 Only the cache; one run is `agent.training.loop`, many runs with checkpoints are `agent.train`.
 """
 
-import hashlib
 import logging
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from agent.process.config import ProcessConfig
@@ -22,6 +20,7 @@ from agent.training.loop import (
 )
 from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.training.settings import LearningConfig
+from cosim.base.provenance import digest_of
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, found_or_made, require_no_folder
 
@@ -34,7 +33,7 @@ _LOGGER = logging.getLogger(__name__)
 
 def config_digest(config: PolicyConfig) -> str:
     """Hash (16 hex digits) of everything that decides a policy's bits."""
-    return hashlib.sha256(msgspec.json.encode(config, order="sorted")).hexdigest()[:16]
+    return digest_of(config)
 
 
 def policy_folder(config: PolicyConfig) -> Path:

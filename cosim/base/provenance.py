@@ -7,11 +7,16 @@ project's files only; versions of libraries are named, not hashed.
 import ast
 import hashlib
 import importlib.metadata
+import json
 import platform
 import re
 from collections.abc import Collection, Iterable
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
 
 ROOT = Path(__file__).parents[2]
 OWN = ("fmus", "cosim", "agent", "analysis")  # packages of this project below ROOT
@@ -83,6 +88,25 @@ def with_imports(files: Iterable[Path], *, but: Collection[Path] = ()) -> list[P
             found.add(file)
             waiting += imported_files(file)
     return sorted(found)
+
+
+def digest_of(*parts: Any) -> str:
+    """Hash (16 hex digits) of what a result depends on.
+
+    Args:
+        parts: paths stand for the content of their files, arrays for type, shape and values, and
+            all else for the JSON that `msgspec` makes of it, keys in order.
+    """
+    found = hashlib.sha256()
+    for number, part in enumerate(parts):
+        found.update(b"\0" * (number > 0))
+        if isinstance(part, Path):
+            found.update(content(part))
+        elif isinstance(part, np.ndarray):
+            found.update(f"{part.dtype}{part.shape}".encode() + np.ascontiguousarray(part).data)
+        else:
+            found.update(json.dumps(msgspec.to_builtins(part), sort_keys=True).encode())
+    return found.hexdigest()[:16]
 
 
 def source_digest(files: Iterable[Path], *further: str) -> str:

@@ -6,8 +6,6 @@ addressed (column, row) = (x, y) from the lower left corner; the board's frame h
 that corner, x to the right, y up.
 """
 
-import hashlib
-import json
 import math
 import re
 from dataclasses import asdict, dataclass
@@ -19,6 +17,7 @@ import numpy as np
 
 from cosim.base.errors import UserError
 from cosim.base.params import TABLE_I
+from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_toml
 
 Cell = tuple[int, int]
@@ -187,7 +186,7 @@ class Scenario:
     def digest(self) -> str:
         """Hash (16 hex digits) of the geometry, whatever name and title are."""
         geometry = {k: v for k, v in asdict(self).items() if k not in {"name", "title"}}
-        return hashlib.sha256(json.dumps(geometry, sort_keys=True).encode()).hexdigest()[:16]
+        return digest_of(geometry)
 
 
 def _joined(rectangles: list[list[int]], axis: int) -> list[list[int]]:

@@ -3,14 +3,12 @@
 The trials are `cosim.navigation.calibration_trials`; the command line is `cosim.calibrate`.
 """
 
-import hashlib
-import json
 from dataclasses import replace
 from pathlib import Path
 
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import code_digest, with_imports
+from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
 from cosim.coupling.fmu import MotorFmu
@@ -20,21 +18,20 @@ from cosim.navigation.calibration_trials import measure
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:
     """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise, code."""
-    facts = {
-        "robot": config.robot,
-        "motor": config.motor,
-        "noise": config.noise,
-        "clock": [
-            config.timing.dt_s,
-            config.timing.communication_step_s,
-            config.timing.control_period_s,
-        ],
-        "dither": config.steering.dither_rad_s,
-        "coupling": [config.order, config.reaction],
-        "fmu": hashlib.sha256(motor_fmu.read_bytes()).hexdigest(),
-        "code": code_digest(with_imports([Path(__file__).with_name("calibration_trials.py")])),
-    }
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+    timing = config.timing
+    clock = (timing.dt_s, timing.communication_step_s, timing.control_period_s)
+    code = code_digest(with_imports([Path(__file__).with_name("calibration_trials.py")]))
+    coupling = (config.order, config.reaction)
+    return digest_of(
+        config.robot,
+        config.motor,
+        config.noise,
+        clock,
+        config.steering.dither_rad_s,
+        coupling,
+        motor_fmu,
+        code,
+    )
 
 
 def find_calibration(

@@ -1,15 +1,18 @@
 """Tables on a terminal of 80 columns: every name and every number is whole."""
 
+import contextlib
 import io
 
 import pytest
 from rich.console import Console
 
-from agent import experiments
 from agent.evaluation import grid as evaluate
 from agent.evaluation import tables as outcome_tables
 from agent.evaluation import transfer_table
-from cosim.base.tables import show_table
+from agent.evaluation.statistics import Statistics
+from agent.experiments import results as experiments
+from cosim.base.command import show_table
+from cosim.base.outcome import Outcome
 
 SHARES = {
     "success": 0.9876,
@@ -36,7 +39,7 @@ GRID = {
     "ratio_to_bound": 1.012,
     "steps_ratio_to_bound": 1.034,
 }
-STATISTICS = {"mean": 0.9876, "iqm": 0.98, "low": 0.9, "high": 0.999, "runs": 10}
+STATISTICS = Statistics(mean=0.9876, iqm=0.98, low=0.9, high=0.999, runs=10)
 
 
 def printed(show, *arguments, width=80) -> str:
@@ -44,6 +47,18 @@ def printed(show, *arguments, width=80) -> str:
     show(*arguments, Console(width=width, file=output))
     text = output.getvalue()
     assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+    return text
+
+
+def printed_on_stdout(show, content) -> str:
+    """What is printed on a terminal of 80 columns; lines outside of tables may be longer."""
+    output = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(output):
+        patch.setenv("COLUMNS", "80")
+        show(content)
+    text = output.getvalue()
+    assert max(len(line) for line in text.splitlines() if "│" in line) <= 80
     assert "…" not in text
     return text
 
@@ -72,27 +87,36 @@ def test_policies_in_co_simulation(width):
 
 
 def test_policies_on_the_grid():
-    row = {"policy": "runs/fig11/c1/run_003/policy.npz", "scenario": "4", "starts": 900} | GRID
-    row |= {"failing_starts": 0, "failures": []}
+    row = evaluate.PolicyReport(
+        policy="runs/fig11/c1/run_003/policy.npz",
+        scenario="4",
+        starts=900,
+        **GRID,
+        failing_starts=11,
+        failures=(evaluate.GridFailure(((1, 2), (3, 4)), Outcome.COLLISION),),
+    )
     over = dict.fromkeys(GRID, STATISTICS)
-    report = {"policies": [row], "over_policies": {"4": over}}
-    text = printed(evaluate.show, report)
+    report = evaluate.GridReport(policies=(row,), over_policies={"4": over})
+    text = printed_on_stdout(evaluate.show, report)
+    assert f"{row.policy}: collision from (1, 2) (3, 4)" in text
+    assert "1 more failing starts" in text
     whole = ["scenario", "98.76%", "1.23%", "43.21", "39.87", "1.012", "1.034", "out of board"]
     assert [word for word in whole if word not in text] == []
 
 
 def test_experiments():
     over = dict.fromkeys(GRID, STATISTICS)
-    content = {
-        "experiment": "fig11",
-        "variants": {
-            "4": {"label": "scenario 4, as the paper has it", "over_runs": over},
-        },
-        "differences": {},
-        "seconds": 1.0,
-        "out": "runs/x",
-    }
-    text = printed(experiments.show, content)
+    variant = experiments.VariantResult("scenario 4, as the paper has it", "4", (), over)
+    result = experiments.ExperimentResult(
+        experiment="fig11",
+        seed=0,
+        episodes=1,
+        seconds=1.0,
+        out="runs/x",
+        variants={"4": variant},
+        differences={},
+    )
+    text = printed_on_stdout(experiments.show, result)
     assert "98.76 % [90.00, 99.90]" in text
     assert "path over optimum" in text
 
