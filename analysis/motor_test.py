@@ -23,7 +23,7 @@ class MotorTest:
     """Recording to write (.rrd)."""
     motor_fmu: MotorFmuFile = None
     json: Json = False
-    test: StepTest = field(default_factory=StepTest)
+    test: Annotated[StepTest, tyro.conf.OmitArgPrefixes] = field(default_factory=StepTest)
 
 
 def main() -> None:

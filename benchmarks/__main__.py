@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from cosim.base.command import Json, MotorFmuFile, parse, print_json
+from cosim.base.command import Json, MotorFmuFile, print_json
 from cosim.base.errors import UserError, run_command
 from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars, under_way
@@ -184,7 +184,8 @@ def main() -> None:
     choice: Any = tyro.extras.subcommand_type_from_defaults(
         {name: kind() for name, kind in names.items()}
     )
-    options: Benchmark = parse(choice, "benchmarks")
+    config = (tyro.conf.FlagCreatePairsOff,)
+    options: Benchmark = tyro.cli(choice, prog="python -m benchmarks", config=config)
     arguments = asdict(options)
     as_json = arguments.pop("json")
     name = MODULES[type(options)]
