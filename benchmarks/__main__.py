@@ -5,7 +5,7 @@ A benchmark is a module with `measure`, whose arguments are the options here, an
 
 from dataclasses import asdict, dataclass
 from importlib import import_module
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Union
 
 import tyro
 
@@ -180,10 +180,7 @@ MODULES: dict[type[Benchmark], str] = {
 
 def main() -> None:
     """Command line; see the classes above."""
-    names = {module.replace("_", "-"): kind for kind, module in MODULES.items()}
-    choice: Any = tyro.extras.subcommand_type_from_defaults(
-        {name: kind() for name, kind in names.items()}
-    )
+    choice: Any = Union[tuple(MODULES)]  # noqa: UP007 - of types that are listed above
     config = (tyro.conf.FlagCreatePairsOff,)
     options: Benchmark = tyro.cli(choice, prog="python -m benchmarks", config=config)
     arguments = asdict(options)
