@@ -8,8 +8,9 @@ SCRIPT = """
 import os
 import sys
 
+from agent.training.policy import PolicyConfig
 from agent.training.settings import LearningConfig
-from agent.training.store import trained_policy
+from agent.training.store import find_or_train
 from cosim.base.jit import kernel
 from cosim.base.scenario import find_scenario
 from fmus import build
@@ -35,7 +36,7 @@ def built():
 
 def trained():
     seen, learning = [], LearningConfig(episodes=100_000)
-    trained_policy(find_scenario("1a"), None, learning, progress=seen.append)
+    find_or_train(PolicyConfig(find_scenario("1a"), learning=learning), progress=seen.append)
     return int(bool(seen))
 
 for make in (compiled, built, trained):
