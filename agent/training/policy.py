@@ -74,9 +74,9 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     scenario: Scenario
-    process: ProcessConfig = msgspec.field(default_factory=ProcessConfig)
-    learning: LearningConfig = msgspec.field(default_factory=LearningConfig)
-    seed: Seed = Seed(0)
+    process: ProcessConfig
+    learning: LearningConfig
+    seed: Seed
     moves: ObservedMoves | None = None
     schema_version: int = SCHEMA_VERSION
     kernel_version: str | int = msgspec.field(default_factory=_training_code)

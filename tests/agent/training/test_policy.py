@@ -85,7 +85,7 @@ def test_save_and_load_keep_every_bit(policy, tmp_path):
 
 @pytest.fixture
 def saved(tmp_path):
-    _, _, path = find_or_train(PolicyConfig(small_scenario(), learning=LEARNING))
+    _, _, path = find_or_train(PolicyConfig(small_scenario(), ProcessConfig(), LEARNING, Seed(0)))
     return path
 
 

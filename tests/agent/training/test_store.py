@@ -15,7 +15,7 @@ from cosim.base.scenario import find_scenario
 pytestmark = pytest.mark.usefixtures("fresh_cache")
 
 SHORT = LearningConfig(episodes=5000, epsilon_episodes=10, greedy_points=5)
-CONFIG = PolicyConfig(find_scenario("2"), learning=SHORT)
+CONFIG = PolicyConfig(find_scenario("2"), ProcessConfig(), SHORT, Seed(0))
 
 
 def test_a_second_call_finds_the_policy_and_its_curves():
@@ -67,7 +67,9 @@ def test_learning_curves_have_the_shapes_and_values_documented():
 
 
 def test_scenario_2_reaches_100_percent_of_all_900_starts():
-    policy, log, _ = find_or_train(PolicyConfig(find_scenario("2")))
+    policy, log, _ = find_or_train(
+        PolicyConfig(find_scenario("2"), ProcessConfig(), LearningConfig(), Seed(0))
+    )
     result = evaluate(policy.process, policy.values)
     assert result.outcome.shape == (900,)
     assert result.rate(Outcome.SUCCESS) == 1.0

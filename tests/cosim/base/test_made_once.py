@@ -8,7 +8,8 @@ SCRIPT = """
 import os
 import sys
 
-from agent.training.policy import PolicyConfig
+from agent.process.config import ProcessConfig
+from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
 from cosim.base.jit import kernel
@@ -36,7 +37,8 @@ def built():
 
 def trained():
     seen, learning = [], LearningConfig(episodes=100_000)
-    find_or_train(PolicyConfig(find_scenario("1a"), learning=learning), progress=seen.append)
+    config = PolicyConfig(find_scenario("1a"), ProcessConfig(), learning, Seed(0))
+    find_or_train(config, progress=seen.append)
     return int(bool(seen))
 
 for make in (compiled, built, trained):
