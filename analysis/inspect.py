@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.reading.findings import find
+from cosim.base.command import show_table
 from cosim.base.errors import run_command
-from cosim.base.tables import show_table
 from cosim.navigation.measures import PATH_SAMPLING_S
 from cosim.reading.episode import Episode, read_episode
 from cosim.reading.rrd import Signal

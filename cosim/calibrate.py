@@ -39,7 +39,7 @@ class Calibrate:
 def main() -> None:
     """Command line; see `Calibrate`."""
     options = parse(Calibrate, "cosim.calibrate")
-    from cosim.base.tables import show_table
+    from cosim.base.command import show_table
     from cosim.navigation.calibration_cache import find_calibration
     from cosim.navigation.calibration_report import draw, manoeuvre_rows, report_of
 

@@ -9,13 +9,12 @@ differ. Where bits are meant to change, say so in CHANGELOG and write the file a
 import hashlib
 import json
 import os
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
-from agent.evaluation.rollout import roll_out
 
 from agent.moves.observe import observe_moves
 from agent.process.config import ProcessConfig
@@ -28,6 +27,7 @@ from cosim.navigation.episode import CoSimulation
 from cosim.navigation.observing import draw_starts
 from cosim.reading.episode import read_episode
 from cosim.recording.episode import EpisodeRecorder
+from cosim.simulation import simulate_episode
 from fmus.build import cached_fmu
 
 EXPECTED = Path(__file__).with_name("digests.json")
@@ -78,7 +78,7 @@ def digests(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     starts = draw_starts(scenario, np.random.default_rng(start_seed))
     system = CoSimulation(scenario, fmu, config)
     with EpisodeRecorder(path, scenario, config, "digest", {"episode": 0}) as recorder:
-        result = asdict(roll_out(system, policy, starts, noise_seed, recorder))
+        result = msgspec.structs.asdict(simulate_episode(system, policy, starts, noise_seed, recorder))
     del result["realtime_factor"]
     found["episode"] = _digest(result)
     for name, signal in sorted(read_episode(path).signals.items()):

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import tyro
 
-from agent.evaluation.dynamics import Evaluate
 from analysis.figures import fig07
 from analysis.motor_test import MotorTest, read, record
+from cosim.evaluate import Evaluate
 from cosim.run import Run
 
 ROOT = Path(__file__).parents[1]

@@ -16,9 +16,9 @@ from agent.process.exact import evaluate
 from agent.process.optimum import ratios
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
+from cosim.base.command import show_table
 from cosim.base.errors import UserError
 from cosim.base.outcome import BY_RANK, ENDS, SUCCESS, Outcome
-from cosim.base.tables import show_table
 
 MAX_FAILURES = 1000  # in the report; scenarios of four robots have some 700 000 starts
 

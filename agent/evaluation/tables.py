@@ -5,8 +5,8 @@ from typing import Any
 from agent.evaluation.dynamics import EvaluationReport
 from agent.evaluation.grid import show_failures
 from agent.evaluation.outcomes import Measured
+from cosim.base.command import show_table
 from cosim.base.outcome import ENDS
-from cosim.base.tables import show_table
 
 
 def show(report: EvaluationReport) -> None:

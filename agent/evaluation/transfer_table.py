@@ -17,7 +17,7 @@ from agent.evaluation.outcomes import Failure, Measured, failures, summary
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.tables import rate_text, ratio_text, text
 from agent.training.settings import BEST
-from cosim.base.tables import show_table
+from cosim.base.command import show_table
 from cosim.simulation import EpisodeResult
 
 # What the best method is to reach, in every scenario and for every friction coefficient.

@@ -8,7 +8,7 @@ import numpy as np
 from agent.evaluation.grid import GridReport, PolicyMeasures
 from agent.evaluation.statistics import Statistics, summarise
 from agent.experiments.variants import REFERENCES, Name
-from cosim.base.tables import show_table
+from cosim.base.command import show_table
 
 RESULTS_FILE = "results.json"
 SUMMARY_FILE = "summary.json"

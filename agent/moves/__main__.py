@@ -40,8 +40,8 @@ def main() -> None:
     """Command line; see `ObserveMoves`."""
     options = parse(ObserveMoves, "agent.moves")
     from agent.moves.observe import facts_of, move_rows, observe_moves
+    from cosim.base.command import show_table
     from cosim.base.progress import progress_bars
-    from cosim.base.tables import show_table
 
     with progress_bars() as progress:
         config, fmu = options.physics.prepare(progress=progress)

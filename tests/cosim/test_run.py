@@ -169,7 +169,7 @@ def test_policy_of_another_scenario_is_refused(run, runs, tmp_path):
     [
         (["--method", "moves"], "--method"),
         (["--train-seed", 0], "--train-seed"),
-        (["--train-episodes", 5, "--retrain"], "--train-episodes and --retrain"),
+        (["--train-episodes", 5, "--retrain"], "--train-episodes and --again"),
     ],
 )
 def test_options_of_training_are_refused_with_a_policy(run, runs, tmp_path, arguments, names):

@@ -1,25 +1,27 @@
 """Evaluation in the co-simulation: real short episodes, kept, continued, counted and recorded."""
 
-import json
 from dataclasses import replace
 
+import msgspec
 import pytest
-from agent.evaluation.rollout import EpisodeResult
-from rich.console import Console
 
-from agent.evaluation import dynamics as evaluate_command
+import cosim.evaluate
 from agent.evaluation.cases import Case
-from agent.evaluation.dynamics import Evaluate, evaluate, report_of
+from agent.evaluation.dynamics import EvaluationReport, evaluate, report_of
 from agent.evaluation.outcomes import rate, summary
 from agent.evaluation.result_file import ResultFile, ResultFileError
 from agent.process.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
-from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
+from cosim.base.outcome import Outcome
 from cosim.base.params import TABLE_I
 from cosim.base.scenario import Scenario
+from cosim.evaluate import Evaluate
+from cosim.navigation.options import Driving
+from cosim.simulation import EpisodeResult
 
 # Targets one cell away, straight ahead: an episode takes some simulated seconds.
 NEAR = Scenario(
@@ -31,7 +33,6 @@ NEAR = Scenario(
     rows=14,
     zone=(0, 0, 0, 0),
 )
-QUIET = Console(quiet=True)
 
 
 @pytest.fixture(scope="module")
@@ -47,69 +48,74 @@ def policy_file(policy, tmp_path_factory):
     return path
 
 
-def run(policy_file, out, **options):
-    given = replace(Evaluate(policies=(policy_file,), out=out, recordings=0), **options)
-    evaluated = evaluate(given, QUIET)
-    return evaluated[0], report_of(evaluated, given)
+def run(policy_file, out, *, starts=None, recordings=0, jobs=1, **physics):
+    driving = Driving(**physics)
+    evaluated = evaluate(
+        [policy_file], driving, out, starts=starts, recordings=recordings, jobs=jobs
+    )
+    return evaluated[0], report_of(evaluated, driving, seed=0)
 
 
 def without_wall_clock(results: dict[int, EpisodeResult]) -> dict[int, EpisodeResult]:
-    return {k: replace(r, realtime_factor=1.0, recording=None) for k, r in results.items()}
+    return {
+        k: msgspec.structs.replace(r, realtime_factor=1.0, recording=None)
+        for k, r in results.items()
+    }
 
 
 @pytest.fixture(scope="module")
 def whole(policy_file, tmp_path_factory):
     """All four starts, two at a time, one success recorded."""
     out = tmp_path_factory.mktemp("whole")
-    return run(policy_file, out, starts="all", jobs=2, recordings=1)
+    return run(policy_file, out, jobs=2, recordings=1)
 
 
 def test_report_counts_every_start(whole):
     evaluated, report = whole
-    (row,) = report["policies"]
-    assert (row["episodes"], row["starts"], row["scenario"]) == (4, 4, "near")
-    assert (row["success"], row["success_high"]) == (1.0, 1.0)
-    assert row["success_low"] == pytest.approx(0.5101, abs=1e-4)
-    assert row["collision"] == row["timeout"] == row["out_of_board"] == 0.0
-    assert row["path_length_cm"] == pytest.approx(1.5, abs=0.2)
-    assert row["path_ratio_to_grid"] == pytest.approx(1.0, abs=0.15)
-    assert row["min_distance_cm"] == pytest.approx(7.07, abs=0.3)
-    assert 0.0 < row["energy_j"] < 10.0
-    assert row["failures"] == []
+    (row,) = report.policies
+    assert (row.episodes, row.starts, row.scenario) == (4, 4, "near")
+    assert (row.success, row.success_high) == (1.0, 1.0)
+    assert row.success_low == pytest.approx(0.5101, abs=1e-4)
+    assert row.collision == row.timeout == row.out_of_board == 0.0
+    assert row.path_length_cm == pytest.approx(1.5, abs=0.2)
+    assert row.path_ratio_to_grid == pytest.approx(1.0, abs=0.15)
+    assert row.min_distance_cm == pytest.approx(7.07, abs=0.3)
+    assert 0.0 < row.energy_j < 10.0
+    assert row.failures == ()
     assert len({r.starts for r in evaluated.results().values()}) == 4
 
 
 def test_jobs_and_interruptions_change_nothing(whole, policy_file, tmp_path):
     evaluated, _ = whole
-    first, _ = run(policy_file, tmp_path, starts="2", jobs=1)
+    first, _ = run(policy_file, tmp_path, starts=2)
     assert len(first.results()) == 2
     kept = first.file.path.read_bytes()
     # a process killed while it wrote a third result
     first.file.path.write_bytes(kept + b'{"index": 3, "outc')
-    second, _ = run(policy_file, tmp_path, starts="all", jobs=1)
+    second, _ = run(policy_file, tmp_path)
     assert second.file.path.read_bytes().startswith(kept + b'{"index": ')
     assert without_wall_clock(second.results()) == without_wall_clock(evaluated.results())
     written = second.file.path.read_bytes()
-    run(policy_file, tmp_path, starts="all", jobs=1)
+    run(policy_file, tmp_path)
     assert second.file.path.read_bytes() == written
 
 
 def test_success_is_recorded(whole):
     evaluated, report = whole
-    (path,) = report["policies"][0]["recordings"]
+    (path,) = report.policies[0].recordings
     (index,) = evaluated.recordings
     assert path.endswith(f"{index:06d}-success.rrd")
     assert evaluated.recordings[index].stat().st_size > 100_000
 
 
 def test_failure_is_listed_and_recorded(policy_file, tmp_path):
-    _, report = run(policy_file, tmp_path, starts="1", time_limit=2.0, recordings=1)
-    (row,) = report["policies"]
-    assert (row["success"], row["timeout"], row["failing_starts"]) == (0.0, 1.0, 1)
-    assert row["path_length_cm"] is row["path_ratio_to_grid"] is None
-    (failure,) = row["failures"]
-    assert failure["outcome"] == "timeout"
-    assert failure["recording"] == row["recordings"][0]
+    _, report = run(policy_file, tmp_path, starts=1, time_limit=2.0, recordings=1)
+    (row,) = report.policies
+    assert (row.success, row.timeout, row.failing_starts) == (0.0, 1.0, 1)
+    assert row.path_length_cm is row.path_ratio_to_grid is None
+    (failure,) = row.failures
+    assert failure.outcome == Outcome.TIMEOUT
+    assert failure.recording == row.recordings[0]
 
 
 def test_samples_are_seeded_and_nested(policy, motor_fmu):
@@ -150,7 +156,7 @@ def test_wilson_interval(count, episodes, low, high):
 
 
 def test_no_episode_gives_no_numbers(policy, motor_fmu):
-    values = summary(Case(policy, CoSimConfig(), motor_fmu, 0), {})
+    values = msgspec.structs.asdict(summary(Case(policy, CoSimConfig(), motor_fmu, 0), {}))
     assert values.pop("episodes") == 0
     assert set(values.values()) == {None}
 
@@ -165,7 +171,7 @@ def test_no_episode_gives_no_numbers(policy, motor_fmu):
     ],
 )
 def test_bad_options_are_refused(options, message):
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(UserError, match=message):
         Evaluate(policies=(), **options)
 
 
@@ -173,14 +179,14 @@ def test_command_prints_json_last(command, whole, policy_file):
     evaluated, report = whole
     out = evaluated.file.path.parent
     options = ("--starts", "all", "--out", out, "--recordings", 1, "--json")
-    done = command(evaluate_command, policy_file, *options)  # everything is there already
+    done = command(cosim.evaluate, policy_file, *options)  # everything is there already
     assert done.returncode == 0, done.stderr
     assert "outcomes with 95 % intervals" in done.stdout
-    assert json.loads(done.stdout.splitlines()[-1]) == json.loads(json.dumps(report))
+    assert msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport) == report
 
 
 def test_policy_of_another_scenario_is_refused(command, policy_file, tmp_path):
-    done = command(evaluate_command, policy_file, "--scenario", "4", "--out", tmp_path / "out")
+    done = command(cosim.evaluate, policy_file, "--scenario", "4", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "was trained on scenario near" in done.stderr

@@ -11,8 +11,8 @@ from agent.evaluation import tables as outcome_tables
 from agent.evaluation import transfer_table
 from agent.evaluation.statistics import Statistics
 from agent.experiments import results as experiments
+from cosim.base.command import show_table
 from cosim.base.outcome import Outcome
-from cosim.base.tables import show_table
 
 SHARES = {
     "success": 0.9876,

@@ -1,27 +1,28 @@
 """The table of transfer: its rows, how it goes on, and what the safety layer leaves alone."""
 
-import json
 import threading
 from dataclasses import replace
+from pathlib import Path
 
+import msgspec
 import pytest
-from agent.evaluation.rollout import EpisodeResult
-from rich.console import Console
 
 from agent.evaluation.cases import Case, Job
 from agent.evaluation.result_file import ResultFile
-from agent.evaluation.transfer import Transfer, transfer
-from agent.evaluation.transfer_table import Row, goals, markdown
+from agent.evaluation.transfer import transfer
+from agent.evaluation.transfer_table import Row, TransferReport, goals, markdown
 from agent.process.config import ProcessConfig
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.scenario import Scenario, ScenarioError
+from cosim.simulation import EpisodeResult
+from cosim.transfer import Transfer
 
-QUIET = Console(quiet=True)
 BOARD = """
 columns = 14
 rows = 14
@@ -38,7 +39,7 @@ def episode(scenario: Scenario, fmu, margin_m: float) -> EpisodeResult:
     config = PolicyConfig(scenario, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
     case = Case(train_policy(config)[0], CoSimConfig(safety_margin_m=margin_m), fmu, 0)
     result = Job(case, 0).run(case.system(), threading.Event())
-    return replace(result, realtime_factor=1.0)
+    return msgspec.structs.replace(result, realtime_factor=1.0)
 
 
 def test_layer_leaves_an_episode_without_conflicts_alone(motor_fmu):
@@ -74,55 +75,59 @@ def test_layer_changes_an_episode_with_conflicts(motor_fmu):
 
 
 @pytest.fixture(scope="module")
-def options(tmp_path_factory) -> Transfer:
-    folder = tmp_path_factory.mktemp("transfer")
-    (folder / "near.toml").write_text(BOARD)
-    scenarios = (str(folder / "near.toml"),)
-    return Transfer(folder / "out", quick=True, scenarios=scenarios, methods=("paper",))
+def board(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("transfer") / "near.toml"
+    path.write_text(BOARD)
+    return path
+
+
+def quick_table(board: Path, out: Path, **options) -> TransferReport:
+    return transfer(out, scenarios=(str(board),), methods=("paper",), quick=True, **options)
 
 
 @pytest.fixture(scope="module")
-def table(options) -> dict:
-    return transfer(options, QUIET)
+def table(board) -> TransferReport:
+    return quick_table(board, board.parent / "out")
 
 
 def test_rows_without_and_with_the_layer(table):
-    off, on = table["rows"]
-    assert [off["safety_margin_m"], on["safety_margin_m"]] == [0.0, SAFETY_MARGIN_M]
+    off, on = table.rows
+    assert [off.safety_margin_m, on.safety_margin_m] == [0.0, SAFETY_MARGIN_M]
     for row in (off, on):
-        assert (row["scenario"], row["method"], row["mu"]) == ("near", "paper", 0.15)
-        assert row["episodes"] == row["planned"] == 2
-        assert row["success"] == 1.0
-        assert row["success_low"] < 1.0
+        assert (row.scenario, row.method, row.mu) == ("near", "paper", 0.15)
+        assert row.episodes == row.planned == 2
+        assert row.success == 1.0
+        assert row.success_low < 1.0
     # nothing is simulated twice
-    assert (off["simulated"], on["simulated"], table["simulated"]) == (2, 0, 2)
-    assert off["wall_s"] > 0.0
+    assert (off.simulated, on.simulated, table.simulated) == (2, 0, 2)
+    assert off.wall_s > 0.0
 
 
-def test_table_is_written_and_not_made_again(table, options):
-    assert table["complete"]
-    assert len(table["sessions"]) == 1
-    assert table["elapsed_s"] > table["episode_wall_s"] / 2
-    assert json.loads((options.out / "transfer.json").read_text()) == table
-    assert transfer(options, QUIET) == table
-    text = (options.out / "transfer.md").read_text()
+def test_table_is_written_and_not_made_again(table, board):
+    out = board.parent / "out"
+    assert table.complete
+    assert len(table.sessions) == 1
+    assert table.elapsed_s > table.episode_wall_s / 2
+    written = (out / "transfer.json").read_bytes()
+    assert msgspec.json.decode(written, type=TransferReport) == table
+    assert quick_table(board, out) == table
+    text = (out / "transfer.md").read_text()
     assert text == markdown(table) + "\n"
     assert "| near | paper | 0.15 | off | 2 | 100.0% [34.2, 100.0] |" in text
-    assert (options.out / "policies" / "near-paper.npz").is_file()
+    assert (out / "policies" / "near-paper.npz").is_file()
 
 
-def test_budget_leaves_a_table_of_what_is_there(options, tmp_path):
-    late = replace(options, out=tmp_path, budget_minutes=0.0)
-    table = transfer(late, QUIET)
-    assert not table["complete"]
-    assert [row["episodes"] for row in table["rows"]] == [0, 0]
+def test_budget_leaves_a_table_of_what_is_there(board, tmp_path):
+    table = quick_table(board, tmp_path, budget_minutes=0.0)
+    assert not table.complete
+    assert [row.episodes for row in table.rows] == [0, 0]
     assert "| 0 of 2 | – |" in markdown(table)
 
 
 PLAIN = EpisodeResult(
     Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
 )
-CHANGED = replace(PLAIN, conflicts=2)
+CHANGED = msgspec.structs.replace(PLAIN, conflicts=2)
 
 
 @pytest.fixture
@@ -168,19 +173,21 @@ def test_episodes_that_the_layer_changes_are_not_left_out(row):
 
 
 def test_goals_are_judged_by_the_worst_row(table):
-    best = [row | {"method": "moves"} for row in table["rows"]]
-    failing = best[0] | {"mu": 0.2, "success": 0.5, "success_low": 0.1, "success_high": 0.9}
+    best = [msgspec.structs.replace(row, method="moves") for row in table.rows]
+    failing = msgspec.structs.replace(
+        best[0], mu=0.2, success=0.5, success_low=0.1, success_high=0.9
+    )
     success, collisions, paths = goals([*best, failing])
-    assert (success["worst"], success["mu"], success["holds"]) == (0.5, 0.2, False)
-    assert (collisions["worst"], collisions["holds"]) == (0.0, True)
-    assert paths["holds"]
-    assert goals(table["rows"]) == []
+    assert (success.worst, success.mu, success.holds) == (0.5, 0.2, False)
+    assert (collisions.worst, collisions.holds) == (0.0, True)
+    assert paths.holds
+    assert goals(list(table.rows)) == []
 
 
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"jobs": 0}, ConfigError, "--jobs must be at least 1"),
+        ({"jobs": 0}, UserError, "--jobs must be at least 1"),
         ({"budget_minutes": -1.0}, ConfigError, "--budget-minutes must not be negative"),
         ({"scenarios": ("7",)}, ScenarioError, "unknown scenario '7'"),
     ],

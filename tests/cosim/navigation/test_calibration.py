@@ -5,7 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from cosim import calibrate
 from cosim.base.config import CoSimConfig
@@ -16,12 +15,10 @@ from cosim.navigation.calibration import MANOEUVRES, Calibration, CalibrationErr
 from cosim.navigation.calibration_cache import calibrated, digest, find_calibration
 from cosim.navigation.trial import Trial, heading_angles
 
-SILENT = Console(quiet=True)
-
 
 @pytest.fixture(scope="module")
 def calibration(motor_fmu) -> Calibration:
-    return find_calibration(CoSimConfig(), motor_fmu, SILENT)
+    return find_calibration(CoSimConfig(), motor_fmu)
 
 
 @pytest.mark.parametrize("manoeuvre", MANOEUVRES)
@@ -97,7 +94,7 @@ def test_turns_as_fast_as_possible_where_the_desired_rate_needs_hopping(calibrat
 def test_another_desired_speed_needs_no_new_calibration(calibration, motor_fmu):
     slow = CoSimConfig(steering=STEERING._replace(drive_speed_m_s=0.002))
     assert digest(slow, motor_fmu) == digest(CoSimConfig(), motor_fmu)
-    found = calibrated(slow, motor_fmu, SILENT).steering
+    found = calibrated(slow, motor_fmu).steering
     assert found.forward_speed_rad_s < 850.0
 
 
@@ -144,7 +141,7 @@ def test_friction_changes_neither_speed_nor_turn_rate(motor_fmu, mu):
 
     def seconds(of_mu: float, length_m: float, turn_deg: float) -> float:
         config = CoSimConfig(robot=TABLE_I._replace(mu=of_mu))
-        config = calibrated(config, motor_fmu, SILENT)
+        config = calibrated(config, motor_fmu)
         fmu, angle_rad = MotorFmu(motor_fmu), np.deg2rad(turn_deg)
         return drive_line(fmu, config, length_m, angle_rad, 6, 0).duration_s.mean()
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from rich.console import Console
 
 import cosim.run
 from cosim.base.config import ConfigError
+from cosim.base.progress import silent
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.live import DEFAULT_VIEWER, LiveError, find_viewer, spawn_viewer
@@ -157,7 +157,7 @@ def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
     url = address(free_port())
     options = Run(live=True, viewer=url, out=tmp_path / "x")
     with pytest.raises(LiveError, match="no Rerun viewer answers at"):
-        cosim.run.run(options, Console())
+        next(cosim.run.run(options, silent))
     assert not (tmp_path / "x").exists()
 
 

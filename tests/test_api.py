@@ -1,0 +1,184 @@
+"""The Python API as a program meets it: train, keep, simulate, look back, refusals."""
+
+import gc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import agent
+import analysis
+import cosim
+import cosim.run
+from agent.training.policy import PolicyError
+from cosim.base.config import ConfigError
+from cosim.base.errors import UserError
+from cosim.base.progress import silent
+from cosim.base.scenario import ScenarioError
+from cosim.navigation.options import Driving
+
+BRIEF = {"mu": 0.2, "time_limit": 4.0}
+
+
+class Told:
+    """Progress that remembers what it was told last of each task: done and total."""
+
+    def __init__(self) -> None:
+        self.last: dict[str, tuple[float, float | None]] = {}
+
+    def __call__(self, task: str, done: float, total: float | None, state: str = "") -> None:
+        self.last[task] = done, total
+
+
+class Upwards:
+    """A policy that says nothing of what it thinks."""
+
+    def act(self, observation: cosim.Observation) -> np.ndarray:
+        return np.full(len(observation.cells), 2)
+
+
+def signals(episode: cosim.Episode) -> dict[str, tuple]:
+    """Every signal, to be compared bit by bit."""
+    return {
+        name: (s.time_s.tobytes(), s.values.tobytes(), s.values.shape, s.unit, s.components)
+        for name, s in episode.signals.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def policy() -> "agent.Policy":
+    return agent.train("1a", method="paper", episodes=20_000)
+
+
+@pytest.fixture(scope="module")
+def episode(policy) -> cosim.Episode:
+    return cosim.simulate("1a", policy, seed=3, **BRIEF)
+
+
+def test_trained_kept_simulated_and_opened_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    agent.train("1a", method="paper", episodes=20_000).save("policy.npz")
+    episode = cosim.simulate("1a", agent.load("policy.npz"), **BRIEF)
+    episode.save("episode.rrd")
+    opened = analysis.open("episode.rrd")
+
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "policy.npz",
+        "policy.json",
+        "episode.rrd",
+    }
+    assert (episode.outcome, episode.time_s) == ("timeout", 4.0)
+    omega = episode.signals["r1/motors/omega"]
+    assert omega.values.shape == (len(omega.time_s), 2)
+    assert omega.time_s[-1] == 4.0
+    assert signals(opened) == signals(episode)
+    for name in ("outcome", "time_s", "robots", "facts", "parameters", "moves", "complete"):
+        assert getattr(opened, name) == getattr(episode, name), name
+    assert opened.facts["scenario"] == "1a"
+    assert opened.parameter("mu") == 0.2
+    assert opened.moves["r1"]
+
+
+def test_simulate_is_the_first_episode_of_a_run(policy, episode, tmp_path):
+    policy.save(tmp_path / "policy.npz")
+    options = cosim.run.Run(
+        scenario="1a",
+        policy=tmp_path / "policy.npz",
+        seed=3,
+        out=tmp_path / "run",
+        physics=Driving(**BRIEF),
+    )
+    ((out, result),) = cosim.run.run(options, silent)
+    assert result.recording is not None
+    of_run = analysis.open(out / result.recording)
+    assert signals(of_run) == signals(episode)
+    assert (result.outcome, result.sim_time_s) == (episode.outcome, episode.time_s)
+    assert of_run.parameters == episode.parameters
+    assert of_run.recording_id == episode.recording_id
+
+
+def test_another_seed_is_another_episode(policy, episode):
+    assert signals(cosim.simulate("1a", policy, seed=4, **BRIEF)) != signals(episode)
+
+
+def test_recording_lives_as_long_as_its_episode(policy, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    episode = cosim.simulate("1a", policy, record="summary", **BRIEF)
+    folder = episode.path.parent
+    assert [path.name for path in folder.iterdir()] == ["episode.rrd"]
+    del episode
+    gc.collect()
+    assert not folder.exists()
+    assert not list(tmp_path.iterdir())
+
+
+def test_policy_may_only_act(episode):
+    mute = cosim.simulate("1a", Upwards(), **BRIEF)
+    of_policy = {"/rl/r1/q_s", "/rl/r1/reward", "/rl/r1/reward_parts", "/rl/r1/return"}
+    assert set(episode.signals) - set(mute.signals) == of_policy
+    assert set(episode.texts) - set(mute.texts) == {"/rl/r1/greedy"}
+    assert {move.direction for move in mute.moves["r1"]} == {"90°"}
+
+
+def test_methods_are_told_and_train_however_often_they_are_asked_for(policy):
+    assert agent.methods()[0] == "moves"
+    assert set(agent.methods()) == {"moves", "paper", "slip"}
+    again = agent.train("1a", method="paper", episodes=20_000)
+    assert np.array_equal(again.q, policy.q)
+
+
+def test_progress_is_told_every_task_to_its_end(policy):
+    told = Told()
+    agent.train("1a", method="paper", episodes=20_000, again=True, progress=told)
+    assert told.last == {"training": (20_000, 20_000)}
+    told = Told()
+    agent.train("1a", method="paper", episodes=20_000, progress=told)
+    assert told.last == {}  # it was there
+    cosim.simulate("1a", policy, progress=told, **BRIEF)
+    assert told.last["simulating"] == (4.0, 4.0)
+    assert all(done == total for done, total in told.last.values()), told.last
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"friction": 0.2}, ConfigError, "no option friction; choose from .*mu.*time_limit"),
+        ({"driver": "fast"}, ConfigError, "driver = 'fast' is unknown; choose one of compiled, "),
+        ({"record": "none"}, ConfigError, "record = 'none' is unknown; choose one of summary, "),
+        ({"order": "random"}, ConfigError, "order = 'random' is unknown; choose one of gauss-"),
+        ({"on_collision": "stop"}, ConfigError, "on_collision = 'stop' is unknown; choose one of"),
+        ({"scenario": "7"}, ScenarioError, "unknown scenario '7'"),
+        ({"scenario": "2"}, PolicyError, "the policy was trained on scenario 1a .* scenario 2 "),
+        ({"seed": -1}, ConfigError, "seed = -1 must not be negative"),
+        ({"mu": -1.0}, ConfigError, "mu = -1.0 must be"),
+        ({"motor_fmu": "nowhere.fmu"}, UserError, "nowhere.fmu does not exist"),
+    ],
+)
+def test_simulate_refuses_what_it_does_not_know(policy, arguments, error, message):
+    arguments = {"scenario": "1a"} | arguments
+    with pytest.raises(error, match=message):
+        cosim.simulate(policy=policy, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"scenario": "7"}, ScenarioError, "unknown scenario '7'"),
+        ({"method": "luck"}, UserError, "method 'luck' is unknown; choose one of moves, paper"),
+        ({"motor_fmu": "my.fmu"}, UserError, "motor_fmu has no effect .* method paper"),
+        ({"episodes": 0}, UserError, "episodes"),
+        ({"seed": -1}, UserError, "seed"),
+    ],
+)
+def test_train_refuses_what_it_does_not_know(arguments, error, message):
+    arguments = {"scenario": "1a", "method": "paper"} | arguments
+    with pytest.raises(error, match=message):
+        agent.train(**arguments)
+
+
+def test_load_refuses_what_does_not_fit(policy, tmp_path):
+    with pytest.raises(PolicyError, match="no such policy file"):
+        agent.load(Path("nowhere.npz"))
+    policy.save(tmp_path / "policy.npz")
+    with pytest.raises(PolicyError, match="was trained on scenario 1a"):
+        agent.load(tmp_path / "policy.npz", cosim.find_scenario("2"))
