@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from agent.methods import BEST, METHODS, Method
-from agent.training.settings import LearningConfig
+from agent.training.settings import BEST, METHODS, LearningConfig, Method
 from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.base.params import TIMING
 from cosim.base.scenario import BUILT_IN

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
-from agent.methods import method_config
+from agent.method import method_config
 from agent.process.config import Feature, ProcessConfig
 from agent.process.readings import build_process
 from agent.training.learning import (

@@ -20,6 +20,8 @@ def test_interval_has_the_width_of_the_normal_one():
     s = summarise(values)
     half = 1.96 * values.std() / 20.0
     assert s.mean == pytest.approx(values.mean())
+    assert s.low is not None
+    assert s.high is not None
     assert (s.high - s.low) / 2.0 == pytest.approx(half, rel=0.05)
     assert s == summarise(values)
 

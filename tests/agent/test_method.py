@@ -5,8 +5,9 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from agent import methods, train
-from agent.methods import METHODS, method_config, method_of
+from agent import method as methods
+from agent.experiments import training
+from agent.method import METHODS, method_config, method_of
 from agent.moves.model import Move, ObservedMoves
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
@@ -50,6 +51,6 @@ def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):
     arguments = ["--scenario", "1a", "--moves", str(tmp_path / "moves.json"), "--out"]
     short = ["--learning.episodes", "2000", "--learning.epsilon-episodes", "10", "--jobs", "1"]
     monkeypatch.setattr("sys.argv", ["train", *arguments, str(out), *short])
-    train.main()
+    training.main()
     (path,) = policy_paths(out)
     assert Policy.load(path).config.moves == moves
