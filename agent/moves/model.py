@@ -21,7 +21,7 @@ from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
 SCHEMA_VERSION = 1
 NO_DIRECTION = -1  # before the first move
 
-_KINDS = 2 * AXIS_COUNT  # straight or diagonal, and the turn before it
+KINDS = 2 * AXIS_COUNT  # straight or diagonal, and the turn before it
 
 
 class MovesError(UserError):
@@ -116,7 +116,7 @@ class MoveModel(NamedTuple):
     Attributes:
         moves: (M, 6) float64, time of the turn and of the whole move in s, the path during the
             turn, and where the robot stopped, from the centre of the cell aimed at, in cells.
-        offsets: _KINDS + 1 integers, moves of kind k are rows offsets[k] to offsets[k + 1].
+        offsets: KINDS + 1 integers, moves of kind k are rows offsets[k] to offsets[k + 1].
         rl_step_s: time between two decisions.
         contact_cells: squared distance in cells² at which robots touch.
         near_cells: squared distance in cells² beyond which no robots meet within an RL step.
@@ -159,7 +159,7 @@ def build_model(moves: ObservedMoves, rl_step_s: float, contact_cells: float) ->
         ),
         default=0.0,
     )
-    kinds: list[list[tuple[float, ...]]] = [[] for _ in range(_KINDS)]
+    kinds: list[list[tuple[float, ...]]] = [[] for _ in range(KINDS)]
     for move in moves.moves:
         quadrants = move.direction // 2
         drift = _turned_back(move.drift_x, move.drift_y, quadrants)
@@ -169,7 +169,7 @@ def build_model(moves: ObservedMoves, rl_step_s: float, contact_cells: float) ->
     if not all(kinds):
         raise MovesError(
             f"there is no move of kind {[bool(k) for k in kinds].index(False)} of "
-            f"{_KINDS}; observe more moves"
+            f"{KINDS}; observe more moves"
         )
     return MoveModel(
         np.array([row for rows in kinds for row in rows]),

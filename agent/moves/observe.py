@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agent.moves.model import NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
+from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of, with_imports
@@ -23,7 +23,6 @@ from cosim.coupling.steering import DRIVE, HOLD
 from cosim.navigation.episode import CoSimulation, Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
 
-KINDS = 2 * AXIS_COUNT
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
 WALKS = 4
 MOVES_PER_KIND = 24

@@ -2,7 +2,9 @@
 
 A robot that decides again k RL steps later has earned the rewards of those steps, discounted, and
 bootstraps with γ^k (a semi-Markov decision process). Tables, schedule and learning curves are those
-of `agent.training.qlearning`, whose loop this one replaces when training has moves.
+of `agent.training.qlearning`, whose loop this one replaces when training has moves. One loop for
+both would decide robot by robot and keep sums of rewards where on the grid all decide and learn at
+once: other draws in another order, hence other bits, and a slower grid.
 """
 
 import numpy as np
@@ -12,16 +14,8 @@ from agent.moves.model import MoveModel
 from agent.process.grid import ARRIVED, COLUMN_COUNT, MOVING, STATUS, place_randomly, state_index
 from agent.process.readings import Process
 from agent.process.rng import PROBABILITY_SHIFT, next_word
-from agent.training.learning import (
-    EPISODES,
-    PATH_CELLS,
-    RETURNS,
-    STEPS,
-    SUCCESSES,
-    Learning,
-    TrainingState,
-)
-from agent.training.qlearning import ACTION_BITS, SQRT_2, best_of_sum, largest
+from agent.training.learning import Learning, TrainingState
+from agent.training.qlearning import ACTION_BITS, SQRT_2, best_of_sum, book, largest
 from cosim.base.jit import inlined, kernel
 from cosim.base.outcome import RUNNING, SUCCESS, TIMEOUT
 
@@ -118,15 +112,8 @@ def _run_episodes(
                 else:
                     # Eq. (7) in a terminal state
                     q[k, i, s, a] += eta * (earned[i] - q[k, i, s, a])
-        if episode % learning.log_episodes >= learning.log_episodes - learning.log_window:
-            row = episode // learning.log_episodes
-            curve[row, EPISODES] += 1.0
-            if outcome == SUCCESS:
-                curve[row, SUCCESSES] += 1.0
-                curve[row, PATH_CELLS] += (moves + (SQRT_2 - 1.0) * diagonal) / n
-                curve[row, STEPS] += moves / n
-            for i in range(n):
-                curve[row, RETURNS + i] += returns[i]
+        path_cells = moves + (SQRT_2 - 1.0) * diagonal
+        book(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
     return decisions
 
 

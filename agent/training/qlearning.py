@@ -64,6 +64,39 @@ def best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
     return action
 
 
+@inlined
+def book(
+    learning: Learning,
+    curve: np.ndarray,
+    episode: int,
+    success: bool,
+    path_cells: float,
+    moves: int,
+    returns: np.ndarray,
+) -> None:
+    """Add an episode to its point of the learning curves, if it is in the point's window.
+
+    Args:
+        learning: for the points.
+        curve: of `TrainingState`, updated.
+        episode: its number.
+        success: whether it ended in success.
+        path_cells, moves: of all robots together.
+        returns: (N,) float64, of each robot.
+    """
+    if episode % learning.log_episodes < learning.log_episodes - learning.log_window:
+        return
+    n = len(returns)
+    row = episode // learning.log_episodes
+    curve[row, EPISODES] += 1.0
+    if success:
+        curve[row, SUCCESSES] += 1.0
+        curve[row, PATH_CELLS] += path_cells / n
+        curve[row, STEPS] += moves / n
+    for i in range(n):
+        curve[row, RETURNS + i] += returns[i]
+
+
 @kernel
 def _run_episodes(
     process: Process,
@@ -163,16 +196,8 @@ def _run_episodes(
                     # Eq. (7) in a terminal state
                     q[updated, i, s, a] += eta * (rewards[i] - q[updated, i, s, a])
         agent_steps += moves
-        if episode % learning.log_episodes >= learning.log_episodes - learning.log_window:
-            row = episode // learning.log_episodes
-            curve[row, EPISODES] += 1.0
-            if outcome == SUCCESS:
-                curve[row, SUCCESSES] += 1.0
-                straight_moves = moves - diagonal_moves
-                curve[row, PATH_CELLS] += (straight_moves + SQRT_2 * diagonal_moves) / n
-                curve[row, STEPS] += moves / n
-            for i in range(n):
-                curve[row, RETURNS + i] += returns[i]
+        path_cells = (moves - diagonal_moves) + SQRT_2 * diagonal_moves
+        book(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
     return agent_steps
 
 

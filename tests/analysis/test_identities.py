@@ -58,7 +58,7 @@ IDENTITIES = {
 # Modules that matter, and modules that do not.
 MATTER = {
     "bound": """
-        agent.process.bound agent.process.config agent.process.exact agent.process.grid
+        agent.process.config agent.process.exact agent.process.grid agent.process.optimum
         agent.process.readings agent.process.rng cosim.base.scenario
         cosim.navigation.features
     """,
@@ -70,7 +70,7 @@ MATTER = {
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "evaluation": """
-        agent.evaluation.cases agent.evaluation.rollout agent.process.config
+        agent.evaluation.cases agent.process.config
         agent.process.exact agent.process.grid agent.process.readings agent.process.rng
         agent.training.policy cosim.base.config cosim.base.params cosim.base.scenario
         cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
@@ -80,8 +80,8 @@ MATTER = {
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "kernels": """
-        agent.envs.vector agent.moves.kernels agent.process.bound agent.process.config
-        agent.process.exact agent.process.grid agent.process.readings agent.process.rng
+        agent.envs.vector agent.moves.kernels agent.process.config agent.process.exact
+        agent.process.grid agent.process.optimum agent.process.readings agent.process.rng
         agent.training.moves_qlearning agent.training.qlearning cosim.base.params
         cosim.coupling.plant cosim.coupling.steering cosim.navigation.features
         cosim.physics.body cosim.physics.contact cosim.physics.forces
@@ -105,17 +105,18 @@ MATTER = {
         cosim.base.scenario cosim.navigation.features
     """,
     "reproduced experiment": """
-        agent.experiments agent.moves.kernels agent.moves.model agent.process.bound
-        agent.process.config agent.process.exact agent.process.grid agent.process.maps
-        agent.process.readings agent.process.rng agent.training.learning
-        agent.training.loop agent.training.moves_qlearning agent.training.qlearning
-        agent.training.settings cosim.base.scenario
+        agent.experiments.results agent.experiments.run agent.experiments.variants
+        agent.moves.kernels agent.moves.model agent.process.config agent.process.exact
+        agent.process.grid agent.process.maps agent.process.optimum agent.process.readings
+        agent.process.rng agent.training.learning agent.training.loop
+        agent.training.moves_qlearning agent.training.qlearning agent.training.settings
+        cosim.base.scenario
     """,
     "reproduced motor test": """
         analysis.motor_test cosim.base.params cosim.recording.file
     """,
     "reproduced transfer": """
-        agent.evaluation.outcomes agent.evaluation.rollout agent.evaluation.transfer
+        agent.evaluation.outcomes agent.evaluation.transfer
         agent.evaluation.transfer_table agent.method agent.moves.kernels
         agent.moves.model agent.moves.observe agent.process.config agent.process.exact
         agent.process.grid agent.process.maps agent.process.readings agent.process.rng
@@ -131,27 +132,29 @@ MATTER = {
 }
 ELSEWHERE = {
     "bound": """
-        agent.train agent.training.qlearning analysis.figures.style cosim.physics.body
+        agent.experiments.training agent.training.qlearning analysis.figures.style
+        cosim.physics.body
     """,
     "calibration": """
         agent.process.grid analysis.figures.style cosim.navigation.episode
         cosim.recording.file cosim.run
     """,
     "evaluation": """
-        agent.evaluation.outcomes agent.evaluation.transfer agent.moves.kernels
-        agent.train analysis.figures.style cosim.recording.blueprint
+        agent.evaluation.outcomes agent.evaluation.transfer agent.experiments.training
+        agent.moves.kernels analysis.figures.style cosim.recording.blueprint
         cosim.recording.episode cosim.recording.file cosim.run
     """,
     "kernels": """
-        agent.train analysis.figures.style cosim.recording.blueprint cosim.run
+        agent.experiments.training analysis.figures.style cosim.recording.blueprint
+        cosim.run
     """,
     "moves": """
         agent.process.grid agent.training.qlearning analysis.figures.style
         cosim.recording.blueprint cosim.run
     """,
     "policy": """
-        agent.train agent.training.store analysis.figures.style cosim.navigation.episode
-        cosim.physics.body cosim.run
+        agent.experiments.training agent.training.store analysis.figures.style
+        cosim.navigation.episode cosim.physics.body cosim.run
     """,
     "reproduced experiment": """
         agent.moves.observe analysis.figures.draw analysis.figures.style
@@ -161,7 +164,7 @@ ELSEWHERE = {
         agent.process.grid analysis.figures.draw cosim.run
     """,
     "reproduced transfer": """
-        agent.experiments analysis.figures.style cosim.run
+        agent.experiments.run analysis.figures.style cosim.run
     """,
 }
 LAID_OUT = {"kernels"}  # compiled code knows its lines
