@@ -1,10 +1,14 @@
 """`python -m benchmarks NAME`: what things cost, how they converge, and what helps.
 
+`python -m benchmarks.NAME` is the same.
+
 A benchmark is a module with `measure`, whose arguments are the options here, and `show`.
 """
 
+import sys
 from dataclasses import asdict, dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
 import tyro
@@ -192,6 +196,12 @@ def main() -> None:
     module.show(found)
     if as_json:
         print_json(found)
+
+
+def run_alone(file: str) -> None:
+    """Run the benchmark of a module's file."""
+    sys.argv.insert(1, Path(file).stem.replace("_", "-"))
+    run_command(main)
 
 
 if __name__ == "__main__":
