@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from agent.methods import method_config
+from agent.method import method_config
 from agent.process.config import Feature, ProcessConfig
 from agent.process.readings import build_process
 from agent.training.learning import (

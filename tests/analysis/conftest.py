@@ -37,7 +37,7 @@ BRIEF = ("--method", "paper", "--train-episodes", "20000")
 
 def evaluate_seldom(patch):
     """Few exact evaluations on the way: policies trained so briefly circle to the step limit."""
-    for module in ("agent.methods", "agent.experiments.run"):
+    for module in ("agent.method", "agent.experiments.run"):
         patch.setattr(import_module(module), "replace", partial(replace, greedy_points=6))
 
 

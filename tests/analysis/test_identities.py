@@ -115,7 +115,7 @@ MATTER = {
     """,
     "reproduced transfer": """
         agent.evaluation.outcomes agent.evaluation.transfer
-        agent.evaluation.transfer_table agent.methods agent.moves.kernels
+        agent.evaluation.transfer_table agent.method agent.moves.kernels
         agent.moves.model agent.moves.observe agent.process.config agent.process.exact
         agent.process.grid agent.process.maps agent.process.readings agent.process.rng
         agent.training.learning agent.training.loop agent.training.moves_qlearning
