@@ -10,7 +10,9 @@ import pytest
 import tyro
 
 from analysis.figures import fig07
-from analysis.motor_test import MotorTest, read, record
+from analysis.motor.options import StepTest
+from analysis.motor.step_test import record
+from analysis.reading.motor_test import read
 from cosim.evaluate import Evaluate
 from cosim.run import Run
 
@@ -70,12 +72,13 @@ def test_commands_say_the_same_about_the_safety_margin(capsys):
     assert texts[0] == texts[1]
 
 
-def test_fig07_prints_what_the_reproduction_page_says(tmp_path):
+def test_fig07_prints_what_the_reproduction_page_says(motor_fmu, tmp_path):
     page = (ROOT / "docs" / "reproduction.md").read_text("utf-8")
     ((rise_ms, early_rad_s, end_s),) = re.findall(
         r"closed loop (\d+) ms to 90 %, (\d+) rad/s after 50 ms, ([\d.]+) s to 98 %", page
     )
-    numbers = fig07.caption(read(record(MotorTest(out=tmp_path / "test.rrd")))).numbers
+    record(tmp_path / "test.rrd", motor_fmu, StepTest())
+    numbers = fig07.caption(read(tmp_path / "test.rrd")).numbers
     assert round(1e3 * numbers["closed_loop_to_90_percent_s"]) == int(rise_ms)
     assert round(numbers["closed_loop_early_rad_s"]) == int(early_rad_s)
     assert round(numbers["closed_loop_to_98_percent_s"], 2) == float(end_s)

@@ -5,15 +5,29 @@ A move of the co-simulation takes several RL steps, and each of them earns a rew
 of `agent.process.readings`.
 """
 
+from typing import Protocol
+
 import numpy as np
 
 from agent.process.readings import Process
 from cosim.base.outcome import RUNNING
-from cosim.navigation.episode import Step
 from cosim.navigation.features import Observation
 
 
-def failed(step: Step, arrived: np.ndarray) -> np.ndarray:
+class DrivenStep(Protocol):
+    """What rewards look at of a `cosim.navigation.episode.Step`, and of no code that makes it."""
+
+    @property
+    def action(self) -> np.ndarray: ...  # noqa: D102 - see there
+
+    @property
+    def events(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def after(self) -> Observation: ...  # noqa: D102
+
+
+def failed(step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
     """(N,) bool, robots that failed in an RL step: they touched something or left the board.
 
     A robot that had arrived before fails no more, whatever touches it; arguments as `step_reward`.
@@ -21,7 +35,7 @@ def failed(step: Step, arrived: np.ndarray) -> np.ndarray:
     return (step.events != RUNNING) & ~(arrived & (step.action < 0))
 
 
-def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
+def step_reward(process: Process, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
     """Reward of each robot that was driving in an RL step or failed in it, NaN for the others.
 
     Args:
@@ -35,7 +49,7 @@ def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray
     return reward_parts(process, step, arrived).sum(axis=1)
 
 
-def reward_parts(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
+def reward_parts(process: Process, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
     """The same by parts, (N, 3) float64: goal or failure, step, nearness of another robot."""
     parts = np.full((len(step.action), 3), np.nan)
     goal = float(process.goal_reward)

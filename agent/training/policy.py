@@ -19,7 +19,7 @@ from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import least_rotation_argmax
 from agent.process.maps import cell_map
 from agent.process.readings import Process, build_process, nearest_bearings
-from agent.process.rewards import reward_parts
+from agent.process.rewards import DrivenStep, reward_parts
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
@@ -27,7 +27,6 @@ from cosim.base.provenance import code_digest, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.base.scenario import Scenario
 from cosim.base.storage import replacing
-from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
 
@@ -159,7 +158,7 @@ class Policy:
         rows = zip(self.q_values(observation), observation.direction, strict=True)
         return np.array([least_rotation_argmax(v, int(f)) for v, f in rows], dtype=np.int64)
 
-    def reward_parts(self, step: Step, arrived: np.ndarray) -> np.ndarray:
+    def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
         """(N, 3) float64, reward of a co-simulated step by parts, see `agent.process.rewards`."""
         return reward_parts(self.process, step, arrived)
 

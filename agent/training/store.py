@@ -6,9 +6,6 @@ Only the cache; one run is `agent.training.loop`, many runs with checkpoints are
 import logging
 from pathlib import Path
 
-import numpy as np
-
-from agent.process.config import ProcessConfig
 from agent.process.readings import build_process
 from agent.training.learning import initial_state
 from agent.training.loop import (
@@ -18,10 +15,8 @@ from agent.training.loop import (
     run_training,
     training_log,
 )
-from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
-from agent.training.settings import LearningConfig
+from agent.training.policy import Policy, PolicyConfig, PolicyError
 from cosim.base.provenance import digest_of
-from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, found_or_made, require_no_folder
 
 POLICY_FILE = "policy.npz"
@@ -102,27 +97,3 @@ def find_or_train(
 
     found = train() if again else found_or_made(folder, lambda: load_run(folder, config), train)
     return *found, folder / POLICY_FILE
-
-
-def trained_policy(
-    scenario: Scenario,
-    process: ProcessConfig | None = None,
-    learning: LearningConfig | None = None,
-    seed: int | np.random.SeedSequence = 0,
-    *,
-    again: bool = False,
-    progress: ProgressCallback | None = None,
-) -> tuple[Policy, TrainingLog, Path]:
-    """`find_or_train` on the grid, with the defaults of this project for what is left out.
-
-    Args:
-        scenario: board, starts and targets.
-        process: readings of the decision process (default: those of `ProcessConfig`).
-        learning: learning configuration (default: Section V).
-        seed: of the generator.
-        again, progress: see `find_or_train`.
-    """
-    config = PolicyConfig(
-        scenario, process or ProcessConfig(), learning or LearningConfig(), Seed.of(seed)
-    )
-    return find_or_train(config, again=again, progress=progress)

@@ -20,9 +20,9 @@ from agent.process.optimum import optimum
 from agent.process.readings import build_process
 from agent.training.learning import initial_state
 from agent.training.loop import TrainingLog
-from agent.training.policy import Policy
+from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig, read_settings
-from agent.training.store import LOG_FILE, trained_policy
+from agent.training.store import LOG_FILE, find_or_train
 from agent.training.worker import load_checkpoint, save_checkpoint
 from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.config import CoSimConfig
@@ -55,7 +55,7 @@ def seeds(tmp_path_factory):
     folder = tmp_path_factory.mktemp("seeds")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MINIROBOTS_CACHE", str(folder / "cache"))
-        policy, _, path = trained_policy(SMALL, None, LEARNING)
+        policy, _, path = find_or_train(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
     config = policy.config
     process = build_process(SMALL, config.process)
     state = initial_state(process, LEARNING, 0)
@@ -260,10 +260,10 @@ def test_a_folder_in_the_cache_is_told_before_anything_is_computed(tmp_path):
     path.mkdir()
     with pytest.raises(UserError, match="a folder is where this file goes"):
         optimum(process)
-    *_, policy = trained_policy(SMALL, None, LEARNING)
+    *_, policy = find_or_train(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
     policy.unlink()
     policy.mkdir()
     seen = []
     with pytest.raises(UserError, match="a folder is where this file goes"):
-        trained_policy(SMALL, None, LEARNING, progress=seen.append)
+        find_or_train(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)), progress=seen.append)
     assert not seen

@@ -70,14 +70,14 @@ MATTER = {
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "evaluation": """
-        agent.evaluation.cases agent.process.config
-        agent.process.exact agent.process.grid agent.process.readings agent.process.rng
-        agent.training.policy cosim.base.config cosim.base.params cosim.base.scenario
-        cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
-        cosim.coupling.signals cosim.coupling.steering cosim.navigation.episode
-        cosim.navigation.features cosim.navigation.measures cosim.navigation.observing
-        cosim.navigation.safety cosim.physics.body cosim.physics.collision
-        cosim.physics.contact cosim.physics.forces cosim.physics.rotation
+        agent.evaluation.cases agent.process.config agent.process.exact agent.process.grid
+        agent.process.readings agent.process.rng agent.training.policy cosim.base.config
+        cosim.base.params cosim.base.scenario cosim.coupling.fmu cosim.coupling.master
+        cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
+        cosim.navigation.episode cosim.navigation.features cosim.navigation.measures
+        cosim.navigation.observing cosim.navigation.safety cosim.physics.body
+        cosim.physics.collision cosim.physics.contact cosim.physics.forces
+        cosim.physics.rotation
     """,
     "kernels": """
         agent.envs.vector agent.moves.kernels agent.process.config agent.process.exact
@@ -90,12 +90,10 @@ MATTER = {
     "moves": """
         agent.moves.model agent.moves.observe cosim.base.config cosim.base.params
         cosim.base.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
-        cosim.coupling.signals cosim.coupling.steering cosim.navigation.calibration
-        cosim.navigation.calibration_cache cosim.navigation.episode
+        cosim.coupling.signals cosim.coupling.steering cosim.navigation.episode
         cosim.navigation.features cosim.navigation.measures cosim.navigation.observing
-        cosim.navigation.safety cosim.navigation.trial cosim.physics.body
-        cosim.physics.collision cosim.physics.contact cosim.physics.forces
-        cosim.physics.rotation fmus.variables
+        cosim.navigation.safety cosim.physics.body cosim.physics.collision
+        cosim.physics.contact cosim.physics.forces cosim.physics.rotation fmus.variables
     """,
     "policy": """
         agent.moves.kernels agent.moves.model agent.process.config agent.process.exact
@@ -113,7 +111,7 @@ MATTER = {
         cosim.base.scenario
     """,
     "reproduced motor test": """
-        analysis.motor_test cosim.base.params cosim.recording.file
+        analysis.motor.step_test cosim.base.params cosim.recording.file
     """,
     "reproduced transfer": """
         agent.evaluation.outcomes agent.evaluation.transfer

@@ -17,8 +17,7 @@ HEAVY = {
 }  # fmt: skip
 # Commands whose modules still load what only their work needs.
 NOT_YET_LIGHT = {
-    "train", "evaluate-grid", "experiments", "platform", "fmu", "figures", "reproduce", "report",
-    "serve", "inspect", "screenshot",
+    "platform", "fmu", "figures", "reproduce", "report", "serve", "inspect", "screenshot",
 }  # fmt: skip
 # Prints, by command, the start of its help and what it has loaded so far.
 HELP_OF_ALL = """

@@ -15,9 +15,9 @@ from agent.process import grid
 from agent.process.config import ProcessConfig
 from agent.process.readings import build_process
 from agent.process.rng import seeded_state
-from agent.training.learning import LearningConfig
-from agent.training.policy import Policy
-from agent.training.store import trained_policy
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.settings import LearningConfig
+from agent.training.store import find_or_train
 from cosim.base.errors import UserError
 from cosim.base.outcome import BY_RANK, RUNNING
 from cosim.base.scenario import Scenario, find_scenario
@@ -106,7 +106,9 @@ def test_pettingzoo_steps_the_kernels_process(slip):
 
 def test_a_trained_policy_reaches_the_targets_in_the_environment():
     learning = LearningConfig(episodes=200_000, greedy_points=0)
-    policy, _, _ = trained_policy(find_scenario("2"), None, learning)
+    policy, _, _ = find_or_train(
+        PolicyConfig(find_scenario("2"), ProcessConfig(), learning, Seed(0))
+    )
     env = envs.parallel_env("2")
     tables: Policy = policy
     for seed in range(5):

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.process import bound as bound_module
 from agent.process import grid
+from agent.process import optimum as optimum_module
 from agent.process.config import ProcessConfig
 from agent.process.exact import all_starts, evaluate
 from agent.process.optimum import optimum, ratios
 from agent.process.readings import build_process
+from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import trained_policy
+from agent.training.store import find_or_train
 from cosim.base.outcome import RUNNING, SUCCESS, Outcome
 from cosim.base.scenario import Scenario, find_scenario
 
@@ -102,7 +103,7 @@ def test_optimum_of_scenario_2_is_the_known_one_and_is_cached():
 
 def test_no_policy_beats_the_optimum():
     learning = LearningConfig(episodes=30_000, epsilon_episodes=10, greedy_points=0)
-    policy, _, _ = trained_policy(crossing(), None, learning)
+    policy, _, _ = find_or_train(PolicyConfig(crossing(), ProcessConfig(), learning, Seed(0)))
     result = evaluate(policy.process, policy.values)
     assert result.rate(Outcome.SUCCESS) > 0.0
     path_ratio, steps_ratio = ratios(policy.process, result)
@@ -112,7 +113,7 @@ def test_no_policy_beats_the_optimum():
 
 def test_large_joint_processes_are_relaxed_to_robots_alone(monkeypatch):
     exact = mean_bounds(crossing())
-    monkeypatch.setattr(bound_module, "MAX_JOINT_STATES", 10)
+    monkeypatch.setattr(optimum_module, "MAX_JOINT_STATES", 10)
     process = build_process(crossing(), ProcessConfig())
     assert optimum(process).relaxed
     relaxed = mean_bounds(crossing())

@@ -8,9 +8,9 @@ import pytest
 from agent.process import grid
 from agent.process.config import ProcessConfig
 from agent.process.exact import evaluate
-from agent.training.policy import Policy, PolicyError
+from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import trained_policy
+from agent.training.store import find_or_train
 from cosim.base.outcome import RUNNING, TIMEOUT, Outcome
 from cosim.base.scenario import Scenario, find_scenario
 from cosim.navigation.features import Observation
@@ -34,7 +34,7 @@ def policy(request):
         episodes=20_000, epsilon_episodes=20, greedy_points=2, algorithm=request.param
     )
     readings = ProcessConfig(features=("x", "y", "d", "g", "b"))
-    return trained_policy(small_scenario(), readings, learning, seed=5)[0]
+    return find_or_train(PolicyConfig(small_scenario(), readings, learning, Seed(5)))[0]
 
 
 def observation_of(world, facing):
@@ -85,7 +85,7 @@ def test_save_and_load_keep_every_bit(policy, tmp_path):
 
 @pytest.fixture
 def saved(tmp_path):
-    _, _, path = trained_policy(small_scenario(), None, LEARNING)
+    _, _, path = find_or_train(PolicyConfig(small_scenario(), ProcessConfig(), LEARNING, Seed(0)))
     return path
 
 

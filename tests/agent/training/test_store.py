@@ -1,28 +1,29 @@
 """Trained once, found again; the paper's scenario 2 on its full budget."""
 
+import msgspec
 import numpy as np
 import pytest
 
 from agent.process.config import ProcessConfig
 from agent.process.exact import evaluate
+from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import LOG_FILE, trained_policy
+from agent.training.store import LOG_FILE, find_or_train
 from cosim.base.outcome import Outcome
 from cosim.base.scenario import find_scenario
 
 pytestmark = pytest.mark.usefixtures("fresh_cache")
 
 SHORT = LearningConfig(episodes=5000, epsilon_episodes=10, greedy_points=5)
+CONFIG = PolicyConfig(find_scenario("2"), ProcessConfig(), SHORT, Seed(0))
 
 
 def test_a_second_call_finds_the_policy_and_its_curves():
     seen = []
-    policy, log, path = trained_policy(find_scenario("2"), None, SHORT, 3, progress=seen.append)
+    policy, log, path = find_or_train(CONFIG, progress=seen.append)
     assert [p.episode for p in seen] == [1000, 2000, 3000, 4000, 5000]
     seen.clear()
-    again, log_again, path_again = trained_policy(
-        find_scenario("2"), ProcessConfig(), SHORT, 3, progress=seen.append
-    )
+    again, log_again, path_again = find_or_train(CONFIG, progress=seen.append)
     assert not seen
     assert path == path_again
     assert np.array_equal(policy.q, again.q)
@@ -33,31 +34,30 @@ def test_a_second_call_finds_the_policy_and_its_curves():
 @pytest.mark.parametrize(
     "other",
     [
-        {"seed": 1},
+        {"seed": Seed(1)},
         {"scenario": find_scenario("3")},
         {"process": ProcessConfig(approach_coefficient=2.0)},
         {"learning": LearningConfig(episodes=5001, epsilon_episodes=10)},
-        {"again": True},
+        {},
     ],
 )
 def test_any_difference_trains_again(other):
-    base = {"scenario": find_scenario("2"), "process": None, "learning": SHORT, "seed": 0}
-    trained_policy(**base)
+    find_or_train(CONFIG)
     seen = []
-    trained_policy(**(base | other), progress=seen.append)
+    find_or_train(msgspec.structs.replace(CONFIG, **other), again=not other, progress=seen.append)
     assert seen
 
 
 @pytest.mark.parametrize("broken", ["policy.npz", LOG_FILE])
 def test_a_damaged_cache_is_trained_again(broken):
-    policy, _, path = trained_policy(find_scenario("1a"), None, SHORT)
+    policy, _, path = find_or_train(CONFIG)
     path.with_name(broken).write_bytes(b"broken")
-    assert np.array_equal(trained_policy(find_scenario("1a"), None, SHORT)[0].q, policy.q)
+    assert np.array_equal(find_or_train(CONFIG)[0].q, policy.q)
     assert path.with_name(broken).stat().st_size > 1000
 
 
 def test_learning_curves_have_the_shapes_and_values_documented():
-    policy, log, _ = trained_policy(find_scenario("2"), None, SHORT)
+    policy, log, _ = find_or_train(CONFIG)
     assert log.episode.tolist() == [1000, 2000, 3000, 4000, 5000]
     assert log.returns.shape == (5, 2)
     assert log.epsilon[-1] == 0.0
@@ -67,7 +67,9 @@ def test_learning_curves_have_the_shapes_and_values_documented():
 
 
 def test_scenario_2_reaches_100_percent_of_all_900_starts():
-    policy, log, _ = trained_policy(find_scenario("2"))
+    policy, log, _ = find_or_train(
+        PolicyConfig(find_scenario("2"), ProcessConfig(), LearningConfig(), Seed(0))
+    )
     result = evaluate(policy.process, policy.values)
     assert result.outcome.shape == (900,)
     assert result.rate(Outcome.SUCCESS) == 1.0

@@ -8,8 +8,10 @@ SCRIPT = """
 import os
 import sys
 
+from agent.process.config import ProcessConfig
+from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import trained_policy
+from agent.training.store import find_or_train
 from cosim.base.jit import kernel
 from cosim.base.scenario import find_scenario
 from fmus import build
@@ -35,7 +37,8 @@ def built():
 
 def trained():
     seen, learning = [], LearningConfig(episodes=100_000)
-    trained_policy(find_scenario("1a"), None, learning, progress=seen.append)
+    config = PolicyConfig(find_scenario("1a"), ProcessConfig(), learning, Seed(0))
+    find_or_train(config, progress=seen.append)
     return int(bool(seen))
 
 for make in (compiled, built, trained):
