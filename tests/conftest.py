@@ -87,8 +87,8 @@ def command():
             try:
                 run_command(module.main)
             except SystemExit as end:
-                assert isinstance(end.code, int)
-                status = end.code
+                assert end.code is None or isinstance(end.code, int)
+                status = end.code or 0
         return Ended(status, out.getvalue(), err.getvalue())
 
     return run

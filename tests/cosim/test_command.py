@@ -15,10 +15,6 @@ from cosim.__main__ import COMMANDS
 HEAVY = {
     "fmpy", "gymnasium", "joblib", "matplotlib", "numba", "pyarrow", "rerun", "rich", "scipy",
 }  # fmt: skip
-# Commands whose modules still load what only their work needs.
-NOT_YET_LIGHT = {
-    "platform", "fmu", "figures", "reproduce", "report", "serve", "inspect", "screenshot",
-}  # fmt: skip
 # Prints, by command, the start of its help and what it has loaded so far.
 HELP_OF_ALL = """
 import contextlib, io, json, sys
@@ -49,7 +45,7 @@ def test_command_has_its_module_and_options(name):
 
 
 def test_help_of_each_command_loads_only_what_options_need():
-    modules = {n: command.module for n, command in COMMANDS.items() if n not in NOT_YET_LIGHT}
+    modules = {name: command.module for name, command in COMMANDS.items()}
     arguments = [sys.executable, "-c", HELP_OF_ALL, json.dumps(modules)]
     done = subprocess.run(arguments, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
