@@ -20,8 +20,8 @@ __all__ = ["Policy", "load", "methods", "train"]
 
 
 def methods() -> tuple[str, ...]:
-    """Names of the methods of training, the best one first; see `agent.methods`."""
-    from agent.methods import METHODS  # noqa: PLC0415 - numba is slow to import
+    """Names of the methods of training, the best one first; see `agent.method`."""
+    from agent.method import METHODS  # noqa: PLC0415 - numba is slow to import
 
     return METHODS
 
@@ -51,12 +51,15 @@ def train(
         The policy: `act(observation)`, `save(path)` and what it was trained with, `config`.
 
     Raises:
-        UserError: the scenario or the method is unknown, or the FMU cannot be used.
+        UserError: the scenario or the method is unknown, the seed is negative, or the FMU cannot be
+            used.
     """
-    from agent.methods import method_policy  # noqa: PLC0415 - numba is slow to import
+    from agent.method import method_policy  # noqa: PLC0415 - numba is slow to import
 
     if motor_fmu is not None and method != "moves":
         raise UserError(f"motor_fmu has no effect on training by method {method}; leave it out")
+    if seed < 0:
+        raise UserError(f"seed = {seed} must not be negative")
     if not isinstance(scenario, Scenario):
         scenario = find_scenario(str(scenario))
     policy, *_ = method_policy(

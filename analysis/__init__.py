@@ -21,6 +21,6 @@ def open(path: "Path | str") -> "Episode":  # noqa: A001 - to be called as analy
     Raises:
         RecordingReadError: the file does not exist, cannot be read, or holds no episode.
     """
-    from cosim.reading.episode import read_episode  # noqa: PLC0415 - Rerun is slow to import
+    from cosim.reading.episode import read_episode
 
     return read_episode(Path(path))

@@ -4,7 +4,6 @@ Written after every stage and on an interrupt, so that the same command goes on 
 """
 
 import contextlib
-import json
 import os
 import time
 from collections.abc import Iterator
@@ -12,18 +11,66 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
-from analysis.report.tables import TIMINGS_FILE, TimingsContent, read_timings
 from cosim.base.errors import UserError
 from cosim.base.provenance import ROOT, code_digest, with_imports
-from cosim.base.storage import replacing
+from cosim.base.reading import Kind, read_json
+from cosim.base.storage import write_json
 
 SCHEMA_VERSION = 1
+FILE = "timings.json"
 
 
 class TimingsError(UserError):
-    """A results folder of another reproduction."""
+    """Timings that are damaged, or those of another reproduction."""
+
+
+class Stage(msgspec.Struct, frozen=True):
+    """A stage of a reproduction.
+
+    Attributes:
+        seconds: wall-clock time of all attempts.
+        attempts: their number; those before the last were interrupted.
+        finished: whether the last one came to its end.
+        code: hash of the code that ran, None for a stage that makes no result.
+    """
+
+    seconds: float
+    attempts: int
+    finished: bool
+    code: str | None = None
+
+
+class TimingsFile(msgspec.Struct, frozen=True):
+    """Content of `timings.json`.
+
+    Attributes:
+        schema_version: of this record.
+        profile: fields of the `Profile`, which may be that of another version.
+        seed: of everything random.
+        cores: of the machine, if known.
+        stages: by name, in the order of their first end.
+    """
+
+    schema_version: int
+    profile: dict[str, Any]
+    seed: int
+    cores: int | None
+    stages: dict[str, Stage]
+
+
+def read_timings(results: Path) -> TimingsFile | None:
+    """Timings of a results folder; None if `analysis.reproduce` did not make it.
+
+    Raises:
+        TimingsError: the file is damaged.
+    """
+    path = results / FILE
+    kind = Kind("result", "make it again", TimingsError)
+    return read_json(path, kind, TimingsFile) if path.exists() else None
 
 
 def code_of(stage: str) -> str | None:
@@ -31,8 +78,8 @@ def code_of(stage: str) -> str | None:
     if stage not in RESULTS:
         return None
     place = ROOT.joinpath(*RESULTS[stage].module.split("."))
-    command = place / "__main__.py" if place.is_dir() else place.with_suffix(".py")
-    return code_digest(with_imports([command]))
+    module = place / "__main__.py" if place.is_dir() else place.with_suffix(".py")
+    return code_digest(with_imports([module]))
 
 
 class Timings:
@@ -44,35 +91,30 @@ class Timings:
         seed: of everything random in it.
 
     Raises:
-        TimingsError: the folder has the results of another profile or seed.
-        ReportError: its file is damaged.
+        TimingsError: the folder has the results of another profile or seed, or damaged timings.
     """
 
     def __init__(self, results: Path, profile: Profile, seed: int) -> None:
-        self._path = results / TIMINGS_FILE
-        # As it is read back: JSON knows no tuples.
-        identity: dict[str, Any] = json.loads(
-            json.dumps({"profile": asdict(profile), "seed": seed})
-        )
+        self._path = results / FILE
+        fields = asdict(profile)
+        self._content = TimingsFile(SCHEMA_VERSION, fields, seed, os.cpu_count(), {})
         found = read_timings(results)
-        if found is not None and {name: found[name] for name in identity} != identity:
+        if found is None:
+            return
+        # As it is read back: JSON knows no tuples.
+        asked = msgspec.json.decode(msgspec.json.encode(fields))
+        if (found.profile, found.seed) != (asked, seed):
             raise TimingsError(
-                f"{results}: has the results of profile {found['profile'].get('name')}, seed "
-                f"{found['seed']}, perhaps of another version; give the options it was started "
+                f"{results}: has the results of profile {found.profile.get('name')}, seed "
+                f"{found.seed}, perhaps of another version; give the options it was started "
                 "with or choose another --out"
             )
-        self._content: TimingsContent = found or {
-            "schema_version": SCHEMA_VERSION,
-            "profile": identity["profile"],
-            "seed": seed,
-            "cores": os.cpu_count(),
-            "stages": {},
-        }
+        self._content = found
 
     def finished(self, stage: str) -> bool:
         """Whether the stage has been completed, by code that does what it does now."""
-        entry = self._content["stages"].get(stage, {})
-        return entry.get("finished", False) and entry.get("code") == code_of(stage)
+        found = self._content.stages.get(stage)
+        return found is not None and found.finished and found.code == code_of(stage)
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -80,28 +122,20 @@ class Timings:
 
         A stage that is finished and made again is timed anew.
         """
-        stages = self._content["stages"]
-        before = stages.get(name, {})
-        anew = before.get("finished", True)
-        earlier_s, attempts = (0.0, 0) if anew else (before["seconds"], before["attempts"])
+        before = self._content.stages.get(name)
+        earlier_s, attempts = 0.0, 0
+        if before is not None and not before.finished:
+            earlier_s, attempts = before.seconds, before.attempts
         code = code_of(name)
         began, finished = time.perf_counter(), False
         try:
             yield
             finished = True
         finally:
-            stages[name] = {
-                "seconds": round(earlier_s + time.perf_counter() - began, 3),
-                "attempts": attempts + 1,
-                "finished": finished,
-                "code": code,
-            }
-            self._write()
+            seconds = round(earlier_s + time.perf_counter() - began, 3)
+            self._content.stages[name] = Stage(seconds, attempts + 1, finished, code)
+            write_json(self._path, self._content)
 
     def seconds(self, stage: str) -> float:
         """Wall-clock time of all attempts so far."""
-        return self._content["stages"][stage]["seconds"]
-
-    def _write(self) -> None:
-        with replacing(self._path) as temporary:
-            temporary.write_text(json.dumps(self._content, indent=1) + "\n", encoding="utf-8")
+        return self._content.stages[stage].seconds

@@ -1,4 +1,4 @@
-"""`python benchmarks/cosim_step.py [--json]`: what a co-simulated second costs, and beside what.
+"""What a co-simulated second costs, and beside what.
 
 All figures come from one run of this script. Compute-bound work is timed by the processor time of
 its one thread, and the best of several rounds counts: other work on the machine can only make a
@@ -6,7 +6,6 @@ round longer. Recording, which has threads of its own, is timed by the wall cloc
 docs/performance.md explains what bounds the figures.
 """
 
-import json
 import tempfile
 import time
 from collections.abc import Callable
@@ -16,13 +15,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import tyro
 
-from benchmarks.mjcf import robots_mjcf
 from benchmarks.prescribed import Drive, Rig, drive_wrench, rig, trace_body
 from benchmarks.recording import overheads
+from benchmarks.references.mjcf import robots_mjcf
 from cosim.base.config import CoSimConfig
-from cosim.base.errors import run_command
 from cosim.base.jit import kernel
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.base.scenario import Scenario
@@ -181,7 +178,7 @@ def recording_overhead(rounds: int) -> float:
         return float(overheads("default", rounds, 60.0, Path(folder) / "episode.rrd")[0])
 
 
-def measure(rounds: int) -> StepTimes:
+def measure(rounds: int) -> dict[str, float]:
     """All figures."""
     pair_s = advance_s(driving(2), rounds)
     reference_step_s = 0.02
@@ -190,28 +187,22 @@ def measure(rounds: int) -> StepTimes:
     one_s, sixteen_s = (advance_s(driving(n), rounds) / n for n in (1, 16))
     factor = SHORT_S / pair_s
     tick_s = TIMING.dt_s / factor
-    return StepTimes(
-        realtime_factor=factor,
-        ratio_to_reference=factor / reference_factor,
-        ratio_to_mujoco=mujoco_step_s(rounds) / tick_s,
-        body_step_ns=1e9 * body_step_s(rounds),
-        motor_forces_ns=1e9 * motor_forces_s(rounds),
-        fmu_step_ns=1e9 * fmu_step_s(rounds),
-        tick_ns=1e9 * tick_s,
-        recording_overhead=recording_overhead(max(3, rounds // 10)),
-        cost_per_robot_16_to_1=sixteen_s / one_s,
+    return asdict(
+        StepTimes(
+            realtime_factor=factor,
+            ratio_to_reference=factor / reference_factor,
+            ratio_to_mujoco=mujoco_step_s(rounds) / tick_s,
+            body_step_ns=1e9 * body_step_s(rounds),
+            motor_forces_ns=1e9 * motor_forces_s(rounds),
+            fmu_step_ns=1e9 * fmu_step_s(rounds),
+            tick_ns=1e9 * tick_s,
+            recording_overhead=recording_overhead(max(3, rounds // 10)),
+            cost_per_robot_16_to_1=sixteen_s / one_s,
+        )
     )
 
 
-def main() -> None:
-    """Command line; see `Options`."""
-    options = tyro.cli(Options, config=(tyro.conf.FlagCreatePairsOff,))
-    figures = measure(options.rounds)
-    for name, value in asdict(figures).items():
+def show(found: dict[str, float]) -> None:
+    """Print the figures."""
+    for name, value in found.items():
         print(f"{name:24} {value:8.3g}")
-    if options.json:
-        print(json.dumps(asdict(figures)))
-
-
-if __name__ == "__main__":
-    run_command(main)

@@ -1,21 +1,17 @@
 """What one exchange with a motor FMU costs: set an input, step 1e-5 s, get two outputs.
 
-`python benchmarks/fmu_step.py` times, in turns in one run, fmpy from Python, the compiled calls of
+It times, in turns in one run, fmpy from Python, the compiled calls of
 the co-simulation's driver, and the same equations inlined in one numba kernel: the floor. The three
 are first held to the same bits, so that they are known to do the same work.
 """
 
-import json
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tyro
 
-from cosim.base.errors import run_command
 from cosim.base.jit import kernel
 from cosim.base.params import FIG_7, TABLE_II, TIMING, MotorParams
 from cosim.coupling.calls import do_step, exchange_float64
@@ -23,25 +19,6 @@ from cosim.coupling.fmu import Addresses, Motor, MotorFmu
 from fmus.build import cached_fmu
 
 INPUT, OUTPUTS = "omega_noise", ("theta", "omega")
-
-
-@dataclass(frozen=True)
-class Options:
-    """Time one exchange with the motor FMU by three drivers."""
-
-    fmu: Path | None = None
-    """Motor FMU (FMI 3.0) to step. Left out: the project's own, which alone has an inlined twin
-    with the same bits."""
-
-    exchanges: int = 20_000
-    """Exchanges per round and compiled driver; fmpy makes a fiftieth of them."""
-
-    rounds: int = 200
-    """Rounds; the drivers take turns, and the fastest round of each counts: short and many, so that
-    another process on the machine spoils some rounds and not the result."""
-
-    json: bool = False
-    """End with one JSON object instead of a table."""
 
 
 @kernel
@@ -92,15 +69,15 @@ def through_fmpy(motor: Motor, references: list[int], noise: np.ndarray, first: 
     return np.array(rows)
 
 
-def measure(options: Options) -> dict[str, float]:
+def measure(motor_fmu: Path | None, exchanges: int, rounds: int) -> dict[str, float]:
     """Time per exchange of each driver in ns, and their ratios."""
-    fmu = MotorFmu(options.fmu or cached_fmu())
+    fmu = MotorFmu(motor_fmu or cached_fmu())
     known = {v.name: v.valueReference for v in fmu.description.modelVariables}
     names = [INPUT, *OUTPUTS]
     references = np.array([known[name] for name in names], dtype=np.uint32)
     start = {"omega_des": FIG_7.omega_des}
     by_python, by_calls = fmu.instantiate("python", start), fmu.instantiate("calls", start)
-    state, dt, count = np.zeros(3), TIMING.dt_s, options.exchanges
+    state, dt, count = np.zeros(3), TIMING.dt_s, exchanges
     few = max(count // 50, 1)
     generator = np.random.default_rng(0)
     done = {"fmpy": 0, "compiled": 0, "inlined": 0}
@@ -131,11 +108,11 @@ def measure(options: Options) -> dict[str, float]:
         done[name] += few
     if not (results[0] == results[1]).all():
         raise AssertionError("fmpy and the compiled driver give different bits")
-    if options.fmu is None and not (results[1] == results[2]).all():
+    if motor_fmu is None and not (results[1] == results[2]).all():
         raise AssertionError("the FMU and its inlined twin give different bits")
 
     best = dict.fromkeys(drivers, math.inf)
-    for _ in range(options.rounds):
+    for _ in range(rounds):
         for name, driver in drivers.items():
             noise = generator.uniform(-35.0, 35.0, few if name == "fmpy" else count)
             begin = time.perf_counter_ns()
@@ -153,17 +130,9 @@ def measure(options: Options) -> dict[str, float]:
     }
 
 
-def main() -> None:
-    options = tyro.cli(Options, prog="python benchmarks/fmu_step.py")
-    result = measure(options)
-    if options.json:
-        print(json.dumps(result))
-        return
+def show(found: dict[str, float]) -> None:
+    """Print the times."""
     for name in ("fmpy", "compiled", "inlined"):
-        print(f"{name:9s} {result[f'ns_{name}']:9.1f} ns per exchange")
-    print(f"fmpy takes {result['ratio_fmpy_to_compiled']:.0f} times as long as the compiled driver")
-    print(f"the compiled driver takes {result['ratio_compiled_to_inlined']:.2f} times the inlined")
-
-
-if __name__ == "__main__":
-    run_command(main)
+        print(f"{name:9s} {found[f'ns_{name}']:9.1f} ns per exchange")
+    print(f"fmpy takes {found['ratio_fmpy_to_compiled']:.0f} times as long as the compiled driver")
+    print(f"the compiled driver takes {found['ratio_compiled_to_inlined']:.2f} times the inlined")

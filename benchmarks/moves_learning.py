@@ -1,22 +1,16 @@
 """What helps policies on moves observed in co-simulation: features, learning rate, cost of failure.
 
-    uv run python -m benchmarks.moves_learning [--json]
-
 Trains scenario 4 on the observed moves with each variant and plays the greedy policy on the same
 moves: fast enough for tens of thousands of episodes, but no substitute for `cosim.evaluate`.
 """
 
-import json
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import tyro
-from rich.console import Console
-from rich.table import Table
 from scipy.stats import binomtest
 
-from agent.methods import method_config
+from agent.method import method_config
 from agent.process.config import Feature, ProcessConfig
 from agent.process.readings import build_process
 from agent.training.learning import (
@@ -31,7 +25,7 @@ from agent.training.loop import move_model
 from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
 from agent.training.settings import LearningConfig
-from cosim.base.errors import run_command
+from cosim.base.command import show_table
 from cosim.base.scenario import find_scenario
 
 PAPER: tuple[Feature, ...] = ("x", "y", "d", "g")
@@ -45,22 +39,6 @@ VARIANTS: dict[str, tuple[tuple[Feature, ...], float, float]] = {
     "with bearing and heading, η 0.03, L 300": ((*WITH_BEARING, "h"), 0.03, 300.0),
 }
 CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True)
-class Options:
-    """Train on observed moves with several variants and play the greedy policies on them."""
-
-    episodes: int = 1_500_000
-    """Training episodes of each variant."""
-    test_episodes: int = 50_000
-    """Greedy episodes of each variant."""
-    scenario: str = "4"
-    """Scenario of two robots or more."""
-    variants: tuple[str, ...] = field(default=tuple(VARIANTS))
-    """Variants to train."""
-    json: bool = False
-    """Print a JSON object as the last line of output."""
 
 
 def play(config: PolicyConfig, trained: TrainingState, episodes: int) -> np.ndarray:
@@ -77,56 +55,49 @@ def play(config: PolicyConfig, trained: TrainingState, episodes: int) -> np.ndar
     return state.curve[0]
 
 
-def measure(options: Options) -> list[dict[str, Any]]:
+def measure(
+    episodes: int, test_episodes: int, scenario: str, variants: Sequence[str]
+) -> dict[str, Any]:
     """One row per variant."""
-    base = method_config("moves", find_scenario(options.scenario))
+    base = method_config("moves", find_scenario(scenario))
     rows: list[dict[str, Any]] = []
-    for name in options.variants:
+    for name in variants or VARIANTS:
         features, eta, goal_reward = VARIANTS[name]
         config = PolicyConfig(
             base.scenario,
             ProcessConfig(features=features, goal_reward=goal_reward),
-            LearningConfig(episodes=options.episodes, eta=eta),
+            LearningConfig(episodes=episodes, eta=eta),
             base.seed,
             base.moves,
         )
         process, model = build_process(config.scenario, config.process), move_model(config)
         assert model is not None
         state = initial_state(process, config.learning, 0)
-        advance_moves(process, model, build_learning(config.learning), state, options.episodes)
-        curve = play(config, state, options.test_episodes)
+        advance_moves(process, model, build_learning(config.learning), state, episodes)
+        curve = play(config, state, test_episodes)
         failed = round(curve[EPISODES] - curve[SUCCESSES])
-        interval = binomtest(failed, options.test_episodes).proportion_ci(CONFIDENCE, "wilson")
+        interval = binomtest(failed, test_episodes).proportion_ci(CONFIDENCE, "wilson")
         rows.append(
             {
                 "variant": name,
-                "failure": failed / options.test_episodes,
+                "failure": failed / test_episodes,
                 "failure_low": float(interval.low),
                 "failure_high": float(interval.high),
                 "path_length_cells": float(curve[PATH_CELLS] / max(curve[SUCCESSES], 1.0)),
             }
         )
-    return rows
+    return {"variants": rows}
 
 
-def main() -> None:
-    """Command line; see `Options`."""
-    options = tyro.cli(
-        Options, prog="python -m benchmarks.moves_learning", config=(tyro.conf.FlagCreatePairsOff,)
-    )
-    rows = measure(options)
-    table = Table("variant", "failures", "95 % interval", "path length, cells")
-    for row in rows:
-        table.add_row(
+def show(found: dict[str, Any]) -> None:
+    """Print the table."""
+    rows = [
+        (
             row["variant"],
             f"{row['failure']:.3%}",
             f"{row['failure_low']:.3%} to {row['failure_high']:.3%}",
             f"{row['path_length_cells']:.2f}",
         )
-    Console().print(table)
-    if options.json:
-        print(json.dumps({"variants": rows}))
-
-
-if __name__ == "__main__":
-    run_command(main)
+        for row in found["variants"]
+    ]
+    show_table(None, ("variant", "failures", "95 % interval", "path length, cells"), rows)

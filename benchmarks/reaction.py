@@ -1,18 +1,15 @@
-"""`python benchmarks/reaction.py [--json]`: how much the paper neglects of the body's reaction.
+"""How much the paper neglects of the body's reaction.
 
 Drives one robot straight with and without `reaction` (the torque that the body's acceleration
 exerts on each eccentric mass) and compares torques, motor speeds and drive speeds. No noise, so
 that the difference is the reaction's alone.
 """
 
-import json
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import tyro
 
 from cosim.base.config import CoSimConfig
-from cosim.base.errors import run_command
 from cosim.base.params import SPEED_NOISE, TABLE_II
 from cosim.base.scenario import Scenario
 from cosim.navigation.episode import CoSimulation
@@ -69,29 +66,23 @@ def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
     return np.abs(np.concatenate(omega)), np.concatenate(torque), length_m
 
 
-def measure(steps: int) -> ReactionCost:
+def measure(steps: int) -> dict[str, float]:
     """All figures."""
     omega_without, _, without_m = drive(False, steps)
     omega_with, torque, with_m = drive(True, steps)
-    return ReactionCost(
-        torque_rms_over_coulomb=float(np.sqrt((torque**2).mean()) / TABLE_II.c),
-        torque_max_over_coulomb=float(np.abs(torque).max() / TABLE_II.c),
-        motor_speed_change_rad_s=float(omega_with.mean() - omega_without.mean()),
-        ripple_without_rad_s=float(omega_without.std()),
-        ripple_with_rad_s=float(omega_with.std()),
-        drive_speed_change=with_m / without_m - 1.0,
+    return asdict(
+        ReactionCost(
+            torque_rms_over_coulomb=float(np.sqrt((torque**2).mean()) / TABLE_II.c),
+            torque_max_over_coulomb=float(np.abs(torque).max() / TABLE_II.c),
+            motor_speed_change_rad_s=float(omega_with.mean() - omega_without.mean()),
+            ripple_without_rad_s=float(omega_without.std()),
+            ripple_with_rad_s=float(omega_with.std()),
+            drive_speed_change=with_m / without_m - 1.0,
+        )
     )
 
 
-def main() -> None:
-    """Command line; see `Options`."""
-    options = tyro.cli(Options, config=(tyro.conf.FlagCreatePairsOff,))
-    figures = measure(options.steps)
-    for name, value in asdict(figures).items():
+def show(found: dict[str, float]) -> None:
+    """Print the figures."""
+    for name, value in found.items():
         print(f"{name:26} {value:9.4g}")
-    if options.json:
-        print(json.dumps(asdict(figures)))
-
-
-if __name__ == "__main__":
-    run_command(main)

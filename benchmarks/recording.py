@@ -1,4 +1,4 @@
-"""`python benchmarks/recording.py [--json]`: what recordings weigh, cost and take to open.
+"""What recordings weigh, cost and take to open.
 
 Everything is measured in one run on two robots that drive with noise: the cost of recording as the
 ratio of short rounds with and without it in turn, the best of each counting; sizes and opening
@@ -6,21 +6,18 @@ times on an episode of 60 s per level. A recording is opened twice: as tables in
 Rerun viewer, headless with software Vulkan, from asking it to open the file until it has loaded.
 """
 
-import json
-import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import tyro
 from rerun.chunk import RrdReader
 
-from analysis.screenshot import ViewerError, screenshot
+from analysis.viewer import ViewerError, screenshot
 from cosim.base.config import CoSimConfig
-from cosim.base.errors import run_command
 from cosim.base.params import TIMING
 from cosim.base.scenario import Scenario
 from cosim.navigation.episode import CoSimulation, Step
@@ -31,24 +28,6 @@ from fmus.build import cached_fmu
 NORTH, SOUTH = 2, 6
 NOTHING = np.full((2, 3), np.nan)
 SCENARIO = Scenario("pair", "", ((7, 27), (22, 27)), (((7, 2),), ((22, 2),)))
-
-
-@dataclass(frozen=True)
-class Options:
-    """Measure the size, the cost and the opening time of every level of --record."""
-
-    levels: tuple[Level, ...] = ("summary", "default", "full")
-    """Levels to measure."""
-    rounds: int = 7
-    """Rounds of each kind in the measurement of cost; the best counts."""
-    round_s: float = 60.0
-    """Simulated time of a round in s."""
-    episode_s: float = 60.0
-    """Simulated time of the episodes whose sizes and opening times are measured, in s."""
-    viewer: bool = True
-    """Whether to open recordings in the viewer; --no-viewer where there is no Vulkan."""
-    json: bool = False
-    """Print one JSON object as the last line."""
 
 
 @dataclass(frozen=True)
@@ -120,14 +99,14 @@ def read(path: Path) -> None:
         chunk.to_record_batch()
 
 
-def measure(level: Level, options: Options, folder: Path) -> LevelCost:
+def measure_level(
+    level: Level, rounds: int, round_s: float, episode_s: float, viewer: bool, folder: Path
+) -> LevelCost:
     """All figures of a level."""
     path = folder / f"{level}.rrd"
-    overhead, overhead_cpu = overheads(level, options.rounds, options.round_s, path)
-    recorded(system_of(level), path, options.episode_s, level)
-    opened = [
-        screenshot(path, folder / "picture.png").load_s for _ in range(3 if options.viewer else 0)
-    ]
+    overhead, overhead_cpu = overheads(level, rounds, round_s, path)
+    recorded(system_of(level), path, episode_s, level)
+    opened = [screenshot(path, folder / "picture.png").load_s for _ in range(3 if viewer else 0)]
     return LevelCost(
         megabytes=path.stat().st_size / 1e6,
         overhead=float(overhead),
@@ -137,22 +116,28 @@ def measure(level: Level, options: Options, folder: Path) -> LevelCost:
     )
 
 
-def main() -> None:
-    """Command line; see `Options`."""
-    options = tyro.cli(Options)
-    folder = Path(tempfile.mkdtemp())
-    try:
-        figures = {level: measure(level, options, folder) for level in options.levels}
-    except ViewerError as error:
-        raise ViewerError(f"{error}; or measure without it: --no-viewer") from error
-    finally:
-        shutil.rmtree(folder)
-    for level, row in figures.items():
-        values = {name: value for name, value in asdict(row).items() if value is not None}
+def measure(
+    levels: Sequence[Level], rounds: int, round_s: float, episode_s: float, viewer: bool
+) -> dict[str, Any]:
+    """All figures of some levels.
+
+    Raises:
+        ViewerError: the viewer does not start.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            return {
+                level: asdict(
+                    measure_level(level, rounds, round_s, episode_s, viewer, Path(folder))
+                )
+                for level in levels
+            }
+        except ViewerError as error:
+            raise ViewerError(f"{error}; or measure without it: --no-viewer") from error
+
+
+def show(found: dict[str, Any]) -> None:
+    """Print a line per level."""
+    for level, row in found.items():
+        values = {name: value for name, value in row.items() if value is not None}
         print(f"{level:8}" + "".join(f"  {name} {value:.3g}" for name, value in values.items()))
-    if options.json:
-        print(json.dumps({level: asdict(row) for level, row in figures.items()}))
-
-
-if __name__ == "__main__":
-    run_command(main)

@@ -1,21 +1,18 @@
-"""`python benchmarks/steering.py`: how straight and how fast controllers of the steering drive.
+"""How straight and how fast controllers of the steering drive.
 
 Every controller is the kernel of `cosim.coupling.steering` with other parameters, so that one code
 is compared with itself. FMUs, noise and friction are those of an episode.
 """
 
-import json
 import math
-from dataclasses import asdict, dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
-from rich.console import Console
-from rich.table import Table
 
+from cosim.base.command import show_table
 from cosim.base.config import CoSimConfig
-from cosim.base.errors import UserError, run_command
+from cosim.base.errors import UserError
 from cosim.base.params import STEERING, TABLE_I, SteeringParams
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
@@ -57,37 +54,6 @@ MOVES = {
     "diagonal": (math.sqrt(2.0), 0.0),
     "diagonal after 45°": (math.sqrt(2.0), 45.0),
 }
-
-
-class BenchmarkError(UserError):
-    """Settings that nothing can be measured with."""
-
-
-@dataclass(frozen=True)
-class Steering:
-    """Compare controllers: a straight line of 20 cm, and moves of one cell, over seeds.
-
-    Robots have motors at rest, noise of ±5 % and phases between the motors that nobody knows; half
-    of them drive forwards, half backwards.
-    """
-
-    seeds: int = 20
-    """Robots of every case; each has noise of its own."""
-    mu: float = TABLE_I.mu
-    """Coulomb friction coefficient of the feet."""
-    controllers: tuple[str, ...] = tuple(CONTROLLERS)
-    """Controllers to compare."""
-    json: bool = False
-    """Print the results as one JSON object on the last line."""
-
-    def __post_init__(self) -> None:
-        if self.seeds < 1:
-            raise BenchmarkError("--seeds must be at least 1")
-        unknown = set(self.controllers) - set(CONTROLLERS)
-        if unknown:
-            raise BenchmarkError(
-                f"no controller {unknown.pop()!r}; choose from {', '.join(CONTROLLERS)}"
-            )
 
 
 class Runs(NamedTuple):
@@ -177,39 +143,36 @@ def figures(runs: Runs) -> dict[str, float]:
     }
 
 
-def main() -> None:
-    """Command line; see `Steering`."""
-    options = tyro.cli(Steering)
-    fmu, robot = MotorFmu(cached_fmu()), TABLE_I._replace(mu=options.mu)
+def measure(seeds: int, mu: float, controllers: Sequence[str]) -> dict[str, Any]:
+    """A row per case and controller.
+
+    Raises:
+        UserError: there is no such controller.
+    """
+    chosen = controllers or tuple(CONTROLLERS)
+    unknown = set(chosen) - set(CONTROLLERS)
+    if unknown:
+        raise UserError(f"no controller {unknown.pop()!r}; choose from {', '.join(CONTROLLERS)}")
+    fmu, robot = MotorFmu(cached_fmu()), TABLE_I._replace(mu=mu)
     cases = {"line of 20 cm": (LINE_M, 0.0)} | {
         name: (cells * CELL_M, math.radians(angle)) for name, (cells, angle) in MOVES.items()
     }
-    console = Console(width=120)
-    rows: list[dict[str, object]] = []
+    rows: list[dict[str, Any]] = []
     for case, (length_m, angle_rad) in cases.items():
-        table = Table(
-            "controller",
-            "time, s (max)",
-            "path error, mm",
-            "final, mm",
-            "overshoot, mm",
-            "heading, °",
-            "turn overshoot, °",
-            title=f"{case}, worst of {options.seeds}",
-        )
-        for name in options.controllers:
+        for name in chosen:
             config = CoSimConfig(robot=robot, steering=CONTROLLERS[name])
-            runs = drive_line(fmu, config, length_m, angle_rad, options.seeds, seed=0)
-            row = figures(runs)
-            rows.append({"case": case, "controller": name, **row})
-            duration, duration_max, *others = row.values()
-            table.add_row(
-                name, f"{duration:.2f} ({duration_max:.2f})", *(f"{v:.2f}" for v in others)
-            )
-        console.print(table)
-    if options.json:
-        print(json.dumps({"options": asdict(options), "rows": rows}))
+            runs = drive_line(fmu, config, length_m, angle_rad, seeds, seed=0)
+            rows.append({"case": case, "controller": name, **figures(runs)})
+    return {"seeds": seeds, "mu": mu, "rows": rows}
 
 
-if __name__ == "__main__":
-    run_command(main)
+def show(found: dict[str, Any]) -> None:
+    """Print a table: mean (largest) time, and the worst of all else."""
+    rows = []
+    for row in found["rows"]:
+        case, name, duration, duration_max, *others = row.values()
+        worst = (f"{value:.2f}" for value in others)
+        rows.append((case, name, f"{duration:.2f} ({duration_max:.2f})", *worst))
+    header = ("path error, mm", "final, mm", "overshoot, mm", "heading, °", "turn overshoot, °")
+    title = f"worst of {found['seeds']}"
+    show_table(None, ("case", "controller", "time, s (max)", *header), rows, names=2, title=title)

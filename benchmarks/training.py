@@ -1,21 +1,16 @@
 """Times training: numba against plain C, against a Gymnasium loop, and against the paper.
 
-    uv run python -m benchmarks.training [--json] [--all]
-
 Everything is timed in one run, in turn, by the processor time of its one thread, so that ratios
 hold on a busy machine; only `--all` is wall-clock time.
 """
 
-import json
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
-import tyro
 
 import agent.envs.single
 from agent.process.config import ProcessConfig
@@ -24,25 +19,12 @@ from agent.training.learning import TrainingState, build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig
-from benchmarks.qlearning_c import build_reference, reference_state, train_reference
-from cosim.base.errors import run_command
+from benchmarks.references.qlearning_c import build_reference, reference_state, train_reference
 from cosim.base.scenario import BUILT_IN, find_scenario
 
 PAPER_S = 600.0  # "execution time about 10 min", Section V
 GYMNASIUM_STEPS = 50_000
 SECTION_V = LearningConfig()
-
-
-@dataclass(frozen=True)
-class Options:
-    """Time the training of scenario 4 over Section V's 5 000 000 episodes."""
-
-    repeats: int = 3
-    """Timed trainings of each kind; the fastest counts."""
-    all: bool = False
-    """Also time 20 runs of each of the five scenarios on all cores (a few minutes)."""
-    json: bool = False
-    """Print a JSON object as the last line of output."""
 
 
 def fastest(
@@ -79,7 +61,7 @@ def gymnasium_steps_per_s() -> float:
     return GYMNASIUM_STEPS / (time.thread_time() - began)
 
 
-def measure(options: Options) -> dict[str, float]:
+def measure(repeats: int, all: bool) -> dict[str, float]:  # noqa: A002 - the option's name
     """All figures by name."""
     scenario, learning = find_scenario("4"), build_learning(SECTION_V)
     process = build_process(scenario, ProcessConfig())
@@ -98,8 +80,8 @@ def measure(options: Options) -> dict[str, float]:
             return state
 
         advance(process, learning, initial_state(process, SECTION_V, 0), 10)  # compile
-        best = fastest({"numba": numba, "c": plain_c}, options.repeats)
-    gymnasium = max(gymnasium_steps_per_s() for _ in range(options.repeats))
+        best = fastest({"numba": numba, "c": plain_c}, repeats)
+    gymnasium = max(gymnasium_steps_per_s() for _ in range(repeats))
     seconds, steps = best["numba"]
     figures = {
         "seconds_5e6": seconds,
@@ -110,7 +92,7 @@ def measure(options: Options) -> dict[str, float]:
         "ratio_to_gymnasium": steps / seconds / gymnasium,
         "ratio_to_paper": PAPER_S / seconds,
     }
-    if options.all:
+    if all:
         figures["seconds_five_scenarios_20_runs"] = seconds_of_all()
     return figures
 
@@ -125,17 +107,7 @@ def seconds_of_all() -> float:
     return time.perf_counter() - began
 
 
-def main() -> None:
-    """Command line; see `Options`."""
-    options = tyro.cli(
-        Options, prog="python -m benchmarks.training", config=(tyro.conf.FlagCreatePairsOff,)
-    )
-    figures = measure(options)
-    for name, value in figures.items():
+def show(found: dict[str, float]) -> None:
+    """Print the figures."""
+    for name, value in found.items():
         print(f"{name:32s} {value:16,.2f}")
-    if options.json:
-        print(json.dumps(figures))
-
-
-if __name__ == "__main__":
-    run_command(main)

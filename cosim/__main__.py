@@ -32,7 +32,9 @@ COMMANDS = {
     ),
     "moves": Command("agent.moves.__main__", "ObserveMoves", "observe what moves really do"),
     "calibrate": Command("cosim.calibrate", "Calibrate", "motor speeds to speed and yaw rate"),
-    "platform": Command("cosim.platform", "Platform", "the 1-DOF platform of Eq. (1), Fig. 3"),
+    "platform": Command(
+        "cosim.platform.__main__", "MovePlatform", "the 1-DOF platform of Eq. (1), Fig. 3"
+    ),
     "fmu": Command("fmus.build", "Build", "build the motor FMU for other tools"),
     "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
     "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),
@@ -68,7 +70,7 @@ def main() -> None:
 
 def _print_completion(arguments: list[str]) -> None:
     """What a shell completes, of all commands at once."""
-    from tyro.extras import SubcommandApp  # noqa: PLC0415 - only here
+    from tyro.extras import SubcommandApp
 
     app = SubcommandApp()
     for name, command in COMMANDS.items():

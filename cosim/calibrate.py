@@ -3,15 +3,19 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.errors import run_command
-from cosim.base.progress import progress_bars
+from cosim.base.progress import Progress, progress_bars
 from cosim.base.storage import replacing, write_json
 from cosim.navigation.options import Physics
+
+if TYPE_CHECKING:
+    from cosim.navigation.calibration import Calibration
+    from cosim.navigation.calibration_report import CalibrationReport
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,26 +40,42 @@ class Calibrate:
         workers(self.jobs)
 
 
-def main() -> None:
-    """Command line; see `Calibrate`."""
-    options = parse(Calibrate, "cosim.calibrate")
-    from cosim.base.command import show_table
+def calibrate(options: Calibrate, progress: Progress) -> "tuple[Calibration, CalibrationReport]":
+    """Find or measure the calibration and write its files.
+
+    Args:
+        options: the command line.
+        progress: is told what is prepared and measured.
+
+    Raises:
+        UserError: see its message.
+    """
     from cosim.navigation.calibration_cache import find_calibration
-    from cosim.navigation.calibration_report import draw, manoeuvre_rows, report_of
+    from cosim.navigation.calibration_report import draw, report_of
 
     config, out = options.physics.config(), options.out
     out.mkdir(parents=True, exist_ok=True)
-    with progress_bars() as progress:
-        fmu = options.physics.fmu(progress)
-        calibration = find_calibration(
-            config, fmu, progress, jobs=workers(options.jobs), again=options.again
-        )
+    fmu = options.physics.fmu(progress)
+    calibration = find_calibration(
+        config, fmu, progress, jobs=workers(options.jobs), again=options.again
+    )
     report = report_of(calibration, config, fmu)
     calibration.save(out / "calibration.npz")
     write_json(out / "calibration.json", report)
     title = f"One robot, μ = {config.robot.mu:g}, noise ±{config.noise.relative_amplitude:.0%}"
     with replacing(out / "calibration.png") as temporary:
         draw(calibration, title).savefig(temporary, dpi=150)
+    return calibration, report
+
+
+def main() -> None:
+    """Command line; see `Calibrate`."""
+    options = parse(Calibrate, "cosim.calibrate")
+    from cosim.base.command import show_table
+    from cosim.navigation.calibration_report import manoeuvre_rows
+
+    with progress_bars() as progress:
+        calibration, report = calibrate(options, progress)
     header = ("manoeuvre", "motor speed", "mean", "scatter", "airborne")
     show_table(None, header, manoeuvre_rows(calibration))
     print(
@@ -63,7 +83,7 @@ def main() -> None:
         f"{1e3 * report.largest_speed_m_s:.2f} mm/s in both directions, "
         f"{math.degrees(report.largest_turn_rate_rad_s):.1f} °/s in both directions"
     )
-    print(f"results in {out}/: calibration.npz, .json, .png")
+    print(f"results in {options.out}/: calibration.npz, .json, .png")
     if options.json:
         print_json(report)
 

@@ -150,7 +150,7 @@ def run(options: Run, progress: Progress) -> Iterator["tuple[Path, EpisodeResult
 def _policy(
     options: Run, scenario: "Scenario", progress: Progress
 ) -> "tuple[Policy, TrainingLog | None]":
-    from agent.methods import method_policy
+    from agent.method import method_policy
     from agent.training.policy import Policy
     from agent.training.settings import BEST
 
@@ -170,7 +170,7 @@ def _policy(
 
 def _facts(options: Run, scenario: "Scenario", policy: "Policy", fmu: Path) -> "RunFacts":
     from agent.evaluation.batch import RunFacts
-    from agent.methods import method_of
+    from agent.method import method_of
     from cosim.base.provenance import versions
 
     seed = policy.config.seed

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cosim.base.config import ConfigError
+from cosim.base.config import ConfigError, require_one_of
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import versions
@@ -25,7 +25,7 @@ from cosim.navigation.observing import draw_starts
 from cosim.navigation.options import Driving
 from cosim.reading.episode import Episode, read_episode
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.levels import Level, with_bursts
+from cosim.recording.levels import DETAILS, Level, with_bursts
 
 _DIGITS = 6  # of lengths in cm and energies in J; times have ticks of 1e-5 s
 
@@ -76,6 +76,7 @@ def simulate(
     seed: int = 0,
     driver: str = "compiled",
     record: Level = "default",
+    motor_fmu: str | Path | None = None,
     progress: Progress = silent,
     **options: Any,
 ) -> Episode:
@@ -87,9 +88,10 @@ def simulate(
         seed: of start cells and speed noise.
         driver: compiled, reference or adaptive, see `python -m cosim.run --help`.
         record: summary, default or full: how much of the episode is kept.
+        motor_fmu: of every motor, the built-in one by default.
         progress: is told the simulated time.
         options: physics by the names of `python -m cosim.run`, see `Driving`: `mu`, `noise`,
-            `speed` (mm/s), `dt` (s), `time_limit` (s), `safety_margin` (m), `motor_fmu` and so on.
+            `speed` (mm/s), `dt` (s), `time_limit` (s), `safety_margin` (m) and so on.
 
     Returns:
         Outcome, moves, parameters and every signal, with its recording in a temporary folder that
@@ -102,8 +104,10 @@ def simulate(
     """
     if not isinstance(scenario, Scenario):
         scenario = find_scenario(str(scenario))
-    if driver not in DRIVERS:
-        raise ConfigError(f"driver = {driver!r} is unknown; choose one of {', '.join(DRIVERS)}")
+    require_one_of("driver", driver, DRIVERS)
+    require_one_of("record", record, DETAILS)
+    if seed < 0:
+        raise ConfigError(f"seed = {seed} must not be negative")
     known = [field.name for field in fields(Driving)]
     for name in options:
         if name not in known:
@@ -111,7 +115,8 @@ def simulate(
     require = getattr(policy, "require_scenario", None)
     if require is not None:
         require(scenario)
-    config, fmu = Driving(**options).prepare(scenario.robot_diameter_m, progress)
+    driving = Driving(motor_fmu=None if motor_fmu is None else Path(motor_fmu), **options)
+    config, fmu = driving.prepare(scenario.robot_diameter_m, progress)
     config = with_bursts(config, record)
     starts, noise_seed = draw_episode(scenario, seed, 0)
     system = CoSimulation(scenario, fmu, config, driver)

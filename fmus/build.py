@@ -10,11 +10,13 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
+from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import run_command
+from cosim.base.progress import Progress, progress_bars, silent
 from cosim.base.storage import cache_dir, cached, replacing
 from fmus.compiler import (
     FLAGS,
@@ -61,12 +63,15 @@ def build_fmu(out_dir: Path) -> Path:
     return build_fmus({"3": out_dir / FMU_NAME}, [host_target()])[0]
 
 
-def build_fmus(paths: Mapping[Fmi, Path], targets: Sequence[str]) -> list[Path]:
+def build_fmus(
+    paths: Mapping[Fmi, Path], targets: Sequence[str], progress: Progress = silent
+) -> list[Path]:
     """Build FMUs from one set of binaries.
 
     Args:
         paths: file to write for each FMI standard; folders are made if missing.
         targets: platforms, keys of `fmus.compiler.TARGETS`.
+        progress: is told of every platform.
 
     Returns:
         The paths, in the same order; each file appears whole or not at all.
@@ -78,7 +83,11 @@ def build_fmus(paths: Mapping[Fmi, Path], targets: Sequence[str]) -> list[Path]:
     table = load_table()
     token = instantiation_token(table)
     header = render_header(table, token)
-    libraries = {target: compile_library(header, target) for target in targets}
+    libraries = {}
+    for target in targets:
+        progress("compiling", len(libraries), len(targets), target)
+        libraries[target] = compile_library(header, target)
+    progress("compiling", len(libraries), len(targets))
     origin = read_origin()
     documentation = {
         "documentation/index.html": render_html(table),
@@ -176,7 +185,7 @@ TargetChoice = Literal[
 
 
 @dataclass(frozen=True)
-class Options:
+class Build:
     """Build the vibration motor FMU.
 
     It offers co-simulation and Model Exchange. Without --fmi one FMI 3.0 FMU is written,
@@ -184,20 +193,19 @@ class Options:
     standard: VibrationMotor_fmi2.fmu and VibrationMotor_fmi3.fmu.
     """
 
-    out: Path
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder that receives the FMUs; made if missing."""
-
     fmi: Literal["2", "3", "both"] | None = None
     """FMI standard to build for."""
-
     targets: tuple[TargetChoice, ...] = ("host",)
     """Platforms whose binaries go into the archive. A first build for Windows takes about a
     minute, every other build seconds."""
+    json: Json = False
 
 
 def main() -> None:
-    """Command line."""
-    options = tyro.cli(Options, prog="python -m fmus.build")
+    """Command line; see `Build`."""
+    options = parse(Build, "fmus.build")
     targets: dict[str, None] = {}
     for choice in options.targets:
         names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]
@@ -206,8 +214,12 @@ def main() -> None:
     if options.fmi is not None:
         standards = STANDARDS if options.fmi == "both" else (options.fmi,)
         paths = {fmi: options.out / f"VibrationMotor_fmi{fmi}.fmu" for fmi in standards}
-    for path in build_fmus(paths, list(targets)):
-        print(f"wrote {path}")
+    with progress_bars() as progress:
+        files = build_fmus(paths, list(targets), progress)
+    for file in files:
+        print(f"wrote {file}")
+    if options.json:
+        print_json({"files": list(map(str, files))})
 
 
 if __name__ == "__main__":

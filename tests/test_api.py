@@ -2,6 +2,7 @@
 
 import gc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from cosim.base.progress import silent
 from cosim.base.scenario import ScenarioError
 from cosim.navigation.options import Driving
 
-BRIEF = {"mu": 0.2, "time_limit": 4.0}
+BRIEF: dict[str, Any] = {"mu": 0.2, "time_limit": 4.0}
 
 
 class Told:

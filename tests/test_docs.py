@@ -1,17 +1,30 @@
 """What pages and help texts say, against the code and the commands that they name."""
 
+import ast
 import re
+import tokenize
+from collections import Counter, defaultdict
 from pathlib import Path
 
 import pytest
 import tyro
 
 from analysis.figures import fig07
-from analysis.motor_test import MotorTest, read, record
+from analysis.motor.options import StepTest
+from analysis.motor.step_test import record
+from analysis.reading.motor_test import read
 from cosim.evaluate import Evaluate
 from cosim.run import Run
 
 ROOT = Path(__file__).parents[1]
+PRODUCT = ("fmus", "cosim", "agent", "analysis")
+# Words that CONTRIBUTING.md has others for, as a part of an identifier.
+FORBIDDEN = re.compile(
+    r"(^|_)(identif(y|ied)|transitions?|roll_?outs?|ways?)(_|$)|^_*timed_", re.IGNORECASE
+)
+NO_PATHS = {"under_way"}  # identifiers with another "way"
+HOMONYMS: set[str] = set()  # class names that more than one module may have
+LARGEST_FOLDER = 12  # Python files
 TAG = re.compile(r"^ *(?:#|//|/\*|\*) ?(.*)$")
 
 
@@ -59,12 +72,42 @@ def test_commands_say_the_same_about_the_safety_margin(capsys):
     assert texts[0] == texts[1]
 
 
-def test_fig07_prints_what_the_reproduction_page_says(tmp_path):
+def test_fig07_prints_what_the_reproduction_page_says(motor_fmu, tmp_path):
     page = (ROOT / "docs" / "reproduction.md").read_text("utf-8")
     ((rise_ms, early_rad_s, end_s),) = re.findall(
         r"closed loop (\d+) ms to 90 %, (\d+) rad/s after 50 ms, ([\d.]+) s to 98 %", page
     )
-    numbers = fig07.caption(read(record(MotorTest(out=tmp_path / "test.rrd")))).numbers
+    record(tmp_path / "test.rrd", motor_fmu, StepTest())
+    numbers = fig07.caption(read(tmp_path / "test.rrd")).numbers
     assert round(1e3 * numbers["closed_loop_to_90_percent_s"]) == int(rise_ms)
     assert round(numbers["closed_loop_early_rad_s"]) == int(early_rad_s)
     assert round(numbers["closed_loop_to_98_percent_s"], 2) == float(end_s)
+
+
+def _files(*folders: str) -> list[Path]:
+    return [file for folder in folders for file in sorted((ROOT / folder).rglob("*.py"))]
+
+
+def test_identifiers_use_the_words_of_the_contributors_page():
+    assert FORBIDDEN.search("find_way")
+    found: dict[str, set[str]] = defaultdict(set)
+    for file in _files(*PRODUCT, "benchmarks"):
+        with tokenize.open(file) as lines:
+            for token in tokenize.generate_tokens(lines.readline):
+                words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", token.string)
+                if token.type == tokenize.NAME and FORBIDDEN.search(words):
+                    found[token.string].add(str(file.relative_to(ROOT)))
+    assert {name: places for name, places in found.items() if name not in NO_PATHS} == {}
+
+
+def test_no_two_classes_have_one_name():
+    trees = [ast.parse(file.read_bytes()) for file in _files(*PRODUCT)]
+    classes = (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    counts = Counter(node.name for node in classes)
+    assert {name for name, count in counts.items() if count > 1} == HOMONYMS
+
+
+def test_no_folder_has_too_many_files():
+    counts = Counter(file.parent for file in _files(*PRODUCT, "benchmarks", "tests"))
+    full = {str(folder.relative_to(ROOT)): n for folder, n in counts.items() if n > LARGEST_FOLDER}
+    assert full == {}

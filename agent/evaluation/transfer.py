@@ -13,7 +13,7 @@ from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.transfer_table import Row, Session, TransferReport, markdown, report_of
-from agent.methods import method_policy
+from agent.method import method_policy
 from agent.training.policy import Policy
 from agent.training.settings import BEST, METHODS
 from cosim.base.errors import UserError

@@ -14,7 +14,7 @@ from agent.process.config import ProcessConfig, require
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 
-Method = Literal["moves", "paper", "slip"]  # see `agent.methods`
+Method = Literal["moves", "paper", "slip"]  # see `agent.method`
 METHODS: tuple[Method, ...] = get_args(Method)
 BEST: Method = "moves"
 

@@ -16,59 +16,35 @@ from analysis.figures.style import (
     WIDTH_IN,
     Caption,
     Drawing,
-    FigureError,
 )
 from analysis.reading.results import FIGURES, RESULTS
-from cosim.base.reading import Kind, read_arrays
+from cosim.platform.result import Motion, PlatformResult
 
-COMMAND = "python -m cosim.platform"
 TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}
-_OF_EACH = (
-    "time_s",
-    "theta_rad",
-    "position_m",
-    "driving_force_n",
-    "friction_limit_n",
-    "omega_rad_s",
-    "mu",
-    "net_displacement_m",
-)
-_TABLE = ("table_mu", "table_slip_and_drift_speed_rad_s")
-_FILE = Kind(f"result of `{COMMAND}`", "write one with --out", FigureError)
-
-
-def load(path: Path) -> dict[str, np.ndarray]:
-    """Arrays of a result file of `cosim.platform`.
-
-    Raises:
-        FigureError: there is no such file, or it is of another kind.
-    """
-    names = [f"{name}_{array}" for name in TITLES for array in _OF_EACH]
-    return read_arrays(path, _FILE, (*names, *_TABLE))
 
 
 def _unit(amplitude_m: float) -> tuple[float, str]:
     return (1e3, "mm") if amplitude_m >= 1e-4 else (1e6, "µm")
 
 
-def _draw_cycles(axes: Axes, data: dict[str, np.ndarray], scale: float, unit: str) -> None:
-    axes.plot(1e3 * data["time_s"], scale * data["position_m"], color=BLUE)
+def _draw_cycles(axes: Axes, motion: Motion, scale: float, unit: str) -> None:
+    axes.plot(1e3 * motion.time_s, scale * motion.position_m, color=BLUE)
     axes.set_xlabel("time in ms")
     axes.set_ylabel(f"position y in {unit}")
 
 
-def _draw_cycle(axes: Axes, data: dict[str, np.ndarray], scale: float, unit: str) -> None:
+def _draw_cycle(axes: Axes, motion: Motion, scale: float, unit: str) -> None:
     """The last cycle of the file: there the motion repeats itself."""
-    turns = data["theta_rad"] / (2.0 * np.pi)
+    turns = motion.theta_rad / (2.0 * np.pi)
     first = int(np.searchsorted(turns, round(turns[-1]) - 1.0))
-    y = scale * (data["position_m"][first:] - data["position_m"][first])
+    y = scale * (motion.position_m[first:] - motion.position_m[first])
     angle = 360.0 * (turns[first:] - turns[first])
     axes.plot(angle, y, color=BLUE)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     axes.axhline(y[-1], color=GREY, linewidth=0.6)
     arrow: dict[str, Any] = {"arrowstyle": "<->", "color": VERMILION, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", (340.0, y[-1]), (340.0, 0.0), arrowprops=arrow)
-    step = scale * float(data["net_displacement_m"])
+    step = scale * float(motion.net_displacement_m)
     axes.annotate(
         f"{step:.3g} {unit}", (330.0, y[-1] / 2.0), color=VERMILION, ha="right", va="center"
     )
@@ -77,42 +53,44 @@ def _draw_cycle(axes: Axes, data: dict[str, np.ndarray], scale: float, unit: str
     axes.set_ylabel(f"position y in {unit}")
 
 
-def _draw_forces(axes: Axes, data: dict[str, np.ndarray]) -> None:
-    turn = data["theta_rad"] <= 2.0 * np.pi
-    angle = np.rad2deg(data["theta_rad"][turn])
-    limit = data["friction_limit_n"][turn]
-    axes.plot(angle, data["driving_force_n"][turn], color=BLACK, label="driving force")
+def _draw_forces(axes: Axes, motion: Motion) -> None:
+    turn = motion.theta_rad <= 2.0 * np.pi
+    angle = np.rad2deg(motion.theta_rad[turn])
+    limit = motion.friction_limit_n[turn]
+    axes.plot(angle, motion.driving_force_n[turn], color=BLACK, label="driving force")
     axes.fill_between(angle, -limit, limit, color=GREY, alpha=0.3, lw=0, label="friction holds")
     axes.set_xlabel("θ in degrees")
     axes.set_xticks([0, 90, 180, 270, 360])
     axes.set_ylabel("force in N")
-    axes.set_ylim(top=1.9 * float(data["driving_force_n"].max()))  # room for the legend
+    axes.set_ylim(top=1.9 * float(motion.driving_force_n.max()))  # room for the legend
     axes.legend(loc="upper right")
 
 
-def draw(arrays: dict[str, np.ndarray]) -> Figure:
-    """The figure of a result file's arrays."""
+def draw(result: PlatformResult) -> Figure:
+    """The figure of a result."""
     figure, grid = plt.subplots(2, 3, figsize=(WIDTH_IN, 4.4))
     for row, (name, title) in zip(grid, TITLES.items(), strict=True):
-        data = {k.removeprefix(f"{name}_"): v for k, v in arrays.items() if k.startswith(name)}
-        scale, unit = _unit(float(data["net_displacement_m"]))
-        _draw_cycles(row[0], data, scale, unit)
-        _draw_cycle(row[1], data, scale, unit)
-        _draw_forces(row[2], data)
-        omega, mu = float(data["omega_rad_s"]), float(data["mu"])
+        motion: Motion = getattr(result, name)
+        scale, unit = _unit(float(motion.net_displacement_m))
+        _draw_cycles(row[0], motion, scale, unit)
+        _draw_cycle(row[1], motion, scale, unit)
+        _draw_forces(row[2], motion)
+        omega, mu = float(motion.omega_rad_s), float(motion.mu)
         row[0].set_title(f"{title}: ω = {omega:.0f} rad/s, µ = {mu:g}", loc="left")
     return figure
 
 
-def caption(arrays: dict[str, np.ndarray]) -> Caption:
-    """The caption of a result file's arrays."""
+def caption(result: PlatformResult) -> Caption:
+    """The caption of a result."""
     numbers = {}
     for name in TITLES:
-        numbers[f"{name}_step_um"] = 1e6 * float(arrays[f"{name}_net_displacement_m"])
-        numbers[f"{name}_omega_rad_s"] = float(arrays[f"{name}_omega_rad_s"])
-        numbers[f"{name}_mu"] = float(arrays[f"{name}_mu"])
-    row = int(np.argmin(np.abs(arrays["table_mu"] - numbers["table_ii_mu"])))
-    slip, drift = arrays["table_slip_and_drift_speed_rad_s"][row]
+        motion: Motion = getattr(result, name)
+        numbers[f"{name}_step_um"] = 1e6 * float(motion.net_displacement_m)
+        numbers[f"{name}_omega_rad_s"] = float(motion.omega_rad_s)
+        numbers[f"{name}_mu"] = float(motion.mu)
+    table = result.table
+    row = int(np.argmin(np.abs(table.mu - numbers["table_ii_mu"])))
+    slip, drift = table.slip_and_drift_speed_rad_s[row]
     numbers |= {"slip_speed_rad_s": float(slip), "drift_speed_rad_s": float(drift)}
     return Caption(
         "fig03",
@@ -127,7 +105,7 @@ def caption(arrays: dict[str, np.ndarray]) -> Caption:
             f"{numbers['paper_mu']:g}.",
             f"The robot of Tables I and II moves {numbers['table_ii_step_um']:.1f} µm a turn at "
             f"{numbers['table_ii_omega_rad_s']:.0f} rad/s with µ = {numbers['table_ii_mu']:g}; "
-            f"with µ = {arrays['table_mu'][row]:g} it slides above {slip:.0f} rad/s and gets "
+            f"with µ = {table.mu[row]:g} it slides above {slip:.0f} rad/s and gets "
             f"ahead above {drift:.0f} rad/s.",
         ),
         numbers,
@@ -139,7 +117,7 @@ def make(results: Path) -> Drawing:
     """Draw the figure of a results folder.
 
     Raises:
-        FigureError: see `load`.
+        PlatformError: there is no such result, or its file is of another kind.
     """
-    arrays = load(RESULTS["platform"].location(results))
-    return Drawing(draw(arrays), caption(arrays))
+    result = PlatformResult.load(RESULTS["platform"].location(results))
+    return Drawing(draw(result), caption(result))

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from analysis.figures.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, Caption, Drawing
-from analysis.motor_test import LOOPS, Response, read
 from analysis.reading.findings import intervals
+from analysis.reading.motor_test import LOOPS, Response, read
 from analysis.reading.results import FIGURES, RESULTS
 from cosim.base.params import TABLE_II
 
@@ -48,7 +48,7 @@ def _mark_saturation(axes: list[Axes], time_s: np.ndarray, voltage: np.ndarray) 
 
 
 def draw(responses: dict[str, Response]) -> Figure:
-    """The figure of a motor test, by loop as `analysis.motor_test.read` gives it."""
+    """The figure of a motor test, by loop as `analysis.reading.motor_test.read` gives it."""
     figure, grid = plt.subplots(
         3, 2, figsize=(WIDTH_IN, 5.0), sharex="col", sharey="row", height_ratios=[3, 2, 1]
     )
@@ -125,7 +125,7 @@ def make(results: Path) -> Drawing:
     """Draw the figure of a results folder.
 
     Raises:
-        MotorTestError: see `analysis.motor_test.read`.
+        MotorTestError: see `analysis.reading.motor_test.read`.
     """
     responses = read(RESULTS["motor_test"].location(results))
     return Drawing(draw(responses), caption(responses))

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -10,12 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agent.evaluation.statistics import bootstrap_interval
-from agent.experiments.results import RESULTS_FILE
+from agent.experiments.results import ExperimentResult
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
 from analysis.figures.style import WIDTH_IN, FigureError
-from cosim.base.reading import Kind, read_json
 
 POINTS = 200  # drawn per curve; a point is the mean of the learning curve's points that it covers
 
@@ -39,36 +37,22 @@ class VariantCurves:
         return np.stack([getattr(log, name) for log in self.logs])
 
 
-def load_content(folder: Path, experiment: str) -> dict[str, Any]:
-    """What `results.json` of a result folder says.
-
-    Raises:
-        FigureError: it is no result folder of that experiment.
-    """
-    mend = f"run `python -m agent.experiments {experiment} --out {folder}`"
-    path = folder / RESULTS_FILE
-    content = read_json(path, Kind(f"result of {experiment}", mend, FigureError), dict[str, Any])
-    if content.get("experiment") != experiment:
-        raise FigureError(f"{path}: not a result of {experiment}; {mend}")
-    return content
-
-
-def load_variants(folder: Path, content: dict[str, Any]) -> dict[str, VariantCurves]:
+def load_variants(folder: Path, content: ExperimentResult) -> dict[str, VariantCurves]:
     """Learning curves of a result folder's variants by name.
 
     Raises:
         FigureError: runs are missing.
     """
     variants = {}
-    for name, variant in content["variants"].items():
+    for name, variant in content.variants.items():
         policies = policy_paths(folder / name)
-        if len(policies) != len(variant["runs"]):
+        if len(policies) != len(variant.runs):
             raise FigureError(
                 f"{folder / name}: runs are missing; run `python -m agent.experiments "
-                f"{content['experiment']} --out {folder}`"
+                f"{content.experiment} --out {folder}`"
             )
         logs = tuple(TrainingLog.load(path.with_name(LOG_FILE)) for path in policies)
-        variants[name] = VariantCurves(variant["label"], variant["scenario"], logs)
+        variants[name] = VariantCurves(variant.label, variant.scenario, logs)
     return variants
 
 

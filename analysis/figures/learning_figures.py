@@ -12,15 +12,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from agent.experiments.results import VariantResult
 from analysis.figures.learning import (
     VariantCurves,
     draw_learning_curves,
-    load_content,
     load_variants,
     settled_after,
 )
 from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN, Caption, Drawing, interval
 from analysis.reading.results import FIGURES, RESULTS
+from analysis.reading.written import read_experiment
 
 # Success rate that counts as learnt.
 LEARNT = 0.99
@@ -34,7 +35,7 @@ def fig08(results: Path) -> Drawing:
     """Learning curves of one robot.
 
     Raises:
-        FigureError: there are no such results.
+        ResultError: there are no such results.
     """
     return _learning_figure(
         results,
@@ -48,7 +49,7 @@ def fig11(results: Path) -> Drawing:
     """Learning curves of pairs.
 
     Raises:
-        FigureError: there are no such results.
+        ResultError: there are no such results.
     """
     return _learning_figure(
         results,
@@ -63,7 +64,7 @@ def fig10(results: Path) -> Drawing:
     """What the coefficient c of Eq. (12) changes.
 
     Raises:
-        FigureError: there are no such results.
+        ResultError: there are no such results.
     """
     drawing = _learning_figure(
         results,
@@ -72,16 +73,16 @@ def fig10(results: Path) -> Drawing:
         f"{_CURVES}",
         "better results are obtained when c = 1.5.",
     )
-    differences = load_content(RESULTS["fig10"].location(results), "fig10")["differences"]
+    differences = read_experiment("fig10", results).differences
     numbers = dict(drawing.caption.numbers)
     parts = []
     for name, measures in differences.items():
         difference = measures["path_length_cm"]
         numbers[f"{name}_path_minus_c1.5_cm"] = difference
-        if difference["mean"] is not None:
+        if difference.mean is not None:
             parts.append(
-                f"{name.replace('c', 'c = ', 1)} {difference['mean']:+.2f} "
-                f"[{difference['low']:+.2f}, {difference['high']:+.2f}] cm"
+                f"{name.replace('c', 'c = ', 1)} {difference.mean:+.2f} "
+                f"[{difference.low:+.2f}, {difference.high:+.2f}] cm"
             )
     text = f"Path length minus that of c = 1.5, run by run: {'; '.join(parts) or 'not known'}."
     ours = (*drawing.caption.ours, text)
@@ -89,13 +90,12 @@ def fig10(results: Path) -> Drawing:
 
 
 def _learning_figure(results: Path, figure: str, title: str, claim: str) -> Drawing:
-    folder = RESULTS[figure].location(results)
-    content = load_content(folder, figure)
-    variants = load_variants(folder, content)
-    numbers: dict[str, Any] = {"episodes": content["episodes"]}
+    content = read_experiment(figure, results)
+    variants = load_variants(RESULTS[figure].location(results), content)
+    numbers: dict[str, Any] = {"episodes": content.episodes}
     ours = []
     for name, variant in variants.items():
-        over_runs = content["variants"][name]["over_runs"]
+        over_runs = content.variants[name].over_runs
         numbers[name] = {key: over_runs[key] for key in ("success", "path_length_cm", "steps")}
         numbers[name]["learnt_after_episodes"] = settled_after(variant, LEARNT)
         ours.append(_sentence(variant, numbers[name]))
@@ -108,7 +108,7 @@ def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
     since = f"above 99 % from {after:,} episodes on" if after else "not above 99 % at the end"
     success = interval(numbers["success"], 100.0, 1, " %")
     path = interval(numbers["path_length_cm"], unit=" cm")
-    runs = numbers["success"]["runs"]
+    runs = numbers["success"].runs
     return f"{variant.label}: success {success} ({since}), path {path}, {runs} runs."
 
 
@@ -116,20 +116,17 @@ def path_ratio(results: Path) -> Drawing:
     """Path length and moves of every run over those of the exact optimum.
 
     Raises:
-        FigureError: there are no such results.
+        ResultError: there are no such results.
     """
-    variants: dict[str, dict[str, Any]] = {}
+    variants: dict[str, VariantResult] = {}
     for name in FIGURES["path_ratio"]:
-        variants |= load_content(RESULTS[name].location(results), name)["variants"]
+        variants |= read_experiment(name, results).variants
     numbers, ours = {}, []
     for name, variant in variants.items():
-        path, moves = (
-            variant["over_runs"][key] for key in ("ratio_to_bound", "steps_ratio_to_bound")
-        )
+        path, moves = (variant.over_runs[key] for key in ("ratio_to_bound", "steps_ratio_to_bound"))
         numbers[name] = {"path_length": path, "moves": moves}
         ours.append(
-            f"{variant['label']}: path {interval(path, digits=3)}, "
-            f"moves {interval(moves, digits=3)}."
+            f"{variant.label}: path {interval(path, digits=3)}, moves {interval(moves, digits=3)}."
         )
     caption = Caption(
         "path_ratio",
@@ -144,7 +141,7 @@ def path_ratio(results: Path) -> Drawing:
     return Drawing(_draw_ratios(variants), caption)
 
 
-def _draw_ratios(variants: dict[str, dict[str, Any]]) -> Figure:
+def _draw_ratios(variants: dict[str, VariantResult]) -> Figure:
     figure, grid = plt.subplots(1, 2, figsize=(WIDTH_IN, 2.8), sharey=True)
     measures = (
         ("ratio_to_bound", "path length", BLUE),
@@ -153,16 +150,16 @@ def _draw_ratios(variants: dict[str, dict[str, Any]]) -> Figure:
     random = np.random.default_rng(0)  # spreads dots that would hide each other
     for axes, (key, title, colour) in zip(grid, measures, strict=True):
         for place, variant in enumerate(variants.values()):
-            values = [run[key] for run in variant["runs"] if run[key] is not None]
+            values = [v for run in variant.runs if (v := getattr(run, key)) is not None]
             spread = random.uniform(-0.15, 0.15, len(values))
             axes.plot(place + spread, values, ".", color=GREY, markersize=4, alpha=0.6)
-            s = variant["over_runs"][key]
-            if s["mean"] is not None:
-                below, above = s["mean"] - s["low"], s["high"] - s["mean"]
+            s = variant.over_runs[key]
+            if s.mean is not None and s.low is not None and s.high is not None:
+                below, above = s.mean - s.low, s.high - s.mean
                 bars = np.maximum([[below], [above]], 0.0)
-                axes.errorbar(place, s["mean"], bars, fmt="o", color=colour, capsize=4)
+                axes.errorbar(place, s.mean, bars, fmt="o", color=colour, capsize=4)
         axes.axhline(1.0, color=GREY, linewidth=0.8)
-        axes.set_xticks(range(len(variants)), [v["scenario"] for v in variants.values()])
+        axes.set_xticks(range(len(variants)), [v.scenario for v in variants.values()])
         axes.set_xlabel("scenario")
         axes.set_title(title, loc="left")
     grid[0].set_ylabel("ratio to the exact optimum")

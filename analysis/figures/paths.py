@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 
 from analysis.figures.fig05 import draw_board, robot_colour
 from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
-from analysis.inspect import path_length_m
+from analysis.reading.inspection import path_length_m
 from analysis.reading.results import FIGURES, RESULTS, recordings
 from cosim.base.scenario import BUILT_IN, Scenario
 from cosim.reading.episode import read_episode

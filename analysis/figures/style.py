@@ -3,8 +3,7 @@
 A figure is a PNG, a PDF, and a JSON file with its caption: the paper's claim and our numbers.
 """
 
-import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,9 +11,10 @@ import matplotlib as mpl
 from cycler import cycler
 from matplotlib.figure import Figure
 
+from agent.evaluation.statistics import Statistics
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json
-from cosim.base.storage import replacing
+from cosim.base.storage import replacing, write_json
 
 # Okabe and Ito's palette.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -113,9 +113,7 @@ class Drawing(NamedTuple):
 def write_caption(caption: Caption, folder: Path) -> Path:
     """Write `<figure>.json` and return its path."""
     path = folder / f"{caption.figure}.json"
-    with replacing(path) as temporary:
-        text = json.dumps(asdict(caption), indent=1, ensure_ascii=False, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_json(path, caption)
     return path
 
 
@@ -130,11 +128,19 @@ def read_caption(folder: Path, figure: str) -> Caption:
     return read_json(folder / f"{figure}.json", kind, Caption)
 
 
+class Interval(NamedTuple):
+    """A mean with its 95 % interval; None where it has none."""
+
+    mean: float | None
+    low: float | None
+    high: float | None
+
+
 def interval(
-    statistics: dict[str, Any], factor: float = 1.0, digits: int = 2, unit: str = ""
+    of: Interval | Statistics, factor: float = 1.0, digits: int = 2, unit: str = ""
 ) -> str:
-    """Mean and 95 % interval of statistics, or of any record with mean, low and high."""
-    mean, low, high = (statistics.get(name) for name in ("mean", "low", "high"))
+    """Mean and 95 % interval in words."""
+    mean, low, high = of.mean, of.low, of.high
     if mean is None:
         return NOTHING
     text = f"{factor * mean:.{digits}f}{unit}"

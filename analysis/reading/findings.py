@@ -6,8 +6,9 @@ lacks is left out. Nothing is printed here.
 
 from collections.abc import Iterator
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from cosim.reading.episode import Episode
@@ -22,7 +23,7 @@ FEET = 3
 _FAILURES = {OFF_THE_BOARD: "out of board", ON_OBSTACLE: "obstacle", NOT_ARRIVED: "not arrived"}
 
 
-class Finding(NamedTuple):
+class Finding(msgspec.Struct, frozen=True):
     """One thing that looks wrong.
 
     Attributes:

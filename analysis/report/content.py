@@ -9,12 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import msgspec
-
 from analysis.figures.style import FORMATS, Caption, FigureError, read_caption
 from analysis.reading.results import FIGURES, RESULTS, missing
-from analysis.report.tables import RESULT_FILE, ReportError, read_result
-from cosim.base.reading import parsing
+from analysis.reading.written import read_run
+from cosim.base.errors import UserError
 from cosim.base.scenario import BUILT_IN
 from cosim.base.storage import replacing
 
@@ -34,13 +32,8 @@ class Picture(NamedTuple):
     pdf: str
 
 
-class _Episode(msgspec.Struct):
-    """What is shown of an episode, fields as in `agent.evaluation.rollout.EpisodeResult`."""
-
-    outcome: str
-    path_length_cm: float
-    sim_time_s: float
-    recording: str | None
+class ReportError(UserError):
+    """A report that cannot be made as asked."""
 
 
 class Watchable(NamedTuple):
@@ -106,15 +99,11 @@ def episodes(results: Path, out: Path) -> Iterator[Watchable]:
     """Recorded episodes in the order of the scenarios.
 
     Raises:
-        ReportError: a summary is damaged.
+        ResultError: a summary is damaged.
     """
     for name, scenario in BUILT_IN.items():
         result = RESULTS[f"episodes_{name}"]
-        path = result.proof_in(results)
-        summary = read_result(path) or {"episodes": []}
-        with parsing(path, RESULT_FILE):
-            found = msgspec.convert(summary["episodes"], list[_Episode])
-        for number, episode in enumerate(found):
+        for number, episode in enumerate(read_run(name, results)):
             recording = result.location(results) / (episode.recording or "")
             if not recording.is_file():
                 continue

@@ -1,72 +1,63 @@
-"""`python -m analysis.report`: one page that shows what there is, from result files only.
+"""The report: one page that shows what there is, from result files only.
 
 The page stands in a folder with all it needs: figures, recordings, the Rerun viewer. It asks no
 other machine for anything. `analysis.serve` opens it.
 """
 
-import importlib.metadata
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import jinja2
-import tyro
 
-from analysis.report.content import chosen, episodes, not_drawn, pictures, place, trainings
+from analysis.report.content import (
+    ReportError,
+    chosen,
+    episodes,
+    not_drawn,
+    pictures,
+    place,
+    trainings,
+)
 from analysis.report.server import PAGE
 from analysis.report.tables import (
-    ReportError,
     learning_tables,
     parameter_table,
-    read_timings,
     timing_table,
     transfer_tables,
 )
 from analysis.report.web_viewer import web_viewer_files
-from cosim.base.errors import run_command
+from analysis.timings import read_timings
 from cosim.base.params import SPEED_NOISE, TABLE_I, TIMING
+from cosim.base.provenance import versions
 from cosim.base.scenario import BUILT_IN
 from cosim.base.storage import replacing
 
-_PACKAGES = ("minirobots", "fmpy", "numba", "numpy", "rerun-sdk")
 
-
-@dataclass(frozen=True)
-class Report:
-    """Write a page with every figure beside the paper's claim, tables, and recordings to watch.
-
-    Results are those of `python -m analysis.reproduce`, or of single commands with the same
-    folders; what is missing is named on the page with the command that makes it. Open the page
-    with `python -m analysis.serve DIR`.
-    """
-
-    results: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/reproduction/results")
-    """Folder of results."""
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/reproduction/report")
-    """Folder to write the page to."""
-    figures: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder of `python -m analysis.figures`; by default `figures` beside the results."""
-    episode: Annotated[str | None, tyro.conf.arg(metavar="SCENARIO/N")] = None
-    """Episode that the viewer opens first, such as 4/0; by default the success of a pair."""
-
-
-def write_report(options: Report) -> Path:
+def write_report(
+    results: Path, out: Path, figures: Path | None = None, episode: str | None = None
+) -> Path:
     """Write the page and what it needs.
+
+    Args:
+        results: folder of results.
+        out: folder to write to.
+        figures: folder of figures; by default `figures` beside the results.
+        episode: that the viewer opens first, such as 4/0; by default the success of a pair.
 
     Returns:
         The page.
 
     Raises:
-        ReportError: there is no results folder, a result is damaged, or there is no such episode.
+        ReportError: there is no results folder, or no such episode.
+        ResultError, TimingsError: a result is damaged.
         WebViewerError: the viewer's files cannot be had.
         OSError: the folder cannot be written.
     """
-    results, out = options.results, options.out
     if not results.is_dir():
         raise ReportError(
             f"{results}: no such folder; make results with `python -m analysis.reproduce`"
         )
-    figures = options.figures or results.parent / "figures"
+    figures = figures or results.parent / "figures"
     found = list(episodes(results, out))
     timings = read_timings(results)
     content = {
@@ -75,11 +66,11 @@ def write_report(options: Report) -> Path:
         "tables": [*learning_tables(results), *transfer_tables(results)],
         "episodes": found,
         "trainings": list(trainings(results, out)),
-        "chosen": chosen(found, options.episode),
-        "profile": timings and timings["profile"],
+        "chosen": chosen(found, episode),
+        "profile": timings and timings.profile,
         "timing": timings and timing_table(timings),
         "parameters": parameter_table(),
-        "versions": {name: importlib.metadata.version(name) for name in _PACKAGES},
+        "versions": versions(),
         "facts": _facts(),
     }
     script, wasm = web_viewer_files()
@@ -120,14 +111,3 @@ def _render(template: str, content: dict[str, Any], path: Path) -> None:
     text = environment.get_template(template).render(content)
     with replacing(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
-
-
-def main() -> None:
-    """Command line; see `Report`."""
-    options = tyro.cli(Report, prog="python -m analysis.report")
-    print(f"report: {write_report(options)}")
-    print(f"open it with: python -m analysis.serve {options.out}")
-
-
-if __name__ == "__main__":
-    run_command(main)

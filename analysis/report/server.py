@@ -1,18 +1,14 @@
-"""`python -m analysis.serve DIR`: opens a report of this machine in its browser.
+"""Serves a report to the browser of this machine.
 
 A browser loads neither the Rerun viewer nor a recording from a page opened as a file; so the folder
 is served, to this machine only.
 """
 
-from dataclasses import dataclass
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Annotated
 
-import tyro
-
-from cosim.base.errors import UserError, run_command
+from cosim.base.errors import UserError
 
 HOST = "127.0.0.1"
 PAGE = "index.html"
@@ -20,16 +16,6 @@ PAGE = "index.html"
 
 class ServeError(UserError):
     """A folder or port that cannot be served."""
-
-
-@dataclass(frozen=True)
-class Serve:
-    """Serve a report to the browser of this machine, until Ctrl-C."""
-
-    folder: Annotated[Path, tyro.conf.Positional]
-    """Folder made by `python -m analysis.report`."""
-    port: int = 8000
-    """Port to listen on; 0 takes a free one."""
 
 
 class _Handler(SimpleHTTPRequestHandler):
@@ -73,18 +59,3 @@ def server(folder: Path, port: int = 0) -> ThreadingHTTPServer:
 def address(of: ThreadingHTTPServer) -> str:
     """URL of a server's page."""
     return f"http://{HOST}:{of.server_address[1]}/"
-
-
-def main() -> None:
-    """Command line; see `Serve`."""
-    options = tyro.cli(Serve, prog="python -m analysis.serve")
-    with server(options.folder, options.port) as serving:
-        try:
-            print(f"report: {address(serving)} (Ctrl-C ends it)", flush=True)
-            serving.serve_forever()
-        except KeyboardInterrupt:
-            print()  # the intended end, after the terminal's ^C
-
-
-if __name__ == "__main__":
-    run_command(main)

@@ -4,16 +4,17 @@ Reads what commands wrote and formats it, with intervals; the page around it is 
 """
 
 from pathlib import Path
-from typing import Any, NamedTuple, NotRequired, TypedDict
+from typing import NamedTuple
 
-from analysis.figures.style import NOTHING, interval
+from agent.evaluation.transfer_table import TransferRow
+from agent.experiments.results import ExperimentResult
+from analysis.figures.style import NOTHING, Interval, interval
 from analysis.reading.results import RESULTS
+from analysis.reading.written import read_experiment, read_transfer
+from analysis.timings import TimingsFile
 from cosim.base.config import CoSimConfig
-from cosim.base.errors import UserError
 from cosim.base.outcome import ENDS
-from cosim.base.reading import Kind, parsing, read_json
 
-TIMINGS_FILE = "timings.json"
 # Column, measure of `agent.process.exact`, factor, digits, unit.
 _MEASURES = (
     ("success", "success", 100.0, 1, " %"),
@@ -21,13 +22,6 @@ _MEASURES = (
     ("moves", "steps", 1.0, 2, ""),
     ("path over shortest", "ratio_to_bound", 1.0, 3, ""),
 )
-
-
-class ReportError(UserError):
-    """Results that no report can be made from."""
-
-
-RESULT_FILE = Kind("result", "make it again", ReportError)
 
 
 class ReportTable(NamedTuple):
@@ -48,20 +42,11 @@ class ReportTable(NamedTuple):
     rows: list[tuple[str, ...]]
 
 
-def read_result(path: Path) -> dict[str, Any] | None:
-    """Content of a result file; None if there is none.
-
-    Raises:
-        ReportError: it is damaged.
-    """
-    return read_json(path, RESULT_FILE, dict[str, Any]) if path.exists() else None
-
-
 def learning_tables(results: Path) -> list[ReportTable]:
     """What training found, a table per experiment of the paper.
 
     Raises:
-        ReportError: a file is damaged.
+        ResultError: a file is damaged.
     """
     titles = {
         "fig08": "One robot, greedy policies after training",
@@ -70,20 +55,17 @@ def learning_tables(results: Path) -> list[ReportTable]:
     }
     tables = []
     for name, title in titles.items():
-        path = RESULTS[name].proof_in(results)
-        content = read_result(path)
-        if content is not None:
-            with parsing(path, RESULT_FILE):
-                tables.append(_learning_table(title, content))
+        if RESULTS[name].exists(results):
+            tables.append(_learning_table(title, read_experiment(name, results)))
     return tables
 
 
-def _learning_table(title: str, content: dict[str, Any]) -> ReportTable:
-    rows, differences = [], content.get("differences", {})
-    for key, variant in content["variants"].items():
-        row = [variant["label"]]
+def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
+    rows, differences = [], content.differences
+    for key, variant in content.variants.items():
+        row = [variant.label]
         for _, measure, factor, digits, unit in _MEASURES:
-            row.append(interval(variant["over_runs"][measure], factor, digits, unit))
+            row.append(interval(variant.over_runs[measure], factor, digits, unit))
         if differences:
             difference = differences.get(key)
             row.append(interval(difference["path_length_cm"]) if difference else NOTHING)
@@ -91,14 +73,14 @@ def _learning_table(title: str, content: dict[str, Any]) -> ReportTable:
     header = ["", *(column for column, *_ in _MEASURES)]
     if differences:
         header.append("difference in cm, same seeds")
-    runs = len(next(iter(content["variants"].values()))["runs"])
+    runs = len(next(iter(content.variants.values())).runs)
     note = (
-        f"Every start, evaluated exactly, for each of {_runs(runs)} of {content['episodes']:,} "
+        f"Every start, evaluated exactly, for each of {_runs(runs)} of {content.episodes:,} "
         "training episodes: mean and 95 % bootstrap interval over the runs."
     )
     command = (
-        f"python -m agent.experiments {content['experiment']} --runs {runs} "
-        f"--episodes {content['episodes']} --seed {content['seed']}"
+        f"python -m agent.experiments {content.experiment} --runs {runs} "
+        f"--episodes {content.episodes} --seed {content.seed}"
     )
     return ReportTable(title, note, command, tuple(header), rows)
 
@@ -111,14 +93,11 @@ def transfer_tables(results: Path) -> list[ReportTable]:
     """What policies achieve in co-simulation, by training method; none if it was not evaluated.
 
     Raises:
-        ReportError: the file is damaged.
+        ResultError: the file is damaged.
     """
-    path = RESULTS["transfer"].proof_in(results)
-    content = read_result(path)
-    if content is None:
+    if not RESULTS["transfer"].exists(results):
         return []
-    with parsing(path, RESULT_FILE):
-        rows = [_transfer_row(row) for row in content["rows"]]
+    rows = [_transfer_row(row) for row in read_transfer(results).rows]
     outcomes = (name.replace("_", " ") for name in ENDS)
     header = ("scenario", "training", "µ", "safety layer", "episodes", *outcomes, "path over grid")
     note = (
@@ -129,67 +108,39 @@ def transfer_tables(results: Path) -> list[ReportTable]:
     return [ReportTable(title, note, "python -m cosim.transfer", header, rows)]
 
 
-def _transfer_row(row: dict[str, Any]) -> tuple[str, ...]:
+def _transfer_row(row: TransferRow) -> tuple[str, ...]:
     shares = (_named(row, name, 100.0, 1, " %") for name in ENDS)
-    margin_m = row.get("safety_margin_m") or 0.0
     return (
-        str(row["scenario"]),
-        str(row["method"]),
-        f"{row['mu']:g}",
-        f"{1e3 * margin_m:g} mm" if margin_m else NOTHING,
-        str(row["episodes"]),
+        row.scenario,
+        row.method,
+        f"{row.mu:g}",
+        f"{1e3 * row.safety_margin_m:g} mm" if row.safety_margin_m else NOTHING,
+        str(row.episodes),
         *shares,
         _named(row, "path_ratio_to_grid", 1.0, 3, ""),
     )
 
 
-def _named(row: dict[str, Any], name: str, factor: float, digits: int, unit: str) -> str:
+def _named(row: TransferRow, name: str, factor: float, digits: int, unit: str) -> str:
     """A value of a row of `cosim.transfer` with its interval."""
-    statistics = {"mean": row[name], "low": row[f"{name}_low"], "high": row[f"{name}_high"]}
-    return interval(statistics, factor, digits, unit)
+    ends = (getattr(row, each) for each in (name, f"{name}_low", f"{name}_high"))
+    return interval(Interval(*ends), factor, digits, unit)
 
 
-class _Stage(TypedDict):
-    seconds: float
-    attempts: int
-    finished: bool
-    code: NotRequired[str | None]
-
-
-class TimingsContent(TypedDict):
-    """What `analysis.reproduce` writes of its stages."""
-
-    schema_version: int
-    profile: dict[str, Any]
-    seed: int
-    cores: int | None
-    stages: dict[str, _Stage]
-
-
-def read_timings(results: Path) -> TimingsContent | None:
-    """What `analysis.reproduce` wrote of its stages; None if it did not make these results.
-
-    Raises:
-        ReportError: the file is damaged.
-    """
-    path = results / TIMINGS_FILE
-    return read_json(path, RESULT_FILE, TimingsContent) if path.exists() else None
-
-
-def timing_table(timings: TimingsContent) -> ReportTable:
+def timing_table(timings: TimingsFile) -> ReportTable:
     """How long each stage of `analysis.reproduce` took."""
     rows = [
         (
             name,
-            f"{stage['seconds']:.1f} s",
-            str(stage["attempts"]),
-            "" if stage["finished"] else "not finished",
+            f"{stage.seconds:.1f} s",
+            str(stage.attempts),
+            "" if stage.finished else "not finished",
         )
-        for name, stage in timings["stages"].items()
+        for name, stage in timings.stages.items()
     ]
-    total = sum(stage["seconds"] for stage in timings["stages"].values())
+    total = sum(stage.seconds for stage in timings.stages.values())
     note = (
-        f"Wall-clock time on {timings['cores']} cores, profile “{timings['profile']['name']}”; "
+        f"Wall-clock time on {timings.cores} cores, profile “{timings.profile['name']}”; "
         "a stage that was interrupted and continued counts with all its attempts."
     )
     rows.append(("all", f"{total:.1f} s", "", ""))

@@ -100,9 +100,9 @@ def show_table(
         numbers: how many of the last columns are set flush right.
         title: of the table.
     """
-    from rich.cells import cell_len  # noqa: PLC0415 - slow; options do not need it
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from rich.cells import cell_len
+    from rich.console import Console
+    from rich.table import Table
 
     console = console or Console()
     columns = list(zip(header, *rows, strict=True))

@@ -1,7 +1,8 @@
 """The parameters of one co-simulation together, checked against each other."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from cosim.base.errors import UserError
 from cosim.base.params import (
@@ -19,6 +20,9 @@ from cosim.base.params import (
     lift_off_speed,
     resized,
 )
+
+Order = Literal["gauss-seidel", "jacobi"]
+OnCollision = Literal["end", "continue"]
 
 
 class ConfigError(UserError):
@@ -44,8 +48,8 @@ class CoSimConfig:
             plans of robots, and from obstacles; 0 switches it off.
 
     Raises:
-        ConfigError: a parameter is out of range, the robot's parts do not fit into its body, or a
-            period is no multiple of the one below it.
+        ConfigError: a parameter is out of range or unknown, the robot's parts do not fit into its
+            body, or a period is no multiple of the one below it.
     """
 
     robot: RobotParams = TABLE_I
@@ -53,12 +57,14 @@ class CoSimConfig:
     noise: NoiseParams = SPEED_NOISE
     timing: TimingParams = TIMING
     steering: SteeringParams = STEERING
-    order: Literal["gauss-seidel", "jacobi"] = "gauss-seidel"
+    order: Order = "gauss-seidel"
     reaction: bool = False
-    on_collision: Literal["end", "continue"] = "end"
+    on_collision: OnCollision = "end"
     safety_margin_m: float = 0.0
 
     def __post_init__(self) -> None:
+        require_one_of("order", self.order, get_args(Order))
+        require_one_of("on_collision", self.on_collision, get_args(OnCollision))
         for record in (self.robot, self.motor, self.noise, self.timing, self.steering):
             for name, value in record._asdict().items():
                 if not 0.0 <= value < float("inf"):
@@ -161,6 +167,16 @@ class CoSimConfig:
             name: {"value": value, "unit": "", "source": "option", "description": text}
             for name, (value, text) in options.items()
         }
+
+
+def require_one_of(name: str, value: str, known: Collection[str]) -> None:
+    """Refuse a value that is not among the known ones.
+
+    Raises:
+        ConfigError: it is not; the message names them.
+    """
+    if value not in known:
+        raise ConfigError(f"{name} = {value!r} is unknown; choose one of {', '.join(known)}")
 
 
 def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from cosim.base.command import MotorFmuFile
-from cosim.base.config import CoSimConfig
+from cosim.base.config import CoSimConfig, OnCollision, Order
 from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, STEERING, TABLE_I, TIMING
 from cosim.base.progress import Progress, silent, under_way
 
@@ -25,7 +25,7 @@ class Physics:
     """Integration step of the bodies in s."""
     communication_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Time between exchanges with the FMUs in s, a whole multiple of dt; by default dt."""
-    order: Literal["gauss-seidel", "jacobi"] = "gauss-seidel"
+    order: Order = "gauss-seidel"
     """Whether bodies see the motors' outputs of the end (interpolated) or of the start
     (extrapolated) of a communication step."""
     reaction: bool = False
@@ -86,7 +86,7 @@ class Driving(Physics):
     speed: Annotated[float, tyro.conf.arg(metavar="MM_S")] = 1e3 * STEERING.drive_speed_m_s
     """Speed while driving, in mm/s; motor speeds follow from a calibration, which refuses a speed
     that needs hopping (above 4.4 with the default friction, 1.37 with a μ of 0.4)."""
-    on_collision: Literal["end", "continue"] = "end"
+    on_collision: OnCollision = "end"
     """What happens when two robots touch: the episode ends, or they push each other on. A robot
     that touches an obstacle always ends it: obstacles cannot be pushed against yet."""
     safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from agent.training.settings import LearningConfig
+from benchmarks import __main__ as benchmarks
 from benchmarks import training
 
 
@@ -15,7 +16,7 @@ def measured(monkeypatch, command):
     def run(episodes: int, repeats: int) -> dict[str, float]:
         monkeypatch.setattr(training, "SECTION_V", LearningConfig(episodes=episodes))
         monkeypatch.setattr(training, "GYMNASIUM_STEPS", episodes // 20)
-        done = command(training, "--json", "--repeats", repeats)
+        done = command(benchmarks, "training", "--json", "--repeats", repeats)
         return json.loads(done.stdout.splitlines()[-1])
 
     return run

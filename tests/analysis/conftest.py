@@ -6,14 +6,17 @@ import sys
 import time
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
+from typing import Any
 
+import msgspec
 import pytest
-from rich.console import Console
 
-from agent import experiments, methods
+from agent.evaluation.transfer_table import TransferReport, TransferRow
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
-from analysis.reproduce import Reproduce, reproduce
+from analysis.stages import reproduce
+from cosim.base.storage import write_json
 
 # Everything in the small: few, short, but real runs.
 TINY = Profile(
@@ -34,8 +37,8 @@ BRIEF = ("--method", "paper", "--train-episodes", "20000")
 
 def evaluate_seldom(patch):
     """Few exact evaluations on the way: policies trained so briefly circle to the step limit."""
-    for module in (methods, experiments):
-        patch.setattr(module, "replace", partial(replace, greedy_points=6))
+    for module in ("agent.method", "agent.experiments.run"):
+        patch.setattr(import_module(module), "replace", partial(replace, greedy_points=6))
 
 
 @pytest.fixture(autouse=True)
@@ -56,7 +59,7 @@ def reproduction(tmp_path_factory):
     out = tmp_path_factory.mktemp("reproduction")
     with pytest.MonkeyPatch.context() as patch:
         evaluate_seldom(patch)
-        reproduce(Reproduce(out, jobs=1), TINY, Console(stderr=True))
+        reproduce(out, TINY, seed=0, jobs=1, say=print)
     return out
 
 
@@ -91,3 +94,42 @@ def killed_recording(tmp_path_factory, run_folder):
         run.send_signal(signal.SIGKILL)
     assert part.is_file()
     return part
+
+
+def transfer_row(scenario, method, success, margin_m=0.0, mu=0.15):
+    """A row of 50 episodes that end in success or collision; what else is measured is unknown."""
+    unknown: dict[str, Any] = dict.fromkeys(TransferRow.__struct_fields__)
+    known = {"scenario": scenario, "method": method, "mu": mu, "safety_margin_m": margin_m}
+    known |= {"episodes": 50, "planned": 50, "simulated": 50, "wall_s": 1.0, "digest": "0"}
+    shares = {"success": success, "collision": 1.0 - success, "out_of_board": 0.0, "timeout": 0.0}
+    for name, share in shares.items():
+        known |= {name: share, f"{name}_low": max(share - 0.1, 0.0)}
+        known[f"{name}_high"] = min(share + 0.1, 1.0)
+    return msgspec.convert(unknown | known | {"failures": ()}, TransferRow)
+
+
+@pytest.fixture
+def write_transfer(tmp_path):
+    """Writes a table of `cosim.transfer` and returns its results folder."""
+
+    def write(*rows):
+        report = TransferReport(
+            seed=0,
+            complete=True,
+            elapsed_s=1.0,
+            sessions=(),
+            episode_wall_s=1.0,
+            simulated=50,
+            goals=(),
+            rows=rows,
+        )
+        write_json(RESULTS["transfer"].proof_in(tmp_path), report)
+        return tmp_path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def row():
+    """See `transfer_row`."""
+    return transfer_row

@@ -111,11 +111,11 @@ MATTER = {
         cosim.base.scenario
     """,
     "reproduced motor test": """
-        analysis.motor_test cosim.base.params cosim.recording.file
+        analysis.motor.step_test cosim.base.params cosim.recording.file
     """,
     "reproduced transfer": """
         agent.evaluation.outcomes agent.evaluation.transfer
-        agent.evaluation.transfer_table agent.methods agent.moves.kernels
+        agent.evaluation.transfer_table agent.method agent.moves.kernels
         agent.moves.model agent.moves.observe agent.process.config agent.process.exact
         agent.process.grid agent.process.maps agent.process.readings agent.process.rng
         agent.training.learning agent.training.loop agent.training.moves_qlearning

@@ -1,5 +1,6 @@
 """The speed loop: transfer functions against hand calculation, and the FMU against both."""
 
+import json
 import math
 import subprocess
 import sys
@@ -11,8 +12,10 @@ import pytest
 
 from analysis import motor_loop
 from analysis.figures import fig07
-from analysis.motor_loop import figures_of_merit, measured_response, speed_loop
-from analysis.motor_test import MotorTest, MotorTestError, read, record, simulate
+from analysis.motor.options import StepTest
+from analysis.motor.speed_loop import figures_of_merit, measured_response, speed_loop
+from analysis.motor.step_test import record, simulate
+from analysis.reading.motor_test import MotorTestError, read
 from cosim.base.params import FIG_7, TABLE_II
 
 # The held sine is 4e-5 smaller than the sine it stands for, and the FMU integrates with RK4.
@@ -46,23 +49,25 @@ def test_loop_rejects_a_steady_disturbance_that_the_motor_alone_does_not():
     assert abs(control.dcgain(loop.disturbance)) * FIG_7.d < 1e-9
 
 
-def test_fmu_has_the_frequency_response_of_the_theory():
+def test_fmu_has_the_frequency_response_of_the_theory(motor_fmu):
     frequencies = np.array([30.0, 190.0, 1000.0])
-    ratio = measured_response(frequencies) / speed_loop().closed(1j * frequencies)
+    ratio = measured_response(motor_fmu, frequencies) / speed_loop().closed(1j * frequencies)
     assert np.abs(ratio) == pytest.approx(1.0, abs=SAME_AMPLITUDE)
     assert np.rad2deg(np.angle(ratio)) == pytest.approx(0.0, abs=SAME_PHASE_DEG)
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record(MotorTest(out=tmp_path_factory.mktemp("motor") / "test.rrd"))
+def recording(tmp_path_factory: pytest.TempPathFactory, motor_fmu: Path) -> Path:
+    out = tmp_path_factory.mktemp("motor") / "test.rrd"
+    record(out, motor_fmu, StepTest())
+    return out
 
 
-def test_recording_holds_what_was_simulated(recording):
+def test_recording_holds_what_was_simulated(recording, motor_fmu):
     responses = read(recording)
     for loop, response in responses.items():
         for name, simulated, held in zip(
-            response._fields, simulate(MotorTest(), loop), response, strict=True
+            response._fields, simulate(motor_fmu, StepTest(), loop), response, strict=True
         ):
             tolerance = 1e-9 if name == "time_s" else 0.0  # Rerun counts time in whole ns
             assert np.abs(simulated - held).max() <= tolerance, (loop, name)
@@ -79,8 +84,9 @@ def test_recording_shows_fig_7(recording):
     assert np.abs(responses["closed_loop"].voltage).max() == TABLE_II.V_s_max
 
 
-def test_the_same_test_gives_the_same_recording(recording, tmp_path):
-    again = record(MotorTest(out=tmp_path / "again.rrd"))
+def test_the_same_test_gives_the_same_recording(recording, motor_fmu, tmp_path):
+    again = tmp_path / "again.rrd"
+    record(again, motor_fmu, StepTest())
     rerun = Path(sys.executable).with_name("rerun")
     run = subprocess.run(
         [rerun, "rrd", "compare", "--unordered", recording, again],
@@ -102,9 +108,11 @@ def test_caption_of_fig_7_states_the_numbers_of_the_recording(recording):
 
 def test_bode_plot_is_written(tmp_path, monkeypatch, capsys):
     out = tmp_path / "motor_loop.png"
-    monkeypatch.setattr(sys, "argv", ["command", "--out", str(out)])
+    monkeypatch.setattr(sys, "argv", ["command", "--out", str(out), "--json"])
     motor_loop.main()
-    assert str(out) in capsys.readouterr().out
+    found = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert found["files"][0] == str(out)
+    assert found["gain_margin"] is None  # infinite
     assert out.read_bytes().startswith(b"\x89PNG")
     assert out.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
 
@@ -116,4 +124,4 @@ def test_what_is_no_motor_test_is_refused_in_one_sentence(tmp_path):
         with pytest.raises(MotorTestError, match=r"analysis\.motor_test"):
             read(path)
     with pytest.raises(MotorTestError, match="cannot be tested"):
-        simulate(MotorTest(fmu=broken), "open_loop")
+        simulate(broken, StepTest(), "open_loop")

@@ -4,14 +4,12 @@ import json
 from dataclasses import replace
 
 import pytest
-from rich.console import Console
 
 from analysis.reading.results import FIGURES, RESULTS
-from analysis.reproduce import Reproduce, run_stages
+from analysis.reproduce import Reproduce
+from analysis.stages import run_stages
 from analysis.timings import Timings, TimingsError
 from cosim.base.errors import UserError
-
-CONSOLE = Console(stderr=True, record=True, width=200)
 
 
 @pytest.fixture
@@ -47,9 +45,9 @@ def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny):
     RESULTS["fig08"].proof_in(results).unlink()
     lost.unlink()
     before = kept.stat().st_mtime_ns, policy.stat().st_mtime_ns
-    run_stages(Reproduce(out, jobs=1), tiny, CONSOLE)
-    said = CONSOLE.export_text()
-    assert said.count("finished before") == len(RESULTS) - 2
+    said: list[str] = []
+    run_stages(out, tiny, seed=0, jobs=1, say=said.append)
+    assert sum("finished before" in text for text in said) == len(RESULTS) - 2
     assert lost.is_file()
     assert RESULTS["fig08"].exists(results)
     # The experiment went on from its runs instead of training them again.
@@ -58,9 +56,9 @@ def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny):
 
 def test_other_profiles_and_seeds_are_refused(out, tiny):
     with pytest.raises(TimingsError, match="profile tiny, seed 0"):
-        run_stages(Reproduce(out), replace(tiny, runs=3), CONSOLE)
+        run_stages(out, replace(tiny, runs=3), seed=0, jobs=1, say=print)
     with pytest.raises(TimingsError, match="choose another --out"):
-        run_stages(Reproduce(out, seed=1), tiny, CONSOLE)
+        run_stages(out, tiny, seed=1, jobs=1, say=print)
     with pytest.raises(UserError, match="--jobs must be at least 1"):
         Reproduce(out, jobs=0)
     with pytest.raises(UserError, match="--seed must not be negative"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from analysis.screenshot import ViewerError, screenshot, shrink
+from analysis.viewer import ViewerError, screenshot, shrink
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim import platform
 from cosim.base.params import FIG_3, TABLE_I
 from cosim.physics import stroke
-from cosim.platform import robot_platform
+from cosim.platform import __main__ as command
+from cosim.platform import motion as platform
+from cosim.platform.motion import robot_platform
+from cosim.platform.result import POINTS_PER_CYCLE, PlatformResult
 
 # mu: omega_c, omega_net, then mm/s at 700 to 1100 rad/s, from an integration with small steps.
 TABLE = {
@@ -123,12 +125,12 @@ def test_the_platform_like_the_printed_one_steps_by_its_printed_length():
 def test_command_writes_its_table_and_motions(tmp_path, monkeypatch, capsys):
     out = tmp_path / "platform.npz"
     monkeypatch.setattr("sys.argv", ["platform", "--out", str(out), "--cycles", "3", "--json"])
-    platform.main()
+    command.main()
     last = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert 1e3 * last["table_net_speed_m_s"][1][2] == pytest.approx(2.504, abs=1e-3)
-    with np.load(out) as file:
-        assert file["table_net_speed_m_s"].tolist() == last["table_net_speed_m_s"]
-        assert file["paper_position_m"].shape == (3 * platform.POINTS_PER_CYCLE + 1,)
+    result = PlatformResult.load(out)
+    assert result.table.net_speed_m_s.tolist() == last["table_net_speed_m_s"]
+    assert result.paper.position_m.shape == (3 * POINTS_PER_CYCLE + 1,)
 
 
 @pytest.mark.parametrize("omega", [0.0, -900.0, 1152.0])

@@ -4,11 +4,11 @@ import contextlib
 import io
 
 import pytest
-from rich.console import Console
 
 from agent.evaluation import grid as evaluate
 from agent.evaluation import tables as outcome_tables
 from agent.evaluation import transfer_table
+from agent.evaluation.dynamics import EvaluationReport, PolicyRow
 from agent.evaluation.statistics import Statistics
 from agent.experiments import results as experiments
 from cosim.base.command import show_table
@@ -42,45 +42,48 @@ GRID = {
 STATISTICS = Statistics(mean=0.9876, iqm=0.98, low=0.9, high=0.999, runs=10)
 
 
-def printed(show, *arguments, width=80) -> str:
-    output = io.StringIO()
-    show(*arguments, Console(width=width, file=output))
-    text = output.getvalue()
-    assert max(map(len, text.splitlines())) <= width
-    assert "…" not in text
-    return text
-
-
-def printed_on_stdout(show, content) -> str:
-    """What is printed on a terminal of 80 columns; lines outside of tables may be longer."""
+def printed(show, content, width=80) -> str:
+    """What is printed on a terminal; lines outside of tables may be longer than it is wide."""
     output = io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(output):
-        patch.setenv("COLUMNS", "80")
+        patch.setenv("COLUMNS", str(width))
         show(content)
     text = output.getvalue()
-    assert max(len(line) for line in text.splitlines() if "│" in line) <= 80
+    assert max(len(line) for line in text.splitlines() if "│" in line) <= width
     assert "…" not in text
     return text
 
 
 def test_one_table_if_there_is_room():
-    text = printed(lambda c: show_table(c, "ab", [("1", "2")], title="both"), width=40)
+    text = printed(lambda rows: show_table(None, "ab", rows, title="both"), [("1", "2")], width=40)
     assert text.count("both") == 1
     assert text.count("┏") == 1
 
 
 def test_further_tables_repeat_the_names():
     rows = [("first row", "1" * 30, "2" * 30, "3" * 30)]
-    text = printed(lambda c: show_table(c, ("name", "a", "b", "c"), rows, title="t"))
+    text = printed(lambda rows: show_table(None, ("name", "a", "b", "c"), rows, title="t"), rows)
     assert text.count("first row") == 2
     assert all(digit * 30 in text for digit in "123")
 
 
 @pytest.mark.parametrize("width", [60, 80, 200])
 def test_policies_in_co_simulation(width):
-    row = {"policy": "runs/fig11/c1/run_003/policy.npz", "scenario": "four-crossing"}
-    row |= {"episodes": 200, "starts": 900, "failing_starts": 0, "failures": []} | OUTCOMES
-    text = printed(outcome_tables.show, {"policies": [row]}, width=width)
+    row = PolicyRow(
+        policy="runs/fig11/c1/run_003/policy.npz",
+        scenario="four-crossing",
+        digest="",
+        episodes=200,
+        starts=900,
+        **OUTCOMES,
+        wall_s=1.0,
+        failing_starts=0,
+        failures=(),
+        recordings=(),
+        results="",
+    )
+    report = EvaluationReport(seed=0, mu=0.15, safety_margin_m=0.0, policies=(row,))
+    text = printed(outcome_tables.show, report, width=width)
     whole = ["four-crossing", "200 of 900", "98.8% [94.2, 100.0]", "1.2% [0.0, 5.8]", "collision"]
     whole += ["123.4 cm", "1.234 [1.111, 1.345]", "12.34 cm", "123 s", "456.7 J", "min distance"]
     assert [word for word in whole if word not in text] == []
@@ -97,7 +100,7 @@ def test_policies_on_the_grid():
     )
     over = dict.fromkeys(GRID, STATISTICS)
     report = evaluate.GridReport(policies=(row,), over_policies={"4": over})
-    text = printed_on_stdout(evaluate.show, report)
+    text = printed(evaluate.show, report)
     assert f"{row.policy}: collision from (1, 2) (3, 4)" in text
     assert "1 more failing starts" in text
     whole = ["scenario", "98.76%", "1.23%", "43.21", "39.87", "1.012", "1.034", "out of board"]
@@ -116,16 +119,35 @@ def test_experiments():
         variants={"4": variant},
         differences={},
     )
-    text = printed_on_stdout(experiments.show, result)
+    text = printed(experiments.show, result)
     assert "98.76 % [90.00, 99.90]" in text
     assert "path over optimum" in text
 
 
 def test_transfer_has_all_that_its_file_has():
-    entry = {"scenario": "4", "method": "moves", "mu": 0.15, "safety_margin_m": 0.003}
-    entry |= {"episodes": 50, "planned": 200} | OUTCOMES
-    report = {"rows": [entry], "goals": [], "sessions": [{}], "simulated": 50}
-    report |= {"elapsed_s": 60.0, "episode_wall_s": 120.0}
+    entry = transfer_table.TransferRow(
+        scenario="4",
+        method="moves",
+        mu=0.15,
+        safety_margin_m=0.003,
+        episodes=50,
+        planned=200,
+        simulated=50,
+        **OUTCOMES,
+        wall_s=120.0,
+        digest="",
+        failures=(),
+    )
+    report = transfer_table.TransferReport(
+        seed=0,
+        complete=False,
+        elapsed_s=60.0,
+        sessions=(transfer_table.Session(elapsed_s=60.0, episodes=50, jobs=2),),
+        episode_wall_s=120.0,
+        simulated=50,
+        goals=(),
+        rows=(entry,),
+    )
     text = printed(transfer_table.show, report)
     table, _, findings = transfer_table.markdown(report).partition("\n\n")
     cells = [c.strip() for line in table.splitlines() for c in line.strip("|").split("|")]

@@ -6,35 +6,37 @@ import pytest
 from analysis.figures import fig03
 from analysis.figures.style import FigureError, save
 from analysis.reading.results import RESULTS
+from cosim.platform.motion import PlatformError
+from cosim.platform.result import PlatformResult
 
 
 def test_curves_are_those_of_the_file(results):
-    arrays = fig03.load(RESULTS["platform"].location(results))
-    figure = fig03.draw(arrays)
+    result = PlatformResult.load(RESULTS["platform"].location(results))
+    figure = fig03.draw(result)
     cycles, cycle, forces = figure.axes[3:]
-    position = 1e6 * arrays["table_ii_position_m"]
+    position = 1e6 * result.table_ii.position_m
     np.testing.assert_array_equal(cycles.lines[0].get_ydata(), position)
-    step = 1e6 * float(arrays["table_ii_net_displacement_m"])
+    step = 1e6 * float(result.table_ii.net_displacement_m)
     assert np.asarray(cycle.lines[0].get_ydata())[-1] == pytest.approx(step, rel=1e-4)
     assert any(f"{step:.3g}" in text.get_text() for text in cycle.texts)
     assert forces.lines[0].get_label() == "driving force"
 
 
 def test_files_that_are_no_results_are_named(tmp_path):
-    with pytest.raises(FigureError, match=r"none\.npz: no such result of `python -m"):
-        fig03.load(tmp_path / "none.npz")
+    with pytest.raises(PlatformError, match=r"none\.npz: no such result of `python -m"):
+        PlatformResult.load(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("not a result")
-    with pytest.raises(FigureError, match=r"not a result of `python -m cosim\.platform`"):
-        fig03.load(tmp_path / "text.npz")
+    with pytest.raises(PlatformError, match=r"not a result of `python -m cosim\.platform`"):
+        PlatformResult.load(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
-    with pytest.raises(FigureError, match="not a result"):
-        fig03.load(tmp_path / "other.npz")
+    with pytest.raises(PlatformError, match="not a result"):
+        PlatformResult.load(tmp_path / "other.npz")
 
 
 def test_caption_states_the_numbers_of_the_file(results):
-    arrays = fig03.load(RESULTS["platform"].location(results))
-    caption = fig03.caption(arrays)
-    step_um = 1e6 * float(arrays["table_ii_net_displacement_m"])
+    result = PlatformResult.load(RESULTS["platform"].location(results))
+    caption = fig03.caption(result)
+    step_um = 1e6 * float(result.table_ii.net_displacement_m)
     assert caption.numbers["table_ii_step_um"] == step_um
     assert f"{step_um:.1f} µm a turn" in caption.text()
     assert caption.numbers["slip_speed_rad_s"] < caption.numbers["drift_speed_rad_s"]

@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from analysis.figures import draw as figures
-from analysis.figures.style import FigureError, read_caption
+from analysis.figures import __main__ as figures
+from analysis.figures.draw import DRAWN_BY, SMALL_WIDTH_PX
+from analysis.figures.style import read_caption
 from analysis.reading.results import FIGURES
-from cosim.base.errors import run_command
+from cosim.base.errors import UserError, run_command
 
 MAX_SMALL_BYTES = 150_000
 
@@ -21,7 +22,7 @@ def draw(monkeypatch, *arguments):
 
 
 def test_every_figure_is_drawn_by_someone():
-    assert figures.DRAWN_BY.keys() == FIGURES.keys()
+    assert DRAWN_BY.keys() == FIGURES.keys()
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,7 @@ def test_small_pictures_are_small(results, tmp_path, monkeypatch):
     for path in tmp_path.iterdir():
         assert path.stat().st_size < MAX_SMALL_BYTES
         with Image.open(path) as image:
-            assert image.width == figures.SMALL_WIDTH_PX
+            assert image.width == SMALL_WIDTH_PX
 
 
 def test_missing_results_are_named_with_their_command(tmp_path, monkeypatch, capsys):
@@ -68,9 +69,9 @@ def test_missing_results_are_named_with_their_command(tmp_path, monkeypatch, cap
     for name in FIGURES:
         if name != "fig05":
             assert f"not drawn: {name}: run `python -m " in page
-    with pytest.raises(FigureError, match="leave out --strict"):
+    with pytest.raises(UserError, match="leave out --strict"):
         draw(monkeypatch, "all", "--results", tmp_path, "--out", tmp_path / "out", "--strict")
-    with pytest.raises(FigureError, match="no figure could be drawn"):
+    with pytest.raises(UserError, match="no figure could be drawn"):
         draw(monkeypatch, "fig03", "--results", tmp_path, "--out", tmp_path / "out")
 
 

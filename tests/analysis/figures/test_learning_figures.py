@@ -6,19 +6,17 @@ import sys
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
-import msgspec
 import numpy as np
 import pytest
 
 from agent.experiments.__main__ import main
-from agent.experiments.results import ExperimentResult, show
+from agent.experiments.results import show
 from agent.experiments.variants import EXPERIMENTS
 from analysis.figures import fig05
 from analysis.figures.learning import (
     POINTS,
     VariantCurves,
     draw_learning_curves,
-    load_content,
     load_variants,
     plot_band,
     settled_after,
@@ -27,6 +25,7 @@ from analysis.figures.learning import (
 from analysis.figures.learning_figures import fig10, path_ratio
 from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
+from analysis.reading.written import ResultError, read_experiment
 from cosim.base.scenario import BUILT_IN
 
 
@@ -38,7 +37,7 @@ def close_figures():
 
 def test_curves_are_those_of_the_runs(results):
     folder = RESULTS["fig11"].location(results)
-    content = load_content(folder, "fig11")
+    content = read_experiment("fig11", results)
     variants = load_variants(folder, content)
     assert list(variants) == ["2", "3", "4"]
     figure = draw_learning_curves(variants)
@@ -48,7 +47,7 @@ def test_curves_are_those_of_the_runs(results):
         assert log.episode.tolist() == [1000, 2000, 3000]
         drawn = np.asarray(behaviour.lines[k].get_ydata())
         np.testing.assert_allclose(drawn, 100.0 * variant.curves("success").mean(axis=0))
-        final = [100.0 * run["success"] for run in content["variants"][variant.scenario]["runs"]]
+        final = [100.0 * run.success for run in content.variants[variant.scenario].runs]
         assert np.asarray(greedy.lines[k].get_ydata())[-1] == pytest.approx(np.mean(final))
     assert greedy_path.get_ylabel() == "path length in cm"
 
@@ -73,14 +72,12 @@ def test_band_leaves_out_points_that_no_run_has():
 
 
 def test_captions_state_the_numbers_of_the_results(results):
-    content = load_content(RESULTS["fig10"].location(results), "fig10")
+    content = read_experiment("fig10", results)
     caption = fig10(results).caption
-    over_runs = content["variants"]["c2"]["over_runs"]
+    over_runs = content.variants["c2"].over_runs
     assert caption.numbers["c2"]["success"] == over_runs["success"]
-    assert (
-        caption.numbers["c5_path_minus_c1.5_cm"] == (content["differences"]["c5"]["path_length_cm"])
-    )
-    assert len(caption.ours) == len(content["variants"]) + 1
+    assert caption.numbers["c5_path_minus_c1.5_cm"] == content.differences["c5"]["path_length_cm"]
+    assert len(caption.ours) == len(content.variants) + 1
 
 
 def test_learnt_is_where_success_stays_high():
@@ -97,11 +94,11 @@ def test_learnt_is_where_success_stays_high():
 
 def test_path_ratio_shows_every_run(results):
     drawing = path_ratio(results)
-    content = load_content(RESULTS["fig08"].location(results), "fig08")["variants"]["1a"]
-    runs = [run["ratio_to_bound"] for run in content["runs"] if run["ratio_to_bound"] is not None]
+    content = read_experiment("fig08", results).variants["1a"]
+    runs = [run.ratio_to_bound for run in content.runs if run.ratio_to_bound is not None]
     dots = drawing.figure.axes[0].lines[0]
     np.testing.assert_array_equal(dots.get_ydata(), runs)
-    assert drawing.caption.numbers["1a"]["path_length"] == content["over_runs"]["ratio_to_bound"]
+    assert drawing.caption.numbers["1a"]["path_length"] == content.over_runs["ratio_to_bound"]
 
 
 def test_fig05_draws_every_scenario():
@@ -112,15 +109,16 @@ def test_fig05_draws_every_scenario():
 
 
 def test_other_folders_are_refused(results, tmp_path):
-    with pytest.raises(FigureError, match=r"run `python -m agent.experiments fig08"):
-        load_content(tmp_path, "fig08")
-    with pytest.raises(FigureError, match="not a result of fig08"):
-        load_content(RESULTS["fig11"].location(results), "fig08")
-    copy = tmp_path / "copy"
-    shutil.copytree(RESULTS["fig08"].location(results), copy)
+    with pytest.raises(ResultError, match=r"run `python -m agent.experiments fig08"):
+        read_experiment("fig08", tmp_path)
+    copy = RESULTS["fig08"].location(tmp_path)
+    shutil.copytree(RESULTS["fig11"].location(results), copy)
+    with pytest.raises(ResultError, match="not a result of fig08"):
+        read_experiment("fig08", tmp_path)
+    shutil.copytree(RESULTS["fig08"].location(results), copy, dirs_exist_ok=True)
     (copy / "1a" / "run_001" / "policy.npz").unlink()
     with pytest.raises(FigureError, match="runs are missing"):
-        load_variants(copy, load_content(copy, "fig08"))
+        load_variants(copy, read_experiment("fig08", tmp_path))
 
 
 def test_experiments_go_on_and_print_json(results, monkeypatch, capsys):
@@ -135,13 +133,13 @@ def test_experiments_go_on_and_print_json(results, monkeypatch, capsys):
 
 
 def test_variants_are_compared_run_by_run(results, capsys):
-    content = load_content(RESULTS["fig10"].location(results), "fig10")
-    runs = {name: variant["runs"] for name, variant in content["variants"].items()}
+    content = read_experiment("fig10", results)
+    runs = {name: variant.runs for name, variant in content.variants.items()}
     pairs = zip(runs["c5"], runs["c1.5"], strict=True)
-    expected = np.mean([a["success"] - b["success"] for a, b in pairs])
-    assert content["differences"]["c5"]["success"]["mean"] == pytest.approx(expected)
-    assert "c1.5" not in content["differences"]
-    show(msgspec.convert(content, ExperimentResult))
+    expected = np.mean([a.success - b.success for a, b in pairs])
+    assert content.differences["c5"]["success"].mean == pytest.approx(expected)
+    assert "c1.5" not in content.differences
+    show(content)
     assert "minus c = 1.5, run by run" in capsys.readouterr().out
 
 

@@ -1,36 +1,27 @@
 """The figure of `cosim.transfer` from a small table, and what is said of other files."""
 
-import json
-
+import msgspec
 import numpy as np
 import pytest
 from matplotlib.container import ErrorbarContainer
 
 from analysis.figures import transfer as transfer_figure
 from analysis.figures.style import FigureError
+from analysis.reading.results import RESULTS
+from analysis.reading.written import ResultError
+from cosim.base.storage import write_json
 
 
-def row(scenario, method, success, margin_m=0.0, mu=0.15):
-    return {
-        "scenario": scenario,
-        "method": method,
-        "mu": mu,
-        "safety_margin_m": margin_m,
-        "episodes": 50,
-        "success": success,
-        "success_low": max(success - 0.1, 0.0),
-        "success_high": min(success + 0.1, 1.0),
-    }
-
-
-ROWS = [
-    row("1a", "paper", 0.8),
-    row("2", "paper", 0.6),
-    row("1a", "slip", 1.0),
-    row("2", "slip", 0.9),
-    row("2", "slip", 1.0, margin_m=0.01),
-    row("2", "slip", 0.5, mu=0.1),
-]
+@pytest.fixture
+def rows(row):
+    return [
+        row("1a", "paper", 0.8),
+        row("2", "paper", 0.6),
+        row("1a", "slip", 1.0),
+        row("2", "slip", 0.9),
+        row("2", "slip", 1.0, margin_m=0.01),
+        row("2", "slip", 0.5, mu=0.1),
+    ]
 
 
 def points(axes):
@@ -42,8 +33,8 @@ def points(axes):
     }
 
 
-def test_points_are_those_of_the_table():
-    figure = transfer_figure.draw(ROWS)
+def test_points_are_those_of_the_table(rows):
+    figure = transfer_figure.draw(rows)
     low_friction, default = figure.axes
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["µ = 0.1", "µ = 0.15"]
     assert points(default) == {
@@ -54,25 +45,26 @@ def test_points_are_those_of_the_table():
     assert points(low_friction) == {"paper": [], "slip": [50.0], "slip, safety layer 10 mm": []}
 
 
-def test_caption_names_the_worst_scenario():
-    caption = transfer_figure.caption(ROWS)
+def test_caption_names_the_worst_scenario(rows):
+    caption = transfer_figure.caption(rows)
     assert "paper at least 60.0% [50.0, 70.0] (scenario 2, 100 episodes in all)" in caption.text()
     worst = {(s["mu"], s["series"]): s["worst_success"] for s in caption.numbers["series"]}
     assert worst[0.15, "slip"] == 0.9
     assert worst[0.1, "slip"] == 0.5
 
 
-def test_rows_without_episodes_are_left_out(tmp_path):
-    path = tmp_path / "transfer.json"
-    path.write_text(json.dumps({"rows": [*ROWS, {**ROWS[0], "success": None}]}))
-    assert transfer_figure.load(path) == ROWS
+def test_rows_without_episodes_are_left_out(rows, write_transfer):
+    unknown = msgspec.structs.replace(rows[0], success=None)
+    numbers = transfer_figure.make(write_transfer(*rows, unknown)).caption.numbers
+    assert numbers == transfer_figure.caption(rows).numbers
+    with pytest.raises(FigureError, match="no rows with episodes"):
+        transfer_figure.make(write_transfer(unknown))
 
 
 def test_other_files_are_refused(tmp_path):
-    path = tmp_path / "transfer.json"
-    with pytest.raises(FigureError, match=r"no such result of `python -m cosim\.transfer`"):
-        transfer_figure.load(path)
-    for content in ("no json", "[]", '{"rows": []}', '{"rows": [{"success": 1.0}]}'):
-        path.write_text(content)
-        with pytest.raises(FigureError, match="not a result of"):
-            transfer_figure.load(path)
+    with pytest.raises(ResultError, match=r"no such result of `python -m cosim\.transfer`"):
+        transfer_figure.make(tmp_path)
+    for content in ("no table", [], {}, {"rows": [{"success": 1.0}]}):
+        write_json(RESULTS["transfer"].proof_in(tmp_path), content)
+        with pytest.raises(ResultError, match="not a result of"):
+            transfer_figure.make(tmp_path)

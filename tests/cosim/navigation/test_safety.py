@@ -27,7 +27,7 @@ lines = st.tuples(coordinate, coordinate, coordinate, coordinate).map(
 
 
 @given(lines, lines)
-def test_distance_of_ways_is_that_of_their_closest_points(a, b):
+def test_distance_of_plans_is_that_of_their_closest_points(a, b):
     shares = np.linspace(0.0, 1.0, 101)[:, None]
     on_a, on_b = a[0] + shares * (a[1] - a[0]), b[0] + shares * (b[1] - b[0])
     sampled = np.linalg.norm(on_a[:, None] - on_b[None], axis=2).min()

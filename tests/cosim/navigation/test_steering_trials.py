@@ -2,11 +2,11 @@
 
 import json
 import math
-import sys
 
 import numpy as np
 import pytest
 
+from benchmarks import __main__ as benchmarks
 from benchmarks import steering
 from benchmarks.steering import drive_line
 from cosim.base.config import CoSimConfig
@@ -34,14 +34,11 @@ def test_turns_and_stops_without_overshoot(motor_fmu):
     assert runs.duration_s.max() < 8.0
 
 
-def test_benchmark_prints_json(monkeypatch, capsys):
+def test_benchmark_prints_json(monkeypatch, command):
     monkeypatch.setattr(steering, "LINE_M", 0.005)
     monkeypatch.setattr(steering, "MOVES", {"straight": (1.0, 0.0)})
-    monkeypatch.setattr(
-        sys, "argv", ["steering", "--seeds", "2", "--json", "--controllers", "kept"]
-    )
-    steering.main()
-    rows = json.loads(capsys.readouterr().out.splitlines()[-1])["rows"]
+    done = command(benchmarks, "steering", "--seeds", 2, "--json", "--controllers", "kept")
+    rows = json.loads(done.stdout.splitlines()[-1])["rows"]
     assert [row["case"] for row in rows] == ["line of 20 cm", "straight"]
     assert rows[1]["duration_s"] < 4.0
 

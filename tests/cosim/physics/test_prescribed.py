@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.prescribed import Drive, MeanMotion, drive_body, mean_motion, rig, trace_body
-from cosim import platform
 from cosim.base.params import (
     TABLE_I,
     TABLE_II,
@@ -20,6 +19,7 @@ from cosim.base.params import (
 )
 from cosim.physics.body import NORMAL_IMPULSE, STATE_SIZE, standing_state
 from cosim.physics.forces import motor_mounts, motor_wrench
+from cosim.platform import motion as platform
 
 DT = TIMING.dt_s
 RIG = rig(TABLE_I, TABLE_II, DT)

@@ -1,25 +1,19 @@
-"""1-DOF platform of Eq. (1), Fig. 2 and 3: sliding friction under a turning eccentric mass.
+"""Motion of the 1-DOF platform of Eq. (1), in closed form between slip, stop and reversal.
 
-Between two events (slip, stop, reversal) the motion is a closed form, so positions and net speeds
-are exact up to the root that ends a stroke. Not the robot: that is `cosim.physics.body`, which this
-module predicts wherever all feet slide alike. `python -m cosim.platform` writes results for Fig. 3.
+Positions and net speeds are exact up to the root that ends a stroke. Not the robot: that is
+`cosim.physics.body`, which this module predicts wherever all feet slide alike.
 """
 
 import itertools
-import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import tyro
 from scipy.optimize import root_scalar
 
-from cosim.base.errors import UserError, run_command
+from cosim.base.errors import UserError
 from cosim.base.params import FIG_3, TABLE_I, TABLE_II, Fig3Params, MotorParams, RobotParams
-from cosim.base.storage import replacing
 from cosim.physics.forces import platform_force
 from cosim.physics.stroke import Stroke, distance, next_stroke
 
@@ -183,104 +177,3 @@ def forces(
     pairs = [platform_force(platform.m, platform.r, platform.g, t, omega_rad_s) for t in theta]
     driving, vertical = np.array(pairs).T
     return driving, platform.mu * (platform.mass * platform.g - vertical)
-
-
-@dataclass(frozen=True)
-class PlatformRun:
-    """Move the 1-DOF platform of Eq. (1) and write its motion: the data of Fig. 3.
-
-    Two platforms: one that looks like the printed figure, and the robot of Tables I and II. The
-    result file also holds a table of net speeds over friction and motor speed.
-    """
-
-    out: Path = Path("runs/platform.npz")
-    """Result file (.npz)."""
-    cycles: int = 6
-    """Turns of the motor to show."""
-    omega: float = 900.0
-    """Motor speed of the platform of Tables I and II, in rad/s."""
-    mu: float = TABLE_I.mu
-    """Friction coefficient of that platform."""
-    json: bool = False
-    """Print the results as one JSON object on the last line."""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.cycles <= MAX_CYCLES:
-            raise PlatformError(f"--cycles {self.cycles}: choose 1 to {MAX_CYCLES}")
-        if self.mu <= 0.0:
-            raise PlatformError(f"--mu {self.mu:g}: choose a friction coefficient above 0")
-
-
-TABLE_MU = (0.1, 0.15, 0.2, 0.3, 0.4)
-TABLE_OMEGA = (700.0, 800.0, 900.0, 1000.0, 1100.0)
-POINTS_PER_CYCLE = 720
-MAX_CYCLES = 100
-
-
-def _motion(name: str, platform: Platform, omega: float, cycles: int) -> dict[str, np.ndarray]:
-    theta = np.linspace(0.0, 2.0 * math.pi * cycles, POINTS_PER_CYCLE * cycles + 1)
-    driving, friction_limit = forces(platform, omega, theta)
-    values = {
-        "theta_rad": theta,
-        "time_s": theta / omega,
-        "position_m": trajectory(platform, omega, theta),
-        "driving_force_n": driving,
-        "friction_limit_n": friction_limit,
-        "omega_rad_s": np.array(omega),
-        "mu": np.array(platform.mu),
-        "net_displacement_m": np.array(net_displacement(platform, omega)),
-    }
-    return {f"{name}_{key}": value for key, value in values.items()}
-
-
-def write_platform(run: PlatformRun) -> dict[str, np.ndarray]:
-    """Compute the motion of both platforms and the table of net speeds, and write `run.out`.
-
-    Raises:
-        PlatformError: see `net_speed`.
-        OSError: the file cannot be written.
-    """
-    table_ii = robot_platform(TABLE_I._replace(mu=run.mu))
-    arrays = _motion("paper", fig_3_platform(), FIG_3.omega, run.cycles)
-    arrays |= _motion("table_ii", table_ii, run.omega, run.cycles)
-    platforms = [robot_platform(TABLE_I._replace(mu=mu)) for mu in TABLE_MU]
-    speeds = np.array([[net_speed(p, omega) for omega in TABLE_OMEGA] for p in platforms])
-    thresholds = np.array([[slip_speed(p), drift_speed(p)] for p in platforms])
-    arrays |= {
-        "table_mu": np.array(TABLE_MU),
-        "table_omega_rad_s": np.array(TABLE_OMEGA),
-        "table_net_speed_m_s": speeds,
-        "table_slip_and_drift_speed_rad_s": thresholds,
-    }
-    with replacing(run.out) as path:
-        np.savez(path, allow_pickle=False, **arrays)
-    return arrays
-
-
-def main() -> None:
-    """Command line."""
-    run = tyro.cli(PlatformRun)
-    arrays = write_platform(run)
-    speeds, thresholds = arrays["table_net_speed_m_s"], arrays["table_slip_and_drift_speed_rad_s"]
-    print("net speed in mm/s (motor speed in rad/s)")
-    print("    mu  omega_c omega_net" + "".join(f"{omega:8.0f}" for omega in TABLE_OMEGA))
-    for mu, (slip, drift), row in zip(TABLE_MU, thresholds, speeds, strict=True):
-        print(
-            f"{mu:6.2f} {slip:8.1f} {drift:9.1f}"
-            + "".join(f"{round(1e3 * v, 3) + 0.0:8.3f}" for v in row)
-        )
-    for name in ("paper", "table_ii"):
-        step = 1e6 * float(arrays[f"{name}_net_displacement_m"])
-        print(f"{name}: {step:.2f} um per turn at {float(arrays[f'{name}_omega_rad_s']):g} rad/s")
-    print(f"results: {run.out}")
-    if run.json:
-        keys = ("table_mu", "table_omega_rad_s", "table_net_speed_m_s")
-        results = {key: arrays[key].tolist() for key in keys}
-        for name in ("paper", "table_ii"):
-            key = f"{name}_net_displacement_m"
-            results[key] = float(arrays[key])
-        print(json.dumps(results))
-
-
-if __name__ == "__main__":
-    run_command(main)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from agent import methods
+from agent import method as methods
 from agent.experiments import training
-from agent.methods import METHODS, method_config, method_of
+from agent.method import METHODS, method_config, method_of
 from agent.moves.model import Move, ObservedMoves
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths

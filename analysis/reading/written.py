@@ -1,0 +1,62 @@
+"""Result files that `agent` and `cosim` write, each read in one place.
+
+Their writers own their content; figures and tables take what they show from it.
+"""
+
+from pathlib import Path
+
+from agent.evaluation.batch import RunSummary
+from agent.evaluation.transfer_table import TransferReport
+from agent.experiments.results import ExperimentResult
+from analysis.reading.results import RESULTS
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, read_json
+from cosim.simulation import EpisodeResult
+
+
+class ResultError(UserError):
+    """A result that is missing, damaged, or of another kind."""
+
+
+def kind_of(name: str, results: Path) -> Kind:
+    """How messages speak of a result."""
+    result = RESULTS[name]
+    return Kind(
+        f"result of `python -m {result.module}`", f"run `{result.command(results)}`", ResultError
+    )
+
+
+def read_experiment(name: str, results: Path) -> ExperimentResult:
+    """What `agent.experiments` says of an experiment.
+
+    Raises:
+        ResultError: there is no such result, or it is of another experiment.
+    """
+    path, kind = RESULTS[name].proof_in(results), kind_of(name, results)
+    content = read_json(path, kind, ExperimentResult)
+    if content.experiment != name:
+        raise ResultError(f"{path}: not a result of {name}; {kind.mend}")
+    return content
+
+
+def read_transfer(results: Path) -> TransferReport:
+    """The table of `cosim.transfer`.
+
+    Raises:
+        ResultError: there is no such result, or it is damaged.
+    """
+    path = RESULTS["transfer"].proof_in(results)
+    return read_json(path, kind_of("transfer", results), TransferReport)
+
+
+def read_run(scenario: str, results: Path) -> tuple[EpisodeResult, ...]:
+    """Episodes of a run of `cosim.run`; none if it was not run.
+
+    Raises:
+        ResultError: its summary is damaged.
+    """
+    result = RESULTS[f"episodes_{scenario}"]
+    if not result.exists(results):
+        return ()
+    path = result.proof_in(results)
+    return read_json(path, kind_of(result.name, results), RunSummary).episodes

@@ -1,0 +1,143 @@
+"""All that a reproduction does, stage after stage: every result, then the figures and the report.
+
+Each stage does what the result's own command does, keeps its own files, and could be run alone.
+What is made in which order and lies where is `analysis.reading.results`, how much is done
+`analysis.profiles`.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import cast
+
+from agent.evaluation.transfer import transfer
+from agent.experiments.run import run_experiment
+from agent.experiments.variants import Name
+from analysis.figures.draw import draw_figures
+from analysis.motor.options import StepTest
+from analysis.motor.step_test import record
+from analysis.profiles import Profile
+from analysis.reading.results import FIGURES, RESULTS, Result
+from analysis.report.page import write_report
+from analysis.timings import Timings
+from cosim.base.progress import Progress, silent
+from cosim.base.scenario import BUILT_IN
+from cosim.calibrate import Calibrate, calibrate
+from cosim.navigation.options import Driving
+from cosim.platform.__main__ import MovePlatform
+from cosim.platform.result import move_platforms
+from cosim.run import Run, run
+from fmus.build import cached_fmu
+
+
+def reproduce(
+    out: Path,
+    profile: Profile,
+    *,
+    seed: int,
+    jobs: int,
+    progress: Progress = silent,
+    say: Callable[[str], None],
+) -> Path:
+    """Run what is not finished, then draw the figures and write the report.
+
+    Args:
+        out: folder of results, figures and report.
+        profile: how much is done.
+        seed: of everything random.
+        jobs: what runs at the same time.
+        progress: is told of what takes long.
+        say: is told of every stage, in words.
+
+    Returns:
+        The report's page.
+
+    Raises:
+        UserError: see its message; what was finished stays.
+    """
+    results = out / "results"
+    timings = run_stages(out, profile, seed=seed, jobs=jobs, progress=progress, say=say)
+    with timings.stage("figures"):
+        drawn, lacking = draw_figures(FIGURES, results, out / "figures", progress=progress)
+    for name, reason in lacking.items():
+        say(f"not drawn: {name}: {reason}")
+    say(f"{len(drawn)} figures: {timings.seconds('figures'):.1f} s")
+    return write_report(results, out / "report")
+
+
+def run_stages(
+    out: Path,
+    profile: Profile,
+    *,
+    seed: int,
+    jobs: int,
+    progress: Progress = silent,
+    say: Callable[[str], None],
+) -> Timings:
+    """Run what is not finished; returns how long everything took. Arguments as of `reproduce`.
+
+    Raises:
+        UserError: see its message; what was finished stays.
+    """
+    results = out / "results"
+    timings = Timings(results, profile, seed)
+    for number, result in enumerate(RESULTS.values(), start=1):
+        label = f"{number}/{len(RESULTS)} {result.title}"
+        if timings.finished(result.name) and result.exists(results):
+            say(f"{label}: finished before")
+            continue
+        say(f"{label} …")
+        with timings.stage(result.name):
+            _make(result, result.location(results), profile, seed, jobs, progress)
+        say(f"{label}: {timings.seconds(result.name):.1f} s")
+    return timings
+
+
+def _make(
+    result: Result, out: Path, profile: Profile, seed: int, jobs: int, progress: Progress
+) -> None:
+    """Do what the result's command does, as much of it as the profile says.
+
+    Called again after an interrupt it goes on, or begins anew.
+    """
+    match result.module:
+        case "cosim.platform":
+            platform = MovePlatform()
+            move_platforms(platform.cycles, platform.omega, platform.mu).save(out)
+        case "analysis.motor_test":
+            record(out, cached_fmu(), StepTest())
+        case "cosim.calibrate":
+            calibrate(Calibrate(out=out, jobs=jobs), progress)
+        case "cosim.run":
+            alone = BUILT_IN[result.of].robots == 1
+            settings = Run(
+                scenario=result.of,
+                episodes=profile.single_episodes if alone else profile.pair_episodes,
+                method=profile.drive_method,
+                train_episodes=profile.drive_episodes,
+                seed=seed,
+                out=out,
+                jobs=jobs,
+                physics=Driving(time_limit=profile.episode_limit_s),
+            )
+            for _ in run(settings, progress):
+                pass
+        case "agent.experiments":
+            run_experiment(
+                cast(Name, result.of),
+                out,
+                runs=profile.runs,
+                seed=seed,
+                episodes=profile.train_episodes,
+                jobs=jobs,
+                progress=progress,
+            )
+        case "cosim.transfer":
+            transfer(
+                out,
+                quick=profile.transfer_quick,
+                scenarios=profile.transfer_scenarios,
+                methods=profile.transfer_methods,
+                seed=seed,
+                jobs=jobs,
+                progress=progress,
+            )

@@ -1,0 +1,164 @@
+"""Recordings in the Rerun viewer: a picture, and what the viewer says of them.
+
+The viewer runs headless and draws with software Vulkan, which on Debian takes the packages
+mesa-vulkan-drivers, libvulkan1 and libegl1.
+"""
+
+import socket
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from rerun.experimental import ViewerClient
+
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, require_file
+from cosim.base.storage import replacing
+from cosim.recording.live import viewer_executable
+
+LOAD_TIMEOUT_S = 60.0
+SETTLE_PERIOD_S = 1.0
+SETTLE_TRIES = 30
+
+
+class ViewerError(UserError):
+    """The viewer could not be started or did not load the recording."""
+
+
+@dataclass(frozen=True)
+class ViewerReport:
+    """What the viewer says of a recording.
+
+    Attributes:
+        views: name of each view with the reports of what it could not draw.
+        warnings: the viewer's own log from level warning up, without those on software rendering.
+        entities: paths in the recording.
+        load_s: time until everything was loaded, in s.
+    """
+
+    views: list[tuple[str, list[Any]]]
+    warnings: list[str]
+    entities: list[str]
+    load_s: float
+
+
+def screenshot(
+    recording: Path,
+    picture: Path,
+    time_s: float | None = None,
+    tab: str | None = None,
+    *,
+    visit_tabs: bool = False,
+) -> ViewerReport:
+    """Open a recording headless, save what is seen, and report what the viewer says.
+
+    Args:
+        recording: to open.
+        picture: PNG to write.
+        time_s: simulated time to show, in s.
+        tab: name of the tab to show; the first one by default.
+        visit_tabs: whether every tab is drawn before, for a report on all views.
+
+    Raises:
+        ViewerError: the recording does not exist or has no such tab, or the viewer does not start
+            or load it.
+    """
+    require_file(recording, Kind("recording", "name an .rrd file", ViewerError))
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    try:
+        viewer = ViewerClient.spawn(
+            headless=True, port=port, hide_welcome_screen=True, executable_path=viewer_executable()
+        )
+    except Exception as error:  # rerun raises RuntimeError whatever the cause
+        raise ViewerError(
+            f"the Rerun viewer does not start ({error}); "
+            "install mesa-vulkan-drivers, libvulkan1 and libegl1"
+        ) from error
+    with viewer:
+        began = time.monotonic()
+        viewer.open(str(recording.resolve()))
+        while viewer.get_state().loading:
+            if time.monotonic() - began > LOAD_TIMEOUT_S:
+                raise ViewerError(f"the viewer did not load {recording} in {LOAD_TIMEOUT_S:.0f} s")
+            time.sleep(0.05)
+        load_s = time.monotonic() - began
+        if time_s is not None:
+            viewer.set_time("sim_time", duration=time_s, play_state="paused")
+        blueprint = viewer.get_blueprint().blueprint
+        names = _tab_names(blueprint)
+        faults: dict[str, list[Any]] = {}
+        visited = list(names) if visit_tabs else []
+        for name in [*visited, tab or next(iter(names), None)]:
+            if name is not None:
+                _show_tab(viewer, blueprint, names, name)
+                time.sleep(SETTLE_PERIOD_S)
+            _collect(viewer, faults)
+        with replacing(picture) as temporary:
+            _settled(viewer, temporary)
+        _collect(viewer, faults)
+        return ViewerReport(
+            views=list(faults.items()),
+            warnings=[
+                entry.message
+                for entry in viewer.get_logs()
+                if entry.level in {"WARN", "ERROR"} and "oftware rasterizer" not in entry.message
+            ],
+            entities=[e.entity_path for e in viewer.get_recording_schema(paths_only=True).entities],
+            load_s=load_s,
+        )
+
+
+def _tab_names(blueprint: dict[str, Any]) -> dict[str, tuple[str, str]]:
+    """Tabs by their names: path of the container that has them, and which of its contents."""
+    containers = {path: entry.get("ContainerBlueprint", {}) for path, entry in blueprint.items()}
+    return {
+        containers[f"/{part}"]["display_name"]: (path, part)
+        for path, container in containers.items()
+        if container.get("container_kind") == "Tabs"
+        for part in container["contents"]
+    }
+
+
+def _show_tab(
+    viewer: ViewerClient,
+    blueprint: dict[str, Any],
+    names: dict[str, tuple[str, str]],
+    name: str,
+) -> None:
+    if name not in names:
+        raise ViewerError(f"the recording has no tab '{name}'; it has {', '.join(names) or 'none'}")
+    path, part = names[name]
+    blueprint[path]["ContainerBlueprint"]["active_tab"] = part
+    viewer.set_blueprint(blueprint, of="recording")
+
+
+def _collect(viewer: ViewerClient, faults: dict[str, list[Any]]) -> None:
+    """Add what the views report to what they reported before."""
+    for view in viewer.get_state().views:
+        known = faults.setdefault(view.name, [])
+        known += [report for report in view.reports if report not in known]
+
+
+def _settled(viewer: ViewerClient, picture: Path) -> None:
+    """Save pictures until two in a row are equal."""
+    before = b""
+    for _ in range(SETTLE_TRIES):
+        time.sleep(SETTLE_PERIOD_S)
+        viewer.save_screenshot(str(picture))
+        now = picture.read_bytes()
+        if now == before:
+            return
+        before = now
+
+
+def shrink(picture: Path, width: int) -> None:
+    """Make a PNG small enough for a page: the given width in pixels, 256 colours."""
+    with Image.open(picture) as full:
+        height = round(full.height * width / full.width)
+        small = full.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
+    with replacing(picture) as temporary:
+        small.quantize(256).save(temporary, optimize=True)

@@ -1,0 +1,198 @@
+"""`python -m benchmarks NAME`: what things cost, how they converge, and what helps.
+
+A benchmark is a module with `measure`, whose arguments are the options here, and `show`.
+"""
+
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from typing import Annotated, Any, Literal, Union
+
+import tyro
+
+from cosim.base.command import Json, MotorFmuFile, print_json
+from cosim.base.errors import UserError, run_command
+from cosim.base.params import TABLE_I
+from cosim.base.progress import progress_bars, under_way
+
+Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark:
+    """Options of every benchmark."""
+
+    json: Json = False
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if name in {"rounds", "exchanges", "repeats", "seeds", "phases"} and value < 1:
+                raise UserError(f"--{name} must be at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Convergence(Benchmark):
+    """Halve the time step, solve the contacts out, and see what changes.
+
+    Mean forward speed and yaw rate at nine manoeuvres, for every time step with the usual
+    contact sweeps, and for the middle one with contacts solved out.
+    """
+
+    dt: Annotated[tuple[float, ...], tyro.conf.arg(metavar="S")] = (2e-5, 1e-5, 5e-6)
+    """Time steps in s, coarse to fine."""
+    settle: Seconds = 0.5
+    """Simulated time before the averages begin, in s."""
+    duration: Seconds = 2.0
+    """Simulated time of the averages, in s (whole turns of the motors)."""
+
+    def __post_init__(self) -> None:
+        if len(self.dt) < 2 or min(self.dt) <= 0.0:
+            raise UserError("--dt: name two or more time steps above 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CosimStep(Benchmark):
+    """Measure what a co-simulated second costs and print ratios from one run."""
+
+    rounds: int = 40
+    """Rounds of every measurement; the best counts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveMap(Benchmark):
+    """Mean forward speed and yaw rate of one robot, driving and turning.
+
+    For every motor speed: with both motors in phase, and the mean, least and greatest value over
+    all phase differences.
+    """
+
+    omega: Annotated[tuple[float, ...], tyro.conf.arg(metavar="RAD_S")] = (
+        700.0,
+        800.0,
+        900.0,
+        1000.0,
+        1100.0,
+    )
+    """Motor speeds in rad/s."""
+    mu: float = TABLE_I.mu
+    """Coulomb friction coefficient of the feet."""
+    phases: int = 16
+    """Phase differences, evenly spread over a turn."""
+    duration: Seconds = 1.0
+    """Simulated time of the averages in s, after half a second to settle."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.omega or min(self.omega) <= 0.0:
+            raise UserError("--omega: name motor speeds above 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FmuStep(Benchmark):
+    """Time one exchange with the motor FMU by three drivers.
+
+    Only the built-in FMU has an inlined twin with the same bits.
+    """
+
+    motor_fmu: MotorFmuFile = None
+    exchanges: int = 20_000
+    """Exchanges per round and compiled driver; fmpy makes a fiftieth of them."""
+    rounds: int = 200
+    """Rounds; the drivers take turns, and the fastest round of each counts: short and many, so that
+    another process on the machine spoils some rounds and not the result."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovesLearning(Benchmark):
+    """Train on observed moves with several variants and play the greedy policies on them."""
+
+    episodes: int = 1_500_000
+    """Training episodes of each variant."""
+    test_episodes: int = 50_000
+    """Greedy episodes of each variant."""
+    scenario: str = "4"
+    """Scenario of two robots or more."""
+    variants: tuple[str, ...] = ()
+    """Variants to train, by default all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reaction(Benchmark):
+    """Measure the size of the body's reaction on the motors."""
+
+    steps: int = 5
+    """RL steps of 2 s to drive."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording(Benchmark):
+    """Measure the size, the cost and the opening time of every level of --record."""
+
+    levels: tuple[Literal["summary", "default", "full"], ...] = ("summary", "default", "full")
+    """Levels to measure."""
+    rounds: int = 7
+    """Rounds of each kind in the measurement of cost; the best counts."""
+    round_s: Seconds = 60.0
+    """Simulated time of a round in s."""
+    episode_s: Seconds = 60.0
+    """Simulated time of the episodes whose sizes and opening times are measured, in s."""
+    viewer: bool = True
+    """Whether to open recordings in the viewer; --no-viewer where there is no Vulkan."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steering(Benchmark):
+    """Compare controllers: a straight line of 20 cm, and moves of one cell, over seeds.
+
+    Robots have motors at rest, noise of ±5 % and phases between the motors that nobody knows; half
+    of them drive forwards, half backwards.
+    """
+
+    seeds: int = 20
+    """Robots of every case; each has noise of its own."""
+    mu: float = TABLE_I.mu
+    """Coulomb friction coefficient of the feet."""
+    controllers: tuple[str, ...] = ()
+    """Controllers to compare, by default all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training(Benchmark):
+    """Time the training of scenario 4 over Section V's 5 000 000 episodes."""
+
+    repeats: int = 3
+    """Timed trainings of each kind; the fastest counts."""
+    all: bool = False
+    """Also time 20 runs of each of the five scenarios on all cores (a few minutes)."""
+
+
+MODULES: dict[type[Benchmark], str] = {
+    Convergence: "convergence",
+    CosimStep: "cosim_step",
+    DriveMap: "drive_map",
+    FmuStep: "fmu_step",
+    MovesLearning: "moves_learning",
+    Reaction: "reaction",
+    Recording: "recording",
+    Steering: "steering",
+    Training: "training",
+}
+
+
+def main() -> None:
+    """Command line; see the classes above."""
+    choice: Any = Union[tuple(MODULES)]  # noqa: UP007 - of types that are listed above
+    config = (tyro.conf.FlagCreatePairsOff,)
+    options: Benchmark = tyro.cli(choice, prog="python -m benchmarks", config=config)
+    arguments = asdict(options)
+    as_json = arguments.pop("json")
+    name = MODULES[type(options)]
+    module = import_module(f"benchmarks.{name}")
+    with progress_bars() as progress, under_way(progress, f"benchmark {name}"):
+        found = module.measure(**arguments)
+    module.show(found)
+    if as_json:
+        print_json(found)
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,85 @@
+"""The package as others install it: what the wheel holds, and work without the checkout."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("fmus", "cosim", "agent", "analysis")
+DATA = {
+    "fmus/vibration_motor/variables.toml",
+    "fmus/vibration_motor/motor.h",
+    "fmus/vibration_motor/VibrationMotor.mo",
+    "fmus/vibration_motor/icon.png",
+    "analysis/report/templates/report.html.j2",
+    "analysis/report/templates/report.css",
+}
+SESSION = """
+import agent, analysis, cosim
+policy = agent.train("1a", method="paper", episodes=20_000)
+policy.save("policy.npz")
+episode = cosim.simulate("1a", agent.load("policy.npz"), time_limit=4.0)
+episode.save("episode.rrd")
+print(analysis.open("episode.rrd").outcome, *(p.__file__ for p in (agent, analysis, cosim)))
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("wheel")
+    subprocess.run(["uv", "build", "--wheel", "--quiet", "--out-dir", out], cwd=ROOT, check=True)
+    (path,) = out.glob("*.whl")
+    return path
+
+
+def test_wheel_holds_every_file_of_the_packages_and_no_other(wheel):
+    tracked = subprocess.run(
+        ["git", "ls-files", *PACKAGES], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    there = {name for name in tracked if (ROOT / name).is_file()}
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert names >= DATA
+    assert names == there
+
+
+@pytest.mark.slow
+def test_installed_package_works_without_the_checkout(wheel, tmp_path):
+    """In an environment, a cache and a folder in which nothing is yet."""
+    environment, work = tmp_path / "environment", tmp_path / "work"
+    work.mkdir()
+    python = environment / "bin" / "python"
+    # in the checkout, whose pyproject.toml has the tested versions
+    for command in (
+        ["uv", "venv", "--quiet", "--python", sys.executable, environment],
+        ["uv", "pip", "install", "--quiet", "--python", python, wheel],
+    ):
+        subprocess.run(command, cwd=ROOT, check=True)
+    own = {name: v for name, v in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
+    own["MINIROBOTS_CACHE"] = str(tmp_path / "cache")
+
+    def run(*command: Path | str) -> str:
+        done = subprocess.run(
+            command, cwd=work, env=own, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    brief = ("--scenario", "1a", "--method", "paper", "--train-episodes", "20000")
+    text = run(environment / "bin" / "minirobots", "run", *brief, "--time-limit", "4")
+    assert "timeout" in text
+    (recording,) = work.glob("runs/1a-*/episodes/ep_000.rrd")
+    assert recording.stat().st_size > 100_000
+    outcome, *files = run(python, "-c", SESSION).split()
+    assert outcome == "timeout"
+    assert all(Path(file).is_relative_to(environment) for file in files)
+    assert {path.name for path in work.iterdir()} == {
+        "runs",
+        "policy.npz",
+        "policy.json",
+        "episode.rrd",
+    }
