@@ -9,7 +9,7 @@ them. No learning here.
 
 import numpy as np
 
-from agent.moves.model import MoveModel
+from agent.moves.model import MoveModel, move_kind
 from agent.process.grid import (
     ARRIVED,
     AXIS,
@@ -82,7 +82,7 @@ def begin_move(
     if terrain not in (FREE, GOAL):
         world[i, STATUS] = LEFT if terrain == OUTSIDE else HIT
         return OUT_OF_BOARD if terrain == OUTSIDE else COLLISION
-    kind = direction % 2 * AXIS_COUNT + (world[i, AXIS] - direction) % AXIS_COUNT
+    kind = move_kind(direction, world[i, AXIS])
     first = model.offsets[kind]
     row = first + next_index(random, model.offsets[kind + 1] - first)
     drift_x, drift_y = model.moves[row, 2], model.moves[row, 3]

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from cosim.base.errors import UserError
+from cosim.base.jit import inlined
 from cosim.base.reading import Kind, parsing, read_json
 from cosim.base.storage import replacing
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
@@ -129,6 +130,7 @@ class MoveModel(NamedTuple):
     near_cells: float
 
 
+@inlined
 def move_kind(direction: int, axis: int) -> int:
     """Kind of a move: diagonal or not, and the turn from the robot's axis to the direction."""
     return direction % 2 * AXIS_COUNT + (axis - direction) % AXIS_COUNT

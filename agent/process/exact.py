@@ -14,6 +14,7 @@ from agent.process.grid import (
     ALONE,
     COLUMN_COUNT,
     MOVING,
+    SQRT_2,
     STATUS,
     VX,
     VY,
@@ -29,8 +30,6 @@ from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
 
 MAX_STARTS = 5_000_000
 UP, DOWN = 2, 6  # directions
-
-_SQRT_2 = np.sqrt(2.0)
 
 
 class Evaluation(NamedTuple):
@@ -100,7 +99,7 @@ def _evaluate(
                 if world[i, VX] != 0 or world[i, VY] != 0:
                     steps[row, i] += 1
                     diagonal = world[i, VX] != 0 and world[i, VY] != 0
-                    path_cells[row, i] += _SQRT_2 if diagonal else 1.0
+                    path_cells[row, i] += SQRT_2 if diagonal else 1.0
             if outcome == RUNNING and step == process.step_limit:
                 outcome = TIMEOUT
         outcomes[row] = outcome

@@ -29,6 +29,7 @@ _STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the midd
 MOVING, ARRIVED, LEFT, HIT = 0, 1, 2, 3  # status of a robot
 
 ALONE = 1 << 40  # beyond every distance on a board
+SQRT_2 = np.sqrt(2.0)  # cells that a diagonal move is long
 
 
 @inlined

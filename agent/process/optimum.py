@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.process.exact import Evaluation
-from agent.process.grid import COLUMN_COUNT, VX, VY, X, Y, touched_between
+from agent.process.grid import COLUMN_COUNT, SQRT_2, VX, VY, X, Y, touched_between
 from agent.process.readings import FREE, GOAL, Process
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
@@ -25,7 +25,7 @@ from cosim.navigation.features import DIRECTION_COUNT, DIRECTIONS
 MAX_JOINT_STATES = 4_000_000  # two robots on about 45 x 45 cells, some seconds
 
 _BLOCKED = -1
-_PATH_COSTS = np.array([1.0, np.sqrt(2.0)] * (DIRECTION_COUNT // 2))
+_PATH_COSTS = np.array([1.0, SQRT_2] * (DIRECTION_COUNT // 2))
 _STEP_COSTS = np.ones(DIRECTION_COUNT)
 
 

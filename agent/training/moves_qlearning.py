@@ -11,11 +11,19 @@ import numpy as np
 
 from agent.moves.kernels import PLAN_SIZE, begin_move, stand, step, waits
 from agent.moves.model import MoveModel
-from agent.process.grid import ARRIVED, COLUMN_COUNT, MOVING, STATUS, place_randomly, state_index
+from agent.process.grid import (
+    ARRIVED,
+    COLUMN_COUNT,
+    MOVING,
+    SQRT_2,
+    STATUS,
+    place_randomly,
+    state_index,
+)
 from agent.process.readings import Process
 from agent.process.rng import PROBABILITY_SHIFT, next_word
 from agent.training.learning import Learning, TrainingState
-from agent.training.qlearning import ACTION_BITS, SQRT_2, best_of_sum, book, largest
+from agent.training.qlearning import ACTION_BITS, best_of_sum, book, largest
 from cosim.base.jit import inlined, kernel
 from cosim.base.outcome import RUNNING, SUCCESS, TIMEOUT
 

@@ -10,6 +10,7 @@ import numpy as np
 from agent.process.grid import (
     COLUMN_COUNT,
     MOVING,
+    SQRT_2,
     STATUS,
     VX,
     VY,
@@ -35,7 +36,6 @@ from cosim.navigation.features import DIRECTION_COUNT
 
 ACTION_BITS = np.uint64(DIRECTION_COUNT - 1)
 _ONE = np.uint64(1)
-SQRT_2 = np.sqrt(2.0)
 
 
 @inlined
