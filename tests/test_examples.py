@@ -1,11 +1,14 @@
 """The examples of docs/: the page on the Python API as one session, and every notebook."""
 
+import doctest
 import re
 from pathlib import Path
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
+
+import agent
 
 DOCS = Path(__file__).parents[1] / "docs"
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
@@ -21,6 +24,11 @@ def test_api_page_runs_as_written(tmp_path, monkeypatch, capsys):
         exec(compile(block, "docs/api.md", "exec"), names)
     assert "rad/s 20.0 ('D', 'E')" in capsys.readouterr().out
     assert {path.name for path in tmp_path.iterdir()} == {"policy.npz", "policy.json", "ep.rrd"}
+
+
+def test_examples_of_docstrings_hold():
+    found = doctest.testmod(agent)
+    assert (found.failed, found.attempted) == (0, 3)
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -12,7 +12,6 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -29,6 +28,18 @@ from cosim.simulation import EpisodeResult, simulate_episode
 
 # What is drawn from the seed: the order of the starts, and the noise of every one.
 _ORDER, _NOISE = 0, 1
+
+
+class CaseIdentity(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that decides the results of a case, for people and for its digest."""
+
+    scenario: str
+    scenario_digest: str
+    policy_digest: str
+    seed: int
+    motor_fmu_digest: str
+    parameters: dict[str, float | bool | str]
+    code_digest: str
 
 
 @dataclass(frozen=True)
@@ -79,26 +90,20 @@ class Case:
         return [int(index) for index in order[:count]]
 
     @cached_property
-    def identity(self) -> dict[str, Any]:
-        """Everything that decides the result of an episode, for people and for the digest."""
+    def identity(self) -> CaseIdentity:
+        """What decides the result of every episode."""
         policy = self.policy
         # what is recorded of an episode does not change it
-        code = with_imports(
-            [Path(__file__)],
-            but=[
-                ROOT / "cosim" / "recording" / "episode.py",
-                ROOT / "cosim" / "reading" / "episode.py",
-            ],
+        records = [ROOT / "cosim" / folder / "episode.py" for folder in ("recording", "reading")]
+        return CaseIdentity(
+            scenario=policy.config.scenario.name,
+            scenario_digest=policy.config.scenario.digest(),
+            policy_digest=digest_of(policy.config.process, policy.values),
+            seed=self.seed,
+            motor_fmu_digest=digest_of(self.fmu),
+            parameters={name: row["value"] for name, row in self.config.table().items()},
+            code_digest=code_digest(with_imports([Path(__file__)], but=records)),
         )
-        return {
-            "scenario": policy.config.scenario.name,
-            "scenario_digest": policy.config.scenario.digest(),
-            "policy_digest": digest_of(policy.config.process, policy.values),
-            "seed": self.seed,
-            "motor_fmu_digest": digest_of(self.fmu),
-            "parameters": {name: row["value"] for name, row in self.config.table().items()},
-            "code_digest": code_digest(code),
-        }
 
     @cached_property
     def digest(self) -> str:

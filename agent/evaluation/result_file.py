@@ -4,19 +4,30 @@ A file belongs to one `agent.evaluation.cases.Case` and is named by its digest; 
 configuration has another file. The first line says what the case is, for people and as a check.
 """
 
-import json
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
-from agent.evaluation.cases import Case
+from agent.evaluation.cases import Case, CaseIdentity
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_bytes
 from cosim.base.storage import replacing
 from cosim.simulation import EpisodeResult
 
 SCHEMA_VERSION = 1
+
+
+class Header(CaseIdentity, frozen=True, kw_only=True):
+    """The first line: whose results these are."""
+
+    digest: str
+    schema_version: int = SCHEMA_VERSION
+
+
+class IndexedResult(EpisodeResult, frozen=True, kw_only=True):
+    """Every other line: the episode from the start of an index."""
+
+    index: int
 
 
 class ResultFileError(UserError):
@@ -45,7 +56,7 @@ class ResultFile:
         self.path = folder / f"{scenario}-{case.digest}.jsonl"
         self.results: dict[int, EpisodeResult] = {}
         folder.mkdir(parents=True, exist_ok=True)
-        header = {"schema_version": SCHEMA_VERSION, "digest": case.digest, **case.identity}
+        header = Header(**msgspec.structs.asdict(case.identity), digest=case.digest)
         content = read_bytes(self.path, _FILE) if self.path.exists() else b""
         # A line without its end was being written when the process died.
         whole = content[: content.rfind(b"\n") + 1]
@@ -61,10 +72,12 @@ class ResultFile:
     def _read(self, lines: list[bytes], digest: str) -> None:
         for number, line in enumerate(lines, 1):
             try:
-                row = json.loads(line)
                 if number > 1:
-                    self.results[int(row.pop("index"))] = msgspec.convert(row, EpisodeResult)
-                elif (row["schema_version"], row["digest"]) != (SCHEMA_VERSION, digest):
+                    row = msgspec.structs.asdict(msgspec.json.decode(line, type=IndexedResult))
+                    self.results[row.pop("index")] = EpisodeResult(**row)
+                    continue
+                header = msgspec.json.decode(line, type=Header)
+                if (header.schema_version, header.digest) != (SCHEMA_VERSION, digest):
                     raise ResultFileError(
                         f"{self.path}: holds results of another configuration; move it away or "
                         "choose another folder with --out"
@@ -79,9 +92,9 @@ class ResultFile:
     def add(self, index: int, result: EpisodeResult) -> None:
         """Keep a result: in one write, so that a killed process leaves whole lines."""
         with self.path.open("ab", buffering=0) as file:
-            file.write(_line({"index": index, **msgspec.structs.asdict(result)}))
+            file.write(_line(IndexedResult(**msgspec.structs.asdict(result), index=index)))
         self.results[index] = result
 
 
-def _line(row: dict[str, Any]) -> bytes:
-    return json.dumps(row).encode() + b"\n"
+def _line(row: msgspec.Struct) -> bytes:
+    return msgspec.json.encode(row) + b"\n"

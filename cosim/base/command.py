@@ -69,7 +69,7 @@ def workers(jobs: int) -> int:
         UserError: it is neither -1 nor positive.
     """
     if jobs == -1:
-        return os.cpu_count() or 1
+        return len(os.sched_getaffinity(0))
     if jobs < 1:
         raise UserError("--jobs must be at least 1, or -1 for one per core")
     return jobs
