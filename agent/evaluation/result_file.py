@@ -74,7 +74,8 @@ class ResultFile:
             try:
                 if number > 1:
                     row = msgspec.structs.asdict(msgspec.json.decode(line, type=IndexedResult))
-                    self.results[row.pop("index")] = EpisodeResult(**row)
+                    index = row.pop("index")
+                    self.results[index] = EpisodeResult(**row)
                     continue
                 header = msgspec.json.decode(line, type=Header)
                 if (header.schema_version, header.digest) != (SCHEMA_VERSION, digest):
