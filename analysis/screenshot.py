@@ -24,7 +24,7 @@ class Screenshot:
     """Picture to write (.png)."""
     width: Annotated[int, tyro.conf.arg(metavar="PX")] = 1280
     """Width of the picture in pixels."""
-    time: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    time: Annotated[float | None, tyro.conf.arg(metavar="S", aliases=["--time-s"])] = None
     """Simulated time in s at which the recording is shown; by default as the viewer opens it."""
     tab: str | None = None
     """Tab to show, such as contact or policies; by default the first."""

@@ -12,7 +12,7 @@ from cosim.base.params import FIG_7
 class StepTest:
     """What is done to the motor."""
 
-    duration: Annotated[float, tyro.conf.arg(metavar="S")] = 6.0
+    duration: Annotated[float, tyro.conf.arg(metavar="S", aliases=["--duration-s"])] = 6.0
     """Simulated time in s."""
     omega_des: Annotated[float, tyro.conf.arg(metavar="RAD_S")] = FIG_7.omega_des
     """Set point of the closed loop in rad/s."""
