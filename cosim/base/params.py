@@ -264,11 +264,6 @@ def motor_time_constant(motor: MotorParams) -> float:
     return motor.J * motor.R / (motor.b * motor.R + motor.K_T**2)
 
 
-def breakaway_voltage(motor: MotorParams) -> float:
-    """Voltage cR/K_T that overcomes Coulomb friction from rest at θ = 0, in V."""
-    return motor.c * motor.R / motor.K_T
-
-
 def lift_off_speed(robot: RobotParams, motor: MotorParams) -> float:
     """Motor speed in rad/s at which both motors in phase lift the robot: 2 m r ω² = (M + 2m) g."""
     weight = (robot.mass_kg + 2.0 * motor.m) * motor.g

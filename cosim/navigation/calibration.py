@@ -115,52 +115,6 @@ class Calibration:
             )
         return float(np.interp(value, curve.mean, curve.omega_rad_s))
 
-    def difference(self, speed_m_s: float, yaw_rate_rad_s: float) -> float:
-        """Speed in rad/s to add to both motors of a driving robot so that it turns.
-
-        Args:
-            speed_m_s: negative backwards.
-            yaw_rate_rad_s: counter-clockwise positive; linear in the difference.
-
-        Raises:
-            CalibrationError: as `motor_speed`.
-        """
-        manoeuvre = DRIVES[0] if speed_m_s > 0.0 else DRIVES[1]
-        omega = self.motor_speed(manoeuvre, abs(speed_m_s))
-        differences = self.set_points_rad_s.sum(axis=1) / 2.0
-        base = (self.set_points_rad_s[:, 1] - self.set_points_rad_s[:, 0]) / 2.0
-        chosen = (differences != 0.0) & (base * MANOEUVRES[manoeuvre][1] > np.abs(differences))
-        base, rates = np.abs(base[chosen]), self.yaw_rate_rad_s[chosen] / differences[chosen]
-        speeds = np.unique(base)
-        slopes = [rates[base == speed].mean() for speed in speeds]
-        return float(yaw_rate_rad_s / np.interp(omega, speeds, slopes))
-
-    def motor_speeds(self, speed_m_s: float, yaw_rate_rad_s: float) -> tuple[float, float]:
-        """Set points (ω_D, ω_E) in rad/s for a motion.
-
-        Args:
-            speed_m_s: along the heading, negative backwards, 0 turns on the spot.
-            yaw_rate_rad_s: counter-clockwise positive.
-
-        Raises:
-            CalibrationError: as `motor_speed`.
-        """
-        if speed_m_s == 0.0:
-            if yaw_rate_rad_s == 0.0:
-                return 0.0, 0.0
-            side = "left" if yaw_rate_rad_s > 0.0 else "right"
-            turn = self.motor_speed(side, abs(yaw_rate_rad_s)) * MANOEUVRES[side][0]
-            return turn, turn
-        drive = "forwards" if speed_m_s > 0.0 else "backwards"
-        omega = self.motor_speed(drive, abs(speed_m_s)) * MANOEUVRES[drive][1]
-        difference = self.difference(speed_m_s, yaw_rate_rad_s)
-        if abs(omega) + abs(difference) > self.hop_free_rad_s:
-            raise CalibrationError(
-                f"{np.rad2deg(yaw_rate_rad_s):.3g} °/s at {1e3 * speed_m_s:.3g} mm/s would make "
-                "the robot hop; drive or turn more slowly"
-            )
-        return difference - omega, difference + omega
-
     def resolved(self, config: CoSimConfig) -> CoSimConfig:
         """The configuration with the motor speeds that realise its drive speed and turn rate.
 
