@@ -100,6 +100,7 @@ class EpisodeRecorder:
             EpisodeScene(self.file, name, robot, scenario, config, self._detail)
             for robot, name in enumerate(self._names)
         ]
+        self.file.flush()  # what is left of a killed process says at least what was run
 
     def __enter__(self) -> "EpisodeRecorder":
         return self
