@@ -98,6 +98,8 @@ class Run:
                 f"{' and '.join(given)}: nothing is trained with --policy, which names a trained "
                 "policy; leave one of them out"
             )
+        if self.viewer != DEFAULT_VIEWER and not (self.live or self.spawn):
+            raise ConfigError("--viewer has no effect without --live or --spawn; add one of them")
         if self.record == "none" and (self.live or self.spawn):
             raise ConfigError("--live and --spawn show what is recorded; choose another --record")
 
@@ -123,7 +125,7 @@ def run(options: Run, progress: Progress) -> Iterator["tuple[Path, EpisodeResult
     from cosim.recording.live import find_viewer, spawn_viewer
 
     scenario = find_scenario(options.scenario)
-    config = options.physics.config().sized(scenario.robot_diameter_m)
+    options.physics.config().sized(scenario.robot_diameter_m)  # refuses before a viewer opens
     viewer = None
     if options.spawn:
         viewer = spawn_viewer(options.viewer)

@@ -127,22 +127,34 @@ def simulate(
 
     folder = tempfile.TemporaryDirectory(prefix="minirobots-")
     path = Path(folder.name) / "episode.rrd"
-    facts = {
-        "scenario": scenario.name,
-        "title": scenario.title,
-        "seed": seed,
-        "driver": driver,
-        "motor_fmu": fmu.name,
-        "versions": versions(),
-        "episode": 0,
-        "starts": starts,
-    }
+    facts = episode_facts(scenario, seed, fmu, 0, starts, driver)
     maps = getattr(policy, "maps", list)
     with EpisodeRecorder(
         path, scenario, config, f"{scenario.name}-{seed}-0", facts, level=record, policies=maps()
     ) as recorder:
         simulate_episode(system, policy, starts, noise_seed, recorder, watch)
     return read_episode(path, folder)
+
+
+def episode_facts(
+    scenario: Scenario,
+    seed: int,
+    fmu: Path,
+    number: int,
+    starts: tuple[Cell, ...],
+    driver: str = "compiled",
+) -> dict[str, Any]:
+    """What identifies an episode in its recording, by name."""
+    return {
+        "scenario": scenario.name,
+        "title": scenario.title,
+        "seed": seed,
+        "driver": driver,
+        "motor_fmu": fmu.name,
+        "versions": versions(),
+        "episode": number,
+        "starts": starts,
+    }
 
 
 def draw_episode(

@@ -17,6 +17,7 @@ import tyro
 from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars, silent
+from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, replacing
 from fmus.compiler import (
     FLAGS,
@@ -120,11 +121,8 @@ def cached_fmu() -> Path:
         BuildError: no compiler was found, or it failed.
         OSError: the cache cannot be written.
     """
-    key = hashlib.sha256()
-    for part in (instantiation_token(load_table()), host_target(), *FLAGS, compiler_version()):
-        key.update(part.encode() + b"\0")
-    folder = cache_dir("fmus") / key.hexdigest()[:16]
-    path = folder / FMU_NAME
+    key = digest_of(instantiation_token(load_table()), host_target(), FLAGS, compiler_version())
+    path = cache_dir("fmus") / key / FMU_NAME
     return cached(path, lambda path: path, lambda: path, lambda _, path: build_fmu(path.parent))
 
 

@@ -20,11 +20,11 @@ from agent.process.exact import all_starts
 from agent.training.policy import Policy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.provenance import ROOT, code_digest, digest_of, versions, with_imports
+from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
 from cosim.base.scenario import Cell
 from cosim.navigation.episode import CoSimulation, Step
 from cosim.recording.episode import EpisodeRecorder
-from cosim.simulation import EpisodeResult, simulate_episode
+from cosim.simulation import EpisodeResult, episode_facts, simulate_episode
 
 # What is drawn from the seed: the order of the starts, and the noise of every one.
 _ORDER, _NOISE = 0, 1
@@ -121,17 +121,8 @@ class Case:
     def recorder(self, path: Path, index: int) -> EpisodeRecorder:
         """Recorder of the episode from a start."""
         scenario = self.policy.config.scenario
-        facts = {
-            "scenario": scenario.name,
-            "title": scenario.title,
-            "seed": self.seed,
-            "driver": "compiled",
-            "motor_fmu": self.fmu.name,
-            "train_episodes": self.policy.episodes,
-            "versions": versions(),
-            "episode": index,
-            "starts": self.start_cells(index),
-        }
+        facts = episode_facts(scenario, self.seed, self.fmu, index, self.start_cells(index))
+        facts["train_episodes"] = self.policy.episodes
         return EpisodeRecorder(path, scenario, self.config, f"{self.digest}-{index}", facts)
 
 

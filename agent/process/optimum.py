@@ -5,7 +5,6 @@ separately; no learning. Where the joint process is too large (three robots and 
 large board), each robot's own optimum, as if it were alone, is a lower bound: marked as relaxed.
 """
 
-import hashlib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ from agent.process.readings import FREE, GOAL, Process
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.base.outcome import SUCCESS
-from cosim.base.provenance import code_digest, with_imports
+from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import cache_dir, cached, replacing
 from cosim.navigation.features import DIRECTION_COUNT, DIRECTIONS
@@ -187,10 +186,8 @@ def optimum(process: Process) -> Bound:
     robots, columns, rows = process.terrain.shape
     relaxed = robots > 1 and ((columns - 2) * (rows - 2)) ** robots > MAX_JOINT_STATES
     code = code_digest(with_imports([Path(__file__)]))
-    facts = (code, process.terrain.shape, process.thresholds.contact, process.swept, relaxed)
-    key = hashlib.sha256(repr(facts).encode() + process.terrain.tobytes())
-    key.update(process.corners.tobytes())
-    path = cache_dir("bounds") / f"{key.hexdigest()[:16]}.npz"
+    facts = (code, process.thresholds.contact, process.swept, relaxed)
+    path = cache_dir("bounds") / f"{digest_of(facts, process.terrain, process.corners)}.npz"
 
     def make() -> Bound:
         path_cells = _optimum(process, _PATH_COSTS, relaxed)

@@ -45,8 +45,11 @@ def sweep(
         (index of the task, its result), in the order of completion.
 
     Raises:
-        SweepError: the backend is not installed or cannot be reached, or workers keep dying.
+        SweepError: the backend is not installed or cannot be reached, has no address, or workers
+            keep dying.
     """
+    if address is not None and backend in {"loky", "threading"}:
+        raise SweepError(f"--address has no effect with --backend {backend}; name ray or dask")
     remaining = dict(enumerate(tasks))
     if jobs == 1 and backend in {"loky", "threading"}:
         yield from ((index, function(task)) for index, task in remaining.items())

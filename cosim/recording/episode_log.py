@@ -80,7 +80,7 @@ class EpisodeLog:
             for told in self._decision(step, int(robot))
         ]
         lines += self._contacts(step, start_s)
-        failed = step.outcome in ("collision", "out_of_board") and ~np.isnan(reward)
+        failed = step.outcome in ("collision", "out_of_board") and step.action >= 0
         for robot in np.flatnonzero(step.completed | failed):
             where = tuple(step.after.cells[robot].tolist())
             name = self._names[robot]

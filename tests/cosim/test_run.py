@@ -180,6 +180,14 @@ def test_options_of_training_are_refused_with_a_policy(run, runs, tmp_path, argu
     assert not (tmp_path / "x").exists()
 
 
+def test_a_viewer_that_is_sent_nothing_is_refused(run, tmp_path):
+    done = run("--viewer", "rerun+http://127.0.0.1:1/proxy", "--out", tmp_path / "x")
+    assert done.returncode == 2
+    assert done.stderr == (
+        "error: --viewer has no effect without --live or --spawn; add one of them\n"
+    )
+
+
 def test_threads_do_not_change_the_results(run, runs, tmp_path):
     policy = ("--policy", runs / "a" / "policy.npz", "--episodes", 2, "--time-limit", 4)
     for name, jobs in (("serial", 1), ("parallel", 2)):

@@ -101,11 +101,18 @@ def test_leaving_the_board_names_the_robot_and_the_place():
     lost = step(outcome="out_of_board")
     lost.samples.position[-1, 1, 0] = 0.3002
     lines = texts(EpisodeLog(SCENARIO, CONFIG), lost)
-    assert lines == [
+    # whether anybody says a reward or not
+    assert [text for _, text in lines[:2]] == [
+        "r1 ends its move in (5, 5)",
+        "r2 ends its move in (10, 5)",
+    ]
+    assert lines[2:] == [
         ("WARN", "r2 leaves the board at (30.02, 5.50) cm"),
         ("ERROR", "episode ends: out_of_board"),
     ]
     assert changes(EpisodeLog(SCENARIO, CONFIG), lost) == [
+        ("/rl/r1/move", "ended"),
+        ("/rl/r2/move", "ended"),
         ("/rl/r2/failure", "leaves the board"),
         ("/outcome", "out_of_board"),
     ]
