@@ -25,7 +25,7 @@ from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.base.scenario import Scenario
 from cosim.coupling.calls import do_step, exchange_float64
 from cosim.coupling.fmu import FMI_OK, Addresses, MotorFmu
-from cosim.navigation.episode import CoSimulation
+from cosim.navigation.batch import CoSimulation
 from cosim.physics.body import standing_state
 from fmus.build import cached_fmu
 

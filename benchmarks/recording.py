@@ -20,7 +20,8 @@ from analysis.viewer import ViewerError, screenshot
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.base.scenario import Scenario
-from cosim.navigation.episode import CoSimulation, Step
+from cosim.navigation.batch import CoSimulation
+from cosim.navigation.episode import Step
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level
 from fmus.build import cached_fmu

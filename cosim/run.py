@@ -120,7 +120,7 @@ def run(options: Run, progress: Progress) -> Iterator["tuple[Path, EpisodeResult
     from agent.evaluation.batch import Batch
     from agent.training.recording import write_training
     from cosim.base.scenario import find_scenario
-    from cosim.navigation.episode import CoSimulation
+    from cosim.navigation.batch import CoSimulation
     from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
 

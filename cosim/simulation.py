@@ -20,7 +20,8 @@ from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import versions
 from cosim.base.scenario import Cell, Scenario, find_scenario
-from cosim.navigation.episode import DRIVERS, CoSimulation, Step, SupportsAct, run_episode
+from cosim.navigation.batch import DRIVERS, CoSimulation, run_episode
+from cosim.navigation.episode import Step, SupportsAct
 from cosim.navigation.observing import draw_starts
 from cosim.navigation.options import Driving
 from cosim.reading.episode import Episode, read_episode

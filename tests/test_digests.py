@@ -23,7 +23,7 @@ from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import find_scenario
-from cosim.navigation.episode import CoSimulation
+from cosim.navigation.batch import CoSimulation
 from cosim.navigation.observing import draw_starts
 from cosim.reading.episode import read_episode
 from cosim.recording.episode import EpisodeRecorder

@@ -19,7 +19,8 @@ from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.scenario import Scenario
 from cosim.base.storage import write_json
-from cosim.navigation.episode import CoSimulation, Step
+from cosim.navigation.batch import CoSimulation
+from cosim.navigation.episode import Step
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import Level
 from cosim.simulation import EpisodeResult, draw_episode, simulate_episode

@@ -22,7 +22,8 @@ from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
 from cosim.base.scenario import Cell
-from cosim.navigation.episode import CoSimulation, Step
+from cosim.navigation.batch import CoSimulation
+from cosim.navigation.episode import Step
 from cosim.recording.episode import EpisodeRecorder
 from cosim.simulation import EpisodeResult, episode_facts, simulate_episode
 

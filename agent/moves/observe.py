@@ -20,7 +20,8 @@ from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
 from cosim.coupling.steering import DRIVE, HOLD
-from cosim.navigation.episode import CoSimulation, Step
+from cosim.navigation.batch import CoSimulation
+from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.

@@ -7,12 +7,13 @@ accepted step is tried twice as long the next time. Slow (fmpy's Python classes)
 of the exchanges; the compiled driver at a fixed step needs no step control.
 """
 
-import numpy as np
-
-from cosim.coupling.fmu import Motor
+from cosim.coupling.assembly import MOTOR_NAMES, Motors
 from cosim.coupling.master import ReferenceDriver
 from cosim.coupling.plant import Plant, exchanged
 from cosim.coupling.signals import RawSamples, State
+from cosim.physics.lanes import width_of
+
+_ONE = width_of(1)
 
 
 class AdaptiveDriver(ReferenceDriver):
@@ -25,40 +26,36 @@ class AdaptiveDriver(ReferenceDriver):
         steps, rejected: communication steps accepted, and tried in vain.
     """
 
-    def __init__(self, motors: list[Motor]) -> None:
+    def __init__(self, motors: Motors) -> None:
         super().__init__(motors)
         self.steps = self.rejected = 0
         self._count = 1
 
-    def _step(
-        self, plant: Plant, state: State, raw: RawSamples, first_tick: int, tick: int, end: int
-    ) -> int:
+    def _step(self, plant: Plant, state: State, raw: RawSamples, tick: int, end: int) -> int:
         count = min(self._count, end - tick)
-        while not self._accepted(plant._replace(ticks_per_step=count), state, first_tick + tick):
+        while not self._accepted(plant._replace(ticks_per_step=count), state):
             self.rejected += 1
             count //= 2
         self.steps += 1
         self._count = min(2 * count, plant.ticks_per_period)
-        return super()._step(
-            plant._replace(ticks_per_step=count), state, raw, first_tick, tick, end
-        )
+        return super()._step(plant._replace(ticks_per_step=count), state, raw, tick, end)
 
-    def _accepted(self, plant: Plant, state: State, tick: int) -> bool:
+    def _accepted(self, plant: Plant, state: State) -> bool:
         """Try a communication step and roll it back; whether its middle is well interpolated."""
         count, dt = plant.ticks_per_step, plant.body.dt
         if count == 1:
             return True
         half = count // 2
-        trial = state._replace(held=state.outputs, outputs=np.empty_like(state.outputs))
-        middle = np.empty(state.outputs.shape[:2])
-        for motor, slot in self._slots(state):
-            with motor.rolled_back():
-                motor.step(tick, half, dt)
-                middle[slot] = motor.outputs(tick + half, dt)[0]
-                motor.step(tick + half, count - half, dt)
-                trial.outputs[slot] = motor.outputs(tick + count, dt)
-        error = max(
-            abs(exchanged(plant, trial, slot[0], slot[1], half - 1)[0] - middle[slot])
-            for _, slot in self._slots(state)
-        )
-        return bool(error <= plant.exchange_tolerance)
+        trial = state._replace(held=state.outputs, outputs=state.outputs.copy())
+        middle = state.outputs.copy()
+        with self.motors.rolled_back():
+            self.motors.step(half, dt)
+            self.motors.get_outputs(middle, dt)
+            self.motors.step(count - half, dt)
+            self.motors.get_outputs(trial.outputs, dt)
+        errors = [
+            abs(exchanged(plant, trial, motor, column, half - 1, _ONE)[0] - middle[motor, column])
+            for motor in range(len(MOTOR_NAMES))
+            for column in range(middle.shape[1])
+        ]
+        return bool(max(errors) <= plant.exchange_tolerance)

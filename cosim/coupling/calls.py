@@ -2,16 +2,25 @@
 
 The address is a run-time integer: the code is compiled once for all FMUs and cached on disk,
 which numba refuses for a global ctypes function pointer.
+
+An instance is one motor, or all motors as arrays. Signals stand in arrays (6, B), see
+`cosim.coupling.signals.State`: motors D of all robots, then motors E, one signal after the other.
+That is the order in which FMI has the values of arrays, so an instance of all motors takes and
+fills them where they are.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from cosim.base.jit import inlined
+
 INCOMPLETE = 100  # beyond every fmi3Status
+FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
 
 _INT, _LONG, _DOUBLE, _BOOL = ir.IntType(32), ir.IntType(64), ir.DoubleType(), ir.IntType(8)
 _POINTER = _BOOL.as_pointer()
@@ -23,15 +32,15 @@ def _pointer(builder, address, to):
     return builder.inttoptr(address, to.as_pointer() if to is not _POINTER else _POINTER)
 
 
-def _exchange_float64(_typing, function, instance, references, count, values):
-    """Call fmi3SetFloat64 or fmi3GetFloat64(instance, references, count, values, count).
+def _exchange_float64(_typing, function, instance, references, count, values, size):
+    """Call fmi3SetFloat64 or fmi3GetFloat64(instance, references, count, values, size).
 
-    All arguments are integers: addresses, and the number of scalar variables.
+    All arguments are integers: addresses, the number of variables, and that of their values.
     Returns the fmi3Status.
     """
 
     def codegen(_context, builder, _signature, arguments):
-        function, instance, references, count, values = arguments
+        function, instance, references, count, values, size = arguments
         return builder.call(
             _pointer(builder, function, _VALUES),
             [
@@ -39,11 +48,11 @@ def _exchange_float64(_typing, function, instance, references, count, values):
                 _pointer(builder, references, _POINTER),
                 count,
                 _pointer(builder, values, _POINTER),
-                count,
+                size,
             ],
         )
 
-    return types.int32(*(types.int64,) * 5), codegen
+    return types.int32(*(types.int64,) * 6), codegen
 
 
 exchange_float64: Any = intrinsic(_exchange_float64)
@@ -78,3 +87,87 @@ def _do_step(_typing, function, instance, time, step):
 
 
 do_step: Any = intrinsic(_do_step)
+
+
+class Calls(NamedTuple):
+    """What compiled code needs to reach the FMUs of all motors; integers are addresses.
+
+    Attributes:
+        instances: (I,) int64.
+        ticks: (I,) int64, ticks of dt that each has done.
+        motors: (I,) int64, motor·B + column of the first motor of each instance.
+        each: motors of an instance: 1, or 2 B.
+        values: (3,) float64, room for the signals of an instance of one motor.
+        set_float64, do_step, get_float64: functions of the binary.
+        inputs, outputs, electrical: arrays of value references (uint32).
+    """
+
+    instances: np.ndarray
+    ticks: np.ndarray
+    motors: np.ndarray
+    each: int
+    values: np.ndarray
+    set_float64: int
+    do_step: int
+    get_float64: int
+    inputs: np.ndarray
+    outputs: np.ndarray
+    electrical: np.ndarray
+
+
+@inlined
+def set_inputs(calls: Calls, signals: np.ndarray) -> tuple[int, int]:
+    """Set the inputs of all motors; returns the fmi3Status and the instance that failed, if any."""
+    count, all_motors = calls.inputs.shape[0], 2 * signals.shape[1]
+    flat = signals.reshape(-1)
+    for k in range(calls.instances.shape[0]):
+        values = signals.ctypes.data
+        if calls.each == 1:
+            for signal in range(count):
+                calls.values[signal] = flat[signal * all_motors + calls.motors[k]]
+            values = calls.values.ctypes.data
+        status = exchange_float64(
+            calls.set_float64,
+            calls.instances[k],
+            calls.inputs.ctypes.data,
+            count,
+            values,
+            count * calls.each,
+        )
+        if status > FMI_WARNING:
+            return status, k
+    return FMI_OK, 0
+
+
+@inlined
+def get_signals(calls: Calls, references: np.ndarray, signals: np.ndarray) -> tuple[int, int]:
+    """Get outputs of all motors; returns as `set_inputs`."""
+    count, all_motors = references.shape[0], 2 * signals.shape[1]
+    flat = signals.reshape(-1)
+    for k in range(calls.instances.shape[0]):
+        alone = calls.each == 1
+        status = exchange_float64(
+            calls.get_float64,
+            calls.instances[k],
+            references.ctypes.data,
+            count,
+            calls.values.ctypes.data if alone else signals.ctypes.data,
+            count * calls.each,
+        )
+        if status > FMI_WARNING:
+            return status, k
+        if alone:
+            for signal in range(count):
+                flat[signal * all_motors + calls.motors[k]] = calls.values[signal]
+    return FMI_OK, 0
+
+
+@inlined
+def step_motors(calls: Calls, count: int, dt: float) -> tuple[int, int]:
+    """Step all motors over `count` ticks of dt; returns as `set_inputs`."""
+    for k in range(calls.instances.shape[0]):
+        status = do_step(calls.do_step, calls.instances[k], calls.ticks[k] * dt, count * dt)
+        if status > FMI_WARNING:
+            return status, k
+        calls.ticks[k] += count
+    return FMI_OK, 0

@@ -1,7 +1,8 @@
 """Motor FMUs: load, check and instantiate with fmpy; the addresses of their C functions.
 
 Any FMI 3.0 Co-Simulation FMU with the variables of `cosim.coupling.interface` can drive a robot;
-they are found by name in its modelDescription. Stepping is the master's.
+they are found by name in its modelDescription. It is one motor, or any number of motors as arrays.
+Stepping is the master's.
 """
 
 import contextlib
@@ -24,7 +25,9 @@ from cosim.coupling.interface import (
     ELECTRICAL,
     INPUTS,
     OUTPUTS,
+    RESTART,
     FmuError,
+    array_size,
     check_variable,
     co_simulation,
 )
@@ -35,8 +38,6 @@ _NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resource
 # fmpy changes the working directory of the process while it loads a binary, and does not change it
 # back where that fails.
 _LOADING = threading.Lock()
-
-FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
 
 
 class Addresses(NamedTuple):
@@ -56,6 +57,7 @@ class MotorFmu:
         description: fmpy's model description.
         interface: fmpy's description of its Co-Simulation capabilities.
         inputs, outputs, electrical: value references (uint32) of INPUTS, OUTPUTS, ELECTRICAL.
+        arrays: whether an instance has any number of motors.
 
     Raises:
         FmuError: the file is missing, is no FMU, or lacks a part of the interface.
@@ -85,6 +87,8 @@ class MotorFmu:
                 "export it for this platform"
             )
         self._variables = {v.name: v for v in self.description.modelVariables}
+        self._size = array_size(path, self._variables)
+        self.arrays = self._size is not None
         self.inputs = self._references(INPUTS, "input")
         self.outputs = self._references(OUTPUTS, "output")
         self.electrical = self._references(ELECTRICAL, "output")
@@ -100,7 +104,7 @@ class MotorFmu:
 
     def _reference(self, name: str, *causalities: str) -> int:
         variable = self._variables[name]
-        check_variable(self.path, self.description, variable, *causalities)
+        check_variable(self.path, self.description, variable, self._size, *causalities)
         return variable.valueReference
 
     def parameter(self, name: str) -> int:
@@ -113,21 +117,37 @@ class MotorFmu:
             raise FmuError(f"motor FMU {self.path} has no parameter '{name}'; export it with one")
         return self._reference(name, "parameter", "input")
 
-    def instantiate(self, name: str, parameters: Mapping[str, float] | None = None) -> "Motor":
+    def instantiate(
+        self, name: str, parameters: Mapping[str, float] | None = None, motors: int = 1
+    ) -> "Motor":
         """New instance, initialised at t = 0 and in step mode.
 
         Args:
             name: instance name, as it shall appear in messages.
             parameters: values that replace the FMU's own defaults, by variable name.
+            motors: how many it shall have; more than one where they are arrays.
 
         Raises:
             FmuError: the FMU lacks a parameter, refuses it, to load or to be initialised.
         """
-        return Motor(self, name, parameters or {})
+        return Motor(self, name, parameters or {}, motors)
+
+    def configure(self, slave: Any, motors: int) -> None:
+        """Say how many motors an instance of arrays has."""
+        if self._size is not None:
+            slave.enterConfigurationMode()
+            slave.setUInt64([self._size], [motors])
+            slave.exitConfigurationMode()
+
+    def restart(self, slave: Any, runs: np.ndarray) -> None:
+        """Start the motors of an instance of arrays anew whose number has changed."""
+        slave.setInt64([self._variables[RESTART].valueReference], runs.tolist())
 
 
 class Motor:
-    """One running instance of a motor FMU.
+    """One running instance of a motor FMU: one motor, or all of them as arrays.
+
+    Values of arrays stand one signal after the other.
 
     Attributes:
         name: instance name.
@@ -136,9 +156,12 @@ class Motor:
         log: what the FMU has reported, oldest first.
     """
 
-    def __init__(self, fmu: MotorFmu, name: str, parameters: Mapping[str, float]) -> None:
+    def __init__(
+        self, fmu: MotorFmu, name: str, parameters: Mapping[str, float], motors: int
+    ) -> None:
         self.fmu = fmu
         self.name = name
+        self._motors = motors
         self.log: list[str] = []
         self._returns = False  # whether the state before a step will be restored
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
@@ -151,8 +174,9 @@ class Motor:
                     unzipDirectory=str(fmu.folder),
                 )
                 self.slave.instantiate(loggingOn=True, logMessage=self._append_log)
+            fmu.configure(self.slave, motors)
             for reference, value in values.items():
-                self.slave.setFloat64([reference], [value])
+                self.slave.setFloat64([reference], [value] * motors)
             self.slave.enterInitializationMode()
             self.slave.exitInitializationMode()
         except Exception as error:  # fmpy raises plain Exceptions
@@ -172,6 +196,11 @@ class Motor:
         with self._named_errors(tick * dt_s, "refuses its inputs"):
             self.slave.setFloat64(self.fmu.inputs, values)
 
+    def restart(self, runs: np.ndarray) -> None:
+        """Start motors of arrays anew whose number, (motors,) int64, has changed."""
+        with self._named_errors(0.0, "refuses to start motors anew"):
+            self.fmu.restart(self.slave, runs)
+
     def step(self, tick: int, count: int, dt_s: float) -> None:
         """Step from `tick` over `count` ticks; raises FmuError naming the time."""
         with self._named_errors(tick * dt_s, "failed"):
@@ -184,12 +213,15 @@ class Motor:
     def outputs(self, tick: int, dt_s: float) -> list[float]:
         """Values of OUTPUTS; raises FmuError naming the time of `tick`."""
         with self._named_errors(tick * dt_s, "has no outputs"):
-            return self.slave.getFloat64(self.fmu.outputs)
+            return self._get(self.fmu.outputs)
 
     def electrical(self, tick: int, dt_s: float) -> list[float]:
         """Values of ELECTRICAL; raises FmuError naming the time of `tick`."""
         with self._named_errors(tick * dt_s, "has no outputs"):
-            return self.slave.getFloat64(self.fmu.electrical)
+            return self._get(self.fmu.electrical)
+
+    def _get(self, references: np.ndarray) -> list[float]:
+        return self.slave.getFloat64(references, self._motors * len(references))
 
     @contextlib.contextmanager
     def rolled_back(self) -> Iterator[None]:

@@ -2,9 +2,14 @@
 
 Units are those of the project's own motor (`fmus.variables`). A unit is what its definition in SI
 base units says, whatever its name; a variable without a unit is taken to be in the right one.
+
+An FMU of many motors has all of them as arrays whose only dimension is one structural parameter,
+and an Int64 input of that size, `restart`: a motor begins anew in the step after its number has
+changed. The project's own is `VibrationMotors`.
 """
 
 import math
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -17,6 +22,7 @@ from fmus.variables import Unit, load_table
 INPUTS = ("omega_des", "omega_noise", "d")
 OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
+RESTART = "restart"
 
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
@@ -40,8 +46,43 @@ def co_simulation(path: Path, description: ModelDescription) -> CoSimulation:
     return description.coSimulation
 
 
+def array_size(path: Path, variables: Mapping[str, ModelVariable]) -> int | None:
+    """Value reference of the parameter that says how many motors an instance has; None if one.
+
+    Args:
+        path: of the FMU.
+        variables: of the FMU, by name.
+
+    Raises:
+        FmuError: it has arrays of another kind than this module's head says.
+    """
+    first = variables.get(INPUTS[0])
+    if first is None or not first.dimensions:
+        return None
+    size, restart = first.dimensions[0].variable, variables.get(RESTART)
+    if len(first.dimensions) > 1 or size is None or size.causality != "structuralParameter":
+        raise FmuError(
+            f"motor FMU {path} has '{first.name}' as an array of fixed or of several dimensions; "
+            "export it as a scalar, or with one structural parameter as its size"
+        )
+    if (
+        restart is None
+        or (restart.type, restart.causality) != ("Int64", "input")
+        or [d.valueReference for d in restart.dimensions] != [size.valueReference]
+    ):
+        raise FmuError(
+            f"motor FMU {path} has arrays but no Int64 input '{RESTART}' of their size; export it "
+            "with one, or with scalars"
+        )
+    return size.valueReference
+
+
 def check_variable(
-    path: Path, description: ModelDescription, variable: ModelVariable, *causalities: str
+    path: Path,
+    description: ModelDescription,
+    variable: ModelVariable,
+    size: int | None,
+    *causalities: str,
 ) -> None:
     """Refuse a variable that the master cannot exchange.
 
@@ -49,18 +90,21 @@ def check_variable(
         path: of the FMU.
         description: of the FMU.
         variable: one of its variables.
+        size: value reference of the size that it must have as an array, None for a scalar.
         causalities: those it may have, the usual one first.
 
     Raises:
-        FmuError: it is no scalar Float64 of that causality, is clocked, or has another unit.
+        FmuError: it is no Float64 of that size and causality, is clocked, or has another unit.
     """
     said = f"motor FMU {path} has '{variable.name}'"
     if variable.type != "Float64" or variable.causality not in causalities:
         raise FmuError(
             f"{said} as {variable.type} {variable.causality}; export it as Float64 {causalities[0]}"
         )
-    if variable.dimensions:
-        raise FmuError(f"{said} as an array; export it as a scalar")
+    sizes = [dimension.valueReference for dimension in variable.dimensions]
+    if sizes != ([] if size is None else [size]):
+        mend = "a scalar" if size is None else f"an array of the size of '{INPUTS[0]}'"
+        raise FmuError(f"{said} as {'an array' if sizes else 'a scalar'}; export it as {mend}")
     if variable.clocks:
         raise FmuError(f"{said} tied to a clock; export it without")
     declared = variable.unit or (variable.declaredType and variable.declaredType.unit)

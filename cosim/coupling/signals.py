@@ -1,6 +1,6 @@
 """Arrays that a co-simulation lives in: its state, and the signals that are sampled from it.
 
-Records of numpy arrays for the kernels of `cosim.coupling.plant`; no behaviour.
+Records of numpy arrays for the kernels of `cosim.coupling.plant` and `sampling`; no behaviour.
 """
 
 from typing import NamedTuple
@@ -8,32 +8,47 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.coupling.steering import COMMAND_SIZE
-from cosim.physics.body import STATE_SIZE
+from cosim.physics.body import QUATERNION, STATE_SIZE
 
 MOTORS = 2  # D, E
 FEET = 3  # A, B, C
 
 
+# Rows of the statistics of a control period, see `State.statistics`.
+NORMAL_PEAK, FRICTION_PEAK, SLIPPING = 0, FEET, 2 * FEET  # of feet A, B, C each
+LIFTED, AIRBORNE = 3 * FEET, 3 * FEET + 1
+STATISTICS = AIRBORNE + 1
+
+
 class State(NamedTuple):
-    """Variables of the coupled system; float64 arrays for N robots.
+    """Variables of K episodes of N robots each; float64 unless said otherwise.
+
+    Robot r of episode e has column e N + r of B; columns beyond are idle, so that B is a whole
+    number of vectors. Rows that motors have are those of D, then of E, one signal after the other.
 
     Attributes:
-        bodies: (N, STATE_SIZE), layout in cosim.physics.body.
-        commands: (N, COMMAND_SIZE), layout in cosim.coupling.steering.
-        inputs: (N, 2, 3) omega_des, omega_noise, d of motors D and E.
-        outputs: (N, 2, 3) theta, omega, omega_dot.
-        held: (N, 2, 3) the outputs at the start of the communication step.
-        held_velocities: (N, 6) velocity (world) and angular velocity (body) at that time.
-        electrical: (N, 2, 2) V_s, i.
-        normal_peak: (N, 3) largest normal impulse of each foot in this control period, N s.
-        friction_peak: (N, 3) largest friction impulse, squared, N² s².
-        slipping: (N, 3) ticks of this period in which each foot slid.
-        lifted: (N,) ticks of this period in which a foot carried nothing.
-        touching: (N,) ticks of this period in which another robot was touched.
-        near: (N (N − 1) / 2, 2) int64, pairs that may touch in this period.
+        bodies: (STATE_SIZE, B), layout in cosim.physics.body.
+        commands: (B, COMMAND_SIZE), layout in cosim.coupling.steering.
+        inputs: (6, B) omega_des, omega_noise, d.
+        outputs: (6, B) theta, omega, omega_dot.
+        held: (6, B) the outputs at the start of the communication step.
+        held_velocities: (6, B) velocity (world) and angular velocity (body) at that time.
+        electrical: (4, B) V_s, i.
+        statistics: (STATISTICS, B) of this control period: of each foot the largest normal impulse
+            in N s, the largest friction impulse, squared, in N² s², and ticks in which it slid;
+            ticks in which a foot carried nothing, and in which no foot carried anything.
+        touching: (B,) ticks of this period in which another robot was touched.
+        near: (K N (N − 1) / 2, 2) int64, columns of pairs that may touch in this period.
         near_count: (1,) int64, how many they are.
-        events: (N,) int64, what became of each robot in this period, see cosim.coupling.plant.
-        obstacles: (M, 4) rectangles left, bottom, right, top in m, which stay.
+        busy: (B,) int64, of the first column of every vector whether an episode goes on in it.
+        running: (K,) int64, whether an episode goes on.
+        periods: (K,) int64, control periods that an episode has done in this advance.
+        events: (B,) int64, what became of each robot in its last period, see
+            cosim.coupling.sampling.
+        ended: (STATE_SIZE, B) bodies of episodes that have ended, as they were then.
+        boards: (K, 2) extent of each episode's board in m, its corner at the origin.
+        obstacles: (K, M, 4) rectangles left, bottom, right, top in m, which stay; infinitely far
+            where an episode has fewer.
     """
 
     bodies: np.ndarray
@@ -43,19 +58,23 @@ class State(NamedTuple):
     held: np.ndarray
     held_velocities: np.ndarray
     electrical: np.ndarray
-    normal_peak: np.ndarray
-    friction_peak: np.ndarray
-    slipping: np.ndarray
-    lifted: np.ndarray
+    statistics: np.ndarray
     touching: np.ndarray
     near: np.ndarray
     near_count: np.ndarray
+    busy: np.ndarray
+    running: np.ndarray
+    periods: np.ndarray
     events: np.ndarray
+    ended: np.ndarray
+    boards: np.ndarray
     obstacles: np.ndarray
 
 
 class Samples(NamedTuple):
     """Signals sampled at the end of each of n control periods; float64, SI units.
+
+    N is the number of robots of an episode, or of the columns of a state.
 
     Attributes:
         omega, omega_des, theta, voltage, current: (n, N, 2), motors D and E.
@@ -68,6 +87,7 @@ class Samples(NamedTuple):
         slipping_share: (n, N, 3) share of the period in which feet A, B, C slid: they carried
             weight and friction was at its limit.
         lifted_share: (n, N) share of the period in which a foot carried nothing.
+        airborne_share: (n, N) share of the period in which no foot carried anything.
         touching_share: (n, N) share of the period in which another robot was touched.
         heading_error: (n, N), rad.
         mode: (n, N) of the steering.
@@ -87,6 +107,7 @@ class Samples(NamedTuple):
     friction_max: np.ndarray
     slipping_share: np.ndarray
     lifted_share: np.ndarray
+    airborne_share: np.ndarray
     touching_share: np.ndarray
     heading_error: np.ndarray
     mode: np.ndarray
@@ -109,30 +130,46 @@ class RawSamples(NamedTuple):
     friction: np.ndarray
 
 
-def new_state(robots: int, obstacles_m: np.ndarray | None = None) -> State:
-    """Zero state of N robots, by default without obstacles."""
-    exchanged, feet = (MOTORS, 3), (FEET,)
-    shapes = [(STATE_SIZE,), (COMMAND_SIZE,), exchanged, exchanged, exchanged, (6,), (MOTORS, 2)]
-    arrays = [np.zeros((robots, *shape)) for shape in [*shapes, feet, feet, feet, (), ()]]
-    near = np.zeros((robots * (robots - 1) // 2, 2), dtype=np.int64)
-    events = np.zeros(robots, dtype=np.int64)
+def new_state(episodes: int, robots: int, columns: int) -> State:
+    """State in which nothing goes on, on endless floors without obstacles.
+
+    Args:
+        episodes: K.
+        robots: N of each.
+        columns: B, at least K N.
+    """
+
+    def whole(*shape: int) -> np.ndarray:
+        return np.zeros(shape, dtype=np.int64)
+
+    rows = [2 * 3, 2 * 3, 2 * 3, 6, 2 * 2, STATISTICS]
+    bodies = np.zeros((STATE_SIZE, columns))
+    bodies[QUATERNION.start] = 1.0
     return State(
-        *arrays,
-        near=near,
-        near_count=np.zeros(1, dtype=np.int64),
-        events=events,
-        obstacles=np.empty((0, 4)) if obstacles_m is None else obstacles_m,
+        bodies,
+        np.zeros((columns, COMMAND_SIZE)),
+        *(np.zeros((count, columns)) for count in rows),
+        touching=np.zeros(columns),
+        near=whole(episodes * robots * (robots - 1) // 2, 2),
+        near_count=whole(1),
+        busy=whole(columns),
+        running=whole(episodes),
+        periods=whole(episodes),
+        events=whole(columns),
+        ended=bodies.copy(),
+        boards=np.full((episodes, 2), np.inf),
+        obstacles=np.empty((episodes, 0, 4)),
     )
 
 
 def new_samples(periods: int, robots: int) -> Samples:
     """Room for the samples of `periods` control periods."""
     motors, feet = (MOTORS,), (FEET,)
-    shapes = [motors] * 6 + [(3,), (4,), (3,), (), feet, feet, feet, (), (), (), ()]
-    return Samples(*(np.zeros((periods, robots, *shape)) for shape in shapes))
+    shapes = [motors] * 6 + [(3,), (4,), (3,), (), feet, feet, feet, (), (), (), (), ()]
+    return Samples(*(np.empty((periods, robots, *shape)) for shape in shapes))
 
 
 def new_raw_samples(ticks: int, robots: int) -> RawSamples:
     """Room for a burst of `ticks` ticks."""
     shapes = [(MOTORS,), (MOTORS,), (3,), (FEET,), (2 * FEET,)]
-    return RawSamples(*(np.zeros((ticks, robots, *shape)) for shape in shapes))
+    return RawSamples(*(np.empty((ticks, robots, *shape)) for shape in shapes))

@@ -15,7 +15,6 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import lift_off_speed
 from cosim.base.progress import Progress, silent
 from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.signals import FEET
 from cosim.coupling.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.navigation.calibration import DRIVES, MANOEUVRES, Calibration
 from cosim.navigation.trial import Trial, heading_angles
@@ -28,7 +27,7 @@ DIFFERENCES_RAD_S = (-100.0, -50.0, 50.0, 100.0)
 SETTLE_S = 0.5  # motors reach 98 % of the set point; the map has the speed they really had
 ROUNDS = 2  # of the dither, there and back
 UNDITHERED_ROUND_S = 0.3
-BATCH = 15  # trials that are co-simulated together
+BATCH = 16  # trials that are co-simulated together
 
 
 class Point(NamedTuple):
@@ -121,23 +120,21 @@ def _measure_batch(
     settle = math.ceil(SETTLE_S / period_s)
     half = math.ceil(_half_round_s(config) / period_s)
     with Trial(fmu, config, np.zeros(len(batch)), seed, np.abs(set_points).mean(axis=1)) as trial:
-        commands = trial.state.commands
+        commands = trial.state.commands[: len(batch)]
         commands[:, MODE] = DIRECT
         phase_rate = np.array([p.phase for p in batch]) / (settle * period_s)
         sign = np.sign(set_points[:, 1])
         commands[:, OMEGA_D] = set_points[:, 0]
         commands[:, OMEGA_E] = set_points[:, 1] + sign * phase_rate
         trial.advance(settle)
-        before = trial.state.bodies[:, :7].copy()
+        before = trial.state.bodies[:7, : len(batch)].T.copy()
         omega, airborne, track = [], [], [before[None]]
         for k in range(2 * ROUNDS):
             change = (dither if k % 2 == 0 else -dither)[:, None] * unequal
             commands[:, [OMEGA_D, OMEGA_E]] = set_points + change
-            samples, raw = trial.advance(half, every_tick=True)
+            samples = trial.advance(half)
             omega.append(samples.omega.mean(axis=0))
-            airborne.append(
-                (raw.normal.reshape(-1, len(batch), FEET) == 0.0).all(axis=2).mean(axis=0)
-            )
+            airborne.append(samples.airborne_share.mean(axis=0))
             track.append(np.concatenate([samples.position, samples.quaternion], axis=2))
     poses = np.concatenate(track)
     angles = heading_angles(poses[:, :, 3:7])

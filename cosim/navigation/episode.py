@@ -1,34 +1,23 @@
-"""RL steps of 2 s on top of the master: observe, act, terminate.
+"""One episode in RL steps of 2 s, on top of the master: observe, act, terminate.
 
 An action aims at the centre of the neighbouring cell and stays in force until the robot gets there
 or a time limit passes; policies are asked every RL step, and a robot under way ignores the answer.
 A cell belongs to the robot whose centre is in it; distance class and gradient sign are those of
-the cells. Nothing here learns or records.
+the cells. Nothing here advances time
+(`cosim.navigation.batch`), learns or records.
 """
 
 import math
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, RUNNING, Outcome
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.scenario import Cell, Scenario
-from cosim.coupling.adaptive import AdaptiveDriver
-from cosim.coupling.assembly import (
-    MOTOR_NAMES,
-    check_motors,
-    draw_noise,
-    new_motors,
-    new_plant,
-    noise_generators,
-)
-from cosim.coupling.fmu import Motor, MotorFmu
-from cosim.coupling.master import CompiledDriver, Driver, ReferenceDriver
-from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples, new_state
+from cosim.coupling.assembly import draw_noise, noise_generators
+from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.coupling.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
 from cosim.navigation.features import (
     DIRECTION_COUNT,
@@ -39,12 +28,6 @@ from cosim.navigation.measures import Measures
 from cosim.navigation.observing import cells_of, nearest_squared, observe
 from cosim.navigation.safety import WAIT, permitted
 from cosim.physics.body import standing_state
-
-DRIVERS: dict[str, Callable[[list[Motor]], Driver]] = {
-    "compiled": CompiledDriver,
-    "reference": ReferenceDriver,
-    "adaptive": AdaptiveDriver,
-}
 
 
 class SupportsAct(Protocol):
@@ -86,79 +69,47 @@ class Step(NamedTuple):
     outcome: Outcome
 
 
-class CoSimulation:
-    """Robots, motors and floor of one scenario, advanced in RL steps.
+class RunningEpisode:
+    """One episode in its columns of a co-simulation's state.
 
     Attributes:
-        scenario, config: as given; by default the default parameters, uncalibrated, with robots of
-            the scenario's diameter.
-        outcome: of the episode, RUNNING before its end.
+        scenario, config: as given.
+        outcome: RUNNING before its end.
         time_s: simulated time.
-        measures: of the episode so far.
+        observation: what a policy sees now.
+        measures: so far.
         conflicts: decisions that the safety layer changed, or would have changed.
-
-    Raises:
-        ConfigError: the robot's diameter is not the scenario's.
-        FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
-            that the driver needs.
     """
 
     def __init__(
         self,
         scenario: Scenario,
-        motor_fmu: Path,
-        config: CoSimConfig | None = None,
-        driver: str = "compiled",
+        config: CoSimConfig,
+        state: State,
+        columns: slice,
+        starts: tuple[Cell, ...],
+        seed: np.random.SeedSequence,
     ) -> None:
-        self.scenario = scenario
-        self.config = config or CoSimConfig().sized(scenario.robot_diameter_m)
-        if self.config.robot.diameter_m != scenario.robot_diameter_m:
-            raise ConfigError(
-                f"diameter_m = {self.config.robot.diameter_m:g} of the configuration is not "
-                f"robot_diameter_m = {scenario.robot_diameter_m:g} of scenario {scenario.name}; "
-                "use config.sized(scenario.robot_diameter_m)"
-            )
-        self._fmu = MotorFmu(motor_fmu)
-        check_motors(self._fmu, self.config, scenario.robots, adaptive=driver == "adaptive")
-        self._driver_class = DRIVERS[driver]
-        self._driver: Any = None
-        self._plant = new_plant(
-            self.config,
-            scenario.size_m,
-            end_on_collision=self.config.on_collision == "end",
-        )
-
-    def compile(self) -> None:
-        """Compile the kernels, or load them from the cache, by simulating nothing."""
-        starts = tuple(cells[0] for cells in self.scenario.starts)
-        self.reset(starts, np.random.SeedSequence(0))
-        n = self.scenario.robots
-        self._driver.advance(
-            self._plant,
-            self._state,
-            np.zeros((0, n, len(MOTOR_NAMES))),
-            new_samples(0, n),
-            new_raw_samples(0, n),
-            0,
-        )
-        self.close()
-
-    def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence) -> Observation:
-        """Put the robots on their start cells, facing the board's centre row, motors at rest.
+        """Put the robots on their start cells, facing the board's centre row.
 
         Args:
+            scenario: board, targets and robots.
+            config: all parameters.
+            state: of the co-simulation.
+            columns: those of the episode's robots.
             starts: start cell of each robot.
             seed: of the speed noise; every motor gets a child of its own.
         """
-        n = self.scenario.robots
-        self.close()
-        self._state = new_state(n, self.scenario.walls * self.scenario.cell_m)
+        n = scenario.robots
+        self.scenario, self.config = scenario, config
+        self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
+        self._events, self._columns = state.events[columns], columns
+        self._commands[:] = 0.0
         for robot, cell in enumerate(starts):
-            x, y = self.scenario.centre_m(cell)
+            x, y = scenario.centre_m(cell)
             # Assumed: robots are set down facing the middle of the board.
-            facing = math.copysign(math.pi / 2.0, self.scenario.size_m[1] / 2.0 - y)
-            self._state.bodies[robot] = standing_state(self.config.robot, x, y, facing)
-        self._driver = self._driver_class(new_motors(self._fmu, self.config, n))
+            facing = math.copysign(math.pi / 2.0, scenario.size_m[1] / 2.0 - y)
+            self._bodies[robot] = standing_state(config.robot, x, y, facing)
         self._noise = noise_generators(seed, n)
         self._step = self._tick = 0
         self.conflicts = 0
@@ -166,10 +117,9 @@ class CoSimulation:
         self._moving_since = np.zeros(n)
         self._action = np.full(n, -1)
         self._squared_at_decision = nearest_squared(self._cells())
-        self.measures = Measures(self._state.bodies[:, :2], self.config.timing.control_period_s)
+        self.measures = Measures(self._bodies[:, :2], config.timing.control_period_s)
         self.outcome = Outcome.RUNNING
-        self._observation = self._observe()
-        return self._observation
+        self.observation = self._observe()
 
     @property
     def time_s(self) -> float:
@@ -181,65 +131,56 @@ class CoSimulation:
         """Which robots have reached their targets, shape (N,), bool."""
         return self._arrived.copy()
 
-    def advance(self, action: np.ndarray) -> Step:
-        """Simulate one RL step.
+    def begin_step(self, action: np.ndarray, noise: np.ndarray) -> None:
+        """Adopt actions, and draw the speed noise of the step.
 
         Args:
             action: (N,) direction index of each robot; a robot under way keeps its own.
-
-        Raises:
-            FmuError: an FMU failed; names the instance and the time.
+            noise: (periods, N, 2), written, rad/s.
         """
-        before, state = self._observation, self._state
-        decided = self._adopt(action)
-        in_force = self._action.copy()
-        periods = self.config.periods_per_step
-        samples = new_samples(periods, self.scenario.robots)
-        burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
-        raw = new_raw_samples(
-            min(burst, periods * self.config.ticks_per_period), self.scenario.robots
-        )
-        was_moving = state.commands[:, MODE] != HOLD
-        first_tick = self._tick
-        done, event = self._driver.advance(
-            self._plant, state, self._draw_noise(periods), samples, raw, first_tick
-        )
-        self._tick += done * self.config.ticks_per_period
-        samples = Samples(*(signal[:done] for signal in samples))
-        raw = RawSamples(*(signal[: done * self.config.ticks_per_period] for signal in raw))
-        self.measures.add(samples)
+        self._decided = self._adopt(action)
+        self._was_moving = self._commands[:, MODE] != HOLD
+        nominal_rad_s = self.config.steering.forward_speed_rad_s
+        noise[:] = draw_noise(self.config, self._noise, nominal_rad_s, len(noise))
 
-        completed = was_moving & (state.commands[:, MODE] == HOLD)
+    def end_step(self, samples: Samples, raw: RawSamples, periods: int) -> Step:
+        """Judge what was simulated.
+
+        Args:
+            samples, raw: of all columns.
+            periods: control periods that the episode went on.
+        """
+        in_force, before, first_tick = self._action.copy(), self.observation, self._tick
+        ticks = periods * self.config.ticks_per_period
+        self._tick += ticks
+        samples = Samples(*(signal[:periods, self._columns] for signal in samples))
+        raw = RawSamples(*(signal[:ticks, self._columns] for signal in raw))
+        self.measures.add(samples)
+        completed = self._was_moving & (self._commands[:, MODE] == HOLD)
         at_target = (self._cells() == np.array(self.scenario.targets)).all(axis=1)
         self._arrived |= completed & at_target
-        self.outcome = self._judge(event)
-        self._observation = self._observe()
+        events = self._events.copy()
+        self.outcome = self._judge(int(events.max()))
+        self.observation = self._observe()
         step = Step(
             self._step,
             first_tick,
             before,
-            self._observation,
+            self.observation,
             in_force,
-            decided,
+            self._decided,
             completed,
             samples,
             raw,
-            state.events.copy(),
+            events,
             self.outcome,
         )
         self._step += 1
         return step
 
-    def close(self) -> None:
-        """Free the FMU instances."""
-        if self._driver is not None:
-            for motor in self._driver.motors:
-                motor.close()
-            self._driver = None
-
     def _adopt(self, action: np.ndarray) -> np.ndarray:
         """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
-        commands, cells = self._state.commands, self._cells()
+        commands, cells = self._commands, self._cells()
         late = self.time_s - self._moving_since >= self.config.timing.move_limit_s
         decided = ~self._arrived & ((commands[:, MODE] == HOLD) | late)
         squared = nearest_squared(cells)
@@ -261,12 +202,12 @@ class CoSimulation:
 
     def _permitted(self, robot: int, direction: int) -> int:
         """What the safety layer makes of a direction; without the layer it is only counted."""
-        commands, margin_m = self._state.commands, self.config.safety_margin_m
+        commands, margin_m = self._commands, self.config.safety_margin_m
         goals = np.where(commands[:, [MODE]] == HOLD, np.nan, commands[:, [GOAL_X, GOAL_Y]])
         goals[robot] = np.nan
         allowed = permitted(
             self.scenario,
-            self._state.bodies,
+            self._bodies,
             goals,
             robot,
             direction,
@@ -275,15 +216,11 @@ class CoSimulation:
         self.conflicts += allowed != direction
         return allowed if margin_m else direction
 
-    def _draw_noise(self, periods: int) -> np.ndarray:
-        nominal_rad_s = self.config.steering.forward_speed_rad_s
-        return draw_noise(self.config, self._noise, nominal_rad_s, periods)
-
     def _cells(self) -> np.ndarray:
-        return cells_of(self._state.bodies, self.scenario)
+        return cells_of(self._bodies, self.scenario)
 
     def _observe(self) -> Observation:
-        return observe(self._state.bodies, self.scenario, self._squared_at_decision)
+        return observe(self._bodies, self.scenario, self._squared_at_decision)
 
     def _judge(self, event: int) -> Outcome:
         if event == RUNNING and self._arrived.all():
@@ -291,19 +228,3 @@ class CoSimulation:
         if event == RUNNING and self.time_s >= self.config.timing.episode_limit_s:
             return Outcome.TIMEOUT
         return BY_RANK[event]
-
-
-def run_episode(
-    system: CoSimulation,
-    policy: SupportsAct,
-    starts: tuple[Cell, ...],
-    seed: np.random.SeedSequence,
-    observe_step: Callable[[Step], None],
-) -> Outcome:
-    """Run one episode and return its outcome; `observe_step` sees every RL step."""
-    observation = system.reset(starts, seed)
-    while not system.outcome:
-        step = system.advance(policy.act(observation))
-        observation = step.after
-        observe_step(step)
-    return system.outcome

@@ -9,16 +9,17 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.coupling.assembly import (
+    Motors,
     check_motors,
     draw_noise,
-    new_motors,
     new_plant,
     noise_generators,
 )
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver
-from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples, new_state
+from cosim.coupling.signals import Samples, new_raw_samples, new_samples, new_state
 from cosim.physics.body import standing_state
+from cosim.physics.lanes import host_lanes
 from cosim.physics.rotation import headings
 
 # Robots never meet: a trial takes minutes at some mm/s. Coordinates stay small enough for a
@@ -56,50 +57,50 @@ class Trial:
         Raises:
             FmuError: the FMU lacks a capability, refuses to load or to be initialised.
         """
-        n = len(headings_rad)
+        n, lanes = len(headings_rad), host_lanes()
+        columns = -(-n // lanes) * lanes
         check_motors(motor_fmu, config, n)
         self._config = config
-        self._plant = new_plant(config, (np.inf, np.inf), end_on_collision=False)
+        self._plant = new_plant(config, 1, end_on_collision=False)
         self._nominal = (
             config.steering.forward_speed_rad_s if nominal_rad_s is None else nominal_rad_s
         )
         self._tick = 0
-        self.state = new_state(n)
+        self.state = new_state(n, 1, columns)
         self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])
+        self._motors = Motors(motor_fmu, config, columns)
         for robot, (x, y) in enumerate(self.origins_m):
-            self.state.bodies[robot] = standing_state(config.robot, x, y, headings_rad[robot])
+            self.state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
+            self._motors.restart([robot])
+        self.state.running[:] = 1
         self._noise = noise_generators(seed, n)
-        self._motors = new_motors(motor_fmu, config, n)
-        self._driver = CompiledDriver(self._motors)
+        self._driver = CompiledDriver(self._motors, lanes)
 
     def __enter__(self) -> "Trial":
         return self
 
     def __exit__(self, *_: object) -> None:
-        for motor in self._motors:
-            motor.close()
+        self._motors.close()
 
     @property
     def time_s(self) -> float:
         """Simulated time in s."""
         return self._tick * self._config.timing.dt_s
 
-    def advance(self, periods: int, *, every_tick: bool = False) -> tuple[Samples, RawSamples]:
-        """Simulate some control periods.
-
-        Args:
-            periods: how many.
-            every_tick: sample every tick too, not only the ends of periods.
+    def advance(self, periods: int) -> Samples:
+        """Simulate some control periods, and return the samples at their ends.
 
         Raises:
             FmuError: an FMU failed; names the instance and the time.
         """
-        n, ticks = len(self.origins_m), periods * self._config.ticks_per_period
-        samples, raw = new_samples(periods, n), new_raw_samples(ticks if every_tick else 0, n)
-        noise = draw_noise(self._config, self._noise, self._nominal, periods)
-        self._driver.advance(self._plant, self.state, noise, samples, raw, self._tick)
-        self._tick += ticks
-        return samples, raw
+        n, columns = len(self.origins_m), self.state.bodies.shape[1]
+        samples = new_samples(periods, columns)
+        noise = np.zeros((periods, columns, 2))
+        noise[:, :n] = draw_noise(self._config, self._noise, self._nominal, periods)
+        raw = new_raw_samples(0, columns)
+        self._driver.advance(self._plant, self.state, noise, samples, raw)
+        self._tick += periods * self._config.ticks_per_period
+        return Samples(*(signal[:, :n] for signal in samples))
 
 
 def heading_angles(quaternions: np.ndarray) -> np.ndarray:

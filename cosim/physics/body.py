@@ -21,7 +21,9 @@ from cosim.physics.contact import (
     contact_params,
     gradient_step,
 )
+from cosim.physics.lanes import Width, any_lane, load, select, store
 from cosim.physics.rotation import (
+    Quaternion,
     Vector,
     cross,
     dot,
@@ -32,7 +34,8 @@ from cosim.physics.rotation import (
     to_world,
 )
 
-# Layout of a body's state, one float64 vector.
+# Layout of a body's state, one float64 vector; of many bodies, the rows of an array with a column
+# for each.
 POSITION = slice(0, 3)  # centre of mass, world frame, m
 QUATERNION = slice(3, 7)  # world from body, (w, x, y, z)
 VELOCITY = slice(7, 10)  # of the centre of mass, world frame, m/s
@@ -154,33 +157,99 @@ def with_impulses(
     return plus(velocity, params.inverse_mass, total), omega, total
 
 
+class Body(NamedTuple):
+    """What changes of one robot, or of the robots in the lanes of a vector; see the layout above.
+
+    Attributes:
+        position, velocity: of the centre of mass, world frame, m and m/s.
+        orientation: world from body.
+        omega: body frame, rad/s.
+        at_a, at_b, at_c: impulses of the last step, body frame, N s.
+    """
+
+    position: Vector
+    orientation: Quaternion
+    velocity: Vector
+    omega: Vector
+    at_a: Impulse
+    at_b: Impulse
+    at_c: Impulse
+
+
 @inlined
-def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vector) -> None:
-    """Advance one robot by dt, in place (Eq. 2).
+def read_body(bodies: np.ndarray, column: int, width: Width) -> Body:
+    """Bodies of (STATE_SIZE, B) from a column on, one for every lane."""
+    return Body(
+        _read_vector(bodies, 0, column, width),
+        (load(bodies, 3, column, width), *_read_vector(bodies, 4, column, width)),
+        _read_vector(bodies, 7, column, width),
+        _read_vector(bodies, 10, column, width),
+        (load(bodies, 13, column, width), _read_vector(bodies, 16, column, width)),
+        (load(bodies, 14, column, width), _read_vector(bodies, 19, column, width)),
+        (load(bodies, 15, column, width), _read_vector(bodies, 22, column, width)),
+    )
+
+
+@inlined
+def _read_vector(bodies: np.ndarray, row: int, column: int, width: Width) -> Vector:
+    return (
+        load(bodies, row, column, width),
+        load(bodies, row + 1, column, width),
+        load(bodies, row + 2, column, width),
+    )
+
+
+@inlined
+def write_body(bodies: np.ndarray, column: int, width: Width, body: Body) -> None:
+    """Put bodies back to where `read_body` took them from."""
+    _write_vector(bodies, 0, column, width, body.position)
+    store(bodies, 3, column, width, body.orientation[0])
+    _write_vector(bodies, 4, column, width, body.orientation[1:])
+    _write_vector(bodies, 7, column, width, body.velocity)
+    _write_vector(bodies, 10, column, width, body.omega)
+    normal = (body.at_a[0], body.at_b[0], body.at_c[0])
+    _write_vector(bodies, 13, column, width, normal)
+    _write_vector(bodies, 16, column, width, body.at_a[1])
+    _write_vector(bodies, 19, column, width, body.at_b[1])
+    _write_vector(bodies, 22, column, width, body.at_c[1])
+
+
+@inlined
+def _write_vector(bodies: np.ndarray, row: int, column: int, width: Width, vector: Vector) -> None:
+    store(bodies, row, column, width, vector[0])
+    store(bodies, row + 1, column, width, vector[1])
+    store(bodies, row + 2, column, width, vector[2])
+
+
+@inlined
+def _where(condition: bool, yes: Impulse, no: Impulse) -> Impulse:
+    return select(condition, yes[0], no[0]), (
+        select(condition, yes[1][0], no[1][0]),
+        select(condition, yes[1][1], no[1][1]),
+        select(condition, yes[1][2], no[1][2]),
+    )
+
+
+@inlined
+def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Body:
+    """The body after dt (Eq. 2).
 
     Args:
-        state: shape (STATE_SIZE,), float64, see the layout above.
+        body: before.
         params: constants of the robot.
         force: applied force without gravity and contacts, body frame, N.
         moment: applied moment about the centre of mass, body frame, N m.
     """
-    position = (state[0], state[1], state[2])
-    orientation = (state[3], state[4], state[5], state[6])
-    velocity = (state[7], state[8], state[9])
-    omega = (state[10], state[11], state[12])
-    at_a = (state[13], (state[16], state[17], state[18]))
-    at_b = (state[14], (state[19], state[20], state[21]))
-    at_c = (state[15], (state[22], state[23], state[24]))
     dt, contact = params.dt, params.contact
-    world_from_body = rotation_matrix(orientation)
+    world_from_body = rotation_matrix(body.orientation)
 
     # Eq. (2): M v̇ = R Σ f, before contacts and seen from the body.
     free_velocity = plus(
-        to_body(world_from_body, plus(velocity, dt, params.gravity)),
+        to_body(world_from_body, plus(body.velocity, dt, params.gravity)),
         dt * params.inverse_mass,
         force,
     )
-    spun_omega = spun(omega, params)
+    spun_omega = spun(body.omega, params)
     inverse = params.inverse_inertia
     free_omega = (
         spun_omega[0] + dt * inverse[0] * moment[0],
@@ -189,38 +258,42 @@ def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vect
     )
     # What a free body turns by: the mean of before and after, which with the Cayley map of
     # `rotated` keeps the angular momentum. Moments and impulses act before the turn.
-    half_spin = plus(omega, -1.0, spun_omega)
+    half_spin = plus(body.omega, -1.0, spun_omega)
 
-    normal = world_from_body[2]
-    least_a = allowed_approach(position[2] + dot(normal, contact.a), params.inverse_dt)
-    least_b = allowed_approach(position[2] + dot(normal, contact.b), params.inverse_dt)
-    least_c = allowed_approach(position[2] + dot(normal, contact.c), params.inverse_dt)
+    normal, height = world_from_body[2], body.position[2]
+    least_a = allowed_approach(height + dot(normal, contact.a), params.inverse_dt)
+    least_b = allowed_approach(height + dot(normal, contact.b), params.inverse_dt)
+    least_c = allowed_approach(height + dot(normal, contact.c), params.inverse_dt)
+    at_a, at_b, at_c = body.at_a, body.at_b, body.at_c
     v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at_a, at_b, at_c)
+    going_on = height < math.inf  # in every lane
     for _ in range(contact.max_sweeps):
-        before = total
-        lambda_a, lambda_b, lambda_c = at_a[0], at_b[0], at_c[0]
-        at_a = gradient_step(at_a, plus(v, 1.0, cross(omega, contact.a)), normal, least_a, contact)
-        at_b = gradient_step(at_b, plus(v, 1.0, cross(omega, contact.b)), normal, least_b, contact)
-        at_c = gradient_step(at_c, plus(v, 1.0, cross(omega, contact.c)), normal, least_c, contact)
-        v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at_a, at_b, at_c)
-        change = abs(at_a[0] - lambda_a) + abs(at_c[0] - lambda_c) + abs(at_b[0] - lambda_b)
+        a = gradient_step(at_a, plus(v, 1.0, cross(omega, contact.a)), normal, least_a, contact)
+        b = gradient_step(at_b, plus(v, 1.0, cross(omega, contact.b)), normal, least_b, contact)
+        c = gradient_step(at_c, plus(v, 1.0, cross(omega, contact.c)), normal, least_c, contact)
+        # A lane whose sweeps have ended keeps what it has, to the bit.
+        a, b, c = _where(going_on, a, at_a), _where(going_on, b, at_b), _where(going_on, c, at_c)
+        before, spin = total, omega[2]
+        v, omega, total = with_impulses(free_velocity, free_omega, params, normal, a, b, c)
+        change = abs(a[0] - at_a[0]) + abs(c[0] - at_c[0]) + abs(b[0] - at_b[0])
         change += abs(total[0] - before[0]) + abs(total[1] - before[1])
-        if change < contact.tolerance:
+        change += contact.spin_inertia * abs(omega[2] - spin)
+        at_a, at_b, at_c = a, b, c
+        going_on = going_on & (change >= contact.tolerance)
+        if not any_lane(going_on):
             break
 
-    velocity = plus(velocity, dt, params.gravity)
+    velocity = plus(body.velocity, dt, params.gravity)
     velocity = plus(
         velocity, params.inverse_mass, to_world(world_from_body, plus(total, dt, force))
     )
-    position = plus(position, dt, velocity)
     turning = plus(omega, 0.5, half_spin)
-    orientation = rotated(orientation, (dt * turning[0], dt * turning[1], dt * turning[2]))
-
-    state[0], state[1], state[2] = position
-    state[3], state[4], state[5], state[6] = orientation
-    state[7], state[8], state[9] = velocity
-    state[10], state[11], state[12] = omega
-    state[13], state[14], state[15] = at_a[0], at_b[0], at_c[0]
-    state[16], state[17], state[18] = at_a[1]
-    state[19], state[20], state[21] = at_b[1]
-    state[22], state[23], state[24] = at_c[1]
+    return Body(
+        plus(body.position, dt, velocity),
+        rotated(body.orientation, (dt * turning[0], dt * turning[1], dt * turning[2])),
+        velocity,
+        omega,
+        at_a,
+        at_b,
+        at_c,
+    )

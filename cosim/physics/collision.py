@@ -32,22 +32,26 @@ class PairParams(NamedTuple):
 
 
 @inlined
-def find_near_pairs(bodies: np.ndarray, pair: PairParams, near: np.ndarray) -> int:
-    """Write the pairs of robots close enough to touch soon.
+def find_near_pairs(
+    bodies: np.ndarray, first: int, robots: int, pair: PairParams, near: np.ndarray, count: int
+) -> int:
+    """Write the pairs of an episode's robots that are close enough to touch soon.
 
     Args:
-        bodies: (N, STATE_SIZE).
+        bodies: (STATE_SIZE, B).
+        first: column of the episode's first robot; the others follow.
+        robots: their number.
         pair: contact parameters.
-        near: (N (N − 1) / 2, 2) int64, written.
+        near: (P, 2) int64, columns of pairs, written from row `count` on.
+        count: pairs written before.
 
     Returns:
-        Number of pairs written.
+        Number of pairs written until now.
     """
-    count = 0
     reach = pair.diameter + NEAR_M
-    for i in range(bodies.shape[0]):
-        for j in range(i):
-            dx, dy = bodies[i, 0] - bodies[j, 0], bodies[i, 1] - bodies[j, 1]
+    for i in range(first, first + robots):
+        for j in range(first, i):
+            dx, dy = bodies[0, i] - bodies[0, j], bodies[1, i] - bodies[1, j]
             if dx * dx + dy * dy < reach * reach:
                 near[count, 0], near[count, 1] = i, j
                 count += 1
@@ -55,36 +59,38 @@ def find_near_pairs(bodies: np.ndarray, pair: PairParams, near: np.ndarray) -> i
 
 
 @inlined
-def push_apart(a: np.ndarray, b: np.ndarray, pair: PairParams, params: BodyParams) -> float:
+def push_apart(bodies: np.ndarray, a: int, b: int, pair: PairParams, params: BodyParams) -> float:
     """Apply the contact impulse between two robots, in place.
 
     Args:
-        a, b: states of the robots, shape (STATE_SIZE,).
+        bodies: (STATE_SIZE, B).
+        a, b: columns of the robots.
         pair: contact parameters.
         params: constants of both robots.
 
     Returns:
         The normal impulse in N s, 0 if they do not touch.
     """
-    dx, dy = b[0] - a[0], b[1] - a[1]
+    dx, dy = bodies[0, b] - bodies[0, a], bodies[1, b] - bodies[1, a]
     distance = math.sqrt(dx * dx + dy * dy)
     nx, ny = dx / distance, dy / distance  # from a to b; the tangent is (−ny, nx)
     radius = 0.5 * pair.diameter
-    approach = (b[7] - a[7]) * nx + (b[8] - a[8]) * ny
+    vx, vy = bodies[7, b] - bodies[7, a], bodies[8, b] - bodies[8, a]
+    approach = vx * nx + vy * ny
     excess = approach - allowed_approach(distance - pair.diameter, params.inverse_dt)
     if excess >= 0.0:
         return 0.0
     impulse = -excess / (2.0 * params.inverse_mass)
-    slip = (b[8] - a[8]) * nx - (b[7] - a[7]) * ny - radius * (a[12] + b[12])
+    slip = vy * nx - vx * ny - radius * (bodies[12, a] + bodies[12, b])
     spin_per_impulse = radius * params.inverse_inertia[2]
     stopping = -slip / (2.0 * params.inverse_mass + 2.0 * radius * spin_per_impulse)
     limit = pair.mu * impulse
     friction = min(limit, max(-limit, stopping))
     jx, jy = impulse * nx - friction * ny, impulse * ny + friction * nx
-    a[7] -= jx * params.inverse_mass
-    a[8] -= jy * params.inverse_mass
-    b[7] += jx * params.inverse_mass
-    b[8] += jy * params.inverse_mass
-    a[12] -= spin_per_impulse * friction
-    b[12] -= spin_per_impulse * friction
+    bodies[7, a] -= jx * params.inverse_mass
+    bodies[8, a] -= jy * params.inverse_mass
+    bodies[7, b] += jx * params.inverse_mass
+    bodies[8, b] += jy * params.inverse_mass
+    bodies[12, a] -= spin_per_impulse * friction
+    bodies[12, b] -= spin_per_impulse * friction
     return impulse

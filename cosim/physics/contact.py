@@ -13,6 +13,7 @@ import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.base.params import RobotParams, cylinder_inertia
+from cosim.physics.lanes import select
 from cosim.physics.rotation import Vector, dot, plus
 
 Impulse = tuple[float, Vector]
@@ -36,6 +37,7 @@ class ContactParams(NamedTuple):
         a, b, c: positions of feet A, B, C in m.
         mu: Coulomb friction coefficient, static = kinetic.
         step_normal, step_tangential: step sizes of the projected gradient in kg.
+        spin_inertia: friction impulse at a foot, in N s, that changes a spin by 1 rad/s: kg m.
         tolerance: sweeps end when the impulses change by less than this, N s.
         max_sweeps: bound on the gradient steps of one time step.
     """
@@ -46,6 +48,7 @@ class ContactParams(NamedTuple):
     mu: float
     step_normal: float
     step_tangential: float
+    spin_inertia: float
     tolerance: float
     max_sweeps: int
 
@@ -94,6 +97,7 @@ def contact_params(robot: RobotParams, tolerance: float) -> ContactParams:
         mu=robot.mu,
         step_normal=_rounded(1.0 / (largest * scale[2])),
         step_tangential=_rounded(1.0 / (largest * scale[0])),
+        spin_inertia=cylinder_inertia(robot)[2] / robot.foot_radius_m,
         tolerance=tolerance,
         max_sweeps=MAX_SWEEPS,
     )
@@ -107,9 +111,7 @@ def _rounded(value: float) -> float:
 @inlined
 def allowed_approach(gap: float, inverse_dt: float) -> float:
     """Least normal speed in m/s of a foot at that gap (m): it may close the gap, not pass it."""
-    if gap > 0.0:
-        return -gap * inverse_dt
-    return -GAP_CORRECTION * gap * inverse_dt
+    return select(gap > 0.0, -gap * inverse_dt, -GAP_CORRECTION * gap * inverse_dt)
 
 
 @inlined
@@ -134,10 +136,10 @@ def gradient_step(
     """
     speed = dot(normal, velocity)
     friction = plus(impulse[1], -contact.step_tangential, plus(velocity, -speed, normal))
-    pressed = max(0.0, impulse[0] - contact.step_normal * (speed - least_normal_speed))
+    pressed = impulse[0] - contact.step_normal * (speed - least_normal_speed)
+    pressed = select(pressed > 0.0, pressed, 0.0)
     limit = contact.mu * pressed
     length_2 = dot(friction, friction)
-    if length_2 > limit * limit:
-        shrink = limit / math.sqrt(length_2)
-        friction = (shrink * friction[0], shrink * friction[1], shrink * friction[2])
-    return pressed, friction
+    slides = length_2 > limit * limit
+    shrink = select(slides, limit / math.sqrt(length_2), 1.0)
+    return pressed, (shrink * friction[0], shrink * friction[1], shrink * friction[2])

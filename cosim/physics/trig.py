@@ -7,9 +7,8 @@ Three-part Cody–Waite reduction to [−π/4, π/4] and the minimax polynomials
 
 import math
 
-import numpy as np
-
 from cosim.base.jit import inlined
+from cosim.physics.lanes import floor, select
 
 # π/2 in three parts; products of the first two with a quadrant number below 2²⁴ are exact.
 _HALF_PI = (1.57079625129699707031250, 7.54978941586159635335e-8, 5.3903029534742383827e-15)
@@ -35,17 +34,16 @@ _C = (
 @inlined
 def sine_cosine(x: float) -> tuple[float, float]:
     """(sin x, cos x) for |x| up to some 1e6 rad."""
-    # numpy's floor stays a float; math's would go through an integer and back.
-    quadrant = np.floor(x * _TWO_OVER_PI + 0.5)
+    quadrant = floor(x * _TWO_OVER_PI + 0.5)
     y = ((x - quadrant * _HALF_PI[0]) - quadrant * _HALF_PI[1]) - quadrant * _HALF_PI[2]
     z = y * y
     sine = _S[0] + z * (_S[1] + z * (_S[2] + z * (_S[3] + z * (_S[4] + z * _S[5]))))
     cosine = _C[0] + z * (_C[1] + z * (_C[2] + z * (_C[3] + z * (_C[4] + z * _C[5]))))
     sine = y + y * z * sine
     cosine = 1.0 - 0.5 * z + z * z * cosine
-    turn = int(quadrant) & 3
-    if turn & 1:
-        sine, cosine = cosine, -sine
-    if turn & 2:
-        sine, cosine = -sine, -cosine
-    return sine, cosine
+    # The last two bits of the quadrant without integers, which lanes lack: every step is exact.
+    half = floor(0.5 * quadrant)
+    odd = quadrant - 2.0 * half > 0.5
+    upper = half - 2.0 * floor(0.5 * half) > 0.5
+    sine, cosine = select(odd, cosine, sine), select(odd, -sine, cosine)
+    return select(upper, -sine, sine), select(upper, -cosine, cosine)

@@ -15,7 +15,7 @@ from cosim.base.params import TABLE_II, TIMING
 from cosim.base.scenario import find_scenario
 from cosim.coupling.assembly import check_motors, new_motors
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.navigation.episode import CoSimulation
+from cosim.navigation.batch import CoSimulation
 from cosim.navigation.trial import Trial
 
 

@@ -14,7 +14,7 @@ from cosim.coupling.master import CompiledDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
 from cosim.coupling.steering import DIRECTION, GOAL_X, START
-from cosim.navigation.episode import DRIVERS
+from cosim.navigation.batch import DRIVERS
 from cosim.physics.body import body_params, standing_state
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts

@@ -9,7 +9,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.base.scenario import Scenario
-from cosim.navigation.episode import CoSimulation, run_episode
+from cosim.navigation.batch import CoSimulation, run_episode
 from cosim.physics.body import ANGULAR_VELOCITY, VELOCITY, body_params, standing_state
 from cosim.physics.collision import NEAR_M, PairParams, find_near_pairs, push_apart
 

@@ -1,0 +1,131 @@
+"""What is sampled of the coupled system, and what ends an episode; kernels of both drivers."""
+
+import math
+
+from cosim.base.jit import inlined
+from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
+from cosim.coupling.plant import Plant
+from cosim.coupling.signals import (
+    AIRBORNE,
+    FEET,
+    FRICTION_PEAK,
+    LIFTED,
+    MOTORS,
+    NORMAL_PEAK,
+    SLIPPING,
+    RawSamples,
+    Samples,
+    State,
+)
+from cosim.coupling.steering import HEADING_ERROR, MODE
+from cosim.physics.obstacle import touches_obstacle
+
+
+@inlined
+def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
+    """Write one tick of a burst."""
+    for column in range(state.running.shape[0] * plant.robots):
+        body = state.bodies[:, column]
+        for axis in range(3):
+            raw.position[row, column, axis] = body[axis]
+        for motor in range(MOTORS):
+            raw.theta[row, column, motor] = state.outputs[motor, column]
+            raw.omega[row, column, motor] = state.outputs[MOTORS + motor, column]
+        for foot in range(FEET):
+            raw.normal[row, column, foot] = body[13 + foot] / plant.body.dt
+            for axis in range(2):
+                impulse = body[16 + 3 * foot + axis]
+                raw.friction[row, column, 2 * foot + axis] = impulse / plant.body.dt
+
+
+@inlined
+def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
+    """Sample the end of a control period, and end the episodes in which something happened.
+
+    Board and obstacles are looked at here: robots move by some micrometres within a period.
+
+    Args:
+        plant: constants.
+        state: variables; events, and what says which episodes go on.
+        samples: written at `row`.
+        row: of the period.
+
+    Returns:
+        Number of episodes that go on.
+    """
+    robots = plant.robots
+    going_on = 0
+    for episode in range(state.running.shape[0]):
+        if not state.running[episode]:
+            continue
+        first = episode * robots
+        happened = RUNNING
+        for column in range(first, first + robots):
+            _sample(plant, state, samples, row, column)
+            state.events[column] = _event(plant, state, episode, column)
+            happened = max(happened, state.events[column])
+        state.periods[episode] = row + 1
+        if happened == RUNNING:
+            going_on += 1
+            continue
+        state.running[episode] = 0
+        for k in range(state.bodies.shape[0]):
+            for column in range(first, first + robots):
+                state.ended[k, column] = state.bodies[k, column]
+    return going_on
+
+
+@inlined
+def _event(plant: Plant, state: State, episode: int, column: int) -> int:
+    """RUNNING, COLLISION or OUT_OF_BOARD of one robot."""
+    x, y = state.bodies[0, column], state.bodies[1, column]
+    radius = 0.5 * plant.pair.diameter
+    if not (0.0 <= x <= state.boards[episode, 0] and 0.0 <= y <= state.boards[episode, 1]):
+        return OUT_OF_BOARD
+    if touches_obstacle(x, y, radius * radius, state.obstacles[episode]) or (
+        plant.end_on_collision and state.touching[column] > 0.0
+    ):
+        return COLLISION
+    return RUNNING
+
+
+@inlined
+def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int) -> None:
+    dt, ticks = plant.body.dt, plant.ticks_per_period
+    body, statistics = state.bodies[:, column], state.statistics[:, column]
+    for motor in range(MOTORS):
+        samples.theta[row, column, motor] = state.outputs[motor, column]
+        samples.omega[row, column, motor] = state.outputs[MOTORS + motor, column]
+        samples.omega_des[row, column, motor] = state.inputs[motor, column]
+        samples.disturbance[row, column, motor] = state.inputs[2 * MOTORS + motor, column]
+        samples.voltage[row, column, motor] = state.electrical[motor, column]
+        samples.current[row, column, motor] = state.electrical[MOTORS + motor, column]
+    for axis in range(3):
+        samples.position[row, column, axis] = body[axis]
+        samples.velocity[row, column, axis] = body[7 + axis]
+    for k in range(4):
+        samples.quaternion[row, column, k] = body[3 + k]
+    samples.yaw_rate[row, column] = body[12]
+    for foot in range(FEET):
+        samples.normal_max[row, column, foot] = statistics[NORMAL_PEAK + foot] / dt
+        samples.friction_max[row, column, foot] = math.sqrt(statistics[FRICTION_PEAK + foot]) / dt
+        samples.slipping_share[row, column, foot] = statistics[SLIPPING + foot] / ticks
+    samples.lifted_share[row, column] = statistics[LIFTED] / ticks
+    samples.airborne_share[row, column] = statistics[AIRBORNE] / ticks
+    samples.heading_error[row, column] = state.commands[column, HEADING_ERROR]
+    samples.mode[row, column] = state.commands[column, MODE]
+    samples.touching_share[row, column] = state.touching[column] / ticks
+
+
+@inlined
+def restore_ended(plant: Plant, state: State) -> None:
+    """Put the bodies of ended episodes back to where they were at their end.
+
+    Lanes cannot stand still while others move: what they did after the end is dropped.
+    """
+    for episode in range(state.running.shape[0]):
+        if not state.running[episode]:
+            first = episode * plant.robots
+            for k in range(state.bodies.shape[0]):
+                for column in range(first, first + plant.robots):
+                    state.bodies[k, column] = state.ended[k, column]

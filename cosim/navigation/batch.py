@@ -1,0 +1,291 @@
+"""Episodes that are advanced together: their robots share the lanes of vectors, and the motors.
+
+Every RL step, each episode that goes on decides, all of them are simulated in one call, and each is
+judged. An episode that has ended leaves its place to another one at the next RL step. What becomes
+of an episode depends neither on who shares the batch nor on the number of lanes.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.outcome import Outcome
+from cosim.base.scenario import Cell, Scenario
+from cosim.coupling.adaptive import AdaptiveDriver
+from cosim.coupling.assembly import MOTOR_NAMES, Motors, check_motors, new_plant
+from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.master import CompiledDriver, Driver, ReferenceDriver
+from cosim.coupling.signals import new_raw_samples, new_samples, new_state
+from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
+from cosim.navigation.features import Observation
+from cosim.navigation.measures import Measures
+from cosim.physics.lanes import host_lanes
+
+DRIVERS = ("compiled", "reference", "adaptive")
+
+
+def _driver(name: str, motors: Motors, lanes: int) -> Driver:
+    if name == "compiled":
+        return CompiledDriver(motors, lanes)
+    return {"reference": ReferenceDriver, "adaptive": AdaptiveDriver}[name](motors)
+
+
+def shared(config: CoSimConfig) -> CoSimConfig:
+    """What episodes of a batch have in common of a configuration: all but the safety margin."""
+    return replace(config, safety_margin_m=0.0)
+
+
+class Batch:
+    """Places for K episodes of N robots each, advanced together in RL steps.
+
+    Attributes:
+        config: of all episodes, but for the margin of the safety layer.
+        episodes: K of them, None where none has begun.
+        robots: N.
+
+    Raises:
+        FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
+            that the driver needs.
+    """
+
+    def __init__(
+        self,
+        motor_fmu: Path,
+        config: CoSimConfig,
+        robots: int,
+        places: int,
+        driver: str = "compiled",
+        lanes: int | None = None,
+    ) -> None:
+        """Prepare the places.
+
+        Args:
+            motor_fmu: of every motor.
+            config: all parameters.
+            robots: N.
+            places: K.
+            driver: one of DRIVERS.
+            lanes: bodies in a vector of the compiled driver, a power of two; by default the fewest
+                that hold all robots, at least 2 and at most what the processor has.
+        """
+        fmu = MotorFmu(motor_fmu)
+        check_motors(fmu, config, places * robots, adaptive=driver == "adaptive")
+        self.config = shared(config)
+        self.robots = robots
+        if lanes is None:
+            lanes = min(host_lanes(), 2 ** max(1, (places * robots - 1).bit_length()))
+        columns = -(-places * robots // lanes) * lanes
+        self._motors = Motors(fmu, config, columns)
+        self._driver = _driver(driver, self._motors, lanes)
+        self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
+        self._state = new_state(places, robots, columns)
+        self.episodes: list[RunningEpisode | None] = [None] * places
+
+    def begin(
+        self,
+        place: int,
+        scenario: Scenario,
+        starts: tuple[Cell, ...],
+        seed: np.random.SeedSequence,
+        config: CoSimConfig | None = None,
+    ) -> RunningEpisode:
+        """Begin an episode, motors at rest; one that was there is given up.
+
+        Args:
+            place: from 0 to K − 1.
+            scenario: of N robots.
+            starts: start cell of each robot.
+            seed: of the speed noise; every motor gets a child of its own.
+            config: with the episode's margin of the safety layer; default the batch's.
+
+        Raises:
+            ConfigError: the robots' diameter is not the scenario's.
+            FmuError: the FMU refuses to be initialised.
+        """
+        config = config or self.config
+        assert shared(config) == self.config
+        assert scenario.robots == self.robots
+        _require_size(scenario, config)
+        first = place * self.robots
+        columns = slice(first, first + self.robots)
+        self._state.boards[place] = scenario.size_m
+        self._put_obstacles(place, scenario.walls * scenario.cell_m)
+        self._motors.restart(range(first, first + self.robots))
+        episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
+        self._state.running[place] = 1
+        self.episodes[place] = episode
+        return episode
+
+    def _put_obstacles(self, place: int, rectangles: np.ndarray) -> None:
+        obstacles = self._state.obstacles
+        if len(rectangles) > obstacles.shape[1]:
+            larger = np.full((len(obstacles), len(rectangles), 4), np.inf)
+            larger[:, : obstacles.shape[1]] = obstacles
+            self._state = self._state._replace(obstacles=larger)
+        self._state.obstacles[place] = np.inf
+        self._state.obstacles[place, : len(rectangles)] = rectangles
+
+    def advance(self, actions: Mapping[int, np.ndarray]) -> dict[int, Step]:
+        """Simulate one RL step of all episodes that go on.
+
+        Args:
+            actions: (N,) direction index of each robot, by place of the episodes that go on.
+
+        Returns:
+            The step of each episode, by place.
+
+        Raises:
+            FmuError: an FMU failed; names the instance and the time.
+        """
+        state, robots = self._state, self.robots
+        going_on = self._going_on()
+        periods, columns = self.config.periods_per_step, state.bodies.shape[1]
+        noise = np.zeros((periods, columns, len(MOTOR_NAMES)))
+        for place, episode in going_on.items():
+            first = place * robots
+            episode.begin_step(actions[place], noise[:, first : first + robots])
+        samples = new_samples(periods, columns)
+        burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
+        raw = new_raw_samples(min(burst, periods * self.config.ticks_per_period), columns)
+        state.periods[:] = 0
+        self._driver.advance(self._plant, state, noise, samples, raw)
+        steps = {
+            place: episode.end_step(samples, raw, int(state.periods[place]))
+            for place, episode in going_on.items()
+        }
+        for place, step in steps.items():
+            if step.outcome:
+                self.stop(place)
+        return steps
+
+    def _going_on(self) -> dict[int, RunningEpisode]:
+        return {
+            place: episode
+            for place, episode in enumerate(self.episodes)
+            if episode is not None and self._state.running[place]
+        }
+
+    def stop(self, place: int) -> None:
+        """Leave an episode as it is; its robots stand still from now on."""
+        first = place * self.robots
+        columns = slice(first, first + self.robots)
+        self._state.running[place] = 0
+        self._state.ended[:, columns] = self._state.bodies[:, columns]
+
+    def compile(self) -> None:
+        """Compile the kernels, or load them from the cache, by simulating nothing."""
+        columns = self._state.bodies.shape[1]
+        noise = np.zeros((0, columns, len(MOTOR_NAMES)))
+        samples, raw = new_samples(0, columns), new_raw_samples(0, columns)
+        self._driver.advance(self._plant, self._state, noise, samples, raw)
+
+    def close(self) -> None:
+        """Free the FMU instances."""
+        self._motors.close()
+
+
+class CoSimulation:
+    """Robots, motors and floor of one scenario, one episode at a time.
+
+    Attributes:
+        scenario, config: as given; by default the default parameters, uncalibrated, with robots of
+            the scenario's diameter.
+        episode: under way, or the last one.
+
+    Raises:
+        ConfigError: the robot's diameter is not the scenario's.
+        FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
+            that the driver needs.
+    """
+
+    episode: RunningEpisode
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        motor_fmu: Path,
+        config: CoSimConfig | None = None,
+        driver: str = "compiled",
+        lanes: int | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self.config = config or CoSimConfig().sized(scenario.robot_diameter_m)
+        _require_size(scenario, self.config)
+        self._batch = Batch(motor_fmu, self.config, scenario.robots, 1, driver, lanes)
+
+    def compile(self) -> None:
+        """Compile the kernels, or load them from the cache, by simulating nothing."""
+        self._batch.compile()
+
+    def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence) -> Observation:
+        """Begin an episode; arguments as of `Batch.begin`."""
+        self.episode = self._batch.begin(0, self.scenario, starts, seed, self.config)
+        return self.episode.observation
+
+    @property
+    def outcome(self) -> Outcome:
+        """Of the episode, RUNNING before its end."""
+        return self.episode.outcome
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time in s."""
+        return self.episode.time_s
+
+    @property
+    def arrived(self) -> np.ndarray:
+        """Which robots have reached their targets, shape (N,), bool."""
+        return self.episode.arrived
+
+    @property
+    def measures(self) -> Measures:
+        """Of the episode so far."""
+        return self.episode.measures
+
+    @property
+    def conflicts(self) -> int:
+        """Decisions that the safety layer changed, or would have changed."""
+        return self.episode.conflicts
+
+    def advance(self, action: np.ndarray) -> Step:
+        """Simulate one RL step.
+
+        Args:
+            action: (N,) direction index of each robot; a robot under way keeps its own.
+
+        Raises:
+            FmuError: an FMU failed; names the instance and the time.
+        """
+        return self._batch.advance({0: action})[0]
+
+    def close(self) -> None:
+        """Free the FMU instances."""
+        self._batch.close()
+
+
+def run_episode(
+    system: CoSimulation,
+    policy: SupportsAct,
+    starts: tuple[Cell, ...],
+    seed: np.random.SeedSequence,
+    observe_step: Callable[[Step], None],
+) -> Outcome:
+    """Run one episode and return its outcome; `observe_step` sees every RL step."""
+    observation = system.reset(starts, seed)
+    while not system.outcome:
+        step = system.advance(policy.act(observation))
+        observation = step.after
+        observe_step(step)
+    return system.outcome
+
+
+def _require_size(scenario: Scenario, config: CoSimConfig) -> None:
+    if config.robot.diameter_m != scenario.robot_diameter_m:
+        raise ConfigError(
+            f"diameter_m = {config.robot.diameter_m:g} of the configuration is not "
+            f"robot_diameter_m = {scenario.robot_diameter_m:g} of scenario {scenario.name}; "
+            "use config.sized(scenario.robot_diameter_m)"
+        )
