@@ -10,12 +10,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.jit import kernel
+from cosim.base.jit import inlined, kernel
 from cosim.base.params import MotorParams, RobotParams
-from cosim.physics.body import BodyParams, body_params, standing_state, step_body
+from cosim.physics.body import (
+    STATE_SIZE,
+    BodyParams,
+    body_params,
+    read_body,
+    standing_state,
+    stepped,
+    write_body,
+)
 from cosim.physics.contact import CONTACT_TOLERANCE
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
+from cosim.physics.lanes import width_of
 from cosim.physics.rotation import Vector, rotation_matrix
+
+_ONE = width_of(1)
 
 
 class Drive(NamedTuple):
@@ -81,6 +92,13 @@ def drive_wrench(rig: Rig, drive: Drive, tick: int) -> tuple[Vector, Vector]:
     d = motor_wrench(rig.mount_d, drive.theta_d + drive.omega_d * t, drive.omega_d, 0.0)
     e = motor_wrench(rig.mount_e, drive.theta_e + drive.omega_e * t, drive.omega_e, 0.0)
     return (d[0] + e[0], 0.0, d[1] + e[1]), (d[2] + e[2], d[3] + e[3], d[4] + e[4])
+
+
+@inlined
+def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vector) -> None:
+    """Advance one robot by dt, in place; arguments as of `cosim.physics.body.stepped`."""
+    bodies = state.reshape(STATE_SIZE, 1)
+    write_body(bodies, 0, _ONE, stepped(read_body(bodies, 0, _ONE), params, force, moment))
 
 
 @kernel

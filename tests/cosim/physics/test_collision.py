@@ -21,13 +21,20 @@ spins = st.floats(-1.0, 1.0)
 
 
 @kernel
+def push_columns(bodies: np.ndarray) -> float:
+    return push_apart(bodies, 0, 1, PAIR, BODY)
+
+
 def push(a: np.ndarray, b: np.ndarray) -> float:
-    return push_apart(a, b, PAIR, BODY)
+    bodies = np.stack([a, b], axis=1)
+    impulse = push_columns(bodies)
+    a[:], b[:] = bodies.T
+    return impulse
 
 
 @kernel
-def near_pairs(bodies: np.ndarray, near: np.ndarray) -> int:
-    return find_near_pairs(bodies, PAIR, near)
+def near_pairs(bodies: np.ndarray, first: int, near: np.ndarray, count: int) -> int:
+    return find_near_pairs(bodies, first, 3, PAIR, near, count)
 
 
 def touching_pair(angle, velocity_a, velocity_b, spin_a, spin_b, gap=0.0):
@@ -100,11 +107,11 @@ def test_rubbing_robots_spin_each_other():
 
 def test_near_pairs_are_those_in_reach():
     d = TABLE_I.diameter_m
-    bodies = np.zeros((3, 25))
-    bodies[:, 0] = 0.0, d + 0.9 * NEAR_M, 2.0 * d + 2.0 * NEAR_M
-    near = np.zeros((3, 2), dtype=np.int64)
-    assert near_pairs(bodies, near) == 1
-    assert near[0].tolist() == [1, 0]
+    bodies = np.zeros((25, 4))  # the first one is of another episode
+    bodies[0, 1:] = 0.0, d + 0.9 * NEAR_M, 2.0 * d + 2.0 * NEAR_M
+    near = np.zeros((4, 2), dtype=np.int64)
+    assert near_pairs(bodies, 1, near, 1) == 2
+    assert near[1].tolist() == [2, 1]
 
 
 @pytest.fixture(scope="module")
