@@ -18,11 +18,11 @@ from cosim.navigation.options import Driving
 from cosim.recording.live import DEFAULT_VIEWER
 
 if TYPE_CHECKING:
-    from agent.evaluation.batch import RunFacts
+    from agent.evaluation.series import RunFacts
     from agent.training.loop import TrainingLog
     from agent.training.policy import Policy
     from cosim.base.scenario import Scenario
-    from cosim.simulation import EpisodeResult
+    from cosim.navigation.result import EpisodeResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,10 +117,10 @@ def run(options: Run, progress: Progress) -> Iterator["tuple[Path, EpisodeResult
     Raises:
         UserError: see its message.
     """
-    from agent.evaluation.batch import Batch
+    from agent.evaluation.series import Series
     from agent.training.recording import write_training
     from cosim.base.scenario import find_scenario
-    from cosim.navigation.batch import CoSimulation
+    from cosim.episodes import compile_kernels
     from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
 
@@ -134,18 +134,29 @@ def run(options: Run, progress: Progress) -> Iterator["tuple[Path, EpisodeResult
     out = options.out or Path("runs") / f"{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
     config, fmu = options.physics.prepare(scenario.robot_diameter_m, progress)
     config = with_bursts(config, options.record)
-    with under_way(progress, "preparing the kernels"):
-        system = CoSimulation(scenario, fmu, config, options.driver)
-        out.mkdir(parents=True, exist_ok=True)
-        system.compile()
+    out.mkdir(parents=True, exist_ok=True)
     policy, log = _policy(options, scenario, progress)
     facts = _facts(options, scenario, policy, fmu)
     policy.save(out / "policy.npz")
     if options.record != "none" and log is not None:
         write_training(out / "training.rrd", policy, log, facts.builtins())
-    batch = Batch(scenario, fmu, config, options.driver, options.seed, policy, out, facts, viewer)
-    episodes = range(options.episodes)
-    for result in batch.run(episodes, workers(options.jobs), options.record, progress):
+    series = Series(
+        scenario,
+        fmu,
+        config,
+        options.driver,
+        options.seed,
+        policy,
+        out,
+        facts,
+        viewer,
+        options.record,
+        progress,
+    )
+    threads = workers(options.jobs)
+    with under_way(progress, "preparing the kernels"):
+        compile_kernels(series.task(0), options.episodes, threads)
+    for result in series.run(options.episodes, threads):
         yield out, result
 
 
@@ -171,7 +182,7 @@ def _policy(
 
 
 def _facts(options: Run, scenario: "Scenario", policy: "Policy", fmu: Path) -> "RunFacts":
-    from agent.evaluation.batch import RunFacts
+    from agent.evaluation.series import RunFacts
     from agent.method import method_of
     from cosim.base.provenance import versions
 

@@ -1,14 +1,11 @@
-"""Episodes of a policy from enumerated starts in the co-simulation, in threads.
+"""Episodes of a policy from enumerated starts in the co-simulation.
 
 Every start has an index, every index its own noise: an episode is determined by its case and its
 index, whatever else runs, in whatever order. Results are kept by `agent.evaluation.result_file`,
 statistics are `agent.evaluation.outcomes`, the command lines `cosim.evaluate` and `cosim.transfer`.
 """
 
-import itertools
-import threading
-from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,10 +19,10 @@ from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
 from cosim.base.scenario import Cell
-from cosim.navigation.batch import CoSimulation
-from cosim.navigation.episode import Step
+from cosim.episodes import Task, simulate_tasks
+from cosim.navigation.result import EpisodeResult
 from cosim.recording.episode import EpisodeRecorder
-from cosim.simulation import EpisodeResult, episode_facts, simulate_episode
+from cosim.simulation import episode_facts
 
 # What is drawn from the seed: the order of the starts, and the noise of every one.
 _ORDER, _NOISE = 0, 1
@@ -115,10 +112,6 @@ class Case:
         """Start cell of each robot."""
         return tuple((int(x), int(y)) for x, y in self.starts[index])
 
-    def system(self) -> CoSimulation:
-        """A co-simulation for any number of episodes, one after the other."""
-        return CoSimulation(self.policy.config.scenario, self.fmu, self.config)
-
     def recorder(self, path: Path, index: int) -> EpisodeRecorder:
         """Recorder of the episode from a start."""
         scenario = self.policy.config.scenario
@@ -146,59 +139,25 @@ class Job:
         """Equal for equal episodes."""
         return self.case.digest, self.index
 
-    def run(self, system: CoSimulation, stop: threading.Event) -> EpisodeResult:
-        """Simulate it, until `stop` is set.
-
-        Raises:
-            UserError: of the FMU or the recording.
-            KeyboardInterrupt: it was stopped.
-        """
-
-        def watch(_: Step) -> None:
-            if stop.is_set():
-                raise KeyboardInterrupt
-
-        sequence = np.random.SeedSequence(self.case.seed, spawn_key=(_NOISE, self.index))
-        arguments = (system, self.case.policy, self.case.start_cells(self.index), sequence)
-        if self.recording is None:
-            return simulate_episode(*arguments, watch=watch)
-        with self.case.recorder(self.recording, self.index) as recorder:
-            result = simulate_episode(*arguments, recorder, watch)
-        return msgspec.structs.replace(result, recording=self.recording.name)
+    def task(self) -> Task:
+        """What to simulate."""
+        case, path = self.case, self.recording
+        return Task(
+            case.policy.config.scenario,
+            case.fmu,
+            case.config,
+            case.policy,
+            case.start_cells(self.index),
+            np.random.SeedSequence(case.seed, spawn_key=(_NOISE, self.index)),
+            None if path is None else lambda: case.recorder(path, self.index),
+        )
 
 
-def run_jobs(jobs: Iterable[Job], threads: int) -> Iterator[tuple[Job, EpisodeResult]]:
-    """Simulate episodes in threads; results in the order in which they end.
-
-    Compiled code runs without the interpreter lock, so threads share the work without sharing
-    anything else. A job is taken from `jobs` when a thread is free for it. On an interrupt, an
-    error, or when the iterator is closed, running episodes end after their RL step, without result.
-
-    Args:
-        jobs: may be endless, or look at the results so far.
-        threads: episodes at the same time.
-
-    Raises:
-        UserError: of an FMU or a recording.
-    """
-    stop = threading.Event()
-    own = threading.local()
-
-    def run(job: Job) -> tuple[Job, EpisodeResult]:
-        if getattr(own, "case", None) is not job.case:
-            own.case, own.system = job.case, job.case.system()
-        return job, job.run(own.system, stop)
-
-    waiting = iter(jobs)
-    with ThreadPoolExecutor(threads) as pool:
-        running: set[Future[tuple[Job, EpisodeResult]]] = set()
-        try:
-            running |= {pool.submit(run, job) for job in itertools.islice(waiting, threads)}
-            while running:
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                # before the results are dealt with, so that no thread waits for that
-                running |= {pool.submit(run, job) for job in itertools.islice(waiting, len(done))}
-                for future in done:
-                    yield future.result()
-        finally:
-            stop.set()
+def run_jobs(
+    jobs: Sequence[Job], threads: int, may_begin: Callable[[], bool] = lambda: True
+) -> Iterator[tuple[Job, EpisodeResult]]:
+    """Simulate episodes; results in the order in which they end, see `cosim.episodes`."""
+    for number, result in simulate_tasks([job.task() for job in jobs], threads, may_begin):
+        job = jobs[number]
+        name = None if job.recording is None else job.recording.name
+        yield job, msgspec.structs.replace(result, recording=name)

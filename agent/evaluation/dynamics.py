@@ -18,8 +18,9 @@ from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.scenario import find_scenario
+from cosim.episodes import compile_kernels
 from cosim.navigation.options import Driving
-from cosim.simulation import EpisodeResult
+from cosim.navigation.result import EpisodeResult
 
 
 class Evaluated:
@@ -106,9 +107,10 @@ def evaluate(
         case = Case(policy, config, fmu, seed)
         file = files.setdefault(case.digest, ResultFile(out, case))
         evaluated.append(Evaluated(str(path), file, starts, out / "recordings", recordings))
-    with under_way(progress, "preparing the kernels"):
-        evaluated[0].case.system().compile()
     missing = list({job.key: job for e in evaluated for job in e.missing()}.values())
+    if missing:
+        with under_way(progress, "preparing the kernels"):
+            compile_kernels(missing[0].task(), len(missing), jobs)
     for job, result in tracked(run_jobs(missing, jobs), len(missing), progress, "episodes"):
         files[job.case.digest].add(job.index, result)
     unrecorded = list({job.key: job for e in evaluated for job in e.unrecorded()}.values())

@@ -15,7 +15,7 @@ from agent.evaluation.statistics import CONFIDENCE, summarise
 from agent.process.exact import evaluate
 from cosim.base.outcome import ENDS, SUCCESS, Outcome
 from cosim.base.scenario import Cell
-from cosim.simulation import EpisodeResult
+from cosim.navigation.result import EpisodeResult
 
 
 class Rate(NamedTuple):

@@ -12,7 +12,7 @@ from agent.evaluation.cases import Case, CaseIdentity
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_bytes
 from cosim.base.storage import replacing
-from cosim.simulation import EpisodeResult
+from cosim.navigation.result import EpisodeResult
 
 SCHEMA_VERSION = 1
 

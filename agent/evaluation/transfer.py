@@ -5,11 +5,11 @@ What an episode is stands in `agent.evaluation.cases`, the table itself in
 """
 
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from agent.evaluation.cases import Case, Job, run_jobs
+from agent.evaluation.cases import Case, run_jobs
 from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.transfer_table import Row, Session, TransferReport, markdown, report_of
@@ -78,8 +78,6 @@ class Measurement:
             files = [ResultFile(self.out / "results", case) for case in cases]
             scenario = policy.config.scenario.name
             rows.append(Row(scenario, method, mu, indices, *files))
-        if not self.rows:
-            rows[0].off.case.system().compile()
         self.rows += rows
         return rows
 
@@ -107,7 +105,7 @@ class Measurement:
         for safety in (False, True):
             files = {file.case.digest: file for row in rows for file in (row.off, row.on)}
             jobs = [job for row in rows for job in row.missing(safety)]
-            episodes = run_jobs(self._in_time(jobs), self.jobs)
+            episodes = run_jobs(jobs, self.jobs, self._in_time)
             layer = "with" if safety else "without"
             what = f"{rows[0].method}, µ = {rows[0].mu:g}, {layer} safety layer"
             for job, result in tracked(episodes, len(jobs), self.progress, what):
@@ -123,11 +121,8 @@ class Measurement:
         self.sessions[len(self.sessions) - (self._simulated > 1) :] = [session]
         write_json(self.out / SESSIONS_FILE, self.sessions)
 
-    def _in_time(self, jobs: Iterable[Job]) -> Iterator[Job]:
-        for job in jobs:
-            if self.end is not None and time.monotonic() >= self.end:
-                return
-            yield job
+    def _in_time(self) -> bool:
+        return self.end is None or time.monotonic() < self.end
 
 
 def transfer(

@@ -18,7 +18,7 @@ from agent.evaluation.result_file import ResultFile
 from agent.evaluation.tables import rate_text, ratio_text, text
 from agent.training.settings import BEST
 from cosim.base.command import show_table
-from cosim.simulation import EpisodeResult
+from cosim.navigation.result import EpisodeResult
 
 # What the best method is to reach, in every scenario and for every friction coefficient.
 SUCCESS_GOAL, PATH_RATIO_GOAL = 0.99, 1.25

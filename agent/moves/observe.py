@@ -5,9 +5,11 @@ an episode; directions are drawn so that every kind of move is seen equally ofte
 makes of the moves is `agent.moves.model`.
 """
 
+import contextlib
 import itertools
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +22,12 @@ from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
 from cosim.coupling.steering import DRIVE, HOLD
-from cosim.navigation.batch import CoSimulation
+from cosim.navigation.batch import Batch, shared
 from cosim.navigation.episode import Step
-from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS
+from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
-WALKS = 4
+WALKS = 16
 MOVES_PER_KIND = 24
 _SIDE_CELLS = 400
 _MARGIN_CELLS = 30  # a walk stays this far from the edge: no edge is in a move's distribution
@@ -51,13 +53,14 @@ class _Walker:
         """Whether every kind was seen often enough."""
         return bool((self._seen >= self._target).all())
 
-    def choose(self, cell: np.ndarray, heading: int) -> int:
-        """A direction of a kind seen least so far, away from the edge."""
+    def choose(self, seen: Observation) -> np.ndarray:
+        """(1,) direction of a kind seen least so far, away from the edge."""
+        cell, heading = seen.cells[0], int(seen.direction[0])
         kinds = np.array([move_kind(d, heading) for d in range(DIRECTION_COUNT)])
         after = cell + DIRECTIONS
         inside = ((after >= _MARGIN_CELLS) & (after < _SIDE_CELLS - _MARGIN_CELLS)).all(axis=1)
-        seen = np.where(inside, self._seen[kinds], np.iinfo(int).max)
-        return int(self._rng.choice(np.flatnonzero(seen == seen.min())))
+        known = np.where(inside, self._seen[kinds], np.iinfo(int).max)
+        return self._rng.choice(np.flatnonzero(known == known.min()), size=1)
 
     def book(self, step: Step, config: CoSimConfig) -> None:
         """Follow one RL step, and note the move that ends in it."""
@@ -147,29 +150,35 @@ def observe_moves(
     )
     target = math.ceil(moves_per_kind / WALKS)
     done = [0] * WALKS
+    endless = config.timing._replace(episode_limit_s=math.inf)
+    driving = shared(replace(config, timing=endless))
 
-    def walk(number: int) -> list[Move]:
-        direction_seed, noise_seed = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(2)
-        walker = _Walker(np.random.default_rng(direction_seed), target, scenario.cell_m)
-        system = CoSimulation(scenario, fmu, config)
-        observation = system.reset(((middle, middle),), noise_seed)
-        try:
-            while not walker.done:
-                direction = walker.choose(observation.cells[0], int(observation.direction[0]))
-                step = system.advance(np.array([direction]))
-                if step.outcome == "out_of_board":
-                    raise MovesError("the robot strays from its line; check the parameters")
-                walker.book(step, config)
-                observation = step.after
-                done[number] = len(walker.moves)
+    def walk(numbers: range) -> list[list[Move]]:
+        walkers: list[_Walker] = []
+        with contextlib.closing(Batch(fmu, driving, 1, len(numbers))) as batch:
+            for place, number in enumerate(numbers):
+                directions, noise = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(2)
+                rng = np.random.default_rng(directions)
+                walkers.append(_Walker(rng, target, scenario.cell_m))
+                batch.begin(place, scenario, ((middle, middle),), noise)
+            while going_on := batch.going_on():
+                steps = batch.advance(
+                    {place: walkers[place].choose(e.observation) for place, e in going_on.items()}
+                )
+                for place, step in steps.items():
+                    if step.outcome == "out_of_board":
+                        raise MovesError("the robot strays from its line; check the parameters")
+                    walkers[place].book(step, config)
+                    done[numbers[place]] = len(walkers[place].moves)
+                    if walkers[place].done:
+                        batch.stop(place)
                 total = KINDS * target * WALKS
                 progress("observing moves", min(sum(done), total), total)
-        finally:
-            system.close()
-        return walker.moves
+        return [walker.moves for walker in walkers]
 
+    parts = [range(k * WALKS // jobs, (k + 1) * WALKS // jobs) for k in range(jobs)]
     with ThreadPoolExecutor(jobs) as threads:
-        walks = list(threads.map(walk, range(WALKS)))
+        walks = itertools.chain(*threads.map(walk, [part for part in parts if part]))
     return ObservedMoves(source_digest(config, fmu), seed, tuple(itertools.chain(*walks)))
 
 

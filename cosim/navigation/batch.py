@@ -141,7 +141,7 @@ class Batch:
             FmuError: an FMU failed; names the instance and the time.
         """
         state, robots = self._state, self.robots
-        going_on = self._going_on()
+        going_on = self.going_on()
         periods, columns = self.config.periods_per_step, state.bodies.shape[1]
         noise = np.zeros((periods, columns, len(MOTOR_NAMES)))
         for place, episode in going_on.items():
@@ -161,7 +161,8 @@ class Batch:
                 self.stop(place)
         return steps
 
-    def _going_on(self) -> dict[int, RunningEpisode]:
+    def going_on(self) -> dict[int, RunningEpisode]:
+        """Episodes that go on, by place."""
         return {
             place: episode
             for place, episode in enumerate(self.episodes)

@@ -21,7 +21,7 @@ from cosim.base.params import TABLE_I
 from cosim.base.scenario import Scenario
 from cosim.evaluate import Evaluate
 from cosim.navigation.options import Driving
-from cosim.simulation import EpisodeResult
+from cosim.navigation.result import EpisodeResult
 
 # Targets one cell away, straight ahead: an episode takes some simulated seconds.
 NEAR = Scenario(

@@ -20,7 +20,7 @@ from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.scenario import Scenario, ScenarioError
-from cosim.simulation import EpisodeResult
+from cosim.navigation.result import EpisodeResult
 from cosim.transfer import Transfer
 
 BOARD = """

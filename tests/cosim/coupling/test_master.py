@@ -5,16 +5,18 @@ import re
 
 import numpy as np
 import pytest
+from fmpy.fmi3 import FMU3Slave
 
+from cosim.base.config import CoSimConfig
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.coupling.adaptive import AdaptiveDriver
+from cosim.coupling.assembly import Motors
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.coupling.master import CompiledDriver
+from cosim.coupling.master import CompiledDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
 from cosim.coupling.steering import DIRECTION, GOAL_X, START
-from cosim.navigation.batch import DRIVERS
 from cosim.physics.body import body_params, standing_state
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
@@ -24,13 +26,12 @@ PERIODS, ROBOTS = 200, 2
 
 def plant_with(**changes) -> Plant:
     plant = Plant(
+        ROBOTS,
         body_params(TABLE_I, TABLE_II, TIMING.dt_s),
         *motor_mounts(TABLE_I, TABLE_II),
         STEERING,
         PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots),
         end_on_collision=True,
-        board_x=0.3,
-        board_y=0.3,
         ticks_per_period=100,
         ticks_per_step=1,
         jacobi=False,
@@ -38,6 +39,18 @@ def plant_with(**changes) -> Plant:
         exchange_tolerance=TIMING.exchange_tolerance_rad,
     )
     return plant._replace(**changes)
+
+
+def new_motors(motor_fmu, columns, robots=ROBOTS):
+    motors = Motors(MotorFmu(motor_fmu), CoSimConfig(), columns)
+    for first in range(0, columns - robots + 1, robots):
+        motors.restart(range(first, first + robots))
+    return motors
+
+
+def put_down(state, column, x, heading):
+    state.bodies[:, column] = standing_state(TABLE_I, x, 0.15, heading)
+    state.commands[column, :6] = (x + 0.1, 0.15, 0.0, START, 1.0, 0.0)
 
 
 def advance(
@@ -51,27 +64,62 @@ def advance(
     periods=PERIODS,
     head_on=False,
     obstacles=None,
+    board_x=0.3,
     **changes,
 ):
-    """20 000 ticks of two robots that drive to the right, or the right one towards the other."""
-    fmu = MotorFmu(motor_fmu)
-    motors = [fmu.instantiate(f"r{r + 1}.{m}") for r in range(ROBOTS) for m in "DE"]
-    state = new_state(ROBOTS, obstacles)
+    """20 000 ticks of two robots that drive to the right, or the right one towards the other.
+
+    The driver is "reference", or a number of lanes.
+    """
+    lanes = 1 if driver == "reference" else driver
+    columns = max(ROBOTS, lanes)
+    motors = new_motors(motor_fmu, columns)
+    state = new_state(1, ROBOTS, columns)
+    if obstacles is not None:
+        state = state._replace(obstacles=obstacles[None])
+    state.boards[0] = board_x, 0.3
+    state.running[0] = 1
     for robot in range(ROBOTS):
-        x = 0.05 + gap_m * robot
-        state.bodies[robot] = standing_state(TABLE_I, x, 0.15, heading)
-        state.commands[robot, :6] = (x + 0.1, 0.15, 0.0, START, 1.0, 0.0)
+        put_down(state, robot, 0.05 + gap_m * robot, heading)
     if head_on:
         state.commands[1, [GOAL_X, DIRECTION]] = 0.0, math.pi
-    speeds = np.random.default_rng(0).uniform(-noise, noise, (periods, ROBOTS, 2))
+    speeds = np.zeros((periods, columns, 2))
+    generator = np.random.default_rng(0)
+    speeds[:, :ROBOTS] = generator.uniform(-noise, noise, (periods, ROBOTS, 2))
     if broken_period is not None:
         speeds[broken_period, 0, 0] = np.nan
-    samples, raw = new_samples(periods, ROBOTS), new_raw_samples(1000, ROBOTS)
-    plant = plant_with(**changes)
-    progress = DRIVERS[driver](motors).advance(plant, state, speeds, samples, raw, 0)
-    for motor in motors:
-        motor.close()
-    return progress, state, samples, raw
+    samples, raw = new_samples(periods, columns), new_raw_samples(1000, columns)
+    chosen = ReferenceDriver(motors) if driver == "reference" else CompiledDriver(motors, lanes)
+    chosen.advance(plant_with(**changes), state, speeds, samples, raw)
+    motors.close()
+    done = int(state.periods[0])
+    ticks = min(1000, 100 * done)
+    return (
+        (done, int(state.events[:ROBOTS].max())),
+        visible(state),
+        type(samples)(*(signal[:done, :ROBOTS] for signal in samples)),
+        type(raw)(*(signal[:ticks, :ROBOTS] for signal in raw)),
+    )
+
+
+def visible(state):
+    """What is of the robots in a state, by name; columns first."""
+    by_column = ("commands", "touching", "events")
+    by_row = ("bodies", "inputs", "outputs", "electrical", "statistics")
+    found = {name: getattr(state, name)[:ROBOTS] for name in by_column}
+    return found | {name: getattr(state, name)[:, :ROBOTS].T for name in by_row}
+
+
+def same(first, second):
+    """Whether two results of `advance` agree in every bit."""
+    return first[0] == second[0] and all(
+        np.array_equal(a, b)
+        for one, other in (
+            (first[1].values(), second[1].values()),
+            *zip(first[2:], second[2:], strict=True),
+        )
+        for a, b in zip(one, other, strict=True)
+    )
 
 
 @pytest.mark.parametrize(
@@ -79,30 +127,27 @@ def advance(
     [{}, {"ticks_per_step": 5}, {"jacobi": True}, {"reaction": True, "ticks_per_step": 2}],
     ids=lambda changes: "-".join(changes) or "default",
 )
-def test_drivers_agree_in_every_bit(motor_fmu, coupling):
-    compiled = advance(motor_fmu, "compiled", **coupling)
+def test_drivers_and_lanes_agree_in_every_bit(motor_fmu, coupling):
     reference = advance(motor_fmu, "reference", **coupling)
-    assert compiled[0] == reference[0] == (PERIODS, 0)
-    for a, b in zip(compiled[1:], reference[1:], strict=True):
-        for name in a._fields:
-            assert np.array_equal(getattr(a, name), getattr(b, name)), name
-    assert np.abs(compiled[2].omega[-1]).min() > 800.0  # the motors did run
+    assert reference[0] == (PERIODS, 0)
+    assert np.abs(reference[2].omega[-1]).min() > 800.0  # the motors did run
+    for lanes in (1, 2, 8):
+        assert same(advance(motor_fmu, lanes, **coupling), reference), lanes
 
 
 def test_runs_repeat_in_every_bit(motor_fmu):
-    first, second = (advance(motor_fmu, "compiled") for _ in range(2))
-    assert np.array_equal(first[1].bodies, second[1].bodies)
-    other = advance(motor_fmu, "compiled", noise=41.0)
-    assert not np.array_equal(first[1].bodies, other[1].bodies)
+    first, second = (advance(motor_fmu, 2) for _ in range(2))
+    assert same(first, second)
+    assert not same(first, advance(motor_fmu, 2, noise=41.0))
 
 
-@pytest.mark.parametrize("driver", ["compiled", "reference"])
+@pytest.mark.parametrize("driver", [2, "reference"])
 def test_collision_ends_the_advance(motor_fmu, driver):
     progress, *_ = advance(motor_fmu, driver, gap_m=0.0499)
     assert progress == (1, COLLISION)
 
 
-@pytest.mark.parametrize("driver", ["compiled", "reference"])
+@pytest.mark.parametrize("driver", [2, "reference"])
 @pytest.mark.parametrize("end_on_collision", [True, False])
 def test_an_obstacle_ends_the_advance_of_the_robot_that_touches_it(
     motor_fmu, driver, end_on_collision
@@ -112,20 +157,20 @@ def test_an_obstacle_ends_the_advance_of_the_robot_that_touches_it(
         motor_fmu, driver, obstacles=obstacles, end_on_collision=end_on_collision
     )
     assert progress == (1, COLLISION)
-    assert state.events.tolist() == [RUNNING, COLLISION]
+    assert state["events"].tolist() == [RUNNING, COLLISION]
     assert samples.touching_share.max() == 0.0
     obstacles[1, 0] += 2e-4
     assert advance(motor_fmu, driver, obstacles=obstacles, periods=1)[0] == (1, RUNNING)
 
 
-@pytest.mark.parametrize("driver", ["compiled", "reference"])
+@pytest.mark.parametrize("driver", [2, "reference"])
 def test_leaving_the_board_outranks_a_collision_as_on_the_grid(motor_fmu, driver):
     progress, state, *_ = advance(motor_fmu, driver, gap_m=0.0499, board_x=0.07)
     assert progress == (1, OUT_OF_BOARD)
-    assert state.events.tolist() == [COLLISION, OUT_OF_BOARD]
+    assert state["events"].tolist() == [COLLISION, OUT_OF_BOARD]
 
 
-@pytest.mark.parametrize("driver", ["compiled", "reference"])
+@pytest.mark.parametrize("driver", [2, "reference"])
 def test_failing_fmu_is_named_with_its_time(motor_fmu, driver):
     with pytest.raises(FmuError, match=r"instance r1\.D, at 0\.00300 s .*: .*omega_noise"):
         advance(motor_fmu, driver, broken_period=3)
@@ -133,7 +178,7 @@ def test_failing_fmu_is_named_with_its_time(motor_fmu, driver):
 
 def final_position(motor_fmu, **changes):
     """Where two robots are after 0.2 s without noise, shape (2, 3), m."""
-    return advance(motor_fmu, "compiled", heading=0.0, noise=0.0, **changes)[2].position[-1]
+    return advance(motor_fmu, 2, heading=0.0, noise=0.0, **changes)[2].position[-1]
 
 
 def test_orders_of_coupling_converge_on_each_other(motor_fmu):
@@ -149,37 +194,45 @@ def test_orders_of_coupling_converge_on_each_other(motor_fmu):
         assert fine < 0.01 * moved
 
 
+def lone_robot(motor_fmu):
+    state = new_state(1, 1, 1)
+    put_down(state, 0, 0.05, 0.0)
+    state.commands[0, GOAL_X] = 0.2
+    state.running[0] = 1
+    return state, new_motors(motor_fmu, 1, 1)
+
+
 def test_adaptive_driver_takes_fewer_steps_for_the_same_motion(motor_fmu):
-    fmu = MotorFmu(motor_fmu)
-    motors = [fmu.instantiate(name) for name in "DE"]
+    periods = 50
+    # no way back to FMUs
+    plant = plant_with(robots=1, steering=STEERING._replace(heading_gain_1_s=0.0))
+    noise, raw = np.zeros((periods, 1, 2)), new_raw_samples(0, 1)
+    state, motors = lone_robot(motor_fmu)
     driver = AdaptiveDriver(motors)
-    state, periods = new_state(1), 50
-    state.bodies[0] = standing_state(TABLE_I, 0.05, 0.15, 0.0)
-    state.commands[0, :6] = (0.2, 0.15, 0.0, START, 1.0, 0.0)
-    other = state._replace(**{name: getattr(state, name).copy() for name in state._fields})
-    noise = np.zeros((periods, 1, 2))
-    plant = plant_with(steering=STEERING._replace(heading_gain_1_s=0.0))  # no way back to FMUs
-    raw = new_raw_samples(0, 1)
-    driver.advance(plant, state, noise, new_samples(periods, 1), raw, 0)
+    driver.advance(plant, state, noise, new_samples(periods, 1), raw)
     assert driver.rejected > 0  # the start needs short steps
     assert driver.steps < periods * plant.ticks_per_period / 5
-    fixed = CompiledDriver([fmu.instantiate(name) for name in "DE"])
-    fixed.advance(plant, other, noise, new_samples(periods, 1), raw, 0)
+    other, motors = lone_robot(motor_fmu)
+    CompiledDriver(motors).advance(plant, other, noise, new_samples(periods, 1), raw)
     assert np.array_equal(state.outputs, other.outputs)  # the FMUs do not depend on the step
-    assert state.bodies[0, :2] == pytest.approx(other.bodies[0, :2], abs=2e-7)
+    assert state.bodies[:2, 0] == pytest.approx(other.bodies[:2, 0], abs=2e-7)
 
 
-def test_adaptive_driver_says_which_states_it_may_return_to(motor_fmu):
+def test_adaptive_driver_says_which_states_it_may_return_to(motor_fmu, monkeypatch):
     """An FMU may forget what is before a point that no state will be restored from."""
-    fmu, calls = MotorFmu(motor_fmu), []
-    motors = [fmu.instantiate(name) for name in "DE"]
-    motors[0].slave.fmiCallLogger = calls.append
-    state = new_state(1)
-    state.bodies[0] = standing_state(TABLE_I, 0.05, 0.15, 0.0)
-    state.commands[0, :6] = (0.2, 0.15, 0.0, START, 1.0, 0.0)
+    calls = []
+    instantiate = FMU3Slave.__init__
+
+    def logged(slave, **options):
+        instantiate(slave, **options)
+        if options["instanceName"] == "r1.D":
+            slave.fmiCallLogger = calls.append
+
+    monkeypatch.setattr(FMU3Slave, "__init__", logged)
+    state, motors = lone_robot(motor_fmu)
     driver = AdaptiveDriver(motors)
     samples, raw = new_samples(3, 1), new_raw_samples(0, 1)
-    driver.advance(plant_with(), state, np.zeros((3, 1, 2)), samples, raw, 0)
+    driver.advance(plant_with(robots=1), state, np.zeros((3, 1, 2)), samples, raw)
     now = saved = forgotten = 0.0
     restored = kept = 0
     for call in calls:
@@ -218,20 +271,16 @@ def test_foreign_fmu_gives_the_same_bits(motor_fmu, edited_fmu):
         interface.set("canHandleVariableCommunicationStepSize", "false")
         interface.set("fixedInternalStepSize", "1e-5")
 
-    own, foreign = (advance(path, "compiled", periods=20) for path in (motor_fmu, edited_fmu(edit)))
-    assert own[0] == foreign[0]
-    for a, b in zip(own[1:], foreign[1:], strict=True):
-        assert all(np.array_equal(getattr(a, n), getattr(b, n)) for n in a._fields)
+    own, foreign = (advance(path, 2, periods=20) for path in (motor_fmu, edited_fmu(edit)))
+    assert same(own, foreign)
 
 
 def test_reaction_of_the_body_is_small(motor_fmu):
     """The paper neglects it; see docs/physics.md for its size."""
-    without, with_it = (
-        advance(motor_fmu, "compiled", noise=0.0, reaction=on) for on in (False, True)
-    )
-    torque = with_it[1].inputs[..., 2]
+    without, with_it = (advance(motor_fmu, 2, noise=0.0, reaction=on) for on in (False, True))
+    torque = with_it[1]["inputs"][:, 4:]
     assert np.abs(torque).max() > 0.0
-    assert without[1].inputs[..., 2].max() == 0.0
+    assert without[1]["inputs"][:, 4:].max() == 0.0
     change = np.abs(with_it[2].omega[-50:] - without[2].omega[-50:]).max()
     assert 0.01 < change < 20.0
 
@@ -239,15 +288,70 @@ def test_reaction_of_the_body_is_small(motor_fmu):
 def test_touching_robots_push_each_other_on(motor_fmu):
     progress, state, samples, _ = advance(
         motor_fmu,
-        "compiled",
+        2,
         gap_m=0.0501,
         heading=0.0,
         head_on=True,
         end_on_collision=False,
         periods=500,
     )
-    assert progress.periods == 500
+    assert progress[0] == 500
     assert samples.touching_share.max() > 0.0
     distance = np.linalg.norm(samples.position[:, 0, :2] - samples.position[:, 1, :2], axis=1)
     assert distance.min() > TABLE_I.diameter_m - 1e-7  # rigid
-    assert np.isfinite(state.bodies).all()
+    assert np.isfinite(state["bodies"]).all()
+
+
+def test_an_episode_depends_on_nobody_in_its_batch(motor_fmu):
+    """Of four, one ends by a collision, one off the board, and one place is taken anew."""
+    lanes, periods, plant = 8, 60, plant_with()
+    motors = new_motors(motor_fmu, lanes)
+    state = new_state(4, ROBOTS, lanes)
+    state.boards[:] = 0.3
+    state.boards[1, 0] = 0.0501
+    speeds = np.zeros((3, periods, lanes, 2))
+    speeds[:] = np.random.default_rng(0).uniform(-40.0, 40.0, (3, periods, 1, 2))
+    samples, raw = new_samples(periods, lanes), new_raw_samples(0, lanes)
+
+    def begin(state, motors, place, gap):
+        for robot in range(ROBOTS):
+            put_down(state, ROBOTS * place + robot, 0.05 + gap * robot, 0.1 * place)
+        motors.restart(range(ROBOTS * place, ROBOTS * place + ROBOTS))
+        state.running[place] = 1
+
+    driver = CompiledDriver(motors, lanes)
+    for place, gap in enumerate((0.1, 0.1, 0.0501, 0.12)):
+        begin(state, motors, place, gap)
+    state.bodies[7, 4] = 0.02  # m/s: slides against its neighbour
+    driver.advance(plant, state, speeds[0], samples, raw)
+    assert state.events.reshape(4, 2).max(axis=1).tolist() == [
+        RUNNING, OUT_OF_BOARD, COLLISION, RUNNING,
+    ]  # fmt: skip
+    assert 1 < state.periods[2] < state.periods[0] == periods
+    ended = state.bodies[:, 2:6].copy()
+    begin(state, motors, 2, 0.11)
+    for k in (1, 2):
+        driver.advance(plant, state, speeds[k], samples, raw)
+    assert np.array_equal(state.bodies[:, 2:4], ended[:, :2])
+
+    for place, gap, first in ((0, 0.1, 0), (2, 0.11, 1), (3, 0.12, 0)):
+        alone, own = new_state(3, ROBOTS, 6), new_motors(motor_fmu, 6)
+        alone.boards[:] = 0.3
+        begin(alone, own, 2, gap)
+        for column in (4, 5):
+            alone.bodies[:, column] = standing_state(
+                TABLE_I, 0.05 + gap * (column - 4), 0.15, 0.1 * place
+            )
+        for k in range(first, 3):
+            CompiledDriver(own, 1).advance(
+                plant,
+                alone,
+                speeds[k][:, :6].copy(),
+                new_samples(periods, 6),
+                new_raw_samples(0, 6),
+            )
+        columns = slice(ROBOTS * place, ROBOTS * place + ROBOTS)
+        assert np.array_equal(alone.bodies[:, 4:], state.bodies[:, columns])
+        assert np.array_equal(alone.outputs[:, 4:], state.outputs[:, columns])
+        own.close()
+    motors.close()

@@ -1,0 +1,149 @@
+"""A series of episodes of one configuration: seeds, recordings, results."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from agent.training.policy import Policy
+from cosim.base.config import CoSimConfig
+from cosim.base.progress import Progress, silent
+from cosim.base.scenario import Scenario
+from cosim.base.storage import write_json
+from cosim.episodes import Task, simulate_tasks
+from cosim.navigation.episode import RunningEpisode, Step
+from cosim.navigation.result import EpisodeResult
+from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.levels import Level
+from cosim.simulation import draw_episode
+
+
+class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """What identifies a run, for summaries and recordings; the same for equal runs.
+
+    Attributes:
+        scenario, title: of the scenario.
+        seed: of start cells and speed noise.
+        train_seed: of the policy; a list, the experiment's first, if it was spawned from that.
+        driver: of the co-simulation.
+        motor_fmu: name of the file.
+        method: by which the policy was trained, "other" for readings of somebody's own.
+        versions: of this package, Python and libraries.
+    """
+
+    scenario: str
+    title: str
+    seed: int
+    train_seed: Any
+    driver: str
+    motor_fmu: str
+    method: str
+    versions: dict[str, str]
+
+    def builtins(self) -> dict[str, Any]:
+        """The facts by name, as the properties of a recording have them."""
+        return msgspec.structs.asdict(self)
+
+
+class RunSummary(RunFacts, frozen=True, kw_only=True):
+    """The content of `summary.json`: the facts, parameters by name, and every episode."""
+
+    parameters: dict[str, float | bool | str]
+    episodes: tuple[EpisodeResult, ...]
+    schema_version: int = 1
+
+
+@dataclass(frozen=True)
+class Series:
+    """What the episodes of a run have in common.
+
+    Attributes:
+        scenario, config, driver: of every co-simulation.
+        fmu: motor FMU file.
+        seed: episode k draws from the seed sequence (seed, k).
+        policy: acts, and names the process whose rewards are recorded.
+        out: output folder; recordings go to `episodes/` in it.
+        facts: what identifies the run, for recordings.
+        viewer: address of a running viewer that is sent what is recorded, if any.
+        record: how much of every episode is recorded.
+        progress: is told the simulated time of every episode.
+    """
+
+    scenario: Scenario
+    fmu: Path
+    config: CoSimConfig
+    driver: str
+    seed: int
+    policy: Policy
+    out: Path
+    facts: RunFacts
+    viewer: str | None = None
+    record: Level | Literal["none"] = "default"
+    progress: Progress = silent
+
+    def run(self, episodes: int, threads: int) -> Iterator[EpisodeResult]:
+        """Results of the first episodes, in order, and `summary.json`.
+
+        On an interrupt or an error every running episode ends after its RL step and completes its
+        recording.
+
+        Raises:
+            UserError: of an FMU or a recording.
+        """
+        tasks = [self.task(episode) for episode in range(episodes)]
+        ended: dict[int, EpisodeResult] = {}
+        results: list[EpisodeResult] = []
+        for number, result in simulate_tasks(tasks, threads):
+            path = self._recording(number).relative_to(self.out)
+            name = None if self.record == "none" else str(path)
+            ended[number] = msgspec.structs.replace(result, recording=name)
+            while len(results) in ended:
+                results.append(ended[len(results)])
+                self._write_summary(results)
+                yield results[-1]
+
+    def _recording(self, episode: int) -> Path:
+        return self.out / "episodes" / f"ep_{episode:03d}.rrd"
+
+    def _write_summary(self, results: list[EpisodeResult]) -> None:
+        parameters = {name: row["value"] for name, row in self.config.table().items()}
+        facts = self.facts.builtins()
+        summary = RunSummary(**facts, parameters=parameters, episodes=tuple(results))
+        write_json(self.out / "summary.json", summary)
+
+    def task(self, number: int) -> Task:
+        """An episode of the series."""
+        starts, noise_seed = draw_episode(self.scenario, self.seed, number)
+
+        def watch(step: Step, episode: RunningEpisode, wall_s: float) -> None:
+            factor = episode.time_s / wall_s
+            state = f"{episode.time_s:.0f} s, {factor:.1f} × real time {step.outcome}"
+            total = episode.time_s if step.outcome else self.config.timing.episode_limit_s
+            self.progress(f"episode {number}", episode.time_s, total, state)
+
+        def recorder() -> EpisodeRecorder:
+            assert self.record != "none"
+            return EpisodeRecorder(
+                self._recording(number),
+                self.scenario,
+                self.config,
+                f"{self.scenario.name}-{self.seed}-{number}",
+                self.facts.builtins() | {"episode": number, "starts": starts},
+                level=self.record,
+                viewer=self.viewer,
+                policies=self.policy.maps(),
+            )
+
+        return Task(
+            self.scenario,
+            self.fmu,
+            self.config,
+            self.policy,
+            starts,
+            noise_seed,
+            None if self.record == "none" else recorder,
+            watch,
+            self.driver,
+        )

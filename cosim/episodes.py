@@ -1,0 +1,208 @@
+"""Many episodes at once: in the lanes of batches, batches in threads.
+
+An episode is determined by its task alone, whatever else runs, in whatever order.
+"""
+
+import contextlib
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cosim.base.config import CoSimConfig
+from cosim.base.scenario import Cell, Scenario
+from cosim.navigation.batch import Batch, shared
+from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
+from cosim.navigation.result import EpisodeResult, result_of
+from cosim.physics.lanes import host_lanes
+from cosim.recording.episode import EpisodeRecorder
+
+# Vectors of a batch: more of them share the cost of a call to the motors, fewer wait for the last
+# episode of a series.
+_VECTORS = 2
+
+
+@dataclass(frozen=True)
+class Task:
+    """An episode to simulate.
+
+    Attributes:
+        scenario, config: as for a co-simulation.
+        fmu: motor FMU file.
+        policy: acts; what it says of values and rewards is recorded.
+        starts: start cell of each robot.
+        seed: of the speed noise.
+        recorder: opens the recording, which gets every RL step; None for none.
+        watch: sees every RL step, the episode, and the wall-clock time that it took so far, in s.
+        driver: of the co-simulation.
+    """
+
+    scenario: Scenario
+    fmu: Path
+    config: CoSimConfig
+    policy: SupportsAct
+    starts: tuple[Cell, ...]
+    seed: np.random.SeedSequence
+    recorder: Callable[[], EpisodeRecorder] | None = None
+    watch: Callable[[Step, RunningEpisode, float], None] = lambda step, episode, wall_s: None
+    driver: str = "compiled"
+
+    @property
+    def batch_key(self) -> tuple[CoSimConfig, Path, str, int]:
+        """Equal for tasks that can share a batch."""
+        return shared(self.config), self.fmu, self.driver, self.scenario.robots
+
+
+class _Attended:
+    """An episode under way, with its policy and its recorder."""
+
+    def __init__(self, number: int, task: Task, batch: Batch, place: int) -> None:
+        self.number, self.place = number, place
+        self._task = task
+        self._wall_s = 0.0
+        self.episode = batch.begin(place, task.scenario, task.starts, task.seed, task.config)
+        self._open = contextlib.ExitStack()
+        self._recorder = task.recorder and self._open.enter_context(task.recorder())
+
+    def act(self) -> np.ndarray:
+        return self._task.policy.act(self.episode.observation)
+
+    def take(self, step: Step, wall_s: float) -> None:
+        """Watch and record an RL step that took so long."""
+        self._wall_s += wall_s
+        self._task.watch(step, self.episode, self._wall_s)
+        if self._recorder is not None:
+            policy = self._task.policy
+            q_values, parts = (getattr(policy, n, None) for n in ("q_values", "reward_parts"))
+            self._recorder.write(
+                step,
+                q_values and q_values(step.before),
+                parts and parts(step, self.episode.arrived),
+            )
+
+    def result(self) -> EpisodeResult:
+        return result_of(self.episode, self._task.starts, self._wall_s)
+
+    def close(self) -> None:
+        """Complete the recording."""
+        self._open.close()
+
+
+class _Queue:
+    """Tasks that can share a batch; threads take them one by one."""
+
+    def __init__(self, tasks: list[tuple[int, Task]], places: int) -> None:
+        self._waiting = deque(tasks)
+        self._places = places
+
+    def run(
+        self, may_begin: Callable[[], bool], stop: threading.Event
+    ) -> Iterator[tuple[int, EpisodeResult]]:
+        """Simulate tasks in one batch, until none is left or may begin, or until `stop` is set."""
+        going_on: dict[int, _Attended] = {}
+        free = list(range(self._places))
+        with contextlib.ExitStack() as stack:
+            batch: Batch | None = None
+            while True:
+                while free and may_begin() and (taken := self._take()) is not None:
+                    number, task = taken
+                    if batch is None:
+                        batch = stack.enter_context(contextlib.closing(_new_batch(task, free)))
+                    place = free.pop()
+                    going_on[place] = _Attended(number, task, batch, place)
+                    stack.callback(going_on[place].close)
+                if batch is None or not going_on or stop.is_set():
+                    return
+                began = time.perf_counter()
+                steps = batch.advance({k: attended.act() for k, attended in going_on.items()})
+                share_s = (time.perf_counter() - began) / len(going_on)
+                for place, step in steps.items():
+                    going_on[place].take(step, share_s)
+                    if step.outcome:
+                        ended = going_on.pop(place)
+                        ended.close()
+                        free.append(place)
+                        yield ended.number, ended.result()
+
+    def _take(self) -> tuple[int, Task] | None:
+        try:
+            return self._waiting.popleft()
+        except IndexError:
+            return None
+
+
+def _new_batch(task: Task, places: list[int]) -> Batch:
+    return Batch(task.fmu, task.config, task.scenario.robots, len(places), task.driver)
+
+
+def simulate_tasks(
+    tasks: Sequence[Task], threads: int, may_begin: Callable[[], bool] = lambda: True
+) -> Iterator[tuple[int, EpisodeResult]]:
+    """Simulate episodes; results in the order in which they end.
+
+    Compiled code runs without the interpreter lock, so threads share the work without sharing
+    anything else. On an interrupt, an error, or when the iterator is closed, episodes under way end
+    after their RL step and complete their recordings, without result.
+
+    Args:
+        tasks: what to simulate.
+        threads: batches at the same time.
+        may_begin: whether another episode may begin; those under way go on.
+
+    Yields:
+        (index of the task, its result).
+
+    Raises:
+        UserError: of an FMU, a policy or a recording.
+    """
+    together: dict[object, list[tuple[int, Task]]] = {}
+    for number, task in enumerate(tasks):
+        together.setdefault(task.batch_key, []).append((number, task))
+    queues = [_Queue(some, _places(some[0][1], len(some), threads)) for some in together.values()]
+    results: queue.SimpleQueue[tuple[int, EpisodeResult] | BaseException | None]
+    results, stop = queue.SimpleQueue(), threading.Event()
+
+    def work() -> None:
+        try:
+            for some in queues:
+                for result in some.run(may_begin, stop):
+                    results.put(result)
+        except BaseException as error:
+            results.put(error)
+        finally:
+            results.put(None)
+
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for _ in range(threads):
+                pool.submit(work)
+            working = threads
+            while working:
+                done = results.get()
+                if isinstance(done, BaseException):
+                    raise done
+                if done is None:
+                    working -= 1
+                else:
+                    yield done
+        finally:
+            stop.set()
+
+
+def compile_kernels(task: Task, tasks: int, threads: int) -> None:
+    """Compile the kernels for some tasks like this one, or load them from the cache."""
+    places = _places(task, tasks, threads)
+    Batch(task.fmu, task.config, task.scenario.robots, places, task.driver).compile()
+
+
+def _places(task: Task, tasks: int, threads: int) -> int:
+    """Places of a batch: as many as fill its vectors, if each thread has that many tasks."""
+    if task.driver != "compiled":
+        return 1
+    return max(1, min(_VECTORS * host_lanes() // task.scenario.robots, -(-tasks // threads)))

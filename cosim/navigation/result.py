@@ -1,0 +1,77 @@
+"""One episode as results list it: how it ended and what was measured."""
+
+import msgspec
+import numpy as np
+
+from cosim.base.outcome import Outcome
+from cosim.base.scenario import Cell
+from cosim.navigation.episode import RunningEpisode
+
+_DIGITS = 6  # of lengths in cm and energies in J; times have ticks of 1e-5 s
+
+
+class EpisodeResult(msgspec.Struct, frozen=True):
+    """One episode as `summary.json` and the results of an evaluation list it.
+
+    Attributes:
+        outcome: how it ended.
+        path_length_cm: mean over the robots.
+        sim_time_s: simulated time.
+        realtime_factor: simulated time over wall-clock time, recording included.
+        recording: its path relative to the output folder, None if there is none.
+        starts: start cell of each robot.
+        path_length_cm_by_robot: of each robot.
+        contact_time_s: time in which any two robots touched.
+        min_distance_cm: smallest distance between the centres of two robots, None for one alone.
+        energy_j: drawn by the motors of all robots, see `cosim.navigation.measures`.
+        energy_j_by_robot: of each robot.
+        conflicts: decisions that the safety layer changed, or would have changed if it were on
+            (`cosim.navigation.safety`). An episode without conflicts is, bit for bit, the same with
+            the layer off and on at its default margin.
+    """
+
+    outcome: Outcome
+    path_length_cm: float
+    sim_time_s: float
+    realtime_factor: float
+    recording: str | None
+    starts: tuple[Cell, ...]
+    path_length_cm_by_robot: tuple[float, ...]
+    contact_time_s: float
+    min_distance_cm: float | None
+    energy_j: float
+    energy_j_by_robot: tuple[float, ...]
+    conflicts: int
+
+    @property
+    def wall_s(self) -> float:
+        """Wall-clock time that the episode took."""
+        return self.sim_time_s / self.realtime_factor
+
+
+def result_of(episode: RunningEpisode, starts: tuple[Cell, ...], wall_s: float) -> EpisodeResult:
+    """The result of an episode that has ended.
+
+    Args:
+        episode: that has ended.
+        starts: start cell of each robot.
+        wall_s: wall-clock time that it took; its share where others shared the work.
+    """
+    measures = episode.measures
+    lengths = tuple(round(100.0 * float(v), _DIGITS) for v in measures.path_length_m)
+    energies = tuple(round(float(v), _DIGITS) for v in measures.energy_j)
+    alone = episode.scenario.robots == 1
+    return EpisodeResult(
+        outcome=episode.outcome,
+        path_length_cm=float(np.mean(lengths)),
+        sim_time_s=round(episode.time_s, 9),
+        realtime_factor=episode.time_s / wall_s,
+        recording=None,
+        starts=starts,
+        path_length_cm_by_robot=lengths,
+        contact_time_s=round(measures.contact_time_s, 9),
+        min_distance_cm=None if alone else round(100.0 * measures.min_distance_m, _DIGITS),
+        energy_j=round(sum(energies), _DIGITS),
+        energy_j_by_robot=energies,
+        conflicts=episode.conflicts,
+    )
