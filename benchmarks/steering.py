@@ -94,17 +94,17 @@ def drive_line(
     headings = np.where(np.arange(robots) % 2 == 0, 0.0, math.pi) + sides * angle_rad
     period_s = config.timing.control_period_s
     with Trial(fmu, config, headings, np.random.SeedSequence(seed)) as trial:
-        commands = trial.state.commands
+        commands = trial.commands
         commands[:, GOAL_X] = trial.origins_m[:, 0] + length_m
         commands[:, GOAL_Y] = trial.origins_m[:, 1]
         commands[:, DIRECTION], commands[:, MODE] = 0.0, START
         poses, modes, courses = [], [], []
         while (commands[:, MODE] != HOLD).any() and trial.time_s < LIMIT_S:
-            samples, _ = trial.advance(PERIODS)
+            samples = trial.advance(PERIODS)
             poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
             modes.append(samples.mode)
             courses.append(samples.heading_error)
-        samples, _ = trial.advance(PERIODS)  # come to rest
+        samples = trial.advance(PERIODS)  # come to rest
         poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
         modes.append(samples.mode)
         courses.append(samples.heading_error)

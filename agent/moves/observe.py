@@ -150,7 +150,7 @@ def observe_moves(
     )
     target = math.ceil(moves_per_kind / WALKS)
     done = [0] * WALKS
-    endless = config.timing._replace(episode_limit_s=math.inf)
+    endless = config.timing._replace(episode_limit_s=1e9)
     driving = shared(replace(config, timing=endless))
 
     def walk(numbers: range) -> list[list[Move]]:

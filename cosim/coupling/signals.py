@@ -166,10 +166,10 @@ def new_samples(periods: int, robots: int) -> Samples:
     """Room for the samples of `periods` control periods."""
     motors, feet = (MOTORS,), (FEET,)
     shapes = [motors] * 6 + [(3,), (4,), (3,), (), feet, feet, feet, (), (), (), (), ()]
-    return Samples(*(np.empty((periods, robots, *shape)) for shape in shapes))
+    return Samples(*(np.zeros((periods, robots, *shape)) for shape in shapes))
 
 
 def new_raw_samples(ticks: int, robots: int) -> RawSamples:
     """Room for a burst of `ticks` ticks."""
     shapes = [(MOTORS,), (MOTORS,), (3,), (FEET,), (2 * FEET,)]
-    return RawSamples(*(np.empty((ticks, robots, *shape)) for shape in shapes))
+    return RawSamples(*(np.zeros((ticks, robots, *shape)) for shape in shapes))

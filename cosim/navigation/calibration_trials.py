@@ -120,14 +120,14 @@ def _measure_batch(
     settle = math.ceil(SETTLE_S / period_s)
     half = math.ceil(_half_round_s(config) / period_s)
     with Trial(fmu, config, np.zeros(len(batch)), seed, np.abs(set_points).mean(axis=1)) as trial:
-        commands = trial.state.commands[: len(batch)]
+        commands = trial.commands
         commands[:, MODE] = DIRECT
         phase_rate = np.array([p.phase for p in batch]) / (settle * period_s)
         sign = np.sign(set_points[:, 1])
         commands[:, OMEGA_D] = set_points[:, 0]
         commands[:, OMEGA_E] = set_points[:, 1] + sign * phase_rate
         trial.advance(settle)
-        before = trial.state.bodies[:7, : len(batch)].T.copy()
+        before = trial.bodies[:7].T.copy()
         omega, airborne, track = [], [], [before[None]]
         for k in range(2 * ROUNDS):
             change = (dither if k % 2 == 0 else -dither)[:, None] * unequal

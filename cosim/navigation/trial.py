@@ -1,6 +1,6 @@
 """Robots far apart on an endless floor: what one robot does, without board, agent or episode.
 
-For calibration and for trials of the steering. Commands are written straight into the state's
+For calibration and for trials of the steering. Commands are written straight into their
 array (layout in `cosim.coupling.steering`); the dynamics, the FMUs and the noise are those of an
 episode.
 """
@@ -31,7 +31,8 @@ class Trial:
     """N robots, each alone, with motors at rest.
 
     Attributes:
-        state: poses, commands and everything else that changes.
+        bodies: (STATE_SIZE, N), layout in `cosim.physics.body`.
+        commands: (N, COMMAND_SIZE), layout in `cosim.coupling.steering`.
         origins_m: (N, 2) where each robot was put.
         time_s: simulated time.
     """
@@ -66,13 +67,14 @@ class Trial:
             config.steering.forward_speed_rad_s if nominal_rad_s is None else nominal_rad_s
         )
         self._tick = 0
-        self.state = new_state(n, 1, columns)
+        self._state = new_state(n, 1, columns)
         self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])
         self._motors = Motors(motor_fmu, config, columns)
         for robot, (x, y) in enumerate(self.origins_m):
-            self.state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
+            self._state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
             self._motors.restart([robot])
-        self.state.running[:] = 1
+        self._state.running[:] = 1
+        self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]
         self._noise = noise_generators(seed, n)
         self._driver = CompiledDriver(self._motors, lanes)
 
@@ -93,12 +95,12 @@ class Trial:
         Raises:
             FmuError: an FMU failed; names the instance and the time.
         """
-        n, columns = len(self.origins_m), self.state.bodies.shape[1]
+        n, columns = len(self.origins_m), self._state.bodies.shape[1]
         samples = new_samples(periods, columns)
         noise = np.zeros((periods, columns, 2))
         noise[:, :n] = draw_noise(self._config, self._noise, self._nominal, periods)
         raw = new_raw_samples(0, columns)
-        self._driver.advance(self._plant, self.state, noise, samples, raw)
+        self._driver.advance(self._plant, self._state, noise, samples, raw)
         self._tick += periods * self._config.ticks_per_period
         return Samples(*(signal[:, :n] for signal in samples))
 

@@ -1,13 +1,12 @@
 """The table of transfer: its rows, how it goes on, and what the safety layer leaves alone."""
 
-import threading
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from agent.evaluation.cases import Case, Job
+from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.transfer import transfer
 from agent.evaluation.transfer_table import Row, TransferReport, goals, markdown
@@ -38,7 +37,7 @@ starts = [[10, 5], [10, 4]]
 def episode(scenario: Scenario, fmu, margin_m: float) -> EpisodeResult:
     config = PolicyConfig(scenario, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
     case = Case(train_policy(config)[0], CoSimConfig(safety_margin_m=margin_m), fmu, 0)
-    result = Job(case, 0).run(case.system(), threading.Event())
+    ((_, result),) = run_jobs([Job(case, 0)], 1)
     return msgspec.structs.replace(result, realtime_factor=1.0)
 
 

@@ -13,7 +13,7 @@ from fmpy.fmi3 import FMU3Slave
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_II, TIMING
 from cosim.base.scenario import find_scenario
-from cosim.coupling.assembly import check_motors, new_motors
+from cosim.coupling.assembly import Motors, check_motors
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.navigation.batch import CoSimulation
 from cosim.navigation.trial import Trial
@@ -224,10 +224,12 @@ def test_every_instance_is_told_its_own_name(motor_fmu, monkeypatch):
         instantiate(slave, **arguments)
 
     monkeypatch.setattr(FMU3Slave, "instantiate", logged)
-    motors = new_motors(MotorFmu(motor_fmu), CoSimConfig(), 2)
+    motors = Motors(MotorFmu(motor_fmu), CoSimConfig(), 2)
+    motors.restart(range(2))
     told = [re.search('instanceName="(.*?)"', call) for call in calls]
     names = [match[1] for match in told if match]
-    assert names == ["r1.D", "r1.E", "r2.D", "r2.E"] == [motor.name for motor in motors]
+    assert names == ["r1.D", "r1.E", "r2.D", "r2.E"]
+    assert "instance r2.E" in str(motors.error(3, "is tested", 1e-5))
 
 
 def test_binary_that_does_not_load_is_named_and_moves_nothing(motor_fmu, tmp_path):
