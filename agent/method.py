@@ -18,7 +18,7 @@ from agent.training.store import find_or_train
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.scenario import Scenario
-from cosim.navigation.calibration_cache import calibrated_for
+from cosim.calibration.cache import calibrated_for
 from fmus.build import cached_fmu
 
 MOVES_EPISODES = 1_500_000

@@ -14,9 +14,9 @@ from cosim.base.command import show_table
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.params import STEERING, TABLE_I, SteeringParams
+from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
-from cosim.navigation.trial import Trial, heading_angles
 from fmus.build import cached_fmu
 
 LINE_M, CELL_M = 0.2, 0.01

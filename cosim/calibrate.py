@@ -14,8 +14,8 @@ from cosim.base.storage import replacing, write_json
 from cosim.navigation.options import Physics
 
 if TYPE_CHECKING:
-    from cosim.navigation.calibration import Calibration
-    from cosim.navigation.calibration_report import CalibrationReport
+    from cosim.calibration.report import CalibrationReport
+    from cosim.calibration.speed_map import Calibration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,8 @@ def calibrate(options: Calibrate, progress: Progress) -> "tuple[Calibration, Cal
     Raises:
         UserError: see its message.
     """
-    from cosim.navigation.calibration_cache import find_calibration
-    from cosim.navigation.calibration_report import draw, report_of
+    from cosim.calibration.cache import find_calibration
+    from cosim.calibration.report import draw, report_of
 
     config, out = options.physics.config(), options.out
     out.mkdir(parents=True, exist_ok=True)
@@ -72,7 +72,7 @@ def main() -> None:
     """Command line; see `Calibrate`."""
     options = parse(Calibrate, "cosim.calibrate")
     from cosim.base.command import show_table
-    from cosim.navigation.calibration_report import manoeuvre_rows
+    from cosim.calibration.report import manoeuvre_rows
 
     with progress_bars() as progress:
         calibration, report = calibrate(options, progress)

@@ -16,8 +16,8 @@ from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING
 from cosim.base.params import TABLE_I
 from cosim.base.scenario import Scenario
+from cosim.calibration.cache import calibrated_for
 from cosim.navigation.batch import CoSimulation
-from cosim.navigation.calibration_cache import calibrated_for
 from cosim.navigation.features import AXIS_COUNT, Observation
 from cosim.navigation.observing import draw_starts
 from fmus.build import cached_fmu

@@ -73,7 +73,7 @@ class Physics:
             FmuError: the FMU cannot be used, or failed.
         """
         config = self.config().sized(diameter_m)
-        from cosim.navigation.calibration_cache import calibrated  # noqa: PLC0415 - as above
+        from cosim.calibration.cache import calibrated  # noqa: PLC0415 - as above
 
         fmu = self.fmu(progress)
         return calibrated(config, fmu, progress), fmu

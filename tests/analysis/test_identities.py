@@ -19,7 +19,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.provenance import ROOT
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir
-from cosim.navigation.calibration_cache import digest
+from cosim.calibration.cache import digest
 from fmus.build import cached_fmu
 
 SMALL = Scenario("small", "", ((4, 4),), (((0, 0),),), columns=6, rows=6, zone=(0, 0, 0, 0))
@@ -65,8 +65,8 @@ MATTER = {
     "calibration": """
         cosim.base.config cosim.base.params cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
-        cosim.navigation.calibration cosim.navigation.calibration_trials
-        cosim.navigation.trial cosim.physics.body cosim.physics.collision
+        cosim.calibration.speed_map cosim.calibration.measuring
+        cosim.calibration.trial cosim.physics.body cosim.physics.collision
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "evaluation": """
@@ -122,7 +122,7 @@ MATTER = {
         agent.training.qlearning agent.training.settings cosim.base.config
         cosim.base.params cosim.base.scenario cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
-        cosim.navigation.calibration cosim.navigation.episode cosim.navigation.features
+        cosim.calibration.speed_map cosim.navigation.episode cosim.navigation.features
         cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
         cosim.physics.body cosim.physics.collision cosim.physics.contact
         cosim.physics.forces cosim.physics.rotation fmus.build fmus.variables

@@ -1,7 +1,7 @@
 """The trials of a calibration: single robots co-simulated at many motor speeds.
 
-What the trials say is `cosim.navigation.calibration`, where they are kept and used
-`cosim.navigation.calibration_cache`.
+What the trials say is `cosim.calibration.speed_map`, where they are kept and used
+`cosim.calibration.cache`.
 """
 
 import math
@@ -14,10 +14,10 @@ import numpy as np
 from cosim.base.config import CoSimConfig
 from cosim.base.params import lift_off_speed
 from cosim.base.progress import Progress, silent
+from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
+from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.navigation.calibration import DRIVES, MANOEUVRES, Calibration
-from cosim.navigation.trial import Trial, heading_angles
 
 # Motor speeds of the trials as shares of the lift-off speed, closest where robots drive.
 SPEEDS = (0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.955, 0.97)

@@ -9,11 +9,11 @@ import pytest
 from cosim import calibrate
 from cosim.base.config import CoSimConfig
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.calibration.cache import calibrated, digest, find_calibration
+from cosim.calibration.speed_map import MANOEUVRES, Calibration, CalibrationError, load_calibration
+from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.navigation.calibration import MANOEUVRES, Calibration, CalibrationError, load_calibration
-from cosim.navigation.calibration_cache import calibrated, digest, find_calibration
-from cosim.navigation.trial import Trial, heading_angles
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """Calibrations found again, and configurations with the motor speeds that they give.
 
-The trials are `cosim.navigation.calibration_trials`; the command line is `cosim.calibrate`.
+The trials are `cosim.calibration.measuring`; the command line is `cosim.calibrate`.
 """
 
 from dataclasses import replace
@@ -11,9 +11,9 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
+from cosim.calibration.measuring import measure
+from cosim.calibration.speed_map import DRIVES, Calibration, load_calibration
 from cosim.coupling.fmu import MotorFmu
-from cosim.navigation.calibration import DRIVES, Calibration, load_calibration
-from cosim.navigation.calibration_trials import measure
 
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import STEERING
-from cosim.navigation.calibration import DRIVES, MANOEUVRES, Calibration
-from cosim.navigation.calibration_cache import digest
+from cosim.calibration.cache import digest
+from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
 
 # Colours told apart in any kind of colour vision (Okabe and Ito).
 _COLOURS = {

@@ -1,0 +1,1 @@
+"""What motor speeds do: trials of single robots, and the map that turns drive speeds into them."""
