@@ -23,6 +23,7 @@ for _name, _scenario in (("SingleA", "1a"), ("SingleB", "1b")):
     )
 gymnasium.register(
     "MiniRobots/CoSim-v0",
-    entry_point="agent.envs:NavigationEnv",
-    kwargs={"scenario": "1a", "cosim": True},
+    entry_point="agent.envs.single:cosim_env",
+    vector_entry_point="agent.envs.cosim_vector:CoSimVectorEnv",
+    kwargs={"scenario": "1a"},
 )

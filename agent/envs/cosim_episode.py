@@ -17,27 +17,39 @@ from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING
 from cosim.base.params import TABLE_I
 from cosim.base.scenario import Scenario
 from cosim.calibration.cache import calibrated_for
-from cosim.navigation.batch import CoSimulation
+from cosim.navigation.batch import Batch
+from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, Observation
 from cosim.navigation.observing import draw_starts
 from fmus.build import cached_fmu
 
 
-class CoSimEpisode:
-    """An episode in the co-simulation, see `agent.envs.grid_episode.EnvEpisode`.
+def new_batch(scenario: Scenario, places: int, config: CoSimConfig | None = None) -> Batch:
+    """Places for episodes of a scenario.
 
     Without a configuration robots have the default parameters; those of another diameter than
     Table I's are calibrated first.
 
     Raises:
-        UserError: the scenario cannot be used, or the motor FMU cannot be built.
+        UserError: the motor FMU cannot be built.
+    """
+    fmu = cached_fmu()
+    if config is None and scenario.robot_diameter_m != TABLE_I.diameter_m:
+        config = calibrated_for(scenario, fmu)
+    return Batch(fmu, config or CoSimConfig(), scenario.robots, places)
+
+
+class CoSimPlace:
+    """The episodes of an environment in one place of a batch; advancing the batch is its owner's.
+
+    Attributes as of `agent.envs.grid_episode.EnvEpisode`.
+
+    Raises:
+        UserError: the scenario cannot be used.
     """
 
     def __init__(
-        self,
-        scenario: Scenario,
-        process: ProcessConfig | None = None,
-        config: CoSimConfig | None = None,
+        self, scenario: Scenario, process: ProcessConfig | None, batch: Batch, place: int
     ) -> None:
         process = process or ProcessConfig()
         self.scenario = scenario
@@ -45,10 +57,7 @@ class CoSimEpisode:
         sizes = feature_sizes(scenario, process)
         self.sizes = tuple(sizes.values())
         self._features = tuple(sizes)
-        fmu = cached_fmu()
-        if config is None and scenario.robot_diameter_m != TABLE_I.diameter_m:
-            config = calibrated_for(scenario, fmu)
-        self._system = CoSimulation(scenario, fmu, config)
+        self._batch, self._place = batch, place
         self.status = np.full(scenario.robots, MOVING)
         self.rewards = np.zeros(scenario.robots)
         self.outcome = RUNNING
@@ -71,22 +80,16 @@ class CoSimEpisode:
         world = np.zeros((self.scenario.robots, COLUMN_COUNT), dtype=np.int64)
         place_checked(self.process, world, starts)
         cells = tuple((int(x), int(y)) for x, y in starts)
-        self._seen = self._system.reset(cells, noise_seed)
+        self._running = self._batch.begin(self._place, self.scenario, cells, noise_seed)
         self._positions_m = np.array([self.scenario.centre_m(cell) for cell in cells])
         self.status = np.full(self.scenario.robots, MOVING)
         self.rewards = np.zeros(self.scenario.robots)
         self.outcome = RUNNING
 
-    def step(self, actions: np.ndarray) -> None:
-        """Simulate 2 s.
-
-        Raises:
-            FmuError: an FMU failed.
-        """
-        step = self._system.advance(np.asarray(actions, dtype=np.int64))
-        self._seen = step.after
+    def take(self, step: Step) -> None:
+        """Go on to the end of an RL step of the batch."""
         self._positions_m = step.samples.position[-1, :, :2].copy()
-        arrived = self._system.arrived
+        arrived = self._running.arrived
         self.rewards = np.nan_to_num(step_reward(self.process, step, arrived))
         self.outcome = BY_RANK.index(step.outcome)
         self.status[arrived] = ARRIVED
@@ -95,8 +98,9 @@ class CoSimEpisode:
 
     def observation(self) -> np.ndarray:
         """(N, features) int64; a robot that left the board seems to be at its edge."""
-        cells = np.clip(self._seen.cells, 0, (self.scenario.columns - 1, self.scenario.rows - 1))
-        columns = _columns(self._seen) | {
+        seen = self._running.observation
+        cells = np.clip(seen.cells, 0, (self.scenario.columns - 1, self.scenario.rows - 1))
+        columns = _columns(seen) | {
             "x": cells[:, 0],
             "y": cells[:, 1],
             "b": nearest_bearings(self.process, cells),
@@ -105,7 +109,7 @@ class CoSimEpisode:
 
     def path_length_cm(self) -> np.ndarray:
         """(N,) float64."""
-        return 100.0 * self._system.measures.path_length_m
+        return 100.0 * self._running.measures.path_length_m
 
     def positions_m(self) -> np.ndarray:
         """(N, 2) float64."""
@@ -113,7 +117,32 @@ class CoSimEpisode:
 
     def close(self) -> None:
         """Free the FMU instances."""
-        self._system.close()
+        self._batch.close()
+
+
+class CoSimEpisode(CoSimPlace):
+    """An episode in the co-simulation, alone, see `agent.envs.grid_episode.EnvEpisode`.
+
+    Raises:
+        UserError: the scenario cannot be used, or the motor FMU cannot be built.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        process: ProcessConfig | None = None,
+        config: CoSimConfig | None = None,
+    ) -> None:
+        super().__init__(scenario, process, new_batch(scenario, 1, config), 0)
+
+    def step(self, actions: np.ndarray) -> None:
+        """Simulate 2 s.
+
+        Raises:
+            FmuError: an FMU failed.
+        """
+        action = np.asarray(actions, dtype=np.int64)
+        self.take(self._batch.advance({self._place: action})[self._place])
 
 
 def _columns(seen: Observation) -> dict[str, np.ndarray]:

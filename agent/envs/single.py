@@ -99,6 +99,16 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
         self.episode.close()
 
 
+def cosim_env(
+    scenario: str | Scenario = "1a",
+    process: ProcessConfig | None = None,
+    *,
+    render_mode: str | None = None,
+) -> NavigationEnv:
+    """A `NavigationEnv` in the co-simulation; arguments as of that."""
+    return NavigationEnv(scenario, process, cosim=True, render_mode=render_mode)
+
+
 class FlattenState(gym.ObservationWrapper):
     """One integer for a MultiDiscrete observation: the row of a Q table, as the kernels count."""
 

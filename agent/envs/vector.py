@@ -2,7 +2,8 @@
 
     gymnasium.make_vec("MiniRobots/SingleA-v0", num_envs=1024)
 
-The same bits as a `SyncVectorEnv` of `agent.envs.NavigationEnv` with the same seeds.
+The same bits as a `SyncVectorEnv` of `agent.envs.NavigationEnv` with the same seeds. What it has in
+common with many co-simulated environments (`agent.envs.cosim_vector`) is here too.
 """
 
 from collections.abc import Sequence
@@ -71,14 +72,87 @@ def _step_all(
             outcomes[m] = TIMEOUT
 
 
-class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """`num_envs` environments of one robot each, see `agent.envs.NavigationEnv`."""
+class LoneRobotVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """`num_envs` environments of one robot each, see `agent.envs.NavigationEnv`.
+
+    An environment that has ended begins anew with its next step.
+    """
 
     metadata = {  # noqa: RUF012
         "render_modes": ["ansi", "rgb_array"],
         "render_fps": 10,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+
+    def __init__(
+        self,
+        num_envs: int,
+        scenario: str | Scenario,
+        process: ProcessConfig,
+        render_mode: str | None,
+    ) -> None:
+        if not isinstance(scenario, Scenario):
+            scenario = find_scenario(scenario)
+        if scenario.robots != 1:
+            raise UserError(f"scenario {scenario.name} has {scenario.robots} robots, not one")
+        self.scenario = scenario
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self._sizes = np.array(list(feature_sizes(scenario, process).values()))
+        self.single_observation_space = spaces.MultiDiscrete(self._sizes.tolist())
+        self.single_action_space = spaces.Discrete(DIRECTION_COUNT)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        """One seed of each environment; one for all counts up, None leaves them as they are."""
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
+            return [int(seed) + m for m in range(self.num_envs)]
+        return list(seed)
+
+    def _begun(self, options: dict[str, Any]) -> np.ndarray:
+        """(num_envs,) bool, which environments a reset is for."""
+        return np.asarray(options.get("reset_mask", np.ones(self.num_envs, dtype=bool)))
+
+    def _checked(self, actions: np.ndarray) -> np.ndarray:
+        """(num_envs,) int64.
+
+        Raises:
+            ActionError: the actions are not one direction per environment.
+        """
+        actions = np.asarray(actions)
+        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
+            raise ActionError(
+                f"actions of shape {actions.shape} and type {actions.dtype}; give one whole number "
+                f"to each of the {self.num_envs} environments"
+            )
+        wrong = np.flatnonzero((actions < 0) | (actions >= DIRECTION_COUNT))
+        if len(wrong):
+            raise direction_error(int(actions[wrong[0]]), f" of environment {wrong[0]}")
+        return actions.astype(np.int64)
+
+    def _infos_of(self, outcomes: np.ndarray, path_cm: np.ndarray) -> dict[str, Any]:
+        everywhere = np.ones(self.num_envs, dtype=bool)
+        values = {
+            "outcome": np.array(BY_RANK, dtype=object)[outcomes],
+            "is_success": outcomes == SUCCESS,
+            "path_length": path_cm,
+        }
+        return values | {f"_{name}": everywhere for name in values}
+
+    def _pictures(self, positions_m: np.ndarray) -> tuple[Any, ...] | None:
+        """One picture per environment, of robots at (num_envs, 1, 2) m."""
+        if self.render_mode is None:
+            return None
+        draw = board_text if self.render_mode == "ansi" else board_pixels
+        return tuple(draw(self.scenario, position) for position in positions_m)
+
+
+class NavigationVectorEnv(LoneRobotVectorEnv):
+    """Environments on the grid."""
 
     def __init__(
         self,
@@ -93,23 +167,11 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             UserError: the scenario cannot be used, or has more than one robot.
         """
-        if not isinstance(scenario, Scenario):
-            scenario = find_scenario(scenario)
-        if scenario.robots != 1:
-            raise UserError(f"scenario {scenario.name} has {scenario.robots} robots, not one")
         process = process or ProcessConfig()
-        self.scenario = scenario
-        self.process = build_process(scenario, process)
-        self.num_envs = num_envs
-        self.render_mode = render_mode
-        self.single_observation_space = spaces.MultiDiscrete(
-            list(feature_sizes(scenario, process).values())
-        )
-        self.single_action_space = spaces.Discrete(DIRECTION_COUNT)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._columns = [FEATURE_COLUMNS[name] for name in feature_sizes(scenario, process)]
-        self._last = self.single_observation_space.nvec - 1
+        super().__init__(num_envs, scenario, process, render_mode)
+        self.process = build_process(self.scenario, process)
+        self._columns = [FEATURE_COLUMNS[name] for name in feature_sizes(self.scenario, process)]
+        self._last = self._sizes - 1
         self._worlds = np.zeros((num_envs, 1, COLUMN_COUNT), dtype=np.int64)
         entropy = int(self.np_random_seed or 0)
         self._random = np.stack([seeded_state(entropy + m) for m in range(num_envs)])
@@ -132,18 +194,11 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             StartsError: start cells cannot be used.
         """
-        if seed is None:
-            seeds = [None] * self.num_envs
-        elif isinstance(seed, int | np.integer):
-            super().reset(seed=int(seed))
-            seeds = [int(seed) + m for m in range(self.num_envs)]
-        else:
-            seeds = list(seed)
-        for m, value in enumerate(seeds):
+        for m, value in enumerate(self._seeds(seed)):
             if value is not None:
                 self._random[m] = seeded_state(value)
         options = options or {}
-        which = np.asarray(options.get("reset_mask", np.ones(self.num_envs, dtype=bool)))
+        which = self._begun(options)
         if "starts" in options:
             for m in np.flatnonzero(which):
                 place_checked(self.process, self._worlds[m], options["starts"][m])
@@ -162,20 +217,11 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             ActionError: the actions are not one direction per environment.
         """
-        actions = np.asarray(actions)
-        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
-            raise ActionError(
-                f"actions of shape {actions.shape} and type {actions.dtype}; give one whole number "
-                f"to each of the {self.num_envs} environments"
-            )
-        wrong = np.flatnonzero((actions < 0) | (actions >= DIRECTION_COUNT))
-        if len(wrong):
-            raise direction_error(int(actions[wrong[0]]), f" of environment {wrong[0]}")
         _step_all(
             self.process,
             self._worlds,
             self._random,
-            actions.astype(np.int64),
+            self._checked(actions),
             self._steps,
             self._rewards,
             self._outcomes,
@@ -189,19 +235,8 @@ class NavigationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return np.clip(self._worlds[:, 0, self._columns], 0, self._last)
 
     def _infos(self) -> dict[str, Any]:
-        everywhere = np.ones(self.num_envs, dtype=bool)
-        values = {
-            "outcome": np.array(BY_RANK, dtype=object)[self._outcomes],
-            "is_success": self._outcomes == SUCCESS,
-            "path_length": 100.0 * self.scenario.cell_m * self._path_cells,
-        }
-        masks = {f"_{name}": everywhere for name in values}
-        return values | masks
+        return self._infos_of(self._outcomes, 100.0 * self.scenario.cell_m * self._path_cells)
 
     def render(self) -> tuple[Any, ...] | None:
         """One picture per environment."""
-        if self.render_mode is None:
-            return None
-        draw = board_text if self.render_mode == "ansi" else board_pixels
-        positions = (self._worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
-        return tuple(draw(self.scenario, position) for position in positions)
+        return self._pictures((self._worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m)

@@ -8,6 +8,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from agent.envs import single as envs
+from agent.envs.cosim_vector import CoSimVectorEnv
 from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.parallel import NavigationParallelEnv
 from agent.envs.vector import NavigationVectorEnv
@@ -165,6 +166,30 @@ def test_native_vector_environment_is_the_synchronous_one_bit_for_bit(slip):
         compare(native.step(action), plain.step(action))
         outcomes |= {*native.unwrapped._infos()["outcome"]}
     assert outcomes >= {"", "out_of_board", "timeout"}
+    native.close()
+    plain.close()
+
+
+def test_co_simulated_vector_environment_is_the_synchronous_one_bit_for_bit():
+    native = gym.make_vec("MiniRobots/CoSim-v0", num_envs=3)
+    assert isinstance(native.unwrapped, CoSimVectorEnv)
+    plain = SyncVectorEnv(
+        [lambda: gym.make("MiniRobots/CoSim-v0")] * 3, autoreset_mode=AutoresetMode.NEXT_STEP
+    )
+    assert native.observation_space == plain.observation_space
+    compare(native.reset(seed=5), plain.reset(seed=5))
+    # one leaves the board soon and begins anew, the others go on
+    starts = np.array([[[5, 0]], [[4, 4]], [[20, 9]]])
+    options = {"starts": starts}
+    native.reset(options=options)
+    for env, cell in zip(plain.envs, starts, strict=True):
+        env.reset(options={"starts": cell})
+    outcomes = []
+    for action in ([6, 1, 2], [6, 1, 3], [6, 2, 3], [6, 2, 4], [0, 1, 2]):
+        ours = native.step(np.array(action))
+        compare(ours, plain.step(np.array(action)))
+        outcomes.append(ours[4]["outcome"].tolist())
+    assert ["out_of_board", "", ""] in outcomes[:-1]
     native.close()
     plain.close()
 
