@@ -34,11 +34,12 @@ from cosim.navigation.features import (
     DIRECTION_COUNT,
     DIRECTIONS,
     Observation,
+    distance_thresholds,
 )
 from cosim.navigation.measures import Measures
 from cosim.navigation.observing import cells_of, nearest_squared, observe
-from cosim.navigation.safety import WAIT, permitted
-from cosim.physics.body import standing_state
+from cosim.navigation.safety import WAIT, board_of, permitted
+from cosim.physics.body import POSITION, QUATERNION, standing_state
 
 DRIVERS: dict[str, Callable[[list[Motor]], Driver]] = {
     "compiled": CompiledDriver,
@@ -122,6 +123,9 @@ class CoSimulation:
         check_motors(self._fmu, self.config, scenario.robots, adaptive=driver == "adaptive")
         self._driver_class = DRIVERS[driver]
         self._driver: Any = None
+        self._board = board_of(scenario)
+        self._thresholds = distance_thresholds(scenario)
+        self._targets = np.array(scenario.targets)
         self._plant = new_plant(
             self.config,
             scenario.size_m,
@@ -133,14 +137,17 @@ class CoSimulation:
         starts = tuple(cells[0] for cells in self.scenario.starts)
         self.reset(starts, np.random.SeedSequence(0))
         n = self.scenario.robots
+        samples = new_samples(2, n)
         self._driver.advance(
             self._plant,
             self._state,
             np.zeros((0, n, len(MOTOR_NAMES))),
-            new_samples(0, n),
+            samples,
             new_raw_samples(0, n),
             0,
         )
+        self._permitted(0, 0)
+        self.measures.add(samples)
         self.close()
 
     def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence) -> Observation:
@@ -152,7 +159,7 @@ class CoSimulation:
         """
         n = self.scenario.robots
         self.close()
-        self._state = new_state(n, self.scenario.walls * self.scenario.cell_m)
+        self._state = new_state(n, self._board.obstacles)
         for robot, cell in enumerate(starts):
             x, y = self.scenario.centre_m(cell)
             # Assumed: robots are set down facing the middle of the board.
@@ -165,8 +172,9 @@ class CoSimulation:
         self._arrived = np.zeros(n, dtype=bool)
         self._moving_since = np.zeros(n)
         self._action = np.full(n, -1)
-        self._squared_at_decision = nearest_squared(self._cells())
-        self.measures = Measures(self._state.bodies[:, :2], self.config.timing.control_period_s)
+        positions_m = self._positions_m()
+        self._squared_at_decision = nearest_squared(cells_of(positions_m, self._board.cell_m))
+        self.measures = Measures(positions_m, self.config.timing.control_period_s)
         self.outcome = Outcome.RUNNING
         self._observation = self._observe()
         return self._observation
@@ -210,10 +218,9 @@ class CoSimulation:
         self.measures.add(samples)
 
         completed = was_moving & (state.commands[:, MODE] == HOLD)
-        at_target = (self._cells() == np.array(self.scenario.targets)).all(axis=1)
-        self._arrived |= completed & at_target
-        self.outcome = self._judge(event)
         self._observation = self._observe()
+        self._arrived |= completed & (self._observation.cells == self._targets).all(axis=1)
+        self.outcome = self._judge(event)
         step = Step(
             self._step,
             first_tick,
@@ -239,7 +246,7 @@ class CoSimulation:
 
     def _adopt(self, action: np.ndarray) -> np.ndarray:
         """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
-        commands, cells = self._state.commands, self._cells()
+        commands, cells = self._state.commands, self._observation.cells
         late = self.time_s - self._moving_since >= self.config.timing.move_limit_s
         decided = ~self._arrived & ((commands[:, MODE] == HOLD) | late)
         squared = nearest_squared(cells)
@@ -250,8 +257,8 @@ class CoSimulation:
                 commands[robot, MODE] = HOLD
                 decided[robot] = False
                 continue
-            cell = cells[robot] + DIRECTIONS[direction]
-            commands[robot, [GOAL_X, GOAL_Y]] = self.scenario.centre_m((cell[0], cell[1]))
+            column, row = (cells[robot] + DIRECTIONS[direction]).tolist()
+            commands[robot, GOAL_X : GOAL_Y + 1] = self.scenario.centre_m((column, row))
             commands[robot, DIRECTION] = direction * 2.0 * math.pi / DIRECTION_COUNT
             commands[robot, MODE] = START
             self._moving_since[robot] = self.time_s
@@ -262,11 +269,12 @@ class CoSimulation:
     def _permitted(self, robot: int, direction: int) -> int:
         """What the safety layer makes of a direction; without the layer it is only counted."""
         commands, margin_m = self._state.commands, self.config.safety_margin_m
-        goals = np.where(commands[:, [MODE]] == HOLD, np.nan, commands[:, [GOAL_X, GOAL_Y]])
+        goals = commands[:, GOAL_X : GOAL_Y + 1].copy()
+        goals[commands[:, MODE] == HOLD] = np.nan
         goals[robot] = np.nan
         allowed = permitted(
-            self.scenario,
-            self._state.bodies,
+            self._board,
+            self._positions_m(),
             goals,
             robot,
             direction,
@@ -279,11 +287,17 @@ class CoSimulation:
         nominal_rad_s = self.config.steering.forward_speed_rad_s
         return draw_noise(self.config, self._noise, nominal_rad_s, periods)
 
-    def _cells(self) -> np.ndarray:
-        return cells_of(self._state.bodies, self.scenario)
+    def _positions_m(self) -> np.ndarray:
+        return self._state.bodies[:, POSITION][:, :2].copy()
 
     def _observe(self) -> Observation:
-        return observe(self._state.bodies, self.scenario, self._squared_at_decision)
+        return observe(
+            self._positions_m(),
+            self._state.bodies[:, QUATERNION].copy(),
+            self._board.cell_m,
+            self._thresholds,
+            self._squared_at_decision,
+        )
 
     def _judge(self, event: int) -> Outcome:
         if event == RUNNING and self._arrived.all():
