@@ -23,8 +23,8 @@ from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.base.scenario import Scenario
-from cosim.coupling.calls import do_step, exchange_float64
-from cosim.coupling.fmu import FMI_OK, Addresses, MotorFmu
+from cosim.coupling.calls import FMI_OK, do_step, exchange_float64
+from cosim.coupling.fmu import Addresses, MotorFmu
 from cosim.navigation.batch import CoSimulation
 from cosim.physics.body import standing_state
 from fmus.build import cached_fmu

@@ -23,11 +23,10 @@ from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import find_scenario
-from cosim.navigation.batch import CoSimulation
+from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.observing import draw_starts
 from cosim.reading.episode import read_episode
 from cosim.recording.episode import EpisodeRecorder
-from cosim.simulation import simulate_episode
 from fmus.build import cached_fmu
 
 EXPECTED = Path(__file__).with_name("digests.json")
@@ -76,9 +75,12 @@ def digests(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     config = CoSimConfig(timing=config.timing._replace(episode_limit_s=6.0))
     start_seed, noise_seed = np.random.SeedSequence(0).spawn(2)
     starts = draw_starts(scenario, np.random.default_rng(start_seed))
-    system = CoSimulation(scenario, fmu, config)
-    with EpisodeRecorder(path, scenario, config, "digest", {"episode": 0}) as recorder:
-        result = simulate_episode(system, policy, starts, noise_seed, recorder)
+
+    def recorder() -> EpisodeRecorder:
+        return EpisodeRecorder(path, scenario, config, "digest", {"episode": 0})
+
+    task = Task(scenario, fmu, config, policy, starts, noise_seed, recorder)
+    ((_, result),) = simulate_tasks([task], 1)
     fields = msgspec.structs.asdict(result)
     del fields["realtime_factor"]
     found["episode"] = _digest(fields)

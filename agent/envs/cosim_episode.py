@@ -7,10 +7,11 @@ reward of every step that its move takes.
 
 import numpy as np
 
-from agent.envs.grid_episode import place_checked
+from agent.envs.grid_episode import FEATURE_COLUMNS, place_checked
+from agent.process.acting import on_grid
 from agent.process.config import ProcessConfig
-from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING
-from agent.process.readings import build_process, feature_sizes, nearest_bearings
+from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, SIGN
+from agent.process.readings import build_process, feature_sizes
 from agent.process.rewards import failed, step_reward
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING
@@ -19,7 +20,6 @@ from cosim.base.scenario import Scenario
 from cosim.calibration.cache import calibrated_for
 from cosim.navigation.batch import Batch
 from cosim.navigation.episode import Step
-from cosim.navigation.features import AXIS_COUNT, Observation
 from cosim.navigation.observing import draw_starts
 from fmus.build import cached_fmu
 
@@ -56,7 +56,7 @@ class CoSimPlace:
         self.process = build_process(scenario, process)
         sizes = feature_sizes(scenario, process)
         self.sizes = tuple(sizes.values())
-        self._features = tuple(sizes)
+        self._columns = [FEATURE_COLUMNS[name] for name in sizes]
         self._batch, self._place = batch, place
         self.status = np.full(scenario.robots, MOVING)
         self.rewards = np.zeros(scenario.robots)
@@ -100,12 +100,9 @@ class CoSimPlace:
         """(N, features) int64; a robot that left the board seems to be at its edge."""
         seen = self._running.observation
         cells = np.clip(seen.cells, 0, (self.scenario.columns - 1, self.scenario.rows - 1))
-        columns = _columns(seen) | {
-            "x": cells[:, 0],
-            "y": cells[:, 1],
-            "b": nearest_bearings(self.process, cells),
-        }
-        return np.stack([columns[name] for name in self._features], axis=1).astype(np.int64)
+        world, _ = on_grid(self.process, seen._replace(cells=cells))
+        world[:, SIGN] += 1
+        return world[:, self._columns]
 
     def path_length_cm(self) -> np.ndarray:
         """(N,) float64."""
@@ -143,11 +140,3 @@ class CoSimEpisode(CoSimPlace):
         """
         action = np.asarray(actions, dtype=np.int64)
         self.take(self._batch.advance({self._place: action})[self._place])
-
-
-def _columns(seen: Observation) -> dict[str, np.ndarray]:
-    return {
-        "d": seen.distance_class,
-        "g": seen.gradient_sign + 1,
-        "h": seen.direction % AXIS_COUNT,
-    }

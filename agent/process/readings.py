@@ -215,19 +215,3 @@ def _bearings(scenario: Scenario) -> np.ndarray:
     )
     turns = np.arctan2(dy[None, :], dx[:, None]) / (2.0 * np.pi / DIRECTION_COUNT)
     return np.rint(turns).astype(np.int64).astype(np.uint8) % DIRECTION_COUNT
-
-
-def nearest_bearings(process: Process, cells: np.ndarray) -> np.ndarray:
-    """(N,) int64, direction index of each robot's nearest other one (the first, if several are).
-
-    Args:
-        process: for its table of bearings.
-        cells: (N, 2) int64, cells of the robots.
-    """
-    if len(cells) == 1:
-        return np.zeros(1, dtype=np.int64)
-    offsets = cells[None, :, :] - cells[:, None, :]
-    squared = (offsets**2).sum(axis=2)
-    np.fill_diagonal(squared, np.iinfo(np.int64).max)
-    nearest = offsets[np.arange(len(cells)), squared.argmin(axis=1)]
-    return process.bearings[nearest[:, 0], nearest[:, 1]].astype(np.int64)

@@ -15,10 +15,10 @@ import msgspec
 import numpy as np
 
 from agent.moves.model import ObservedMoves
+from agent.process.acting import greedy, on_grid
 from agent.process.config import ProcessConfig, refuse_without_effect
-from agent.process.grid import least_rotation_argmax
 from agent.process.maps import cell_map
-from agent.process.readings import Process, build_process, nearest_bearings
+from agent.process.readings import Process, build_process
 from agent.process.rewards import DrivenStep, reward_parts
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
@@ -27,7 +27,7 @@ from cosim.base.provenance import code_digest, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.base.scenario import Scenario
 from cosim.base.storage import replacing
-from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+from cosim.navigation.features import DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
 
 SCHEMA_VERSION = 1
@@ -129,21 +129,14 @@ class Policy:
         Raises:
             ValueError: a cell is off the board, or the number of robots differs.
         """
-        scenario, process = self.config.scenario, self.process
-        cells = np.asarray(observation.cells, dtype=np.int64)
-        if cells.shape != (scenario.robots, 2):
-            raise ValueError(f"observation of shape {cells.shape} for {scenario.robots} robots")
-        if (cells < 0).any() or (cells >= (scenario.columns, scenario.rows)).any():
-            raise ValueError(f"cells {cells.tolist()} are off the board")
-        strides = process.strides
-        return (
-            cells[:, 0] * strides[0]
-            + cells[:, 1] * strides[1]
-            + np.asarray(observation.distance_class) * strides[2]
-            + (np.asarray(observation.gradient_sign) + 1) * strides[3]
-            + nearest_bearings(process, cells) * strides[4]
-            + np.asarray(observation.direction) % AXIS_COUNT * strides[5]
-        )
+        robots = self.config.scenario.robots
+        seen = Observation(*(np.ascontiguousarray(part, np.int64) for part in observation))
+        if seen.cells.shape != (robots, 2):
+            raise ValueError(f"observation of shape {seen.cells.shape} for {robots} robots")
+        _, states = on_grid(self.process, seen)
+        if states[0] < 0:
+            raise ValueError(f"cells {seen.cells.tolist()} are off the board")
+        return states
 
     def q_values(self, observation: Observation) -> np.ndarray:
         """(N, 8) float32, action values of each robot."""
@@ -155,8 +148,8 @@ class Policy:
         Raises:
             ValueError: see `states`.
         """
-        rows = zip(self.q_values(observation), observation.direction, strict=True)
-        return np.array([least_rotation_argmax(v, int(f)) for v, f in rows], dtype=np.int64)
+        facing = np.ascontiguousarray(observation.direction, np.int64)
+        return greedy(self.q_values(observation), facing)
 
     def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
         """(N, 3) float64, reward of a co-simulated step by parts, see `agent.process.rewards`."""

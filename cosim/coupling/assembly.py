@@ -200,7 +200,13 @@ def draw_noise(
         periods: control periods.
     """
     hold = config.periods_per_noise_value
-    values = np.stack([r.uniform(-1.0, 1.0, math.ceil(periods / hold)) for r in generators], axis=1)
-    held = np.repeat(values, hold, axis=0)[:periods].reshape(periods, -1, len(MOTOR_NAMES))
+    draws, motors = math.ceil(periods / hold), len(MOTOR_NAMES)
+    values = np.empty((len(generators), draws))
+    for generator, row in zip(generators, values, strict=True):
+        generator.random(out=row)
+    values *= 2.0
+    values -= 1.0
     amplitude = config.noise.relative_amplitude * np.asarray(nominal_rad_s)
-    return np.ascontiguousarray(held * amplitude.reshape(-1, 1))
+    noise = np.empty((draws, hold, len(generators) // motors, motors))
+    np.multiply(values.T.reshape(draws, 1, -1, motors), amplitude.reshape(-1, 1), out=noise)
+    return noise.reshape(-1, *noise.shape[2:])[:periods]

@@ -68,15 +68,15 @@ class Batch:
             robots: N.
             places: K.
             driver: one of DRIVERS.
-            lanes: bodies in a vector of the compiled driver, a power of two; by default the fewest
-                that hold all robots, at least 2 and at most what the processor has.
+            lanes: bodies in a vector of the compiled driver, a power of two; by default 2 for up to
+                two robots, else what the processor has: every number is compiled by itself.
         """
         fmu = MotorFmu(motor_fmu)
         check_motors(fmu, config, places * robots, adaptive=driver == "adaptive")
         self.config = shared(config)
         self.robots = robots
         if lanes is None:
-            lanes = min(host_lanes(), 2 ** max(1, (places * robots - 1).bit_length()))
+            lanes = 2 if places * robots <= 2 else host_lanes()
         columns = -(-places * robots // lanes) * lanes
         self._motors = Motors(fmu, config, columns)
         self._driver = _driver(driver, self._motors, lanes)

@@ -23,11 +23,12 @@ from cosim.navigation.features import (
     DIRECTION_COUNT,
     DIRECTIONS,
     Observation,
+    distance_thresholds,
 )
 from cosim.navigation.measures import Measures
 from cosim.navigation.observing import cells_of, nearest_squared, observe
-from cosim.navigation.safety import WAIT, permitted
-from cosim.physics.body import standing_state
+from cosim.navigation.safety import WAIT, board_of, permitted
+from cosim.physics.body import POSITION, QUATERNION, standing_state
 
 
 class SupportsAct(Protocol):
@@ -102,6 +103,9 @@ class RunningEpisode:
         """
         n = scenario.robots
         self.scenario, self.config = scenario, config
+        self._board = board_of(scenario)
+        self._thresholds = distance_thresholds(scenario)
+        self._targets = np.array(scenario.targets)
         self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
         self._events, self._columns = state.events[columns], columns
         self._commands[:] = 0.0
@@ -116,8 +120,9 @@ class RunningEpisode:
         self._arrived = np.zeros(n, dtype=bool)
         self._moving_since = np.zeros(n)
         self._action = np.full(n, -1)
-        self._squared_at_decision = nearest_squared(self._cells())
-        self.measures = Measures(self._bodies[:, :2], config.timing.control_period_s)
+        positions_m = self._positions_m()
+        self._squared_at_decision = nearest_squared(cells_of(positions_m, self._board.cell_m))
+        self.measures = Measures(positions_m, config.timing.control_period_s)
         self.outcome = Outcome.RUNNING
         self.observation = self._observe()
 
@@ -157,11 +162,10 @@ class RunningEpisode:
         raw = RawSamples(*(signal[:ticks, self._columns] for signal in raw))
         self.measures.add(samples)
         completed = self._was_moving & (self._commands[:, MODE] == HOLD)
-        at_target = (self._cells() == np.array(self.scenario.targets)).all(axis=1)
-        self._arrived |= completed & at_target
+        self.observation = self._observe()
+        self._arrived |= completed & (self.observation.cells == self._targets).all(axis=1)
         events = self._events.copy()
         self.outcome = self._judge(int(events.max()))
-        self.observation = self._observe()
         step = Step(
             self._step,
             first_tick,
@@ -180,7 +184,7 @@ class RunningEpisode:
 
     def _adopt(self, action: np.ndarray) -> np.ndarray:
         """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
-        commands, cells = self._commands, self._cells()
+        commands, cells = self._commands, self.observation.cells
         late = self.time_s - self._moving_since >= self.config.timing.move_limit_s
         decided = ~self._arrived & ((commands[:, MODE] == HOLD) | late)
         squared = nearest_squared(cells)
@@ -191,8 +195,8 @@ class RunningEpisode:
                 commands[robot, MODE] = HOLD
                 decided[robot] = False
                 continue
-            cell = cells[robot] + DIRECTIONS[direction]
-            commands[robot, [GOAL_X, GOAL_Y]] = self.scenario.centre_m((cell[0], cell[1]))
+            column, row = (cells[robot] + DIRECTIONS[direction]).tolist()
+            commands[robot, GOAL_X : GOAL_Y + 1] = self.scenario.centre_m((column, row))
             commands[robot, DIRECTION] = direction * 2.0 * math.pi / DIRECTION_COUNT
             commands[robot, MODE] = START
             self._moving_since[robot] = self.time_s
@@ -203,11 +207,12 @@ class RunningEpisode:
     def _permitted(self, robot: int, direction: int) -> int:
         """What the safety layer makes of a direction; without the layer it is only counted."""
         commands, margin_m = self._commands, self.config.safety_margin_m
-        goals = np.where(commands[:, [MODE]] == HOLD, np.nan, commands[:, [GOAL_X, GOAL_Y]])
+        goals = commands[:, GOAL_X : GOAL_Y + 1].copy()
+        goals[commands[:, MODE] == HOLD] = np.nan
         goals[robot] = np.nan
         allowed = permitted(
-            self.scenario,
-            self._bodies,
+            self._board,
+            self._positions_m(),
             goals,
             robot,
             direction,
@@ -216,11 +221,17 @@ class RunningEpisode:
         self.conflicts += allowed != direction
         return allowed if margin_m else direction
 
-    def _cells(self) -> np.ndarray:
-        return cells_of(self._bodies, self.scenario)
+    def _positions_m(self) -> np.ndarray:
+        return self._bodies[:, POSITION][:, :2].copy()
 
     def _observe(self) -> Observation:
-        return observe(self._bodies, self.scenario, self._squared_at_decision)
+        return observe(
+            self._positions_m(),
+            self._bodies[:, QUATERNION].copy(),
+            self._board.cell_m,
+            self._thresholds,
+            self._squared_at_decision,
+        )
 
     def _judge(self, event: int) -> Outcome:
         if event == RUNNING and self._arrived.all():

@@ -4,9 +4,13 @@ Accumulated RL step by RL step, so that an episode need not be kept. Outcomes ar
 (`cosim.navigation.episode`), statistics over episodes those of `cosim.evaluate`.
 """
 
+import math
+from itertools import combinations, starmap
+
 import numpy as np
 
-from cosim.coupling.signals import Samples
+from cosim.base.jit import kernel
+from cosim.coupling.signals import MOTORS, Samples
 
 # Positions this far apart in time make the path length: shorter ones would add up the vibration.
 PATH_SAMPLING_S = 0.1
@@ -41,29 +45,83 @@ class Measures:
         self.energy_j = np.zeros(n)
         self.regenerated_j = np.zeros(n)
         self.contact_time_s = 0.0
-        self._pairs = np.triu_indices(n, 1)
+        self.min_distance_m = min(
+            starmap(math.dist, combinations(positions_m, 2)), default=math.inf
+        )
         self._period_s = control_period_s
+        self._path_periods = max(1, round(PATH_SAMPLING_S / control_period_s))
         self._last_m = positions_m.copy()
-        self.min_distance_m = float("inf")
-        self._measure_distance(positions_m[None])
 
     def add(self, samples: Samples) -> None:
-        """Take the samples of one RL step."""
-        positions = samples.position[:, :, :2]
-        every = max(1, round(PATH_SAMPLING_S / self._period_s))
-        path = np.concatenate([self._last_m[None], positions[every - 1 :: every]])
-        self.path_length_m += np.linalg.norm(np.diff(path, axis=0), axis=2).sum(axis=0)
-        self._last_m = path[-1].copy()
-        self._measure_distance(positions)
-        power = samples.voltage * samples.current
-        drawn = np.maximum(power, 0.0)
-        self.energy_j += drawn.sum(axis=(0, 2)) * self._period_s
-        self.regenerated_j += (drawn - power).sum(axis=(0, 2)) * self._period_s
-        touched = samples.touching_share.max(axis=1, initial=0.0).sum()
-        self.contact_time_s += float(touched) * self._period_s
+        """Take the samples of one RL step: views of any layout, which decides no bit."""
+        # Backwards in time no array is contiguous: all share one compiled version.
+        least_m, touched_s = _add(
+            samples.position[::-1],
+            samples.voltage[::-1],
+            samples.current[::-1],
+            samples.touching_share[::-1],
+            self._period_s,
+            self._path_periods,
+            self._last_m,
+            self.path_length_m,
+            self.energy_j,
+            self.regenerated_j,
+        )
+        self.min_distance_m = min(self.min_distance_m, least_m)
+        self.contact_time_s += touched_s
 
-    def _measure_distance(self, positions: np.ndarray) -> None:
-        first, second = self._pairs
-        apart = positions[:, first] - positions[:, second]
-        squared = (apart**2).sum(axis=2).min(initial=np.inf)
-        self.min_distance_m = min(self.min_distance_m, float(np.sqrt(squared)))
+
+@kernel
+def _add(
+    position: np.ndarray,
+    voltage: np.ndarray,
+    current: np.ndarray,
+    touching: np.ndarray,
+    period_s: float,
+    path_periods: int,
+    last_m: np.ndarray,
+    path_length_m: np.ndarray,
+    energy_j: np.ndarray,
+    regenerated_j: np.ndarray,
+) -> tuple[float, float]:
+    """Add one RL step to what `Measures` has of each robot.
+
+    Sums run forwards in time, robot by robot, so that nothing else decides their bits.
+
+    Args:
+        position, voltage, current, touching: of `Samples`, the last period first.
+        period_s: time between samples.
+        path_periods: periods between two points of the path.
+        last_m: (N, 2) last point of each robot's path, updated.
+        path_length_m, energy_j, regenerated_j: (N,), added to.
+
+    Returns:
+        Smallest distance of two robots in m, and time in s in which any two touched.
+    """
+    periods, robots = touching.shape
+    least = np.inf
+    for i in range(robots):
+        for k in range(periods - path_periods, -1, -path_periods):
+            x, y = position[k, i, 0], position[k, i, 1]
+            path_length_m[i] += math.sqrt((x - last_m[i, 0]) ** 2 + (y - last_m[i, 1]) ** 2)
+            last_m[i, 0], last_m[i, 1] = x, y
+        drawn = returned = 0.0
+        for k in range(periods - 1, -1, -1):
+            for motor in range(MOTORS):
+                power = voltage[k, i, motor] * current[k, i, motor]
+                drawn += max(power, 0.0)
+                returned += max(-power, 0.0)
+        energy_j[i] += drawn * period_s
+        regenerated_j[i] += returned * period_s
+        for j in range(i):
+            for k in range(periods):
+                dx = position[k, i, 0] - position[k, j, 0]
+                dy = position[k, i, 1] - position[k, j, 1]
+                least = min(least, dx * dx + dy * dy)
+    touched = 0.0
+    for k in range(periods - 1, -1, -1):
+        share = 0.0
+        for i in range(robots):
+            share = max(share, touching[k, i])
+        touched += share
+    return math.sqrt(least), touched * period_s

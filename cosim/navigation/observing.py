@@ -1,7 +1,8 @@
 """From poses to what a policy sees, and where episodes start: the grid laid over the dynamics.
 
 A cell belongs to the robot whose centre is in it; distance class (Eq. 9) and gradient sign
-(Eq. 10) are those of the cells, the sign since the robot's own last decision.
+(Eq. 10) are those of the cells, the sign since the robot's own last decision. Kernels here and in
+`cosim.navigation.safety` take C-contiguous arrays; another layout costs another compilation.
 """
 
 import math
@@ -9,10 +10,11 @@ from itertools import combinations
 
 import numpy as np
 
+from cosim.base.jit import inlined, kernel
 from cosim.base.scenario import Cell, Scenario
 from cosim.navigation.features import (
     DIRECTION_COUNT,
-    LARGE,
+    DistanceThresholds,
     Observation,
     distance_class,
     distance_thresholds,
@@ -20,40 +22,65 @@ from cosim.navigation.features import (
 )
 from cosim.physics.rotation import heading
 
-
-def cells_of(bodies: np.ndarray, scenario: Scenario) -> np.ndarray:
-    """Cell of each robot, (N, 2) int64, from body states (N, STATE_SIZE)."""
-    return np.floor(bodies[:, :2] / scenario.cell_m).astype(np.int64)
+_SECTOR_RAD = 2.0 * math.pi / DIRECTION_COUNT
+_NOBODY = np.iinfo(np.int64).max  # squared distance to the nearest other of a robot alone
 
 
+@inlined
+def cell_of(coordinate_m: float, cell_m: float) -> int:
+    """Column or row of a coordinate, on a board of cells with an edge of `cell_m`."""
+    return math.floor(coordinate_m / cell_m)
+
+
+@kernel
+def cells_of(positions_m: np.ndarray, cell_m: float) -> np.ndarray:
+    """Cell of each robot, (N, 2) int64, from the robots' centres (N, 2)."""
+    cells = np.empty((len(positions_m), 2), dtype=np.int64)
+    for i in range(len(positions_m)):
+        cells[i, 0] = cell_of(positions_m[i, 0], cell_m)
+        cells[i, 1] = cell_of(positions_m[i, 1], cell_m)
+    return cells
+
+
+@kernel
 def nearest_squared(cells: np.ndarray) -> np.ndarray:
     """Squared distance in cells² of each robot to the nearest other, (N,) int64."""
-    squared = ((cells[:, None] - cells[None]) ** 2).sum(axis=2)
-    np.fill_diagonal(squared, np.iinfo(np.int64).max)
-    return squared.min(axis=1)
+    squared = np.full(len(cells), _NOBODY)
+    for i in range(len(cells)):
+        for j in range(len(cells)):
+            if j != i:
+                dx, dy = cells[j, 0] - cells[i, 0], cells[j, 1] - cells[i, 1]
+                squared[i] = min(squared[i], dx * dx + dy * dy)
+    return squared
 
 
-def observe(bodies: np.ndarray, scenario: Scenario, squared_before: np.ndarray) -> Observation:
+@kernel
+def observe(
+    positions_m: np.ndarray,
+    quaternions: np.ndarray,
+    cell_m: float,
+    thresholds: DistanceThresholds,
+    squared_before: np.ndarray,
+) -> Observation:
     """What a policy sees.
 
     Args:
-        bodies: (N, STATE_SIZE) states, layout in cosim.physics.body.
-        scenario: the board.
-        squared_before: (N,) `nearest_squared` at each robot's previous decision.
+        positions_m: (N, 2) centres of the robots.
+        quaternions: (N, 4) world from body, (w, x, y, z).
+        cell_m: edge of a cell.
+        thresholds: of the distance classes.
+        squared_before: (N,) int64, `nearest_squared` at each robot's previous decision.
     """
-    cells = cells_of(bodies, scenario)
+    cells = cells_of(positions_m, cell_m)
     squared = nearest_squared(cells)
-    thresholds = distance_thresholds(scenario)
-    alone = scenario.robots == 1
-    sector = 2.0 * math.pi / DIRECTION_COUNT
-    angles = np.array([heading((body[3], body[4], body[5], body[6])) for body in bodies])
-    pairs = zip(squared, squared_before, strict=True)
-    return Observation(
-        cells,
-        np.array([LARGE if alone else distance_class(value, thresholds) for value in squared]),
-        np.array([gradient_sign(now, before) for now, before in pairs]),
-        np.round(angles / sector).astype(np.int64) % DIRECTION_COUNT,
-    )
+    classes, signs, directions = squared.copy(), squared.copy(), squared.copy()
+    for i in range(len(cells)):
+        q = quaternions[i]
+        classes[i] = distance_class(squared[i], thresholds)
+        signs[i] = gradient_sign(squared[i], squared_before[i])
+        sector = np.rint(heading((q[0], q[1], q[2], q[3])) / _SECTOR_RAD)
+        directions[i] = int(sector) % DIRECTION_COUNT
+    return Observation(cells, classes, signs, directions)
 
 
 def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:

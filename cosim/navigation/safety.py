@@ -7,43 +7,92 @@ layer, and it knows nothing of policies.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from cosim.base.jit import inlined, kernel
 from cosim.base.scenario import Scenario
 from cosim.navigation.features import DIRECTION_COUNT, DIRECTIONS
-from cosim.navigation.observing import cells_of
+from cosim.navigation.observing import cell_of
 
 WAIT = -1
 # nearest direction first, and of two equally near the one to the left
 _TURNS = (0, 1, -1, 2, -2, 3, -3, 4)
 _ROUNDING_M = 1e-9
 
-
-def point_to_line(point: np.ndarray, line: np.ndarray) -> float:
-    """Distance of a point (2,) from a line (2, 2) of two ends, in their unit."""
-    along = line[1] - line[0]
-    length = float(along @ along)
-    share = 0.0 if length == 0.0 else float(np.clip((point - line[0]) @ along / length, 0.0, 1.0))
-    return math.dist(point, line[0] + share * along)
+Point = tuple[float, float]
+Line = tuple[Point, Point]  # both ends
 
 
-def line_to_line(a: np.ndarray, b: np.ndarray) -> float:
-    """Distance of two lines, each (2, 2): two ends. Zero if they cross."""
+class Board(NamedTuple):
+    """What the layer knows of a scenario; lengths in m.
+
+    Attributes:
+        columns, rows: number of cells.
+        cell_m: edge of a cell.
+        diameter_m: of every robot.
+        obstacles: (M, 4) float64, rectangles left, bottom, right, top.
+    """
+
+    columns: int
+    rows: int
+    cell_m: float
+    diameter_m: float
+    obstacles: np.ndarray
+
+
+def board_of(scenario: Scenario) -> Board:
+    """The board of a scenario."""
+    return Board(
+        scenario.columns,
+        scenario.rows,
+        scenario.cell_m,
+        scenario.robot_diameter_m,
+        scenario.walls * scenario.cell_m,
+    )
+
+
+@inlined
+def point_to_line(point: Point, line: Line) -> float:
+    """Distance of a point from a line, in their unit."""
+    (x, y), (end_x, end_y) = line
+    along_x, along_y = end_x - x, end_y - y
+    length = along_x * along_x + along_y * along_y
+    if length > 0.0:
+        share = ((point[0] - x) * along_x + (point[1] - y) * along_y) / length
+        share = min(max(share, 0.0), 1.0)
+        x += share * along_x
+        y += share * along_y
+    return math.sqrt((point[0] - x) ** 2 + (point[1] - y) ** 2)
+
+
+@kernel
+def line_to_line(a: Line, b: Line) -> float:
+    """Distance of two lines in their unit. Zero if they cross."""
     if _cross(a, b) and _cross(b, a):
         return 0.0
-    return min(*(point_to_line(end, b) for end in a), *(point_to_line(end, a) for end in b))
+    return min(
+        point_to_line(a[0], b),
+        point_to_line(a[1], b),
+        point_to_line(b[0], a),
+        point_to_line(b[1], a),
+    )
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> bool:
+@inlined
+def _cross(a: Line, b: Line) -> bool:
     """Whether the ends of b lie on both sides of the line through a."""
-    u, v, w = a[1] - a[0], b[0] - a[0], b[1] - a[0]
-    return (u[0] * v[1] - u[1] * v[0]) * (u[0] * w[1] - u[1] * w[0]) < 0.0
+    (x, y), (end_x, end_y) = a
+    first = (end_x - x) * (b[0][1] - y) - (end_y - y) * (b[0][0] - x)
+    second = (end_x - x) * (b[1][1] - y) - (end_y - y) * (b[1][0] - x)
+    return first * second < 0.0
 
 
+@kernel
 def permitted(
-    scenario: Scenario,
-    bodies: np.ndarray,
+    board: Board,
+    positions: np.ndarray,
     goals: np.ndarray,
     robot: int,
     direction: int,
@@ -52,8 +101,8 @@ def permitted(
     """The direction that a robot may take when it wants another.
 
     Args:
-        scenario: board, obstacles and diameter of the robots.
-        bodies: (N, STATE_SIZE) states, layout in `cosim.physics.body`.
+        board: cells, obstacles and diameter of the robots.
+        positions: (N, 2) centres of the robots in m.
         goals: (N, 2) end of each robot's move in m, NaN for a robot that stands.
         robot: that decides; it stands.
         direction: index of the direction that it wants.
@@ -63,44 +112,47 @@ def permitted(
         The direction itself if it is free, WAIT if a moving robot blocks it or nothing is free,
         else the nearest free direction.
     """
-    positions = bodies[:, :2]
-    moving = np.isfinite(goals[:, 0])
-    ends = np.where(moving[:, None], goals, positions)
-    cell = cells_of(bodies, scenario)[robot]
-    radius_m = scenario.robot_diameter_m / 2.0
-    sides = _sides(scenario.walls * scenario.cell_m)
-    others = [k for k in range(len(bodies)) if k != robot]
+    here = (positions[robot, 0], positions[robot, 1])
     for turn in _TURNS:
         candidate = (direction + turn) % DIRECTION_COUNT
-        column, row = cell + DIRECTIONS[candidate]
-        on_board = 0 <= column < scenario.columns and 0 <= row < scenario.rows
+        column = cell_of(here[0], board.cell_m) + DIRECTIONS[candidate, 0]
+        row = cell_of(here[1], board.cell_m) + DIRECTIONS[candidate, 1]
+        on_board = 0 <= column < board.columns and 0 <= row < board.rows
         if turn != 0 and not on_board:
             continue
-        plan = np.array([positions[robot], scenario.centre_m((column, row))])
-        if any(_too_close(plan, side, radius_m + margin_m) for side in sides):
+        plan = (here, ((column + 0.5) * board.cell_m, (row + 0.5) * board.cell_m))
+        if _meets_obstacle(board, plan, margin_m):
             continue
-        blocking = [
-            k
-            for k in others
-            if _too_close(plan, np.array([positions[k], ends[k]]), 2.0 * radius_m + margin_m)
-        ]
-        if not blocking:
+        free, by_moving = True, False
+        for other in range(len(positions)):
+            stands = np.isnan(goals[other, 0])
+            end = positions[other] if stands else goals[other]
+            others = ((positions[other, 0], positions[other, 1]), (end[0], end[1]))
+            if other != robot and _too_close(plan, others, board.diameter_m + margin_m):
+                free = False
+                by_moving |= not stands
+        if free:
             return candidate
-        if turn == 0 and np.any(moving[blocking]):
+        if turn == 0 and by_moving:
             return WAIT
     return WAIT
 
 
-def _sides(rectangles: np.ndarray) -> np.ndarray:
-    """(4 M, 2, 2) both ends of every side of rectangles (M, 4) left, bottom, right, top.
+@inlined
+def _meets_obstacle(board: Board, plan: Line, margin_m: float) -> bool:
+    """Whether a plan that begins outside of the obstacles comes too close to one of their sides."""
+    for k in range(len(board.obstacles)):
+        left, bottom, right, top = board.obstacles[k]
+        corners = ((left, bottom), (right, bottom), (right, top), (left, top))
+        for side in range(4):
+            ends = (corners[side], corners[(side + 1) % 4])
+            if _too_close(plan, ends, 0.5 * board.diameter_m + margin_m):
+                return True
+    return False
 
-    A plan that begins outside of a rectangle comes as close to it as to the nearest of its sides.
-    """
-    corners = rectangles[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]
-    return np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 2)
 
-
-def _too_close(plan: np.ndarray, other: np.ndarray, least_m: float) -> bool:
+@kernel
+def _too_close(plan: Line, other: Line, least_m: float) -> bool:
     # a robot that is too close already may move away
     allowed = min(least_m, point_to_line(plan[0], other))
     return line_to_line(plan, other) < allowed - _ROUNDING_M

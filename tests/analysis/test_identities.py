@@ -70,7 +70,8 @@ MATTER = {
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "evaluation": """
-        agent.evaluation.cases agent.process.config agent.process.exact agent.process.grid
+        agent.evaluation.cases agent.process.acting agent.process.config agent.process.exact
+        agent.process.grid
         agent.process.readings agent.process.rng agent.training.policy cosim.base.config
         cosim.base.params cosim.base.scenario cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
@@ -80,12 +81,12 @@ MATTER = {
         cosim.physics.rotation
     """,
     "kernels": """
-        agent.envs.vector agent.moves.kernels agent.process.config agent.process.exact
-        agent.process.grid agent.process.optimum agent.process.readings agent.process.rng
-        agent.training.moves_qlearning agent.training.qlearning cosim.base.params
-        cosim.coupling.plant cosim.coupling.steering cosim.navigation.features
-        cosim.physics.body cosim.physics.contact cosim.physics.forces
-        cosim.physics.rotation
+        agent.envs.vector agent.moves.kernels agent.process.acting agent.process.config
+        agent.process.exact agent.process.grid agent.process.optimum agent.process.readings
+        agent.process.rng agent.training.moves_qlearning agent.training.qlearning
+        cosim.base.params cosim.coupling.plant cosim.coupling.steering cosim.navigation.features
+        cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
+        cosim.physics.body cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "moves": """
         agent.moves.model agent.moves.observe cosim.base.config cosim.base.params

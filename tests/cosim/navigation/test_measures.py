@@ -6,7 +6,7 @@ import pytest
 from cosim.base.params import SPEED_NOISE, STEERING, TIMING
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.signals import Samples, new_samples
-from cosim.navigation.measures import PATH_SAMPLING_S, Measures
+from cosim.navigation.measures import PATH_SAMPLING_S, Measures, _add
 
 PERIOD_S = 1e-3
 
@@ -78,6 +78,22 @@ def test_contact_time_counts_shares_of_periods():
     measures = Measures(np.zeros((2, 2)), PERIOD_S)
     measures.add(samples)
     assert measures.contact_time_s == pytest.approx(2.25e-3)
+
+
+def test_neither_layout_nor_neighbours_decide_a_bit():
+    """Slices of a batch give what arrays of their own give, in the kernel compiled for those."""
+    rng = np.random.default_rng(0)
+    shapes = [signal.shape for signal in new_samples(300, 2)]
+    batch = Samples(*(rng.standard_normal((*shape, 5)) for shape in shapes))
+    for lane in range(5):
+        sliced = Samples(*(signal[..., lane] for signal in batch))
+        found = []
+        for samples in (Samples(*(signal.copy() for signal in sliced)), sliced):
+            measures = Measures(samples.position[0, :, :2], PERIOD_S)
+            measures.add(samples)
+            versions = len(_add.signatures)  # pyright: ignore[reportFunctionMemberAccess]
+            found.append([versions, *(np.asarray(v).tobytes() for v in vars(measures).values())])
+        assert found[0] == found[1]
 
 
 def test_energy_at_the_control_period_is_nearly_that_of_every_tick(motor_fmu):

@@ -12,41 +12,36 @@ from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.scenario import Scenario
 from cosim.navigation.batch import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
-from cosim.navigation.safety import WAIT, line_to_line, permitted
-from cosim.physics.body import STATE_SIZE
+from cosim.navigation.safety import WAIT, board_of, line_to_line, permitted
 
 E, N, W, S = 0, 2, 4, 6
 FACING = Scenario(
     "facing", "swap places", ((12, 5), (3, 12)), (((3, 5),), ((12, 5),)), 16, 16, zone=(7, 7, 8, 8)
 )
+BOARD = board_of(FACING)
 
 coordinate = st.floats(-1.0, 1.0)
-lines = st.tuples(coordinate, coordinate, coordinate, coordinate).map(
-    lambda v: np.array(v).reshape(2, 2)
-)
+points = st.tuples(coordinate, coordinate)
+lines = st.tuples(points, points)
 
 
 @given(lines, lines)
 def test_distance_of_plans_is_that_of_their_closest_points(a, b):
-    shares = np.linspace(0.0, 1.0, 101)[:, None]
-    on_a, on_b = a[0] + shares * (a[1] - a[0]), b[0] + shares * (b[1] - b[0])
+    on_a, on_b = np.linspace(a[0], a[1], 101), np.linspace(b[0], b[1], 101)
     sampled = np.linalg.norm(on_a[:, None] - on_b[None], axis=2).min()
-    spacing = (np.linalg.norm(a[1] - a[0]) + np.linalg.norm(b[1] - b[0])) / 100
+    spacing = (math.dist(*a) + math.dist(*b)) / 100
     assert sampled - spacing <= line_to_line(a, b) <= sampled + 1e-12
 
 
-def bodies_at(*cells):
-    bodies = np.zeros((len(cells), STATE_SIZE))
-    for body, cell in zip(bodies, cells, strict=True):
-        body[:2] = FACING.centre_m(cell)
-    return bodies
+def positions_at(*cells):
+    return np.array([FACING.centre_m(cell) for cell in cells])
 
 
-def goals_of(bodies, *directions):
-    goals = np.full((len(bodies), 2), np.nan)
+def goals_of(positions, *directions):
+    goals = np.full((len(positions), 2), np.nan)
     for robot, direction in enumerate(directions):
         if direction is not None:
-            goals[robot] = bodies[robot, :2] + DIRECTIONS[direction] * FACING.cell_m
+            goals[robot] = positions[robot] + DIRECTIONS[direction] * FACING.cell_m
     return goals
 
 
@@ -60,15 +55,15 @@ def goals_of(bodies, *directions):
     ],
 )
 def test_who_waits_and_who_yields(other, moving, wanted, expected):
-    bodies = bodies_at((4, 5), other)
-    goals = goals_of(bodies, None, moving)
-    assert permitted(FACING, bodies, goals, 0, wanted, SAFETY_MARGIN_M) == expected
+    positions = positions_at((4, 5), other)
+    goals = goals_of(positions, None, moving)
+    assert permitted(BOARD, positions, goals, 0, wanted, SAFETY_MARGIN_M) == expected
 
 
 def test_yielding_never_leads_off_the_board():
-    bodies = bodies_at((0, 5), (5, 5))
+    positions = positions_at((0, 5), (5, 5))
     for wanted in range(8):
-        allowed = permitted(FACING, bodies, goals_of(bodies), 0, wanted, SAFETY_MARGIN_M)
+        allowed = permitted(BOARD, positions, goals_of(positions), 0, wanted, SAFETY_MARGIN_M)
         if allowed not in (wanted, WAIT):
             assert DIRECTIONS[allowed, 0] >= 0
 

@@ -15,9 +15,8 @@ from cosim.base.params import SAFETY_MARGIN_M, TABLE_I, TIMING
 from cosim.base.scenario import Scenario, ScenarioError, find_scenario, touches_obstacle
 from cosim.navigation.batch import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
-from cosim.navigation.safety import WAIT, permitted
+from cosim.navigation.safety import WAIT, board_of, permitted
 from cosim.physics import obstacle as solid
-from cosim.physics.body import STATE_SIZE
 from cosim.recording.episode_log import EpisodeLog
 
 E, NE, N, W, S = 0, 1, 2, 4, 6
@@ -142,9 +141,8 @@ def test_the_safety_layer_never_lets_a_robot_touch_a_wall(wall, motor_fmu, strai
 def allowed(obstacles, wanted):
     """What the layer makes of a direction of a robot in cell (8, 5)."""
     scenario = Scenario("o", "", ((25, 25),), (((29, 29),),), obstacles=obstacles)
-    bodies = np.zeros((1, STATE_SIZE))
-    bodies[0, :2] = scenario.centre_m((8, 5))
-    return permitted(scenario, bodies, np.full((1, 2), np.nan), 0, wanted, SAFETY_MARGIN_M)
+    here, stands = np.array([scenario.centre_m((8, 5))]), np.full((1, 2), np.nan)
+    return permitted(board_of(scenario), here, stands, 0, wanted, SAFETY_MARGIN_M)
 
 
 ABOVE, BELOW = (tuple((x, y) for x in range(17)) for y in (9, 1))
