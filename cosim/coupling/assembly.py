@@ -79,23 +79,13 @@ class Motors:
             for name, value in config.motor._asdict().items()
             if value != getattr(TABLE_II, name)
         }
-        self._columns = columns
-        self._instances: dict[int, Motor] = {}  # by the place of their first motor
-        self._runs = np.zeros(len(MOTOR_NAMES) * columns, dtype=np.int64)  # of each motor
-        self._prepare({})
-
-    def _prepare(self, ticks: dict[int, int]) -> None:
-        """Say how compiled code reaches the instances; `ticks` that each has done, if not none."""
-        fmu, places = self._fmu, list(self._instances)
-        # the addresses of functions are those of the binary, the same for every instance
-        some = next(iter(self._instances.values()), None)
+        self._instances: list[Motor | None] = [None] * (1 if fmu.arrays else 2 * columns)
+        self._runs = np.zeros(2 * columns, dtype=np.int64)  # of every motor, D before E
         self.calls = Calls(
-            np.array([motor.instance for motor in self._instances.values()], dtype=np.int64),
-            np.array([ticks.get(place, 0) for place in places], dtype=np.int64),
-            np.array(places, dtype=np.int64),
-            len(self._runs) if fmu.arrays else 1,
+            np.zeros(len(self._instances), dtype=np.int64),
+            np.zeros(len(self._instances), dtype=np.int64),
             np.zeros(len(INPUTS)),
-            *(some.addresses if some else (0, 0, 0)),
+            *(0, 0, 0),
             fmu.inputs,
             fmu.outputs,
             fmu.electrical,
@@ -107,26 +97,23 @@ class Motors:
         Raises:
             FmuError: the FMU refuses to load, a parameter, or initialisation.
         """
-        places = {
-            motor * self._columns + column: f"r{robot + 1}.{name}"
-            for robot, column in enumerate(columns)
-            for motor, name in enumerate(MOTOR_NAMES)
-        }
         if self._fmu.arrays:
-            if not self._instances:
-                motors = len(self._runs)
-                self._instances[0] = self._fmu.instantiate("motors", self._parameters, motors)
-                self._prepare({})
-            self._runs[list(places)] += 1
-            self._instances[0].restart(self._runs)
+            motors = self._instances[0] or self._put(0, "motors", len(self._runs))
+            self._runs.reshape(len(MOTOR_NAMES), -1)[:, columns] += 1
+            motors.restart(self._runs)
             return
-        ticks = dict(zip(self._instances, self.calls.ticks.tolist(), strict=True))
-        for place, name in places.items():
-            if place in self._instances:
-                self._instances.pop(place).close()
-            ticks[place] = 0
-            self._instances[place] = self._fmu.instantiate(name, self._parameters)
-        self._prepare(ticks)
+        for robot, column in enumerate(columns):
+            for motor, name in enumerate(MOTOR_NAMES):
+                self._put(2 * column + motor, f"r{robot + 1}.{name}")
+
+    def _put(self, place: int, name: str, motors: int = 1) -> Motor:
+        if (present := self._instances[place]) is not None:
+            present.close()
+        motor = self._fmu.instantiate(name, self._parameters, motors)
+        self._instances[place] = motor
+        self.calls.instances[place], self.calls.ticks[place] = motor.instance, 0
+        self.calls = self.calls._replace(**motor.addresses._asdict())
+        return motor
 
     def set_inputs(self, signals: np.ndarray, dt_s: float) -> None:
         """Set INPUTS from (6, B) values; raises FmuError naming instance and time."""
@@ -145,39 +132,41 @@ class Motors:
 
     def step(self, count: int, dt_s: float) -> None:
         """Step over `count` ticks; raises FmuError naming instance and time."""
-        for k, motor in enumerate(self._instances.values()):
-            motor.step(int(self.calls.ticks[k]), count, dt_s)
-            self.calls.ticks[k] += count
+        for place, motor in self._running():
+            motor.step(int(self.calls.ticks[place]), count, dt_s)
+            self.calls.ticks[place] += count
+
+    def _running(self) -> Iterator[tuple[int, Motor]]:
+        return ((k, motor) for k, motor in enumerate(self._instances) if motor is not None)
 
     def _each(self, signals: np.ndarray, count: int) -> Iterator[tuple[Motor, np.ndarray, int]]:
         """Every instance with its part (count, motors of it) of the signals, and its ticks."""
-        rows = signals.reshape(count, -1)
-        for motor, place, tick in zip(
-            self._instances.values(), self.calls.motors, self.calls.ticks, strict=True
-        ):
-            yield motor, rows[:, place : place + self.calls.each], int(tick)
+        by_motor = signals.reshape(count, len(MOTOR_NAMES), -1)
+        for place, motor in self._running():
+            mine = by_motor if self._fmu.arrays else by_motor[:, place % 2, place // 2, None]
+            yield motor, mine, int(self.calls.ticks[place])
 
     @contextlib.contextmanager
     def rolled_back(self) -> Iterator[None]:
         """On leaving, every instance is where it was on entering; steps in between say so."""
         ticks = self.calls.ticks.copy()
         with contextlib.ExitStack() as stack:
-            for motor in self._instances.values():
+            for _, motor in self._running():
                 stack.enter_context(motor.rolled_back())
             yield
         self.calls.ticks[:] = ticks
 
-    def error(self, instance: int, what: str, dt_s: float) -> FmuError:
+    def error(self, place: int, what: str, dt_s: float) -> FmuError:
         """The error that tells which instance failed, when, and what the FMU said last."""
-        motor = list(self._instances.values())[instance]
-        return motor.error(self.calls.ticks[instance] * dt_s, what)
+        motor = self._instances[place]
+        assert motor is not None
+        return motor.error(self.calls.ticks[place] * dt_s, what)
 
     def close(self) -> None:
         """Free the instances."""
-        for motor in self._instances.values():
+        for place, motor in self._running():
             motor.close()
-        self._instances.clear()
-        self._prepare({})
+            self._instances[place], self.calls.instances[place] = None, 0
 
 
 def noise_generators(seed: np.random.SeedSequence, robots: int) -> list[np.random.Generator]:

@@ -4,7 +4,7 @@ The address is a run-time integer: the code is compiled once for all FMUs and ca
 which numba refuses for a global ctypes function pointer.
 
 An instance is one motor, or all motors as arrays. Signals stand in arrays (6, B), see
-`cosim.coupling.signals.State`: motors D of all robots, then motors E, one signal after the other.
+`cosim.coupling.signals.State`: motors D of all columns, then motors E, one signal after the other.
 That is the order in which FMI has the values of arrays, so an instance of all motors takes and
 fills them where they are.
 """
@@ -93,10 +93,9 @@ class Calls(NamedTuple):
     """What compiled code needs to reach the FMUs of all motors; integers are addresses.
 
     Attributes:
-        instances: (I,) int64.
+        instances: (I,) int64: one of all motors; or those of motors D and E of every column, 0
+            where there is none.
         ticks: (I,) int64, ticks of dt that each has done.
-        motors: (I,) int64, motor·B + column of the first motor of each instance.
-        each: motors of an instance: 1, or 2 B.
         values: (3,) float64, room for the signals of an instance of one motor.
         set_float64, do_step, get_float64: functions of the binary.
         inputs, outputs, electrical: arrays of value references (uint32).
@@ -104,8 +103,6 @@ class Calls(NamedTuple):
 
     instances: np.ndarray
     ticks: np.ndarray
-    motors: np.ndarray
-    each: int
     values: np.ndarray
     set_float64: int
     do_step: int
@@ -118,21 +115,21 @@ class Calls(NamedTuple):
 @inlined
 def set_inputs(calls: Calls, signals: np.ndarray) -> tuple[int, int]:
     """Set the inputs of all motors; returns the fmi3Status and the instance that failed, if any."""
-    count, all_motors = calls.inputs.shape[0], 2 * signals.shape[1]
-    flat = signals.reshape(-1)
+    count, columns = calls.inputs.shape[0], signals.shape[1]
+    arrays = calls.instances.shape[0] == 1
     for k in range(calls.instances.shape[0]):
-        values = signals.ctypes.data
-        if calls.each == 1:
+        if calls.instances[k] == 0:
+            continue
+        if not arrays:
             for signal in range(count):
-                calls.values[signal] = flat[signal * all_motors + calls.motors[k]]
-            values = calls.values.ctypes.data
+                calls.values[signal] = signals[2 * signal + k % 2, k // 2]
         status = exchange_float64(
             calls.set_float64,
             calls.instances[k],
             calls.inputs.ctypes.data,
             count,
-            values,
-            count * calls.each,
+            signals.ctypes.data if arrays else calls.values.ctypes.data,
+            2 * count * columns if arrays else count,
         )
         if status > FMI_WARNING:
             return status, k
@@ -140,34 +137,40 @@ def set_inputs(calls: Calls, signals: np.ndarray) -> tuple[int, int]:
 
 
 @inlined
-def get_signals(calls: Calls, references: np.ndarray, signals: np.ndarray) -> tuple[int, int]:
-    """Get outputs of all motors; returns as `set_inputs`."""
-    count, all_motors = references.shape[0], 2 * signals.shape[1]
-    flat = signals.reshape(-1)
-    for k in range(calls.instances.shape[0]):
-        alone = calls.each == 1
+def get_signals(
+    calls: Calls, references: np.ndarray, signals: np.ndarray, first: int, end: int
+) -> tuple[int, int]:
+    """Get outputs of the motors of instances `first` to `end` − 1; returns as `set_inputs`."""
+    count, columns = references.shape[0], signals.shape[1]
+    arrays = calls.instances.shape[0] == 1
+    for k in range(first, end):
+        if calls.instances[k] == 0:
+            continue
         status = exchange_float64(
             calls.get_float64,
             calls.instances[k],
             references.ctypes.data,
             count,
-            calls.values.ctypes.data if alone else signals.ctypes.data,
-            count * calls.each,
+            signals.ctypes.data if arrays else calls.values.ctypes.data,
+            2 * count * columns if arrays else count,
         )
         if status > FMI_WARNING:
             return status, k
-        if alone:
+        if not arrays:
             for signal in range(count):
-                flat[signal * all_motors + calls.motors[k]] = calls.values[signal]
+                signals[2 * signal + k % 2, k // 2] = calls.values[signal]
     return FMI_OK, 0
 
 
 @inlined
-def step_motors(calls: Calls, count: int, dt: float) -> tuple[int, int]:
-    """Step all motors over `count` ticks of dt; returns as `set_inputs`."""
-    for k in range(calls.instances.shape[0]):
-        status = do_step(calls.do_step, calls.instances[k], calls.ticks[k] * dt, count * dt)
-        if status > FMI_WARNING:
-            return status, k
-        calls.ticks[k] += count
-    return FMI_OK, 0
+def step_motors(
+    calls: Calls, signals: np.ndarray, first: int, end: int, count: int, dt: float
+) -> tuple[int, int]:
+    """Step instances `first` to `end` − 1 over `count` ticks, and get their outputs."""
+    for k in range(first, end):
+        if calls.instances[k] != 0:
+            status = do_step(calls.do_step, calls.instances[k], calls.ticks[k] * dt, count * dt)
+            if status > FMI_WARNING:
+                return status, k
+            calls.ticks[k] += count
+    return get_signals(calls, calls.outputs, signals, first, end)

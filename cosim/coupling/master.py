@@ -134,6 +134,7 @@ def run_periods(
         The fmi3Status of a failed call and its instance's index.
     """
     dt, count = plant.body.dt, plant.ticks_per_step
+    instances, lanes = calls.instances.shape[0], len(width)
     tick = 0
     for period in range(noise.shape[0]):
         begin_period(plant, state, noise[period], width)
@@ -144,16 +145,24 @@ def run_periods(
                 status, instance = set_inputs(calls, state.inputs)
                 if status > FMI_WARNING:
                     return status, instance
-            status, instance = step_motors(calls, count, dt)
-            if status > FMI_WARNING:
-                return status, instance
-            status, instance = get_signals(calls, calls.outputs, state.outputs)
-            if status > FMI_WARNING:
-                return status, instance
+            if instances == 1:
+                status, instance = step_motors(calls, state.outputs, 0, 1, count, dt)
+                if status > FMI_WARNING:
+                    return status, instance
             for k in range(count):
-                for column in range(0, state.bodies.shape[1], len(width)):
-                    if state.busy[column]:
-                        step_robots(plant, state, column, k, width)
+                for column in range(0, state.bodies.shape[1], lanes):
+                    if not state.busy[column]:
+                        continue
+                    if instances > 1 and k == 0:
+                        # Motors just before their bodies: the processor then works on several
+                        # vectors at once. No motor sees a body before the next step, so order is
+                        # free.
+                        status, instance = step_motors(
+                            calls, state.outputs, 2 * column, 2 * (column + lanes), count, dt
+                        )
+                        if status > FMI_WARNING:
+                            return status, instance
+                    step_robots(plant, state, column, k, width)
                 push_pairs(plant, state)
                 if tick < raw.omega.shape[0]:
                     sample_tick(plant, state, raw, tick)
@@ -161,7 +170,7 @@ def run_periods(
             fresh_inputs = plant.reaction
             if plant.reaction:
                 react(plant, state)
-        status, instance = get_signals(calls, calls.electrical, state.electrical)
+        status, instance = get_signals(calls, calls.electrical, state.electrical, 0, instances)
         if status > FMI_WARNING:
             return status, instance
         if not end_period(plant, state, samples, period):

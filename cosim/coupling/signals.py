@@ -143,12 +143,12 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         return np.zeros(shape, dtype=np.int64)
 
     rows = [2 * 3, 2 * 3, 2 * 3, 6, 2 * 2, STATISTICS]
-    bodies = np.zeros((STATE_SIZE, columns))
+    bodies = _aligned(STATE_SIZE, columns)
     bodies[QUATERNION.start] = 1.0
     return State(
         bodies,
         np.zeros((columns, COMMAND_SIZE)),
-        *(np.zeros((count, columns)) for count in rows),
+        *(_aligned(count, columns) for count in rows),
         touching=np.zeros(columns),
         near=whole(episodes * robots * (robots - 1) // 2, 2),
         near_count=whole(1),
@@ -160,6 +160,14 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         boards=np.full((episodes, 2), np.inf),
         obstacles=np.empty((episodes, 0, 4)),
     )
+
+
+def _aligned(rows: int, columns: int) -> np.ndarray:
+    """Zeros in whole cache lines: a vector across two of them takes twice as long."""
+    line = 8  # float64
+    memory = np.zeros(rows * columns + line - 1)
+    first = -(memory.ctypes.data // memory.itemsize) % line
+    return memory[first : first + rows * columns].reshape(rows, columns)
 
 
 def new_samples(periods: int, robots: int) -> Samples:

@@ -146,15 +146,38 @@ def with_impulses(
     a = plus(at_a[1], at_a[0], normal)
     b = plus(at_b[1], at_b[0], normal)
     c = plus(at_c[1], at_c[0], normal)
-    total = plus(plus(a, 1.0, c), 1.0, b)
+    both = plus(a, 1.0, c)
+    total = plus(both, 1.0, b)
     contact, inverse = params.contact, params.inverse_inertia
-    twist = plus(plus(cross(contact.a, a), 1.0, cross(contact.c, c)), 1.0, cross(contact.b, b))
+    (x, y, z), x_b = contact.a, contact.b[0]
+    # Σ r × j of feet A (x, y, z), B (x_b, 0, z), C (x, −y, z)
+    twist = (
+        y * (a[2] - c[2]) - z * total[1],
+        z * total[0] - (x * both[2] + x_b * b[2]),
+        x * both[1] + x_b * b[1] - y * (a[0] - c[0]),
+    )
     omega = (
         omega[0] + inverse[0] * twist[0],
         omega[1] + inverse[1] * twist[1],
         omega[2] + inverse[2] * twist[2],
     )
     return plus(velocity, params.inverse_mass, total), omega, total
+
+
+@inlined
+def foot_velocities(
+    velocity: Vector, omega: Vector, contact: ContactParams
+) -> tuple[Vector, Vector, Vector]:
+    """Velocities v + ω × r of feet A, B, C in m/s, all in the body frame."""
+    (x, y, z), x_b = contact.a, contact.b[0]
+    along, aside = velocity[0] + omega[1] * z, velocity[1] - omega[0] * z
+    across = aside + omega[2] * x
+    up, swing, roll = velocity[2] - omega[1] * x, omega[2] * y, omega[0] * y
+    return (
+        (along - swing, across, up + roll),
+        (along, aside + omega[2] * x_b, velocity[2] - omega[1] * x_b),
+        (along + swing, across, up - roll),
+    )
 
 
 class Body(NamedTuple):
@@ -268,9 +291,10 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
     v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at_a, at_b, at_c)
     going_on = height < math.inf  # in every lane
     for _ in range(contact.max_sweeps):
-        a = gradient_step(at_a, plus(v, 1.0, cross(omega, contact.a)), normal, least_a, contact)
-        b = gradient_step(at_b, plus(v, 1.0, cross(omega, contact.b)), normal, least_b, contact)
-        c = gradient_step(at_c, plus(v, 1.0, cross(omega, contact.c)), normal, least_c, contact)
+        u_a, u_b, u_c = foot_velocities(v, omega, contact)
+        a = gradient_step(at_a, u_a, normal, least_a, contact)
+        b = gradient_step(at_b, u_b, normal, least_b, contact)
+        c = gradient_step(at_c, u_c, normal, least_c, contact)
         # A lane whose sweeps have ended keeps what it has, to the bit.
         a, b, c = _where(going_on, a, at_a), _where(going_on, b, at_b), _where(going_on, c, at_c)
         before, spin = total, omega[2]
