@@ -20,7 +20,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
     """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise, code."""
     timing = config.timing
     clock = (timing.dt_s, timing.communication_step_s, timing.control_period_s)
-    code = code_digest(with_imports([Path(__file__).with_name("calibration_trials.py")]))
+    code = code_digest(with_imports([Path(__file__).with_name("measuring.py")]))
     coupling = (config.order, config.reaction)
     return digest_of(
         config.robot,
