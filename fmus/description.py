@@ -1,11 +1,11 @@
-"""Model descriptions of the motor FMU for FMI 2.0 and 3.0, rendered from the variable table.
+"""Model descriptions of the motor FMUs for FMI 2.0 and 3.0, rendered from the variable table.
 
 Only the markup of the standards lives here; what the variables are is `fmus.variables`.
 """
 
 from xml.etree import ElementTree as ET
 
-from fmus.compiler import PLAIN_NAMES, SAME_BITS, TARGETS, Fmi, unit_file
+from fmus.compiler import PLAIN_NAMES, SAME_BITS, Fmi, unit_file
 from fmus.origin import Origin
 from fmus.variables import TIME_REFERENCE, Table, Variable
 
@@ -15,7 +15,12 @@ DEFAULT_STOP_S, DEFAULT_STEP_S = 2.0, 1e-3
 # For the solvers of Model Exchange.
 DEFAULT_TOLERANCE = 1e-6
 
-_INITIAL = {"output": "calculated", "parameter": "exact", "local": "calculated"}
+_INITIAL = {
+    "output": "calculated",
+    "parameter": "exact",
+    "structuralParameter": "exact",
+    "local": "calculated",
+}
 _ENUMERATION = "Solver"
 
 
@@ -32,22 +37,20 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
         "modelIdentifier": table.name,
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
-        "providesDirectionalDerivatives": "true",
-        "providesAdjointDerivatives": "true",
     }
-    ET.SubElement(root, "ModelExchange", capabilities)
-    ET.SubElement(
-        root,
-        "CoSimulation",
-        capabilities,
-        canHandleVariableCommunicationStepSize="true",
-        maxOutputDerivativeOrder="1",
-    )
+    steps = {"canHandleVariableCommunicationStepSize": "true"}
+    if table.derivatives:
+        derivatives = ("providesDirectionalDerivatives", "providesAdjointDerivatives")
+        capabilities |= dict.fromkeys(derivatives, "true")
+        steps["maxOutputDerivativeOrder"] = "1"
+        ET.SubElement(root, "ModelExchange", capabilities)
+    ET.SubElement(root, "CoSimulation", capabilities | steps)
     _add_units(root, table)
-    definitions = ET.SubElement(root, "TypeDefinitions")
-    for variable in table.group("parameter", "Enumeration"):
-        element = ET.SubElement(definitions, "EnumerationType", name=_ENUMERATION)
-        _add_items(element, variable)
+    if enumerations := table.group("parameter", "Enumeration"):
+        definitions = ET.SubElement(root, "TypeDefinitions")
+        for variable in enumerations:
+            element = ET.SubElement(definitions, "EnumerationType", name=_ENUMERATION)
+            _add_items(element, variable)
     _add_frame(root)
     variables = ET.SubElement(root, "ModelVariables")
     ET.SubElement(variables, "Float64", _time() | {"unit": "s"})
@@ -55,7 +58,13 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
         attributes = _identity(variable) | _values(variable)
         if variable.derivative:
             attributes["derivative"] = str(table[variable.derivative].reference)
-        ET.SubElement(variables, variable.type, attributes)
+        element = ET.SubElement(variables, variable.type, attributes)
+        if variable.dimension:
+            reference = str(table[variable.dimension].reference)
+            ET.SubElement(element, "Dimension", valueReference=reference)
+            if variable.start is not None:
+                count = int(table[variable.dimension].start or 0)
+                element.set("start", " ".join([attributes["start"]] * count))
     structure = ET.SubElement(root, "ModelStructure")
     for name, unknowns in (
         ("Output", table.group("output")),
@@ -95,7 +104,7 @@ def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
         ),
     ):
         listing = ET.SubElement(ET.SubElement(root, interface, capabilities | extra), "SourceFiles")
-        ET.SubElement(listing, "File", name=unit_file("2"))
+        ET.SubElement(listing, "File", name=unit_file(table.name, "2"))
     _add_units(root, table)
     definitions = ET.SubElement(root, "TypeDefinitions")
     for variable in table.group("parameter", "Enumeration"):
@@ -167,16 +176,10 @@ def render_build_description(table: Table, fmi: Fmi) -> bytes:
         "optional": "true",
         "description": f"for a shared library; without it {table.name}_ precedes every function",
     }
-    # Windows has the mathematics in its C library; the first one is for all other platforms.
-    for platform in ("", *(target for target in TARGETS if target.endswith("windows"))):
-        build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
-        files = ET.SubElement(build, "SourceFileSet", language="C11", compilerOptions=SAME_BITS)
-        ET.SubElement(files, "SourceFile", name=unit_file(fmi))
-        ET.SubElement(files, "PreprocessorDefinition", definition)
-        if platform:
-            build.set("platform", platform)
-        else:
-            ET.SubElement(build, "Library", name="m", external="true", description="mathematics")
+    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
+    files = ET.SubElement(build, "SourceFileSet", language="C11", compilerOptions=SAME_BITS)
+    ET.SubElement(files, "SourceFile", name=unit_file(table.name, fmi))
+    ET.SubElement(files, "PreprocessorDefinition", definition)
     return _to_bytes(root)
 
 
@@ -236,11 +239,17 @@ def _identity(variable: Variable) -> dict[str, str]:
         "valueReference": str(variable.reference),
         "description": variable.description,
         "causality": variable.causality,
-        "variability": "fixed" if variable.causality == "parameter" else "continuous",
+        "variability": _variability(variable),
     }
     if initial := _INITIAL.get(variable.causality):
         attributes["initial"] = initial
     return attributes
+
+
+def _variability(variable: Variable) -> str:
+    if variable.causality in {"parameter", "structuralParameter"}:
+        return "fixed"
+    return "continuous" if variable.type == "Float64" else "discrete"
 
 
 def _values(variable: Variable) -> dict[str, str]:
@@ -266,7 +275,7 @@ def _initial_unknowns(table: Table) -> list[Variable]:
 
 
 def _dependencies(table: Table, variable: Variable, initial: bool) -> dict[str, str]:
-    names = table.initial_dependencies(variable) if initial else variable.depends
+    names = table.initial_dependencies(variable) if initial else table.dependencies(variable)
     references = sorted(table[name].reference for name in names)
     return {
         "dependencies": " ".join(str(reference) for reference in references),

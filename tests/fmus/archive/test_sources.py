@@ -167,7 +167,7 @@ def test_sources_do_without_the_attributes_of_gcc_for_others(archive, fmi):
             source = marker[1]
         elif source.startswith(str(folder / "sources")):
             own += line + "\n"
-    assert "instance_do_step" in own
+    assert "model_do_step" in own
     assert "__attribute__" not in own
     # There the mathematics is part of the C library.
     assert not list(configuration(folder, "x86_64-windows").iter("Library"))
