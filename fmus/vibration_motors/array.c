@@ -47,7 +47,7 @@ void motors_initialise(Motors *motors) {
 }
 
 void motors_refresh(Motors *motors) {
-    const Work work = {block_count(motors->n), motors->closed_loop, .steps = 0};
+    const Work work = {.block_count = block_count(motors->n), .closed_loop = motors->closed_loop};
     motors->level.refresh(motors->blocks, &work);
 }
 
@@ -103,8 +103,13 @@ Status model_do_step(Instance *instance, const char *function, double time, doub
     if (plan_step(instance, function, time, step_size, motors->step_size, &plan) != STATUS_OK)
         return STATUS_ERROR;
     const size_t count = block_count(motors->n);
-    const Work work = {count,      motors->closed_loop, motors->restarting,
-                       plan.steps, motors->step_size,   plan.rest};
+    const Work work = {.block_count = count,
+                       .few = motors->n <= LANES / 2,
+                       .closed_loop = motors->closed_loop,
+                       .restarting = motors->restarting,
+                       .steps = plan.steps,
+                       .step_size = motors->step_size,
+                       .rest = plan.rest};
     if (!motors->level.step(motors->blocks, &work))
         return undo_step(motors, function, time);
     if (motors->restarting)

@@ -46,6 +46,7 @@ _Static_assert(sizeof(Block) % BLOCK_ALIGNMENT == 0, "every row of an array of b
 /* What all motors of an instance share, and what a step is made of. */
 typedef struct {
     size_t block_count;
+    bool few; /* whether all motors are in the first half of one block */
     bool closed_loop;
     bool restarting; /* whether motors may have to return to their start before the first step */
     int64_t steps;
@@ -96,9 +97,9 @@ INLINE void lane_set_state(Block *b, size_t k, const MotorConstants *p, MotorSta
 }
 
 /* Motors whose restart is not the one of the last step return to their start. */
-INLINE void block_restart(Block *b, bool closed_loop) {
+INLINE void block_restart(Block *b, size_t lanes, bool closed_loop) {
     EACH_LANE
-    for (size_t k = 0; k < LANES; k++) {
+    for (size_t k = 0; k < lanes; k++) {
         const MotorConstants p = lane_constants(b, k, closed_loop);
         const MotorState start = motor_start(&p), present = lane_state(b, k);
         const bool anew = b->restart[k] != b->restarted[k];
@@ -109,9 +110,9 @@ INLINE void block_restart(Block *b, bool closed_loop) {
     }
 }
 
-INLINE void block_step(Block *b, bool closed_loop, double h) {
+INLINE void block_step(Block *b, size_t lanes, bool closed_loop, double h) {
     EACH_LANE
-    for (size_t k = 0; k < LANES; k++) {
+    for (size_t k = 0; k < lanes; k++) {
         const MotorConstants p = lane_constants(b, k, closed_loop);
         const MotorDrive drive = {b->row[ROW_TORQUE][k], b->row[ROW_INTEGRAL_RATE][k]};
         lane_set_state(b, k, &p, motor_euler(&p, lane_state(b, k), drive, h));
@@ -119,10 +120,10 @@ INLINE void block_step(Block *b, bool closed_loop, double h) {
 }
 
 /* What a step leaves to be asked for; whether every motor is still bounded. */
-INLINE bool block_finish(Block *b, bool closed_loop) {
+INLINE bool block_finish(Block *b, size_t lanes, bool closed_loop) {
     int64_t unbounded = 0;
     EACH_LANE
-    for (size_t k = 0; k < LANES; k++) {
+    for (size_t k = 0; k < lanes; k++) {
         const MotorConstants p = lane_constants(b, k, closed_loop);
         const double torque = b->row[ROW_TORQUE][k];
         const double direction = motor_direction(&p, b->row[ROW_OMEGA][k], torque);
@@ -132,20 +133,24 @@ INLINE bool block_finish(Block *b, bool closed_loop) {
     return !unbounded;
 }
 
-/* The work of a communication step on all blocks. */
-INLINE bool lanes_step(Block *blocks, const Work *work) {
+INLINE bool blocks_step(Block *blocks, size_t lanes, const Work *work) {
     bool bounded = true;
     for (Block *b = blocks; b < blocks + work->block_count; b++) {
         memcpy(b->row[ROW_BEFORE], b->row[ROW_INTEGRAL], 3 * sizeof *b->row);
         if (work->restarting)
-            block_restart(b, work->closed_loop);
+            block_restart(b, lanes, work->closed_loop);
         for (int64_t step = 0; step < work->steps; step++)
-            block_step(b, work->closed_loop, work->step_size);
+            block_step(b, lanes, work->closed_loop, work->step_size);
         if (work->rest > 0.0)
-            block_step(b, work->closed_loop, work->rest);
-        bounded &= block_finish(b, work->closed_loop);
+            block_step(b, lanes, work->closed_loop, work->rest);
+        bounded &= block_finish(b, lanes, work->closed_loop);
     }
     return bounded;
+}
+
+/* The work of a communication step on all blocks. */
+INLINE bool lanes_step(Block *blocks, const Work *work) {
+    return work->few ? blocks_step(blocks, LANES / 2, work) : blocks_step(blocks, LANES, work);
 }
 
 /* What follows from states and inputs, once they were set. */
@@ -156,7 +161,7 @@ INLINE bool lanes_refresh(Block *blocks, const Work *work) {
             const MotorConstants p = lane_constants(b, k, work->closed_loop);
             lane_set_state(b, k, &p, lane_state(b, k));
         }
-        block_finish(b, work->closed_loop);
+        block_finish(b, LANES, work->closed_loop);
     }
     return true;
 }

@@ -244,6 +244,19 @@ def test_every_platform_is_built_here_reproducibly(tmp_path):
     assert [p.read_bytes() for p in paths] == [p.read_bytes() for p in again]
 
 
+@pytest.mark.slow
+def test_the_array_is_built_for_every_platform_reproducibly(tmp_path):
+    paths = [
+        build.build_fmus({"3": tmp_path / name}, list(compiler.TARGETS), model="VibrationMotors")[0]
+        for name in ("a.fmu", "b.fmu")
+    ]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    with zipfile.ZipFile(paths[0]) as archive:
+        for target, (_, suffix) in compiler.TARGETS.items():
+            content = archive.read(f"binaries/{target}/VibrationMotors{suffix}")
+            assert content.startswith(SHARED_LIBRARY[suffix])
+
+
 def check_libraries(paths: list[Path], targets: list[str]) -> None:
     with zipfile.ZipFile(paths[1]) as archive:
         for target in targets:

@@ -39,13 +39,14 @@ def trajectory(motors) -> bytes:
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])
-def test_every_instruction_set_gives_the_same_bits(array, monkeypatch, tmp_path, level):
+@pytest.mark.parametrize("n", [3, 13])
+def test_every_instruction_set_gives_the_same_bits(array, monkeypatch, tmp_path, n, level):
     """A level that this processor lacks is the best one that it has."""
     monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, f"-DMOST_LEVEL={level}"))
     header = render_header(TABLE, instantiation_token(TABLE))
     library = tmp_path / "levels.so"
     library.write_bytes(compiler.compile_library("VibrationMotors", header, compiler.host_target()))
-    assert trajectory(array(13, library)) == trajectory(array(13))
+    assert trajectory(array(n, library)) == trajectory(array(n))
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +89,9 @@ def test_vectors_are_as_wide_as_the_instruction_set_has_them(sources, tmp_path):
     register = {"baseline": "xmm", "avx2": "ymm", "avx512": "zmm"}
     for level, body in re.findall(bodies, assembly.read_text(), re.MULTILINE | re.DOTALL):
         multiplications = re.findall(r"^\tv?mulpd\s.*%(.mm)", body, re.MULTILINE)
-        assert len(multiplications) > 15
-        assert set(multiplications) == {register.pop(level)}
+        # Few motors need but half the widest vector.
+        assert len(multiplications) > 30
+        assert max(multiplications) == register.pop(level)
+        assert level == "baseline" or min(multiplications) == "ymm"
         assert not re.search(r"^\tvfn?m(add|sub)", body, re.MULTILINE)
     assert not register
