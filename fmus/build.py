@@ -19,6 +19,7 @@ from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, replacing
+from fmus.companions import render_build_description, render_terminals
 from fmus.compiler import (
     FLAGS,
     STANDARDS,
@@ -31,12 +32,7 @@ from fmus.compiler import (
     source_files,
     universal_binary,
 )
-from fmus.description import (
-    render_build_description,
-    render_fmi2,
-    render_fmi3,
-    render_terminals,
-)
+from fmus.description import render_fmi2, render_fmi3
 from fmus.documentation import render_html
 from fmus.origin import license_text, read_origin
 from fmus.variables import ARRAY_SOURCES, SOURCES, Model, Table, load_table, render_header

@@ -5,7 +5,7 @@ Only the markup of the standards lives here; what the variables are is `fmus.var
 
 from xml.etree import ElementTree as ET
 
-from fmus.compiler import PLAIN_NAMES, SAME_BITS, Fmi, unit_file
+from fmus.compiler import unit_file
 from fmus.origin import Origin
 from fmus.variables import TIME_REFERENCE, Table, Variable
 
@@ -76,7 +76,7 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
             initial = name == "InitialUnknown"
             attributes = {"valueReference": str(variable.reference)}
             ET.SubElement(structure, name, attributes | _dependencies(table, variable, initial))
-    return _to_bytes(root)
+    return to_bytes(root)
 
 
 def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
@@ -130,57 +130,7 @@ def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
             initial = name == "InitialUnknowns"
             attributes = {"index": str(variable.reference)}
             ET.SubElement(listing, "Unknown", attributes | _dependencies(table, variable, initial))
-    return _to_bytes(root)
-
-
-def render_terminals(table: Table) -> bytes:
-    """`terminalsAndIcons.xml` of FMI 3.0.
-
-    Args:
-        table: the variables.
-
-    Raises:
-        KeyError: a terminal names an unknown variable.
-    """
-    root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
-    picture = ET.SubElement(root, "GraphicalRepresentation")
-    box = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
-    ET.SubElement(picture, "CoordinateSystem", box, suggestedScalingFactorTo_mm="0.1")
-    ET.SubElement(picture, "Icon", box)
-    listing = ET.SubElement(root, "Terminals")
-    for name, members in table.terminals.items():
-        terminal = ET.SubElement(listing, "Terminal", name=name, matchingRule="plug")
-        for member in members:
-            kind = table[member].causality
-            ET.SubElement(
-                terminal,
-                "TerminalMemberVariable",
-                variableName=member,
-                memberName=member,
-                variableKind="signal" if kind in {"input", "output"} else kind,
-            )
-    return _to_bytes(root)
-
-
-def render_build_description(table: Table, fmi: Fmi) -> bytes:
-    """`buildDescription.xml`, by which importers compile the sources; FMI 2.0 takes FMI 3.0's.
-
-    Args:
-        table: the variables.
-        fmi: standard of the FMU.
-    """
-    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    definition = {
-        "name": PLAIN_NAMES[fmi],
-        "value": "1",
-        "optional": "true",
-        "description": f"for a shared library; without it {table.name}_ precedes every function",
-    }
-    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
-    files = ET.SubElement(build, "SourceFileSet", language="C11", compilerOptions=SAME_BITS)
-    ET.SubElement(files, "SourceFile", name=unit_file(table.name, fmi))
-    ET.SubElement(files, "PreprocessorDefinition", definition)
-    return _to_bytes(root)
+    return to_bytes(root)
 
 
 def _root(table: Table, origin: Origin, **attributes: str) -> ET.Element:
@@ -283,6 +233,7 @@ def _dependencies(table: Table, variable: Variable, initial: bool) -> dict[str, 
     }
 
 
-def _to_bytes(root: ET.Element) -> bytes:
+def to_bytes(root: ET.Element) -> bytes:
+    """A document as a file's content, the same for equal documents."""
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"

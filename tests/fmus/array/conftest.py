@@ -79,9 +79,16 @@ def array_library(array_fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> 
         return Path(archive.extract(name, tmp_path_factory.mktemp("array")))
 
 
+@pytest.fixture(scope="session")
+def array_token() -> str:
+    return instantiation_token(TABLE)
+
+
 @pytest.fixture
-def array(instance: Callable[..., Any], array_library: Path) -> Callable[..., Array]:
+def array(
+    instance: Callable[..., Any], array_library: Path, array_token: str
+) -> Callable[..., Array]:
     def make(n: int = 4, library: Path = array_library) -> Array:
-        return Array(instance(library=library, token=instantiation_token(TABLE)), n)
+        return Array(instance(library=library, token=array_token), n)
 
     return make

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from fmus import compiler
-from fmus.build import instantiation_token
 from fmus.variables import load_table, render_header
 
 OK = 0
@@ -40,10 +39,12 @@ def trajectory(motors) -> bytes:
 
 @pytest.mark.parametrize("level", [0, 1, 2])
 @pytest.mark.parametrize("n", [3, 13])
-def test_every_instruction_set_gives_the_same_bits(array, monkeypatch, tmp_path, n, level):
+def test_every_instruction_set_gives_the_same_bits(
+    array, array_token, monkeypatch, tmp_path, n, level
+):
     """A level that this processor lacks is the best one that it has."""
     monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, f"-DMOST_LEVEL={level}"))
-    header = render_header(TABLE, instantiation_token(TABLE))
+    header = render_header(TABLE, array_token)
     library = tmp_path / "levels.so"
     library.write_bytes(compiler.compile_library("VibrationMotors", header, compiler.host_target()))
     assert trajectory(array(n, library)) == trajectory(array(n))
