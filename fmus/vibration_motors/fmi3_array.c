@@ -26,10 +26,7 @@ fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
 /* The number of motors is the only UInt64. */
 static fmi3Status check_n(const Instance *self, const char *function,
                           const fmi3ValueReference references[], size_t count,
-                          const fmi3UInt64 values[], size_t nValues) {
-    if (count != nValues)
-        return (fmi3Status)fail(self, function, "%lu value references but %lu values",
-                                (unsigned long)count, (unsigned long)nValues);
+                          const fmi3UInt64 values[]) {
     if (count && (!references || !values))
         return (fmi3Status)fail_arrays(self, function);
     for (size_t k = 0; k < count; k++)
@@ -42,7 +39,8 @@ fmi3Status fmi3GetUInt64(fmi3Instance instance, const fmi3ValueReference valueRe
                          size_t nValueReferences, fmi3UInt64 values[], size_t nValues) {
     Instance *self = instance;
     REQUIRE(self, READABLE | CONFIGURATION);
-    if (check_n(self, __func__, valueReferences, nValueReferences, values, nValues) != fmi3OK)
+    REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
+    if (check_n(self, __func__, valueReferences, nValues, values) != fmi3OK)
         return fmi3Error;
     for (size_t k = 0; k < nValues; k++)
         values[k] = motors_of(self)->n;
@@ -53,7 +51,8 @@ fmi3Status fmi3SetUInt64(fmi3Instance instance, const fmi3ValueReference valueRe
                          size_t nValueReferences, const fmi3UInt64 values[], size_t nValues) {
     Instance *self = instance;
     REQUIRE(self, CONFIGURATION);
-    if (check_n(self, __func__, valueReferences, nValueReferences, values, nValues) != fmi3OK)
+    REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
+    if (check_n(self, __func__, valueReferences, nValues, values) != fmi3OK)
         return fmi3Error;
     for (size_t k = 0; k < nValues; k++)
         if (values[k] < LEAST_n || values[k] > MOST_n)
