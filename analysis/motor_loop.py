@@ -40,7 +40,9 @@ def main() -> None:
     merit = figures_of_merit(loop)
     frequencies = np.logspace(0.5, 3.5, 10)
     with progress_bars() as progress:
-        measured = measured_response(options.motor_fmu or cached_fmu(), frequencies, progress)
+        measured = measured_response(
+            options.motor_fmu or cached_fmu("VibrationMotor"), frequencies, progress
+        )
     poles = ", ".join(f"{pole:.4g}" for pole in merit.poles_rad_s)
     print(f"motor alone: pole {-1.0 / motor_time_constant(TABLE_II):.4g} rad/s")
     print(f"closed loop: poles {poles} rad/s, bandwidth {merit.bandwidth_rad_s:.4g} rad/s")

@@ -32,7 +32,7 @@ def main() -> None:
     from analysis.motor.step_test import record
     from fmus.build import cached_fmu
 
-    record(options.out, options.motor_fmu or cached_fmu(), options.test)
+    record(options.out, options.motor_fmu or cached_fmu("VibrationMotor"), options.test)
     print(f"recording: {options.out}")
     if options.json:
         print_json({"out": str(options.out)})

@@ -104,7 +104,7 @@ def _make(
             platform = MovePlatform()
             move_platforms(platform.cycles, platform.omega, platform.mu).save(out)
         case "analysis.motor_test":
-            record(out, cached_fmu(), StepTest())
+            record(out, cached_fmu("VibrationMotor"), StepTest())
         case "cosim.calibrate":
             calibrate(Calibrate(out=out, jobs=jobs), progress)
         case "cosim.run":

@@ -148,7 +148,7 @@ def fmu_only(
 
 def fmu_step_s(rounds: int, ticks: int = 50_000) -> float:
     """One FMU at drive speed, one tick, in s."""
-    fmu = MotorFmu(cached_fmu())
+    fmu = MotorFmu(cached_fmu("VibrationMotor"))
     motor, values = fmu.instantiate("benchmark"), np.zeros(len(fmu.outputs))
     motor.set_inputs(np.array([SPEED, 0.0, 0.0]), 0, TIMING.dt_s)
     done = 0

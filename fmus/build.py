@@ -1,6 +1,6 @@
-"""Builds the motor FMU: renders its tables, has its C code compiled and packs the archive.
+"""Builds the motor FMUs: renders their tables, has their C code compiled and packs the archives.
 
-`python -m fmus.build --out DIR` writes the FMU; `cached_fmu` gives the co-simulation one that is
+`python -m fmus.build --out DIR` writes the FMUs; `cached_fmu` gives the co-simulation one that is
 built on first use. Numerical work is in `vibration_motor/motor.h`, not here.
 """
 
@@ -19,6 +19,7 @@ from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, replacing
+from fmus.companions import render_build_description, render_terminals
 from fmus.compiler import (
     FLAGS,
     STANDARDS,
@@ -31,28 +32,24 @@ from fmus.compiler import (
     source_files,
     universal_binary,
 )
-from fmus.description import (
-    render_build_description,
-    render_fmi2,
-    render_fmi3,
-    render_terminals,
-)
+from fmus.description import render_fmi2, render_fmi3
 from fmus.documentation import render_html
 from fmus.origin import license_text, read_origin
-from fmus.variables import SOURCES, Table, load_table, render_header
+from fmus.variables import ARRAY_SOURCES, SOURCES, Model, Table, load_table, render_header
 
 __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
 
-FMU_NAME = "VibrationMotor.fmu"
+MODELS: tuple[Model, ...] = ("VibrationMotor", "VibrationMotors")
 # The first time a zip archive can tell: an archive says nothing of when it was made.
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
-def build_fmu(out_dir: Path) -> Path:
-    """Build the FMI 3.0 FMU for this machine.
+def build_fmu(out_dir: Path, model: Model = "VibrationMotor") -> Path:
+    """Build a model's FMI 3.0 FMU for this machine.
 
     Args:
-        out_dir: folder that receives `VibrationMotor.fmu`; made if missing.
+        out_dir: folder that receives the FMU, which has the model's name; made if missing.
+        model: one motor, or an array of them.
 
     Returns:
         Path of the FMU; the file appears whole or not at all.
@@ -61,18 +58,22 @@ def build_fmu(out_dir: Path) -> Path:
         BuildError: no compiler was found, or it failed.
         OSError: the folder cannot be written.
     """
-    return build_fmus({"3": out_dir / FMU_NAME}, [host_target()])[0]
+    return build_fmus({"3": out_dir / f"{model}.fmu"}, [host_target()], model=model)[0]
 
 
 def build_fmus(
-    paths: Mapping[Fmi, Path], targets: Sequence[str], progress: Progress = silent
+    paths: Mapping[Fmi, Path],
+    targets: Sequence[str],
+    progress: Progress = silent,
+    model: Model = "VibrationMotor",
 ) -> list[Path]:
-    """Build FMUs from one set of binaries.
+    """Build a model's FMUs from one set of binaries.
 
     Args:
         paths: file to write for each FMI standard; folders are made if missing.
         targets: platforms, keys of `fmus.compiler.TARGETS`.
         progress: is told of every platform.
+        model: one motor, or an array of them.
 
     Returns:
         The paths, in the same order; each file appears whole or not at all.
@@ -81,13 +82,13 @@ def build_fmus(
         BuildError: no compiler was found, it failed, or it cannot build for a target.
         OSError: a folder cannot be written.
     """
-    table = load_table()
+    table = load_table(model)
     token = instantiation_token(table)
     header = render_header(table, token)
     libraries = {}
     for target in targets:
         progress("compiling", len(libraries), len(targets), target)
-        libraries[target] = compile_library(header, target)
+        libraries[target] = compile_library(model, header, target)
     progress("compiling", len(libraries), len(targets))
     origin = read_origin()
     documentation = {
@@ -104,33 +105,38 @@ def build_fmus(
                 "terminalsAndIcons/terminalsAndIcons.xml": render_terminals(table),
                 "terminalsAndIcons/icon.png": icon,
             }
-        sources = source_files(header, fmi)
+        sources = source_files(model, fmi, header)
         sources["buildDescription.xml"] = render_build_description(table, fmi)
         files |= _binaries(fmi, table.name, libraries) | documentation
         _write_archive(path, files | {f"sources/{name}": sources[name] for name in sources})
     return list(paths.values())
 
 
-def cached_fmu() -> Path:
-    """FMI 3.0 FMU for this machine from the cache, built there on first use.
+def cached_fmu(model: Model = "VibrationMotors") -> Path:
+    """A model's FMI 3.0 FMU for this machine from the cache, built there on first use.
 
     The cache's key is a hash of sources, rendered defaults, flags and compiler version. The file's
     own hash stands beside it: a file that was damaged is built again.
+
+    Args:
+        model: one motor, or an array of them, which the co-simulation uses.
 
     Raises:
         BuildError: no compiler was found, or it failed.
         OSError: the cache cannot be written.
     """
-    key = digest_of(instantiation_token(load_table()), host_target(), FLAGS, compiler_version())
-    path = cache_dir("fmus") / key / FMU_NAME
-    return cached(path, lambda path: path, lambda: path, lambda _, path: build_fmu(path.parent))
+    token = instantiation_token(load_table(model))
+    key = digest_of(token, host_target(), FLAGS, compiler_version())
+    path = cache_dir("fmus") / key / f"{model}.fmu"
+    return cached(path, lambda path: path, lambda: path, lambda _, at: build_fmu(at.parent, model))
 
 
 def instantiation_token(table: Table) -> str:
     """Token that ties model description and binary: a hash of everything they are made from."""
     digest = hashlib.sha256(f"{table!r}{read_origin()}{license_text()}".encode())
     suffixes = {".c", ".h", ".html", ".png"}
-    inputs = [path for path in SOURCES.iterdir() if path.suffix in suffixes]
+    folders = (SOURCES, ARRAY_SOURCES)
+    inputs = [path for folder in folders for path in folder.iterdir() if path.suffix in suffixes]
     for path in sorted([*inputs, *Path(__file__).parent.glob("*.py")]):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"
@@ -184,21 +190,35 @@ TargetChoice = Literal[
 
 @dataclass(frozen=True)
 class Build:
-    """Build the vibration motor FMU.
+    """Build the vibration motor FMUs: of one motor, and of an array of motors.
 
-    It offers co-simulation and Model Exchange. Without --fmi one FMI 3.0 FMU is written,
-    VibrationMotor.fmu, the name that the co-simulation uses; with --fmi the names tell the
-    standard: VibrationMotor_fmi2.fmu and VibrationMotor_fmi3.fmu.
+    VibrationMotor offers co-simulation and Model Exchange, VibrationMotors, which needs FMI 3.0,
+    co-simulation. Without --fmi FMI 3.0 FMUs are written under the models' names, which the
+    co-simulation uses; with --fmi the names tell the standard: VibrationMotor_fmi2.fmu,
+    VibrationMotor_fmi3.fmu and VibrationMotors_fmi3.fmu.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder that receives the FMUs; made if missing."""
+    model: tuple[Model, ...] = MODELS
+    """Models to build."""
     fmi: Literal["2", "3", "both"] | None = None
     """FMI standard to build for."""
     targets: tuple[TargetChoice, ...] = ("host",)
     """Platforms whose binaries go into the archive. A first build for Windows takes about a
     minute, every other build seconds."""
     json: Json = False
+
+
+def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
+    """File to write for each standard that is asked for and can be had."""
+    if options.fmi is None:
+        return {"3": options.out / f"{model}.fmu"}
+    return {
+        fmi: options.out / f"{model}_fmi{fmi}.fmu"
+        for fmi in STANDARDS[model]
+        if options.fmi in (fmi, "both")
+    }
 
 
 def main() -> None:
@@ -208,12 +228,13 @@ def main() -> None:
     for choice in options.targets:
         names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]
         targets |= dict.fromkeys(names)
-    paths: dict[Fmi, Path] = {"3": options.out / FMU_NAME}
-    if options.fmi is not None:
-        standards = STANDARDS if options.fmi == "both" else (options.fmi,)
-        paths = {fmi: options.out / f"VibrationMotor_fmi{fmi}.fmu" for fmi in standards}
+    if options.fmi == "2" and "VibrationMotor" not in options.model:
+        raise BuildError("FMI 2 has no arrays, which VibrationMotors needs; use --fmi 3")
+    files: list[Path] = []
     with progress_bars() as progress:
-        files = build_fmus(paths, list(targets), progress)
+        for model in options.model:
+            if paths := _paths(options, model):
+                files += build_fmus(paths, list(targets), progress, model)
     for file in files:
         print(f"wrote {file}")
     if options.json:

@@ -1,4 +1,4 @@
-"""Compiles the motor FMU's C code into a shared library, for this machine or another.
+"""Compiles the motor FMUs' C code into a shared library, for this machine or another.
 
 ziglang is a C compiler for every platform that installs as an ordinary Python package; the system's
 cc stands in for it, for this machine only.
@@ -9,6 +9,7 @@ import importlib.metadata
 import importlib.util
 import os
 import platform
+import re
 import shutil
 import struct
 import subprocess
@@ -18,16 +19,20 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from cosim.base.errors import UserError
-from fmus.variables import SOURCES
+from fmus.variables import ARRAY_SOURCES, SOURCES, Model
 
 Fmi = Literal["2", "3"]
-STANDARDS: tuple[Fmi, ...] = ("2", "3")
-C_FILES = ("instance.c", "access.c", "saving.c")
-H_FILES = ("motor.h", "integrate.h", "events.h", "sensitivity.h", "instance.h")
+STANDARDS: dict[Model, tuple[Fmi, ...]] = {
+    "VibrationMotor": ("2", "3"),
+    "VibrationMotors": ("3",),  # FMI 2.0 has no arrays
+}
 # Without contraction to fused multiply-adds every platform computes the same bits.
 SAME_BITS = "-ffp-contract=off"
 # Gives the standards' functions their plain names, under which shared libraries are searched.
-PLAIN_NAMES = {fmi: f"FMI{fmi}_OVERRIDE_FUNCTION_PREFIX" for fmi in STANDARDS}
+PLAIN_NAMES: dict[Fmi, str] = {
+    "2": "FMI2_OVERRIDE_FUNCTION_PREFIX",
+    "3": "FMI3_OVERRIDE_FUNCTION_PREFIX",
+}
 # Functions that the model description does not offer have parameters that they do not use.
 FLAGS = ("-std=c11", "-O3", "-g0", "-s", "-shared", "-fPIC", "-fvisibility=hidden", SAME_BITS,
          "-Wall", "-Wextra", "-Wno-unused-parameter",
@@ -111,30 +116,36 @@ def fmi_headers() -> Path:
     return Path(spec.origin).parent / "c-code"
 
 
-def unit_file(fmi: Fmi) -> str:
-    """Name of the one C file to compile for a standard; it includes all others."""
-    return f"VibrationMotor_fmi{fmi}.c"
+def unit_file(model: Model, fmi: Fmi) -> str:
+    """Name of the one C file to compile for a model and standard; it includes all others."""
+    return f"{model}_fmi{fmi}.c"
 
 
-def source_files(header: str, fmi: Fmi) -> dict[str, bytes]:
-    """All sources of one standard's FMU, but the standard's headers.
+def source_files(model: Model, fmi: Fmi, header: str) -> dict[str, bytes]:
+    """All sources of one FMU, but the standard's headers.
 
     Args:
+        model: what the FMU is of.
+        fmi: its standard.
         header: content of `variables.h`.
-        fmi: the standard.
 
     Returns:
         Content by file name.
     """
-    names = (unit_file(fmi), f"fmi{fmi}.c", *C_FILES, *H_FILES)
-    files = {name: (SOURCES / name).read_bytes() for name in names}
+    files, names = {}, [unit_file(model, fmi)]
+    for name in names:  # which grow by what the files include
+        for path in (SOURCES / name, ARRAY_SOURCES / name):
+            if path.is_file() and name not in files:
+                files[name] = path.read_bytes()
+                names += re.findall(r'^#include "(.*)"', files[name].decode(), re.MULTILINE)
     return files | {"variables.h": header.encode()}
 
 
-def compile_library(header: str, target: str) -> bytes:
-    """Compile the C code into a shared library that has the functions of every standard.
+def compile_library(model: Model, header: str, target: str) -> bytes:
+    """Compile the C code into a shared library that has the functions of all the model's standards.
 
     Args:
+        model: what the FMU is of.
         header: content of `variables.h`.
         target: platform tuple, a key of `TARGETS`.
 
@@ -151,13 +162,13 @@ def compile_library(header: str, target: str) -> bytes:
         raise BuildError(f"cc builds for this machine only; install ziglang to build for {target}")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        for fmi in STANDARDS:
-            for name, content in source_files(header, fmi).items():
+        for fmi in STANDARDS[model]:
+            for name, content in source_files(model, fmi, header).items():
                 (work / name).write_bytes(content)
-        units = [unit_file(fmi) for fmi in STANDARDS]
+        units = [unit_file(model, fmi) for fmi in STANDARDS[model]]
         output = f"motor{TARGETS[target].suffix}"
         run = subprocess.run(
-            [*command, *FLAGS, f"-I{fmi_headers()}", *units, "-lm", "-o", output],
+            [*command, *FLAGS, f"-I{fmi_headers()}", *units, "-o", output],
             cwd=work,
             env=os.environ | {"ZIG_LOCAL_CACHE_DIR": str(work / "cache")},
             capture_output=True,

@@ -1,11 +1,11 @@
-"""Model descriptions of the motor FMU for FMI 2.0 and 3.0, rendered from the variable table.
+"""Model descriptions of the motor FMUs for FMI 2.0 and 3.0, rendered from the variable table.
 
 Only the markup of the standards lives here; what the variables are is `fmus.variables`.
 """
 
 from xml.etree import ElementTree as ET
 
-from fmus.compiler import PLAIN_NAMES, SAME_BITS, TARGETS, Fmi, unit_file
+from fmus.compiler import unit_file
 from fmus.origin import Origin
 from fmus.variables import TIME_REFERENCE, Table, Variable
 
@@ -15,7 +15,12 @@ DEFAULT_STOP_S, DEFAULT_STEP_S = 2.0, 1e-3
 # For the solvers of Model Exchange.
 DEFAULT_TOLERANCE = 1e-6
 
-_INITIAL = {"output": "calculated", "parameter": "exact", "local": "calculated"}
+_INITIAL = {
+    "output": "calculated",
+    "parameter": "exact",
+    "structuralParameter": "exact",
+    "local": "calculated",
+}
 _ENUMERATION = "Solver"
 
 
@@ -32,22 +37,20 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
         "modelIdentifier": table.name,
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
-        "providesDirectionalDerivatives": "true",
-        "providesAdjointDerivatives": "true",
     }
-    ET.SubElement(root, "ModelExchange", capabilities)
-    ET.SubElement(
-        root,
-        "CoSimulation",
-        capabilities,
-        canHandleVariableCommunicationStepSize="true",
-        maxOutputDerivativeOrder="1",
-    )
+    steps = {"canHandleVariableCommunicationStepSize": "true"}
+    if table.derivatives:
+        derivatives = ("providesDirectionalDerivatives", "providesAdjointDerivatives")
+        capabilities |= dict.fromkeys(derivatives, "true")
+        steps["maxOutputDerivativeOrder"] = "1"
+        ET.SubElement(root, "ModelExchange", capabilities)
+    ET.SubElement(root, "CoSimulation", capabilities | steps)
     _add_units(root, table)
-    definitions = ET.SubElement(root, "TypeDefinitions")
-    for variable in table.group("parameter", "Enumeration"):
-        element = ET.SubElement(definitions, "EnumerationType", name=_ENUMERATION)
-        _add_items(element, variable)
+    if enumerations := table.group("parameter", "Enumeration"):
+        definitions = ET.SubElement(root, "TypeDefinitions")
+        for variable in enumerations:
+            element = ET.SubElement(definitions, "EnumerationType", name=_ENUMERATION)
+            _add_items(element, variable)
     _add_frame(root)
     variables = ET.SubElement(root, "ModelVariables")
     ET.SubElement(variables, "Float64", _time() | {"unit": "s"})
@@ -55,7 +58,13 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
         attributes = _identity(variable) | _values(variable)
         if variable.derivative:
             attributes["derivative"] = str(table[variable.derivative].reference)
-        ET.SubElement(variables, variable.type, attributes)
+        element = ET.SubElement(variables, variable.type, attributes)
+        if variable.dimension:
+            reference = str(table[variable.dimension].reference)
+            ET.SubElement(element, "Dimension", valueReference=reference)
+            if variable.start is not None:
+                count = int(table[variable.dimension].start or 0)
+                element.set("start", " ".join([attributes["start"]] * count))
     structure = ET.SubElement(root, "ModelStructure")
     for name, unknowns in (
         ("Output", table.group("output")),
@@ -67,7 +76,7 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
             initial = name == "InitialUnknown"
             attributes = {"valueReference": str(variable.reference)}
             ET.SubElement(structure, name, attributes | _dependencies(table, variable, initial))
-    return _to_bytes(root)
+    return to_bytes(root)
 
 
 def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
@@ -95,7 +104,7 @@ def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
         ),
     ):
         listing = ET.SubElement(ET.SubElement(root, interface, capabilities | extra), "SourceFiles")
-        ET.SubElement(listing, "File", name=unit_file("2"))
+        ET.SubElement(listing, "File", name=unit_file(table.name, "2"))
     _add_units(root, table)
     definitions = ET.SubElement(root, "TypeDefinitions")
     for variable in table.group("parameter", "Enumeration"):
@@ -121,63 +130,7 @@ def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
             initial = name == "InitialUnknowns"
             attributes = {"index": str(variable.reference)}
             ET.SubElement(listing, "Unknown", attributes | _dependencies(table, variable, initial))
-    return _to_bytes(root)
-
-
-def render_terminals(table: Table) -> bytes:
-    """`terminalsAndIcons.xml` of FMI 3.0.
-
-    Args:
-        table: the variables.
-
-    Raises:
-        KeyError: a terminal names an unknown variable.
-    """
-    root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
-    picture = ET.SubElement(root, "GraphicalRepresentation")
-    box = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
-    ET.SubElement(picture, "CoordinateSystem", box, suggestedScalingFactorTo_mm="0.1")
-    ET.SubElement(picture, "Icon", box)
-    listing = ET.SubElement(root, "Terminals")
-    for name, members in table.terminals.items():
-        terminal = ET.SubElement(listing, "Terminal", name=name, matchingRule="plug")
-        for member in members:
-            kind = table[member].causality
-            ET.SubElement(
-                terminal,
-                "TerminalMemberVariable",
-                variableName=member,
-                memberName=member,
-                variableKind="signal" if kind in {"input", "output"} else kind,
-            )
-    return _to_bytes(root)
-
-
-def render_build_description(table: Table, fmi: Fmi) -> bytes:
-    """`buildDescription.xml`, by which importers compile the sources; FMI 2.0 takes FMI 3.0's.
-
-    Args:
-        table: the variables.
-        fmi: standard of the FMU.
-    """
-    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    definition = {
-        "name": PLAIN_NAMES[fmi],
-        "value": "1",
-        "optional": "true",
-        "description": f"for a shared library; without it {table.name}_ precedes every function",
-    }
-    # Windows has the mathematics in its C library; the first one is for all other platforms.
-    for platform in ("", *(target for target in TARGETS if target.endswith("windows"))):
-        build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
-        files = ET.SubElement(build, "SourceFileSet", language="C11", compilerOptions=SAME_BITS)
-        ET.SubElement(files, "SourceFile", name=unit_file(fmi))
-        ET.SubElement(files, "PreprocessorDefinition", definition)
-        if platform:
-            build.set("platform", platform)
-        else:
-            ET.SubElement(build, "Library", name="m", external="true", description="mathematics")
-    return _to_bytes(root)
+    return to_bytes(root)
 
 
 def _root(table: Table, origin: Origin, **attributes: str) -> ET.Element:
@@ -236,11 +189,17 @@ def _identity(variable: Variable) -> dict[str, str]:
         "valueReference": str(variable.reference),
         "description": variable.description,
         "causality": variable.causality,
-        "variability": "fixed" if variable.causality == "parameter" else "continuous",
+        "variability": _variability(variable),
     }
     if initial := _INITIAL.get(variable.causality):
         attributes["initial"] = initial
     return attributes
+
+
+def _variability(variable: Variable) -> str:
+    if variable.causality in {"parameter", "structuralParameter"}:
+        return "fixed"
+    return "continuous" if variable.type == "Float64" else "discrete"
 
 
 def _values(variable: Variable) -> dict[str, str]:
@@ -266,7 +225,7 @@ def _initial_unknowns(table: Table) -> list[Variable]:
 
 
 def _dependencies(table: Table, variable: Variable, initial: bool) -> dict[str, str]:
-    names = table.initial_dependencies(variable) if initial else variable.depends
+    names = table.initial_dependencies(variable) if initial else table.dependencies(variable)
     references = sorted(table[name].reference for name in names)
     return {
         "dependencies": " ".join(str(reference) for reference in references),
@@ -274,6 +233,7 @@ def _dependencies(table: Table, variable: Variable, initial: bool) -> dict[str, 
     }
 
 
-def _to_bytes(root: ET.Element) -> bytes:
+def to_bytes(root: ET.Element) -> bytes:
+    """A document as a file's content, the same for equal documents."""
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"

@@ -1,9 +1,9 @@
-"""HTML documentation of the motor FMU for the archive: equations, and the variables as a table."""
+"""HTML documentation of the motor FMUs for the archives: equations, variables, how they step."""
 
 import html
 from string import Template
 
-from fmus.variables import SOURCES, Table, Variable
+from fmus.variables import ARRAY_SOURCES, SOURCES, Table, Variable
 
 
 def render_html(table: Table) -> bytes:
@@ -14,7 +14,13 @@ def render_html(table: Table) -> bytes:
     """
     template = Template((SOURCES / "documentation.html").read_text("utf-8"))
     rows = "\n".join(_row(variable) for variable in table.variables)
-    return template.substitute(name=table.name, description=table.description, rows=rows).encode()
+    (more,) = (
+        path.read_text("utf-8")
+        for folder in (SOURCES, ARRAY_SOURCES)
+        for path in folder.glob(f"{table.name}.html")
+    )
+    values = {"name": table.name, "description": table.description, "rows": rows, "more": more}
+    return template.substitute(values).encode()
 
 
 def _row(variable: Variable) -> str:

@@ -1,17 +1,19 @@
-"""The motor FMU's variable table: `variables.toml` joined with the defaults of `cosim.base.params`.
+"""The motor FMUs' variables: `variables.toml` joined with the defaults of `cosim.base.params`.
 
-Renders the table as the C header that the kernel compiles with. What the model descriptions make
+Renders a table as the C header that the kernel compiles with. What the model descriptions make
 of it is the business of `fmus.description`.
 """
 
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from cosim.base import params
 
+Model = Literal["VibrationMotor", "VibrationMotors"]
 SOURCES = Path(__file__).parent / "vibration_motor"
+ARRAY_SOURCES = Path(__file__).parent / "vibration_motors"
 TIME_REFERENCE = 0
 
 
@@ -22,12 +24,12 @@ class Variable:
     Attributes:
         name: as in the model description and, for inputs and parameters, in the C code.
         reference: value reference, the same in FMI 2 and FMI 3.
-        causality: "input", "output", "parameter" or "local".
-        type: "Float64", "Boolean" or "Enumeration".
+        causality: "input", "output", "parameter", "structuralParameter" or "local".
+        type: "Float64", "Boolean", "Enumeration", "Int64" or "UInt64".
         description: one line for people.
-        unit: unit symbol; None for Boolean and Enumeration.
+        unit: unit symbol; None where the type is not Float64.
         display_unit: unit to show values in, or None.
-        start: start value of inputs and parameters, else None.
+        start: start value of inputs and parameters, the same of all elements, else None.
         min: least value, inclusive, or None.
         max: greatest value, inclusive, or None.
         nominal: typical size, or None.
@@ -39,6 +41,7 @@ class Variable:
             each has a constant factor.
         event_indicator: whether a change of its sign is an event of Model Exchange.
         items: (name, description) of each choice of an Enumeration, counted from 1.
+        dimension: name of the structural parameter that an array has the length of, else None.
     """
 
     name: str
@@ -58,6 +61,7 @@ class Variable:
     dependence: str = "dependent"
     event_indicator: bool = False
     items: tuple[tuple[str, str], ...] = ()
+    dimension: str | None = None
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class Table:
         terminals: names of the variables that belong together, by terminal.
     """
 
-    name: str
+    name: Model
     description: str
     variables: tuple[Variable, ...]
     units: tuple[Unit, ...]
@@ -99,7 +103,10 @@ class Table:
 
     @property
     def derivatives(self) -> tuple[Variable, ...]:
-        """Derivatives of the continuous states, in the order of the states."""
+        """Derivatives of the continuous states, in the order of the states.
+
+        A model that has none is for co-simulation alone.
+        """
         derivatives = {v.derivative: v for v in self.variables if v.derivative}
         return tuple(derivatives[v.name] for v in self.variables if v.name in derivatives)
 
@@ -107,6 +114,13 @@ class Table:
     def event_indicators(self) -> tuple[Variable, ...]:
         """Event indicators of Model Exchange, in their order."""
         return tuple(v for v in self.variables if v.event_indicator)
+
+    def dependencies(self, variable: Variable) -> set[str]:
+        """Names of the inputs, and of the states if the model shows any, that determine it."""
+        states = {derivative.derivative for derivative in self.derivatives}
+        return {
+            name for name in variable.depends if self[name].causality == "input" or name in states
+        }
 
     def initial_dependencies(self, variable: Variable) -> set[str]:
         """Names of the inputs and parameters that determine a variable at the start."""
@@ -134,34 +148,50 @@ _GROUPS = {
     "parameter": "parameter",
     "option": "parameter",
     "local": "local",
+    "discrete": "input",
+    "structural": "structuralParameter",
 }
 
 
-def load_table() -> Table:
-    """Read the variable table; defaults, units and descriptions from `cosim.base.params`.
+def load_table(model: Model = "VibrationMotor") -> Table:
+    """Read a model's variables; defaults, units and descriptions from `cosim.base.params`.
+
+    Args:
+        model: one motor, or an array of them.
 
     Raises:
         KeyError: the table names a parameter that `cosim.base.params` does not have.
     """
     raw = tomllib.loads((SOURCES / "variables.toml").read_text("utf-8"))
-    rows = [(causality, row) for group, causality in _GROUPS.items() for row in raw[group]]
+    about = raw["model"][model]
+    rows = [
+        (causality, row)
+        for group, causality in _GROUPS.items()
+        for row in raw[group]
+        if row.pop("only", model) == model
+    ]
     displays = {
         name: next(iter(unit.get("display", ())), None) for name, unit in raw["unit"].items()
     }
     variables = tuple(
-        _variable(causality, reference, row, displays)
+        _variable(causality, reference, row, displays, about.get("dimension"))
         for reference, (causality, row) in enumerate(rows, start=TIME_REFERENCE + 1)
     )
     units = tuple(Unit(name, u["base"], u.get("display", {})) for name, u in raw["unit"].items())
-    model = raw["model"]
-    return Table(model["name"], model["description"], variables, units, raw["terminals"])
+    return Table(model, about["description"], variables, units, raw["terminals"])
 
 
 def _variable(
-    causality: str, reference: int, row: dict[str, Any], displays: dict[str, str | None]
+    causality: str,
+    reference: int,
+    row: dict[str, Any],
+    displays: dict[str, str | None],
+    dimension: str | None,
 ) -> Variable:
-    row = dict(row)
     row["type"] = row.get("type", "Float64")
+    row["dimension"] = None if row.pop("scalar", False) else dimension
+    if dimension is not None:
+        row.pop("derivative", None)  # arrays are for co-simulation: their states are their own
     for key in ("depends", "parameters"):
         row[key] = tuple(row.get(key, ()))
     row["items"] = tuple((item["name"], item["description"]) for item in row.get("items", ()))
@@ -186,6 +216,7 @@ def render_header(table: Table, token: str) -> str:
     states = [table[v.derivative] for v in table.derivatives if v.derivative]
     options = list(table.group("parameter", "Boolean"))
     options += table.group("parameter", "Enumeration")
+    structural = table.group("structuralParameter", "UInt64")
     references = [f"VR_time = {TIME_REFERENCE}"]
     references += [f"VR_{_identifier(v.name)} = {v.reference}" for v in table.variables]
 
@@ -206,7 +237,8 @@ def render_header(table: Table, token: str) -> str:
         f"PARAMETER_COUNT = {len(parameters)} }};",
         f"#define INPUT_FIELDS double {', '.join(v.name for v in inputs)};",
         f"#define PARAMETER_FIELDS double {', '.join(v.name for v in parameters)};",
-        f"enum {{ {', '.join(f'START_{v.name} = {int(v.start or 0)}' for v in options)} }};",
+        *(f"enum {{ START_{v.name} = {int(v.start or 0)} }};" for v in (*options, *structural)),
+        *(f"enum {{ LEAST_{v.name} = {v.min}, MOST_{v.name} = {v.max} }};" for v in structural),
         *(f"#define NOMINAL_{v.name} {v.nominal!r}" for v in states),
         array("input_start", [repr(float(v.start or 0)) for v in inputs]),
         array("parameter_start", [repr(float(v.start or 0)) for v in parameters]),

@@ -96,7 +96,12 @@ def command():
 
 @pytest.fixture(scope="session")
 def motor_fmu() -> Path:
-    return cached_fmu()
+    return cached_fmu("VibrationMotor")
+
+
+@pytest.fixture(scope="session")
+def array_fmu() -> Path:
+    return cached_fmu("VibrationMotors")
 
 
 def _shown(part: Any, found: set[str]) -> None:

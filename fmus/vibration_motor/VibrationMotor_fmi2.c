@@ -7,6 +7,7 @@
 #include "fmi2Functions.h"
 
 #include "instance.c"
+#include "motor_instance.c"
 
 #include "access.c"
 #include "saving.c"

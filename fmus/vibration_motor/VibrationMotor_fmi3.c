@@ -7,8 +7,10 @@
 #include "fmi3Functions.h"
 
 #include "instance.c"
+#include "motor_instance.c"
 
 #include "access.c"
 #include "saving.c"
 
 #include "fmi3.c"
+#include "fmi3_motor.c"

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "events.h"
-#include "instance.h"
+#include "motor_instance.h"
 
 static void log_fmi2(const Instance *self, Status status, const char *category,
                      const char *message) {
@@ -65,7 +65,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     Instance *self = c;
     REQUIRE(self, INITIALIZATION);
-    instance_exit_initialization(self);
+    model_exit_initialization(self);
     return fmi2OK;
 }
 
@@ -79,22 +79,21 @@ fmi2Status fmi2Terminate(fmi2Component c) {
 fmi2Status fmi2Reset(fmi2Component c) {
     Instance *self = c;
     REQUIRE(self, ANY_STATE);
-    instance_reset(self);
-    return fmi2OK;
+    return (fmi2Status)instance_reset(self, __func__);
 }
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
                        fmi2Real value[]) {
     Instance *self = c;
     REQUIRE(self, READABLE);
-    return (fmi2Status)instance_get_double(self, __func__, vr, nvr, value);
+    return (fmi2Status)model_get_double(self, __func__, vr, nvr, value, nvr);
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
                        const fmi2Real value[]) {
     Instance *self = c;
     REQUIRE(self, WRITABLE);
-    return (fmi2Status)instance_set_double(self, __func__, vr, nvr, value);
+    return (fmi2Status)model_set_double(self, __func__, vr, nvr, value, nvr);
 }
 
 /* Boolean and, as Integer, enumeration variables: fmi2Boolean and fmi2Integer are both int. */
@@ -104,7 +103,7 @@ static fmi2Status get_options(const Instance *self, const char *function, const 
         return (fmi2Status)fail(self, function, "an array of value references or values is null");
     for (size_t k = 0; k < nvr; k++) {
         int64_t option;
-        if (instance_get_option(self, function, vr[k], type, &option) != STATUS_OK)
+        if (model_get_option(self, function, vr[k], type, &option) != STATUS_OK)
             return fmi2Error;
         value[k] = (int)option;
     }
@@ -116,7 +115,7 @@ static fmi2Status set_options(Instance *self, const char *function, const char *
     if (nvr && (!vr || !value))
         return (fmi2Status)fail(self, function, "an array of value references or values is null");
     for (size_t k = 0; k < nvr; k++)
-        if (instance_set_option(self, function, vr[k], type, value[k]) != STATUS_OK)
+        if (model_set_option(self, function, vr[k], type, value[k]) != STATUS_OK)
             return fmi2Error;
     return fmi2OK;
 }
@@ -167,14 +166,14 @@ fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
     Instance *self = c;
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, FMUstate);
-    return (fmi2Status)instance_save(self, __func__, FMUstate);
+    return (fmi2Status)model_save(self, __func__, FMUstate);
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate FMUstate) {
     Instance *self = c;
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, FMUstate);
-    return (fmi2Status)instance_restore(self, __func__, FMUstate);
+    return (fmi2Status)model_restore(self, __func__, FMUstate);
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
@@ -192,7 +191,7 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, si
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, FMUstate);
     REQUIRE_POINTER(self, size);
-    *size = instance_serialized_size();
+    *size = sealed_size(model_state_size(FMUstate));
     return fmi2OK;
 }
 
@@ -202,8 +201,8 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byt
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, FMUstate);
     REQUIRE_POINTER(self, serializedState);
-    return (fmi2Status)instance_serialize(self, __func__, FMUstate,
-                                          (unsigned char *)serializedState, size);
+    return (fmi2Status)seal(self, __func__, FMUstate, model_state_size(FMUstate),
+                            (unsigned char *)serializedState, size);
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedState[], size_t size,
@@ -212,7 +211,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedSta
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, serializedState);
     REQUIRE_POINTER(self, FMUstate);
-    return (fmi2Status)instance_deserialize(self, __func__, (const unsigned char *)serializedState,
+    return (fmi2Status)model_deserialize(self, __func__, (const unsigned char *)serializedState,
                                             size, FMUstate);
 }
 
@@ -238,7 +237,7 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *eventInfo) {
     REQUIRE(self, EVENT);
     REQUIRE_POINTER(self, eventInfo);
     memset(eventInfo, 0, sizeof *eventInfo);
-    eventInfo->valuesOfContinuousStatesChanged = events_update(&self->now.motor);
+    eventInfo->valuesOfContinuousStatesChanged = events_update(motor_of(self));
     return fmi2OK;
 }
 
@@ -300,7 +299,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint,
                       fmi2Boolean noSetFMUStatePriorToCurrentPoint) {
     Instance *self = c;
     REQUIRE(self, STEP);
-    return (fmi2Status)instance_do_step(self, __func__, currentCommunicationPoint,
+    return (fmi2Status)model_do_step(self, __func__, currentCommunicationPoint,
                                         communicationStepSize);
 }
 
@@ -310,7 +309,7 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
     REQUIRE_POINTER(self, value);
     if (kind != fmi2LastSuccessfulTime)
         return (fmi2Status)fail(self, __func__, "there is no Real status of kind %d", (int)kind);
-    *value = self->now.motor.time;
+    *value = self->now.time;
     return fmi2OK;
 }
 

@@ -1,17 +1,9 @@
-/* FMI 3.0 shim: translates the calls of the standard to instance.h and nothing else.
+/* FMI 3.0 shim: translates the calls of the standard that every model has to instance.h and nothing
+ * else; what a model has beside them is in a shim of its own, which comes after this one.
  * The standard's header marks every function for export. */
 #include "fmi3Functions.h"
 
-#include "events.h"
 #include "instance.h"
-
-/* Refuse arrays of different lengths: no variable of this FMU is an array. */
-#define REQUIRE_EQUAL_COUNTS(references, values)                                                   \
-    do {                                                                                           \
-        if ((references) != (values))                                                              \
-            return (fmi3Status)fail(self, __func__, "%lu value references but %lu values",         \
-                                    (unsigned long)(references), (unsigned long)(values));         \
-    } while (0)
 
 static void log_fmi3(const Instance *self, Status status, const char *category,
                      const char *message) {
@@ -47,15 +39,6 @@ fmi3Instance fmi3InstantiateCoSimulation(
     return self;
 }
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
-                                          fmi3String resourcePath, fmi3Boolean visible,
-                                          fmi3Boolean loggingOn,
-                                          fmi3InstanceEnvironment instanceEnvironment,
-                                          fmi3LogMessageCallback logMessage) {
-    return instance_new(instanceName, instantiationToken, true, log_fmi3,
-                        (void (*)(void))logMessage, instanceEnvironment, loggingOn);
-}
-
 void fmi3FreeInstance(fmi3Instance instance) { instance_free(instance); }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined,
@@ -72,7 +55,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
     Instance *self = instance;
     REQUIRE(self, INITIALIZATION);
-    instance_exit_initialization(self);
+    model_exit_initialization(self);
     return fmi3OK;
 }
 
@@ -86,38 +69,37 @@ fmi3Status fmi3Terminate(fmi3Instance instance) {
 fmi3Status fmi3Reset(fmi3Instance instance) {
     Instance *self = instance;
     REQUIRE(self, ANY_STATE);
-    instance_reset(self);
-    return fmi3OK;
+    return (fmi3Status)instance_reset(self, __func__);
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
                           size_t nValueReferences, fmi3Float64 values[], size_t nValues) {
     Instance *self = instance;
     REQUIRE(self, READABLE);
-    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
-    return (fmi3Status)instance_get_double(self, __func__, valueReferences, nValues, values);
+    return (fmi3Status)model_get_double(self, __func__, valueReferences, nValueReferences,
+                                        values, nValues);
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
                           size_t nValueReferences, const fmi3Float64 values[], size_t nValues) {
     Instance *self = instance;
     REQUIRE(self, WRITABLE);
-    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
-    return (fmi3Status)instance_set_double(self, __func__, valueReferences, nValues, values);
+    return (fmi3Status)model_set_double(self, __func__, valueReferences, nValueReferences,
+                                        values, nValues);
 }
 
 fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference valueReferences[],
                           size_t nValueReferences, fmi3Boolean values[], size_t nValues) {
     Instance *self = instance;
     REQUIRE(self, READABLE);
-    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
     if (nValues) {
         REQUIRE_POINTER(self, valueReferences);
         REQUIRE_POINTER(self, values);
     }
     for (size_t k = 0; k < nValues; k++) {
-        int64_t value;
-        if (instance_get_option(self, __func__, valueReferences[k], "Boolean", &value) != STATUS_OK)
+        int64_t value = 0;
+        if (model_get_option(self, __func__, valueReferences[k], "Boolean", &value) != STATUS_OK)
             return fmi3Error;
         values[k] = value != 0;
     }
@@ -128,48 +110,13 @@ fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference valueR
                           size_t nValueReferences, const fmi3Boolean values[], size_t nValues) {
     Instance *self = instance;
     REQUIRE(self, WRITABLE);
-    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
+    REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
     if (nValues) {
         REQUIRE_POINTER(self, valueReferences);
         REQUIRE_POINTER(self, values);
     }
     for (size_t k = 0; k < nValues; k++)
-        if (instance_set_option(self, __func__, valueReferences[k], "Boolean", values[k]) != STATUS_OK)
-            return fmi3Error;
-    return fmi3OK;
-}
-
-/* Enumerations are Int64 in FMI 3. */
-fmi3Status fmi3GetInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, fmi3Int64 values[], size_t nValues) {
-    Instance *self = instance;
-    REQUIRE(self, READABLE);
-    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
-    if (nValues) {
-        REQUIRE_POINTER(self, valueReferences);
-        REQUIRE_POINTER(self, values);
-    }
-    for (size_t k = 0; k < nValues; k++) {
-        int64_t value;
-        if (instance_get_option(self, __func__, valueReferences[k], "Enumeration", &value) != STATUS_OK)
-            return fmi3Error;
-        values[k] = value;
-    }
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, const fmi3Int64 values[], size_t nValues) {
-    Instance *self = instance;
-    REQUIRE(self, WRITABLE);
-    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
-    if (nValues) {
-        REQUIRE_POINTER(self, valueReferences);
-        REQUIRE_POINTER(self, values);
-    }
-    for (size_t k = 0; k < nValues; k++)
-        if (instance_set_option(self, __func__, valueReferences[k], "Enumeration", values[k]) !=
-            STATUS_OK)
+        if (model_set_option(self, __func__, valueReferences[k], "Boolean", values[k]) != STATUS_OK)
             return fmi3Error;
     return fmi3OK;
 }
@@ -182,7 +129,7 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     Instance *self = instance;
     REQUIRE(self, STEP);
     const Status status =
-        instance_do_step(self, __func__, currentCommunicationPoint, communicationStepSize);
+        model_do_step(self, __func__, currentCommunicationPoint, communicationStepSize);
     if (eventHandlingNeeded)
         *eventHandlingNeeded = fmi3False;
     if (terminateSimulation)
@@ -190,57 +137,22 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     if (earlyReturn)
         *earlyReturn = fmi3False;
     if (lastSuccessfulTime)
-        *lastSuccessfulTime = self->now.motor.time;
+        *lastSuccessfulTime = self->now.time;
     return (fmi3Status)status;
-}
-
-fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance,
-                                    const fmi3ValueReference valueReferences[],
-                                    size_t nValueReferences, const fmi3Int32 orders[],
-                                    fmi3Float64 values[], size_t nValues) {
-    Instance *self = instance;
-    REQUIRE(self, STEP | TERMINATED);
-    REQUIRE_EQUAL_COUNTS(nValueReferences, nValues);
-    return (fmi3Status)instance_output_derivatives(self, __func__, valueReferences, nValues, orders,
-                                                   values);
-}
-
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[],
-                                        size_t nUnknowns, const fmi3ValueReference knowns[],
-                                        size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
-                                        fmi3Float64 sensitivity[], size_t nSensitivity) {
-    Instance *self = instance;
-    REQUIRE(self, READABLE);
-    REQUIRE_EQUAL_COUNTS(nKnowns, nSeed);
-    REQUIRE_EQUAL_COUNTS(nUnknowns, nSensitivity);
-    return (fmi3Status)instance_directional(self, __func__, unknowns, nUnknowns, knowns, nKnowns,
-                                            seed, sensitivity);
-}
-
-fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[],
-                                    size_t nUnknowns, const fmi3ValueReference knowns[],
-                                    size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
-                                    fmi3Float64 sensitivity[], size_t nSensitivity) {
-    Instance *self = instance;
-    REQUIRE(self, READABLE);
-    REQUIRE_EQUAL_COUNTS(nUnknowns, nSeed);
-    REQUIRE_EQUAL_COUNTS(nKnowns, nSensitivity);
-    return (fmi3Status)instance_adjoint(self, __func__, unknowns, nUnknowns, knowns, nKnowns, seed,
-                                        sensitivity);
 }
 
 fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
     Instance *self = instance;
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, FMUState);
-    return (fmi3Status)instance_save(self, __func__, FMUState);
+    return (fmi3Status)model_save(self, __func__, FMUState);
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState) {
     Instance *self = instance;
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, FMUState);
-    return (fmi3Status)instance_restore(self, __func__, FMUState);
+    return (fmi3Status)model_restore(self, __func__, FMUState);
 }
 
 fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
@@ -258,7 +170,7 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUSta
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, FMUState);
     REQUIRE_POINTER(self, size);
-    *size = instance_serialized_size();
+    *size = sealed_size(model_state_size(FMUState));
     return fmi3OK;
 }
 
@@ -268,7 +180,8 @@ fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState,
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, FMUState);
     REQUIRE_POINTER(self, serializedState);
-    return (fmi3Status)instance_serialize(self, __func__, FMUState, serializedState, size);
+    return (fmi3Status)seal(self, __func__, FMUState, model_state_size(FMUState), serializedState,
+                            size);
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[],
@@ -277,96 +190,7 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte seriali
     REQUIRE(self, ANY_STATE);
     REQUIRE_POINTER(self, serializedState);
     REQUIRE_POINTER(self, FMUState);
-    return (fmi3Status)instance_deserialize(self, __func__, serializedState, size, FMUState);
-}
-
-fmi3Status fmi3EnterEventMode(fmi3Instance instance) {
-    Instance *self = instance;
-    REQUIRE(self, CONTINUOUS_TIME);
-    self->now.life_cycle = EVENT;
-    return fmi3OK;
-}
-
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance) {
-    Instance *self = instance;
-    REQUIRE(self, EVENT);
-    self->now.life_cycle = CONTINUOUS_TIME;
-    return fmi3OK;
-}
-
-fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discreteStatesNeedUpdate,
-                                    fmi3Boolean *terminateSimulation,
-                                    fmi3Boolean *nominalsOfContinuousStatesChanged,
-                                    fmi3Boolean *valuesOfContinuousStatesChanged,
-                                    fmi3Boolean *nextEventTimeDefined,
-                                    fmi3Float64 *nextEventTime) {
-    Instance *self = instance;
-    REQUIRE(self, EVENT);
-    REQUIRE_POINTER(self, discreteStatesNeedUpdate);
-    REQUIRE_POINTER(self, terminateSimulation);
-    REQUIRE_POINTER(self, nominalsOfContinuousStatesChanged);
-    REQUIRE_POINTER(self, valuesOfContinuousStatesChanged);
-    REQUIRE_POINTER(self, nextEventTimeDefined);
-    REQUIRE_POINTER(self, nextEventTime);
-    *valuesOfContinuousStatesChanged = events_update(&self->now.motor);
-    *discreteStatesNeedUpdate = fmi3False;
-    *terminateSimulation = fmi3False;
-    *nominalsOfContinuousStatesChanged = fmi3False;
-    *nextEventTimeDefined = fmi3False;
-    *nextEventTime = 0.0;
-    return fmi3OK;
-}
-
-fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance,
-                                       fmi3Boolean noSetFMUStatePriorToCurrentPoint,
-                                       fmi3Boolean *enterEventMode,
-                                       fmi3Boolean *terminateSimulation) {
-    Instance *self = instance;
-    REQUIRE(self, CONTINUOUS_TIME);
-    REQUIRE_POINTER(self, enterEventMode);
-    REQUIRE_POINTER(self, terminateSimulation);
-    *enterEventMode = fmi3False;
-    *terminateSimulation = fmi3False;
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time) {
-    Instance *self = instance;
-    REQUIRE(self, EVENT | CONTINUOUS_TIME);
-    return (fmi3Status)instance_set_time(self, __func__, time);
-}
-
-fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 continuousStates[],
-                                   size_t nContinuousStates) {
-    Instance *self = instance;
-    REQUIRE(self, CONTINUOUS_TIME);
-    return (fmi3Status)instance_set_states(self, __func__, continuousStates, nContinuousStates);
-}
-
-#define STATE_GETTER(name, states, getter)                                                             fmi3Status name(fmi3Instance instance, fmi3Float64 values[], size_t count) {                           Instance *self = instance;                                                                         REQUIRE(self, states);                                                                             return (fmi3Status)getter(self, __func__, values, count);                                      }
-
-STATE_GETTER(fmi3GetContinuousStates, INITIALIZATION | EVENT | CONTINUOUS_TIME | TERMINATED,
-             instance_get_states)
-STATE_GETTER(fmi3GetContinuousStateDerivatives,
-             INITIALIZATION | EVENT | CONTINUOUS_TIME | TERMINATED, instance_get_derivatives)
-STATE_GETTER(fmi3GetNominalsOfContinuousStates, READABLE, instance_get_nominals)
-STATE_GETTER(fmi3GetEventIndicators, INITIALIZATION | EVENT | CONTINUOUS_TIME | TERMINATED,
-             instance_get_indicators)
-
-fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *nContinuousStates) {
-    Instance *self = instance;
-    REQUIRE(self, ANY_STATE);
-    REQUIRE_POINTER(self, nContinuousStates);
-    *nContinuousStates = STATE_COUNT;
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *nEventIndicators) {
-    Instance *self = instance;
-    REQUIRE(self, ANY_STATE);
-    REQUIRE_POINTER(self, nEventIndicators);
-    *nEventIndicators = INDICATOR_COUNT;
-    return fmi3OK;
+    return (fmi3Status)model_deserialize(self, __func__, serializedState, size, FMUState);
 }
 
 /* Types without variables: a call for no variable at all is right, any other an error. */
@@ -397,7 +221,6 @@ NO_VARIABLES(Int16)
 NO_VARIABLES(UInt16)
 NO_VARIABLES(Int32)
 NO_VARIABLES(UInt32)
-NO_VARIABLES(UInt64)
 NO_VARIABLES(String)
 
 fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference references[], size_t count,
@@ -431,8 +254,6 @@ fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference referenc
 
 #define REFERENCES const fmi3ValueReference references[], size_t count
 
-NOT_OFFERED(fmi3EnterConfigurationMode)
-NOT_OFFERED(fmi3ExitConfigurationMode)
 NOT_OFFERED(fmi3EnterStepMode)
 NOT_OFFERED(fmi3GetNumberOfVariableDependencies, fmi3ValueReference reference, size_t *count)
 NOT_OFFERED(fmi3GetVariableDependencies, fmi3ValueReference dependent, size_t elements[],
@@ -454,13 +275,22 @@ NOT_OFFERED(fmi3SetShiftFraction, REFERENCES, const fmi3UInt64 counters[],
 NOT_OFFERED(fmi3ActivateModelPartition, fmi3ValueReference clockReference,
             fmi3Float64 activationTime)
 
+/* The same of a whole interface, where there is no instance yet. */
+static fmi3Instance no_instance(const char *function, fmi3Boolean loggingOn,
+                                fmi3InstanceEnvironment instanceEnvironment,
+                                fmi3LogMessageCallback logMessage) {
+    const Instance draft = {.log = log_fmi3,
+                            .callback = (void (*)(void))logMessage,
+                            .environment = instanceEnvironment,
+                            .logging = loggingOn};
+    fail(&draft, function, "this FMU does not offer it");
+    return NULL;
+}
+
 fmi3Instance fmi3InstantiateScheduledExecution(
     fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
     fmi3Boolean visible, fmi3Boolean loggingOn, fmi3InstanceEnvironment instanceEnvironment,
     fmi3LogMessageCallback logMessage, fmi3ClockUpdateCallback clockUpdate,
     fmi3LockPreemptionCallback lockPreemption, fmi3UnlockPreemptionCallback unlockPreemption) {
-    if (logMessage && loggingOn)
-        logMessage(instanceEnvironment, fmi3Error, "logStatusError",
-                   "fmi3InstantiateScheduledExecution: this FMU does not offer it");
-    return NULL;
+    return no_instance(__func__, loggingOn, instanceEnvironment, logMessage);
 }

@@ -1,14 +1,14 @@
-/* See instance.h: life cycle, messages, stepping, and the states of Model Exchange. */
+/* See instance.h: life cycle, messages, time and its steps, seal of serialised states. */
 #include "instance.h"
 
 #include <float.h>
+#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "events.h"
-#include "integrate.h"
+#include "variables.h"
 
 enum { MESSAGE_SIZE = 512 };
 
@@ -16,9 +16,6 @@ static const char LOG_CATEGORY[] = "logStatusError";
 
 /* Above this a communication step is a mistake in the importer: it would run for minutes. */
 static const double MOST_STEPS = 1e9;
-
-/* rad/s; beyond it derivatives and outputs overflow. */
-static const double MOST_SPEED = 1e100;
 
 /* How far a communication point may be off, in parts of the shorter of communication and internal step,
  * beside four units in the last place: importers round times, some to nanoseconds. */
@@ -41,6 +38,7 @@ Status fail_state(const Instance *instance, const char *function) {
     const int state = instance->now.life_cycle;
     return fail(instance, function, "not allowed in %s",
                 state == INSTANTIATED      ? "the state Instantiated"
+                : state == CONFIGURATION   ? "Configuration Mode"
                 : state == INITIALIZATION  ? "Initialization Mode"
                 : state == STEP            ? "Step Mode"
                 : state == EVENT           ? "Event Mode"
@@ -48,25 +46,39 @@ Status fail_state(const Instance *instance, const char *function) {
                                            : "the state Terminated");
 }
 
-void instance_reset(Instance *instance) {
-    const int32_t model_exchange = instance->now.model_exchange;
-    memset(&instance->now, 0, sizeof instance->now);
-    Motor *motor = &instance->now.motor;
-    memcpy(motor->input, input_start, sizeof motor->input);
-    memcpy(motor->parameter, parameter_start, sizeof motor->parameter);
-    motor->closed_loop = START_closed_loop;
-    motor->solver = START_solver;
-    motor_initialise(motor);
-    instance->now.stop_time = INFINITY;
-    instance->now.life_cycle = INSTANTIATED;
-    instance->now.model_exchange = model_exchange;
+Status fail_reference(const Instance *instance, const char *function, uint32_t reference,
+                      const char *wanted) {
+    if (reference < VARIABLE_COUNT)
+        return fail(instance, function, "%s is no %s", variable_name[reference], wanted);
+    return fail(instance, function, "there is no variable with value reference %u",
+                (unsigned)reference);
+}
+
+Status fail_arrays(const Instance *instance, const char *function) {
+    return fail(instance, function, "an array of value references or values is null");
+}
+
+Status fail_fixed(const Instance *instance, const char *function, uint32_t reference) {
+    return fail(instance, function, "%s is a fixed parameter; set it before the simulation starts",
+                variable_name[reference]);
+}
+
+Status instance_reset(Instance *instance, const char *function) {
+    const Standing before = instance->now;
+    instance->now = (Standing){.stop_time = INFINITY,
+                               .life_cycle = INSTANTIATED,
+                               .model_exchange = before.model_exchange};
+    if (model_reset(instance, function) == STATUS_OK)
+        return STATUS_OK;
+    instance->now = before;
+    return STATUS_ERROR;
 }
 
 Instance *instance_new(const char *name, const char *token, bool model_exchange, LogFunction *log,
                        void (*callback)(void), void *environment, bool logging) {
     static char no_name[] = "";
     Instance draft = {.log = log, .callback = callback, .environment = environment, .name = no_name,
-                      .logging = logging};
+                      .logging = logging, .now.model_exchange = model_exchange};
     if (!name || !name[strspn(name, " \t\n\v\f\r")]) {
         fail(&draft, "instantiate", "the instance name is blank");
         return NULL;
@@ -77,7 +89,7 @@ Instance *instance_new(const char *name, const char *token, bool model_exchange,
              token ? token : "", INSTANTIATION_TOKEN);
         return NULL;
     }
-    Instance *instance = malloc(sizeof *instance);
+    Instance *instance = calloc(1, model_size);
     char *copy = malloc(strlen(name) + 1);
     if (!instance || !copy) {
         free(instance);
@@ -87,14 +99,17 @@ Instance *instance_new(const char *name, const char *token, bool model_exchange,
     }
     *instance = draft;
     instance->name = strcpy(copy, name);
-    instance->now.model_exchange = model_exchange;
-    instance_reset(instance);
+    if (instance_reset(instance, "instantiate") != STATUS_OK) {
+        instance_free(instance);
+        return NULL;
+    }
     return instance;
 }
 
 void instance_free(Instance *instance) {
     if (!instance)
         return;
+    model_release(instance);
     free(instance->name);
     free(instance);
 }
@@ -116,152 +131,127 @@ Status instance_set_experiment(Instance *instance, const char *function, double 
     if (stop_time_defined && !(stop_time >= start_time))
         return fail(instance, function, "the stop time %g is before the start time %g", stop_time,
                     start_time);
-    instance->now.motor.time = start_time;
+    instance->now.time = start_time;
     instance->now.stop_time = stop_time_defined ? stop_time : INFINITY;
     return STATUS_OK;
 }
 
-void instance_exit_initialization(Instance *instance) {
-    instance->now.life_cycle = instance->now.model_exchange ? EVENT : STEP;
-    if (instance->now.model_exchange)
-        events_initialise(&instance->now.motor);
+Status check_double(const Instance *instance, const char *function, uint32_t reference,
+                    double value) {
+    const bool is_input = reference - INPUT_FIRST < INPUT_COUNT;
+    const uint32_t parameter = reference - PARAMETER_FIRST;
+    if (!is_input && parameter >= PARAMETER_COUNT)
+        return fail_reference(instance, function, reference,
+                              "floating-point variable that can be set");
+    if (!is_input && !(instance->now.life_cycle & STARTING))
+        return fail_fixed(instance, function, reference);
+    if (!isfinite(value))
+        return fail(instance, function, "%s cannot be %g; give a finite number",
+                    variable_name[reference], value);
+    if (!is_input && !(value >= parameter_min[parameter]))
+        return fail(instance, function, "%s cannot be %g; the least is %g",
+                    variable_name[reference], value, parameter_min[parameter]);
+    if (!is_input && !(value <= parameter_max[parameter]))
+        return fail(instance, function, "%s cannot be %g; the most is %g",
+                    variable_name[reference], value, parameter_max[parameter]);
+    return STATUS_OK;
 }
 
 /* Whether a communication step can be made; says why not. */
 static Status check_step(const Instance *instance, const char *function, double time,
-                         double step_size) {
-    const Motor *motor = &instance->now.motor;
-    if (!(step_size > 0.0) || !(step_size <= MOST_STEPS * motor->step_size))
+                         double step_size, double h) {
+    const Standing *now = &instance->now;
+    if (!(step_size > 0.0) || !(step_size <= MOST_STEPS * h))
         return fail(instance, function,
                     "the communication step is %g s; give a positive one of at most %g s",
-                    step_size, MOST_STEPS * motor->step_size);
-    const double shorter = step_size < motor->step_size ? step_size : motor->step_size;
-    const double rounding = TIME_TOLERANCE * shorter + 4.0 * DBL_EPSILON * fabs(motor->time);
-    if (!(fabs(time - motor->time) <= rounding))
+                    step_size, MOST_STEPS * h);
+    const double shorter = step_size < h ? step_size : h;
+    const double rounding = TIME_TOLERANCE * shorter + 4.0 * DBL_EPSILON * fabs(now->time);
+    if (!(fabs(time - now->time) <= rounding))
         return fail(instance, function,
                     "the communication point is %.17g s but the FMU is at %.17g s", time,
-                    motor->time);
+                    now->time);
     /* Sums of steps may end a little late; half a step is a step too many. */
-    if (!(time + step_size <= instance->now.stop_time + 0.5 * shorter))
+    if (!(time + step_size <= now->stop_time + 0.5 * shorter))
         return fail(instance, function, "the step from %g s by %g s goes beyond the stop time %g s",
-                    time, step_size, instance->now.stop_time);
+                    time, step_size, now->stop_time);
     return STATUS_OK;
 }
 
-Status instance_do_step(Instance *instance, const char *function, double time, double step_size) {
-    Motor *motor = &instance->now.motor;
-    const double h = motor->step_size;
-    if (check_step(instance, function, time, step_size) != STATUS_OK)
+Status plan_step(const Instance *instance, const char *function, double time, double step_size,
+                 double h, Plan *plan) {
+    if (check_step(instance, function, time, step_size, h) != STATUS_OK)
         return STATUS_ERROR;
-
-    double rest = 0.0, owed = motor->owed;
-    int64_t steps = 1;
+    *plan = (Plan){.steps = 1, .owed = instance->now.owed};
     if (step_size != h) {
         const double ratio = step_size / h;
-        steps = (int64_t)(ratio + 0.5);
-        if (fabs(ratio - (double)steps) > WHOLE_STEPS_TOLERANCE) {
-            steps = (int64_t)ratio;
-            rest = step_size - (double)steps * h;
+        plan->steps = (int64_t)(ratio + 0.5);
+        if (fabs(ratio - (double)plan->steps) > WHOLE_STEPS_TOLERANCE) {
+            plan->steps = (int64_t)ratio;
+            plan->rest = step_size - (double)plan->steps * h;
         } else {
-            owed += step_size - (double)steps * h;
+            plan->owed += step_size - (double)plan->steps * h;
         }
     }
-    if (fabs(owed) > WHOLE_STEPS_TOLERANCE * h) {
-        if (owed < 0.0) { /* make the last whole step shorter */
-            steps -= 1;
-            rest = h;
+    if (fabs(plan->owed) > WHOLE_STEPS_TOLERANCE * h) {
+        if (plan->owed < 0.0) { /* make the last whole step shorter */
+            plan->steps -= 1;
+            plan->rest = h;
         }
-        rest += owed;
-        owed = 0.0;
+        plan->rest += plan->owed;
+        plan->owed = 0.0;
     }
-    const MotorState before = {motor->theta, motor->omega, motor->integral};
-    for (int64_t k = 0; k < steps; k++)
-        motor_step(motor, h);
-    if (rest > 0.0)
-        motor_step(motor, rest);
-
-    /* Infinities and NaNs do not go away again: checking at the end is enough. */
-    if (!isfinite(motor->theta + motor->integral) || !(fabs(motor->omega) <= MOST_SPEED)) {
-        motor_set_state(motor, before.theta, before.omega, before.integral);
-        return fail(instance, function,
-                    "the state grew beyond all bounds in the step from %g s; step_size %g s is too "
-                    "long for these parameters",
-                    time, h);
-    }
-    motor->time = time + step_size;
-    motor->owed = owed;
     return STATUS_OK;
 }
 
-Status instance_set_time(Instance *instance, const char *function, double time) {
-    if (!isfinite(time))
-        return fail(instance, function, "the time is %g; give a finite number", time);
-    instance->now.motor.time = time;
+Status fail_growth(const Instance *instance, const char *function, const char *whose, double time,
+                   double h) {
+    return fail(instance, function,
+                "the state%s grew beyond all bounds in the step from %g s; step_size %g s is too "
+                "long for these parameters",
+                whose, time, h);
+}
+
+/* FNV-1a: differs for any damage within one byte, and for all other but one in 2^64. */
+static uint64_t checksum(const unsigned char bytes[], size_t size) {
+    uint64_t hash = UINT64_C(0xcbf29ce484222325);
+    for (size_t k = 0; k < size; k++)
+        hash = (hash ^ bytes[k]) * UINT64_C(0x100000001b3);
+    return hash;
+}
+
+enum { TOKEN_SIZE = sizeof INSTANTIATION_TOKEN };
+
+size_t sealed_size(size_t content_size) { return TOKEN_SIZE + content_size + sizeof(uint64_t); }
+
+Status seal(const Instance *instance, const char *function, const void *content,
+            size_t content_size, unsigned char bytes[], size_t size) {
+    if (size != sealed_size(content_size))
+        return fail(instance, function, "room for %lu bytes, but a state has %lu",
+                    (unsigned long)size, (unsigned long)sealed_size(content_size));
+    memcpy(bytes, INSTANTIATION_TOKEN, TOKEN_SIZE);
+    memcpy(bytes + TOKEN_SIZE, content, content_size);
+    const uint64_t sum = checksum(bytes, TOKEN_SIZE + content_size);
+    memcpy(bytes + TOKEN_SIZE + content_size, &sum, sizeof sum);
     return STATUS_OK;
 }
 
-static Status check_count(const Instance *instance, const char *function, const void *values,
-                          size_t count, size_t wanted, const char *what) {
-    if (count != wanted)
-        return fail(instance, function, "room for %lu %s, but there are %lu", (unsigned long)count,
-                    what, (unsigned long)wanted);
-    if (!values)
-        return fail(instance, function, "the array of %s is null", what);
-    return STATUS_OK;
+const unsigned char *unseal(const Instance *instance, const char *function,
+                            const unsigned char bytes[], size_t size) {
+    const size_t before = size - sizeof(uint64_t);
+    const uint64_t sum = checksum(bytes, before);
+    if (memcmp(bytes + before, &sum, sizeof sum) != 0)
+        fail(instance, function, "the bytes are a damaged state, or none");
+    else if (memcmp(bytes, INSTANTIATION_TOKEN, TOKEN_SIZE) != 0)
+        fail(instance, function, "the state is of another build of the FMU");
+    else
+        return bytes + TOKEN_SIZE;
+    return NULL;
 }
 
-Status instance_set_states(Instance *instance, const char *function, const double states[],
-                           size_t count) {
-    if (check_count(instance, function, states, count, STATE_COUNT, "states") != STATUS_OK)
-        return STATUS_ERROR;
+bool within(const double values[], size_t count, const double least[], const double most[]) {
     for (size_t k = 0; k < count; k++)
-        if (!isfinite(states[k]))
-            return fail(instance, function, "state %lu is %g; give finite numbers",
-                        (unsigned long)k, states[k]);
-    motor_set_state(&instance->now.motor, states[0], states[1], states[2]);
-    return STATUS_OK;
-}
-
-Status instance_get_states(const Instance *instance, const char *function, double states[],
-                           size_t count) {
-    if (check_count(instance, function, states, count, STATE_COUNT, "states") != STATUS_OK)
-        return STATUS_ERROR;
-    const Motor *motor = &instance->now.motor;
-    states[0] = motor->theta;
-    states[1] = motor->omega;
-    states[2] = motor->integral;
-    return STATUS_OK;
-}
-
-Status instance_get_derivatives(const Instance *instance, const char *function,
-                                double derivatives[], size_t count) {
-    if (check_count(instance, function, derivatives, count, STATE_COUNT, "states") != STATUS_OK)
-        return STATUS_ERROR;
-    const Motor *motor = &instance->now.motor;
-    derivatives[0] = motor->omega;
-    derivatives[1] = motor_omega_dot(motor);
-    derivatives[2] = motor_integral_dot(motor);
-    return STATUS_OK;
-}
-
-Status instance_get_nominals(const Instance *instance, const char *function, double nominals[],
-                             size_t count) {
-    if (check_count(instance, function, nominals, count, STATE_COUNT, "states") != STATUS_OK)
-        return STATUS_ERROR;
-    nominals[0] = NOMINAL_theta;
-    nominals[1] = NOMINAL_omega;
-    nominals[2] = NOMINAL_integral;
-    return STATUS_OK;
-}
-
-Status instance_get_indicators(const Instance *instance, const char *function, double indicators[],
-                               size_t count) {
-    if (check_count(instance, function, indicators, count, INDICATOR_COUNT, "event indicators") !=
-        STATUS_OK)
-        return STATUS_ERROR;
-    const Motor *motor = &instance->now.motor;
-    indicators[0] = indicator_friction(motor);
-    indicators[1] = indicator_saturation(motor, 1);
-    indicators[2] = indicator_saturation(motor, -1);
-    return STATUS_OK;
+        if (!isfinite(values[k]) || (least && values[k] < least[k]) || (most && values[k] > most[k]))
+            return false;
+    return true;
 }

@@ -1,17 +1,17 @@
-/* One instance of the FMU, whichever FMI standard it was made through: life cycle, messages,
- * stepping (instance.c), access to variables by value reference (access.c), saved states (saving.c).
- * The shims fmi2.c and fmi3.c only translate calls.
+/* What an instance is whichever model it is of and whichever FMI standard it was made through: life
+ * cycle, messages, the time and its steps, the seal of serialised states (instance.c); and what every
+ * model supplies: one motor (motor_instance.h) or an array of them (array.h).
  *
- * VibrationMotor_fmi2.c and VibrationMotor_fmi3.c each include all of it. It is static, so that FMUs
- * linked into one program share no names, and inline where only one standard uses it.
+ * Each FMU is one C file that includes all others. They are static, so that FMUs linked into one
+ * program share no names, and inline where only one standard or model uses them.
  *
  * Every refusal is STATUS_ERROR with a message and leaves the instance as it was. */
 #ifndef INSTANCE_H
 #define INSTANCE_H
 
+#include <stdbool.h>
 #include <stddef.h>
-
-#include "motor.h"
+#include <stdint.h>
 
 /* Equal to fmi2Status and fmi3Status. */
 typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL } Status;
@@ -20,15 +20,16 @@ typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_F
 typedef enum {
     INSTANTIATED = 1,
     INITIALIZATION = 2,
-    STEP = 4,            /* co-simulation */
-    EVENT = 8,           /* Model Exchange */
-    CONTINUOUS_TIME = 16 /* Model Exchange */,
+    STEP = 4,             /* co-simulation */
+    EVENT = 8,            /* Model Exchange */
+    CONTINUOUS_TIME = 16, /* Model Exchange */
     TERMINATED = 32,
+    CONFIGURATION = 64, /* of structural parameters */
     STARTING = INSTANTIATED | INITIALIZATION,
     RUNNING = STEP | EVENT | CONTINUOUS_TIME,
     READABLE = INITIALIZATION | RUNNING | TERMINATED,
     WRITABLE = STARTING | RUNNING,
-    ANY_STATE = WRITABLE | TERMINATED
+    ANY_STATE = WRITABLE | TERMINATED | CONFIGURATION
 } LifeCycle;
 
 /* A communication step this near a whole number of internal steps, in internal steps, is made of
@@ -36,20 +37,23 @@ typedef enum {
  * once it is more than this. */
 #define WHOLE_STEPS_TOLERANCE 1e-6
 
+/* Where an instance stands. Time is the importer's number, never a sum of steps: rounding does not
+ * accumulate. */
+typedef struct {
+    double time; /* s */
+    double owed; /* s of the communication steps that the integration is behind, or ahead if < 0 */
+    double stop_time;
+    int32_t life_cycle;
+    int32_t model_exchange;
+} Standing;
+
 typedef struct Instance Instance;
 typedef void LogFunction(const Instance *instance, Status status, const char *category,
                          const char *message);
 
-/* All that a saved FMU state holds; plain data without padding. */
-typedef struct {
-    Motor motor;
-    double stop_time;
-    int32_t life_cycle;
-    int32_t model_exchange;
-} Snapshot;
-
+/* The first member of a model's instance. */
 struct Instance {
-    Snapshot now;
+    Standing now;
     char *name;
     LogFunction *log;
     void (*callback)(void); /* the importer's logger, cast back by the shim's LogFunction */
@@ -62,7 +66,7 @@ static Instance *instance_new(const char *name, const char *token, bool model_ex
                               LogFunction *log, void (*callback)(void), void *environment,
                               bool logging);
 static void instance_free(Instance *instance);
-static void instance_reset(Instance *instance);
+static Status instance_reset(Instance *instance, const char *function);
 
 /* Have compilers that can do so check arguments against a printf format. */
 #ifdef __GNUC__
@@ -76,6 +80,11 @@ static Status fail(const Instance *instance, const char *function, const char *f
     PRINTF_LIKE(3, 4);
 
 static Status fail_state(const Instance *instance, const char *function);
+/* Why a reference is none of the wanted variables. */
+static Status fail_reference(const Instance *instance, const char *function, uint32_t reference,
+                             const char *wanted);
+static Status fail_arrays(const Instance *instance, const char *function);
+static Status fail_fixed(const Instance *instance, const char *function, uint32_t reference);
 
 /* Refuse a call on no instance or in the wrong state; for the first line of a shim's function. */
 #define REQUIRE(instance, states)                                                                  \
@@ -93,59 +102,77 @@ static Status fail_state(const Instance *instance, const char *function);
             return (int)fail((instance), __func__, "the argument %s is null", #pointer);           \
     } while (0)
 
+/* Refuse arrays of different lengths where variables have one value each. */
+#define REQUIRE_EQUAL_COUNTS(instance, references, values)                                         \
+    do {                                                                                           \
+        if ((references) != (values))                                                              \
+            return (int)fail((instance), __func__, "%lu value references but %lu values",          \
+                             (unsigned long)(references), (unsigned long)(values));                \
+    } while (0)
+
 /* Switch messages on or off. The model description has one log category: naming it is naming all. */
 static Status instance_set_logging(Instance *instance, const char *function, bool on, size_t count,
                                    const char *const categories[]);
 
 static Status instance_set_experiment(Instance *instance, const char *function, double start_time,
                                       bool stop_time_defined, double stop_time);
-static void instance_exit_initialization(Instance *instance);
-static Status instance_do_step(Instance *instance, const char *function, double time,
-                               double step_size);
 
-static Status instance_set_time(Instance *instance, const char *function, double time);
-static Status instance_set_states(Instance *instance, const char *function, const double states[],
-                                  size_t count);
-static Status instance_get_states(const Instance *instance, const char *function, double states[],
-                                  size_t count);
-static Status instance_get_derivatives(const Instance *instance, const char *function,
-                                       double derivatives[], size_t count);
-static Status instance_get_nominals(const Instance *instance, const char *function,
-                                    double nominals[], size_t count);
-static Status instance_get_indicators(const Instance *instance, const char *function,
-                                      double indicators[], size_t count);
+/* Whether a variable may take a value now, and says why not; inputs and parameters are those of
+ * variables.h. */
+static Status check_double(const Instance *instance, const char *function, uint32_t reference,
+                           double value);
 
-static Status instance_get_double(const Instance *instance, const char *function,
-                                  const uint32_t references[], size_t count, double values[]);
-static Status instance_set_double(Instance *instance, const char *function,
-                                  const uint32_t references[], size_t count, const double values[]);
+/* A communication step: whole internal steps, a shorter one unless rest is 0, and what is owed then. */
+typedef struct {
+    int64_t steps;
+    double rest, owed;
+} Plan;
 
-/* Variables that are not floating-point: the type is "Boolean" or "Enumeration". */
-static Status instance_get_option(const Instance *instance, const char *function,
-                                  uint32_t reference, const char *type, int64_t *value);
-static Status instance_set_option(Instance *instance, const char *function, uint32_t reference,
-                                  const char *type, int64_t value);
+/* Say which internal steps h a communication step is made of, or why it cannot be made. */
+static Status plan_step(const Instance *instance, const char *function, double time,
+                        double step_size, double h, Plan *plan);
 
-/* Sensitivity of each unknown to a change `seed` of the knowns, or, adjoint, of each known. */
-static Status instance_directional(const Instance *instance, const char *function,
-                                   const uint32_t unknowns[], size_t unknown_count,
-                                   const uint32_t knowns[], size_t known_count, const double seed[],
-                                   double sensitivity[]);
-static inline Status instance_adjoint(const Instance *instance, const char *function,
-                                      const uint32_t unknowns[], size_t unknown_count,
-                                      const uint32_t knowns[], size_t known_count,
-                                      const double seed[], double sensitivity[]);
-/* Time derivatives of outputs with the inputs held; only the first. */
-static Status instance_output_derivatives(const Instance *instance, const char *function,
-                                          const uint32_t references[], size_t count,
-                                          const int32_t orders[], double values[]);
+static Status fail_growth(const Instance *instance, const char *function, const char *whose,
+                          double time, double h);
 
-static Status instance_save(const Instance *instance, const char *function, void **state);
-static Status instance_restore(Instance *instance, const char *function, const void *state);
-static size_t instance_serialized_size(void);
-static Status instance_serialize(const Instance *instance, const char *function, const void *state,
-                                 unsigned char bytes[], size_t size);
-static Status instance_deserialize(const Instance *instance, const char *function,
-                                   const unsigned char bytes[], size_t size, void **state);
+/* A serialised state: the token of the build, so that no other build reads it, the model's content,
+ * and a checksum of all before it. */
+static size_t sealed_size(size_t content_size);
+static Status seal(const Instance *instance, const char *function, const void *content,
+                   size_t content_size, unsigned char bytes[], size_t size);
+/* The content, or NULL after a message if the bytes are damaged or of another build. */
+static const unsigned char *unseal(const Instance *instance, const char *function,
+                                   const unsigned char bytes[], size_t size);
+/* Whether all values are finite and within their limits, where there are any. */
+static bool within(const double values[], size_t count, const double least[], const double most[]);
+
+/* What each model supplies. */
+
+static const size_t model_size; /* of its instance */
+/* Start values; may be out of memory. */
+static Status model_reset(Instance *instance, const char *function);
+/* Free what the model has allocated. */
+static void model_release(Instance *instance);
+static void model_exit_initialization(Instance *instance);
+static Status model_do_step(Instance *instance, const char *function, double time,
+                            double step_size);
+
+static Status model_get_double(const Instance *instance, const char *function,
+                               const uint32_t references[], size_t count, double values[],
+                               size_t value_count);
+static Status model_set_double(Instance *instance, const char *function,
+                               const uint32_t references[], size_t count, const double values[],
+                               size_t value_count);
+/* Variables that are not floating-point and have one value: the type is "Boolean" or "Enumeration". */
+static Status model_get_option(const Instance *instance, const char *function, uint32_t reference,
+                               const char *type, int64_t *value);
+static Status model_set_option(Instance *instance, const char *function, uint32_t reference,
+                               const char *type, int64_t value);
+
+static Status model_save(const Instance *instance, const char *function, void **state);
+static Status model_restore(Instance *instance, const char *function, const void *state);
+static size_t model_state_size(const void *state);
+static Status model_deserialize(const Instance *instance, const char *function,
+                                const unsigned char bytes[], size_t size, void **state);
 
 #endif

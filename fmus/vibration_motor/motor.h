@@ -1,10 +1,11 @@
 /* The vibration motor's equations: Eq. (13) with set-valued Coulomb friction, Eq. (14) with
- * saturation and anti-windup. Symbols are the paper's, units SI and radians. How they are integrated
- * is integrate.h, what changes at events of an external solver events.h.
+ * saturation and anti-windup, and the step of semi-implicit Euler. Symbols are the paper's, units SI
+ * and radians.
  *
- * This file knows nothing of FMI: it is the kernel that the shims drive. A Motor is plain data, so
- * that a copy of it is its whole state. Floating-point contraction must be off (see the flags in
- * fmus/compiler.py): then every platform computes the same bits up to its libm's sine. */
+ * This file knows nothing of FMI and keeps nothing: every function makes values from values, so that
+ * the same ones serve one motor (single.h) and arrays of them (lanes.h). There are no branches that
+ * a select cannot stand for. Floating-point contraction must be off (see the flags in
+ * fmus/compiler.py): then every platform computes the same bits. */
 #ifndef MOTOR_H
 #define MOTOR_H
 
@@ -12,146 +13,129 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "sine.h"
 #include "variables.h"
 
-enum Solver { SOLVER_SEMI_IMPLICIT_EULER = 1, SOLVER_RK4 = 2 };
+/* rad/s; beyond it derivatives and outputs overflow. */
+#define MOST_SPEED 1e100
+
+typedef union {
+    struct { INPUT_FIELDS };
+    double value[INPUT_COUNT];
+} MotorInputs;
 
 typedef struct {
     union {
-        struct { INPUT_FIELDS };
-        double input[INPUT_COUNT];
-    };
-    union {
         struct { PARAMETER_FIELDS };
-        double parameter[PARAMETER_COUNT];
+        double value[PARAMETER_COUNT];
     };
-    double theta;     /* rad, 0 when the eccentric mass hangs straight down */
-    double omega;     /* rad/s */
-    double integral;  /* rad, of the speed error */
-    double sin_theta; /* of theta: one sine a step serves the step and the outputs */
-
-    /* Time is the importer's number, never a sum of steps: rounding does not accumulate. */
-    double time; /* s */
-    double owed; /* s of the communication steps that the integration is behind, or ahead if < 0 */
-
-    /* Derived from the parameters by motor_initialise. */
+    /* What follows from them; see motor_derive. */
     double torque_per_volt; /* K_T / R */
     double damping;         /* b + K_T^2 / R: viscous friction and back-EMF */
     double weight_torque;   /* m g r */
     double inverse_J;
-
     int32_t closed_loop;
     int32_t solver;
+} MotorConstants;
 
-    /* Model Exchange: an external solver integrates between events and the modes hold still. */
-    int32_t modes_held;
-    int32_t friction;   /* sign of the sliding speed, 0 while the shaft sticks */
-    int32_t saturation; /* sign of the voltage limit that the command is beyond, else 0 */
-    int32_t jumped;     /* 1 once an input is set in Event Mode, until the update tells of it */
-} Motor;
+typedef struct {
+    double theta;    /* rad, 0 when the eccentric mass hangs straight down */
+    double omega;    /* rad/s */
+    double integral; /* rad, of the speed error */
+} MotorState;
 
-static inline double motor_sign(double x) { return (x > 0.0) - (x < 0.0); }
+/* What moves the state on: every torque on the shaft but Coulomb friction, and the integral's rate. */
+typedef struct {
+    double torque;
+    double integral_rate;
+} MotorDrive;
 
-static inline void motor_set_state(Motor *s, double theta, double omega, double integral) {
-    s->theta = theta;
-    s->omega = omega;
-    s->integral = integral;
-    s->sin_theta = sin(theta);
+INLINE double motor_sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : 0.0; }
+
+/* Put changed parameters into force. */
+INLINE void motor_derive(MotorConstants *p) {
+    p->torque_per_volt = p->K_T / p->R;
+    p->damping = p->b + p->K_T * p->K_T / p->R;
+    p->weight_torque = p->m * p->g * p->r;
+    p->inverse_J = 1.0 / p->J;
 }
 
-/* What follows from parameters and state. */
-static inline void motor_derive(Motor *s) {
-    s->torque_per_volt = s->K_T / s->R;
-    s->damping = s->b + s->K_T * s->K_T / s->R;
-    s->weight_torque = s->m * s->g * s->r;
-    s->inverse_J = 1.0 / s->J;
-    s->sin_theta = sin(s->theta);
+INLINE MotorState motor_start(const MotorConstants *p) {
+    return (MotorState){p->theta_start, p->omega_start, 0.0};
 }
 
-/* Put the parameters into force and the state to its start. */
-static inline void motor_initialise(Motor *s) {
-    motor_derive(s);
-    motor_set_state(s, s->theta_start, s->omega_start, 0.0);
+/* Infinities and NaNs do not go away again: checking after many steps is enough. */
+INLINE bool motor_is_bounded(MotorState x) {
+    return (fabs(x.theta + x.integral) < INFINITY) & (fabs(x.omega) <= MOST_SPEED);
 }
-
-/* The equations, at a given speed and integral. */
 
 /* Speed error that the controller sees. */
-static inline double motor_error(const Motor *s, double omega) {
-    return s->omega_des - (omega + s->omega_noise);
+INLINE double motor_error(const MotorInputs *in, double omega) {
+    return in->omega_des - (omega + in->omega_noise);
 }
 
 /* Voltage command before saturation. */
-static inline double motor_command(const Motor *s, double omega, double integral) {
+INLINE double motor_command(const MotorConstants *p, const MotorInputs *in, double omega,
+                            double integral) {
     /* Eq. (14) */
-    return s->closed_loop ? s->K_p * motor_error(s, omega) + s->K_i * integral : s->V_in;
+    return p->closed_loop ? p->K_p * motor_error(in, omega) + p->K_i * integral : in->V_in;
 }
 
-static inline double motor_saturate(const Motor *s, double u) {
-    return u > s->V_s_max ? s->V_s_max : u < -s->V_s_max ? -s->V_s_max : u;
+INLINE double motor_saturate(const MotorConstants *p, double u) {
+    return u > p->V_s_max ? p->V_s_max : u < -p->V_s_max ? -p->V_s_max : u;
 }
 
 /* Sign of the limit that the command is beyond, 0 within the limits. */
-static inline double motor_saturation(const Motor *s, double u) {
-    return (u > s->V_s_max) - (u < -s->V_s_max);
+INLINE double motor_saturation(const MotorConstants *p, double u) {
+    return u > p->V_s_max ? 1.0 : u < -p->V_s_max ? -1.0 : 0.0;
 }
 
 /* Rate of the integral. Conditional integration: it holds while the command is beyond the limit
  * and the error would push it further out. */
-static inline double motor_integral_rate(const Motor *s, double omega, double saturation) {
-    const double error = motor_error(s, omega);
-    return s->closed_loop && !(saturation * error > 0.0) ? error : 0.0;
+INLINE double motor_integral_rate(const MotorConstants *p, const MotorInputs *in, double omega,
+                                  double saturation) {
+    const double error = motor_error(in, omega);
+    return p->closed_loop && !(saturation * error > 0.0) ? error : 0.0;
 }
 
 /* Every torque on the shaft but Coulomb friction. */
-static inline double motor_drive_torque(const Motor *s, double sin_theta, double omega, double V_s) {
-    return s->torque_per_volt * V_s - s->damping * omega - s->weight_torque * sin_theta + s->d;
+INLINE double motor_drive_torque(const MotorConstants *p, const MotorInputs *in, double sin_theta,
+                                 double omega, double V_s) {
+    return p->torque_per_volt * V_s - p->damping * omega - p->weight_torque * sin_theta + in->d;
+}
+
+INLINE MotorDrive motor_drive(const MotorConstants *p, const MotorInputs *in, MotorState x,
+                              double sin_theta) {
+    const double u = motor_command(p, in, x.omega, x.integral);
+    return (MotorDrive){
+        motor_drive_torque(p, in, sin_theta, x.omega, motor_saturate(p, u)),
+        motor_integral_rate(p, in, x.omega, motor_saturation(p, u)),
+    };
 }
 
 /* sgn(omega) of Eq. (13), set-valued at rest: 0 while the torque cannot overcome the friction. */
-static inline double motor_direction(const Motor *s, double omega, double drive_torque) {
-    if (omega != 0.0)
-        return motor_sign(omega);
-    return fabs(drive_torque) <= s->c ? 0.0 : motor_sign(drive_torque);
+INLINE double motor_direction(const MotorConstants *p, double omega, double torque) {
+    const double at_rest = fabs(torque) <= p->c ? 0.0 : motor_sign(torque);
+    return omega == 0.0 ? at_rest : motor_sign(omega);
 }
 
-static inline double motor_acceleration(const Motor *s, double drive_torque, double direction) {
+INLINE double motor_acceleration(const MotorConstants *p, double torque, double direction) {
     /* Eq. (13), sgn(0) set-valued: at rest friction balances any torque up to c. */
-    return direction == 0.0 ? 0.0 : (drive_torque - s->c * direction) * s->inverse_J;
+    const double turning = (torque - p->c * direction) * p->inverse_J;
+    return direction == 0.0 ? 0.0 : turning;
 }
 
-/* What follows is at the present state, inputs and, where they are held, modes. */
-
-static inline double motor_present_command(const Motor *s) {
-    return motor_command(s, s->omega, s->integral);
+INLINE double motor_current(const MotorConstants *p, double omega, double V_s) {
+    return (V_s - p->K_T * omega) / p->R;
 }
 
-static inline double motor_voltage(const Motor *s) {
-    return motor_saturate(s, motor_present_command(s));
-}
-
-static inline double motor_current(const Motor *s) {
-    return (motor_voltage(s) - s->K_T * s->omega) / s->R;
-}
-
-static inline double motor_present_torque(const Motor *s) {
-    return motor_drive_torque(s, s->sin_theta, s->omega, motor_voltage(s));
-}
-
-static inline double motor_present_direction(const Motor *s) {
-    return s->modes_held ? s->friction : motor_direction(s, s->omega, motor_present_torque(s));
-}
-
-static inline double motor_present_saturation(const Motor *s) {
-    return s->modes_held ? s->saturation : motor_saturation(s, motor_present_command(s));
-}
-
-static inline double motor_omega_dot(const Motor *s) {
-    return motor_acceleration(s, motor_present_torque(s), motor_present_direction(s));
-}
-
-static inline double motor_integral_dot(const Motor *s) {
-    return motor_integral_rate(s, s->omega, motor_present_saturation(s));
+/* The state after one step h of semi-implicit Euler; friction as a proximal step, which stops exactly
+ * at 0. */
+INLINE MotorState motor_euler(const MotorConstants *p, MotorState x, MotorDrive drive, double h) {
+    const double free = x.omega + h * p->inverse_J * drive.torque;
+    const double friction = h * p->inverse_J * p->c;
+    const double omega = free > friction ? free - friction : free < -friction ? free + friction : 0.0;
+    return (MotorState){x.theta + h * omega, omega, x.integral + h * drive.integral_rate};
 }
 
 #endif

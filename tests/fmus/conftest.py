@@ -209,7 +209,7 @@ class Instance:
 @pytest.fixture(scope="session")
 def fmu() -> Path:
     """The FMI 3.0 FMU that the co-simulation uses."""
-    return cached_fmu()
+    return cached_fmu("VibrationMotor")
 
 
 @pytest.fixture(scope="session")

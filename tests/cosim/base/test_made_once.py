@@ -31,7 +31,7 @@ def compiled():
 
 def built():
     builds, build_fmu = [], build.build_fmu
-    build.build_fmu = lambda folder: builds.append(folder) or build_fmu(folder)
+    build.build_fmu = lambda *what: builds.append(what) or build_fmu(*what)
     build.cached_fmu()
     return len(builds)
 

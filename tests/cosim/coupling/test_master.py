@@ -127,12 +127,18 @@ def same(first, second):
     [{}, {"ticks_per_step": 5}, {"jacobi": True}, {"reaction": True, "ticks_per_step": 2}],
     ids=lambda changes: "-".join(changes) or "default",
 )
-def test_drivers_and_lanes_agree_in_every_bit(motor_fmu, coupling):
+def test_drivers_lanes_and_arrays_agree_in_every_bit(motor_fmu, array_fmu, coupling):
     reference = advance(motor_fmu, "reference", **coupling)
     assert reference[0] == (PERIODS, 0)
     assert np.abs(reference[2].omega[-1]).min() > 800.0  # the motors did run
-    for lanes in (1, 2, 8):
-        assert same(advance(motor_fmu, lanes, **coupling), reference), lanes
+    for fmu in (motor_fmu, array_fmu):
+        for lanes in (1, 2, 8):
+            assert same(advance(fmu, lanes, **coupling), reference), (fmu, lanes)
+
+
+def test_the_reference_driver_steps_arrays(motor_fmu, array_fmu):
+    single, arrays = (advance(f, "reference", periods=20) for f in (motor_fmu, array_fmu))
+    assert same(single, arrays)
 
 
 def test_runs_repeat_in_every_bit(motor_fmu):
@@ -302,8 +308,10 @@ def test_touching_robots_push_each_other_on(motor_fmu):
     assert np.isfinite(state["bodies"]).all()
 
 
-def test_an_episode_depends_on_nobody_in_its_batch(motor_fmu):
+@pytest.mark.parametrize("fmu", ["motor_fmu", "array_fmu"])
+def test_an_episode_depends_on_nobody_in_its_batch(fmu, request):
     """Of four, one ends by a collision, one off the board, and one place is taken anew."""
+    motor_fmu = request.getfixturevalue(fmu)
     lanes, periods, plant = 8, 60, plant_with()
     motors = new_motors(motor_fmu, lanes)
     state = new_state(4, ROBOTS, lanes)

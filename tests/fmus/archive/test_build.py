@@ -21,6 +21,7 @@ from cosim.base.params import TABLE_II, TIMING, describe
 from fmus import build, compiler, variables
 from fmus.variables import load_table, render_header
 
+MODEL = "VibrationMotor"
 LICENSE = Path(__file__).parents[3] / "LICENSE"
 SHARED_LIBRARY = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
 
@@ -114,7 +115,7 @@ def test_cache_builds_once_and_again_when_anything_changes(monkeypatch, tmp_path
     assert second != first
     table = load_table()
     inputs = (replace(table.variables[0], description="other"), *table.variables[1:])
-    monkeypatch.setattr(build, "load_table", lambda: replace(table, variables=inputs))
+    monkeypatch.setattr(build, "load_table", lambda _: replace(table, variables=inputs))
     assert build.cached_fmu() not in {first, second}
 
 
@@ -125,7 +126,7 @@ def test_cache_builds_once_and_again_when_anything_changes(monkeypatch, tmp_path
 def test_damaged_fmu_of_the_cache_is_built_again(fmu, monkeypatch, tmp_path, caplog, damage):
     monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
     # The compiler gives the same bytes every time; copying them takes its place.
-    monkeypatch.setattr(build, "build_fmu", lambda folder: shutil.copy(fmu, folder))
+    monkeypatch.setattr(build, "build_fmu", lambda folder, _: shutil.copy(fmu, folder))
     path = build.cached_fmu()
     (checksum,) = path.parent.glob("*.sha256")
     content = path.read_bytes()
@@ -195,7 +196,7 @@ def test_system_compiler_stands_in_for_ziglang(monkeypatch, tmp_path):
     result = fmpy.simulate_fmu(str(path), stop_time=0.1, start_values={"omega_des": 700.0})
     assert result["omega"][-1] > 600.0
     with pytest.raises(build.BuildError, match="ziglang"):
-        compiler.compile_library(render_header(load_table(), ""), "aarch64-darwin")
+        compiler.compile_library(MODEL, render_header(load_table(), ""), "aarch64-darwin")
 
 
 def test_missing_compiler_is_one_sentence(monkeypatch):
@@ -208,7 +209,7 @@ def test_missing_compiler_is_one_sentence(monkeypatch):
 def test_compiler_errors_are_told(monkeypatch):
     monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-fno-such-flag"))
     with pytest.raises(build.BuildError, match="no-such-flag"):
-        compiler.compile_library(render_header(load_table(), ""), compiler.host_target())
+        compiler.compile_library(MODEL, render_header(load_table(), ""), compiler.host_target())
 
 
 def test_other_platforms_are_built_here(tmp_path):
@@ -226,7 +227,7 @@ def test_other_platforms_are_built_here(tmp_path):
     ],
 )
 def test_aarch64_has_a_place_in_fmi_2(targets, places, monkeypatch, tmp_path):
-    monkeypatch.setattr(build, "compile_library", lambda _header, target: target.encode())
+    monkeypatch.setattr(build, "compile_library", lambda _model, _header, target: target.encode())
     (path,) = build.build_fmus({"2": tmp_path / "a.fmu"}, targets)
     with zipfile.ZipFile(path) as archive:
         held = {Path(name).parent.name: archive.read(name).decode() for name in archive.namelist()
@@ -241,6 +242,19 @@ def test_every_platform_is_built_here_reproducibly(tmp_path):
     check_libraries(paths, targets)
     again = build.build_fmus({"2": tmp_path / "c.fmu", "3": tmp_path / "d.fmu"}, targets)
     assert [p.read_bytes() for p in paths] == [p.read_bytes() for p in again]
+
+
+@pytest.mark.slow
+def test_the_array_is_built_for_every_platform_reproducibly(tmp_path):
+    paths = [
+        build.build_fmus({"3": tmp_path / name}, list(compiler.TARGETS), model="VibrationMotors")[0]
+        for name in ("a.fmu", "b.fmu")
+    ]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    with zipfile.ZipFile(paths[0]) as archive:
+        for target, (_, suffix) in compiler.TARGETS.items():
+            content = archive.read(f"binaries/{target}/VibrationMotors{suffix}")
+            assert content.startswith(SHARED_LIBRARY[suffix])
 
 
 def check_libraries(paths: list[Path], targets: list[str]) -> None:
@@ -268,10 +282,21 @@ def test_command_writes_the_named_files(command, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {
         "VibrationMotor_fmi2.fmu",
         "VibrationMotor_fmi3.fmu",
+        "VibrationMotors_fmi3.fmu",
     }
     assert all(str(path) in run.stdout for path in tmp_path.iterdir())
-    assert command(build, "--out", tmp_path).returncode == 0
-    assert (tmp_path / "VibrationMotor.fmu").is_file()
+    assert command(build, "--out", tmp_path / "both").returncode == 0
+    both = {"VibrationMotor.fmu", "VibrationMotors.fmu"}
+    assert {p.name for p in (tmp_path / "both").iterdir()} == both
+
+
+def test_command_builds_the_model_that_is_asked_for(command, tmp_path):
+    line = ("--out", tmp_path, "--model", "VibrationMotors", "--fmi")
+    assert command(build, *line, "3").returncode == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["VibrationMotors_fmi3.fmu"]
+    refused = command(build, *line, "2")
+    assert refused.returncode == 2
+    assert "use --fmi 3" in refused.stderr
 
 
 def test_unwritable_folder_is_one_sentence(command, tmp_path):

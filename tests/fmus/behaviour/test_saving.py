@@ -10,10 +10,10 @@ OK, ERROR = 0, 3
 DOUBLE, INTEGER = "=d", "=i"
 # Places in a serialised state, in bytes from its end.
 FIELD = {
-    "theta": (128, DOUBLE), "omega": (120, DOUBLE), "integral": (112, DOUBLE),
-    "time": (96, DOUBLE), "owed": (88, DOUBLE), "closed_loop": (48, INTEGER),
-    "solver": (44, INTEGER), "modes_held": (40, INTEGER), "friction": (36, INTEGER),
-    "saturation": (32, INTEGER), "jumped": (28, INTEGER), "stop_time": (24, DOUBLE),
+    "closed_loop": (96, INTEGER), "solver": (92, INTEGER), "theta": (88, DOUBLE),
+    "omega": (80, DOUBLE), "integral": (72, DOUBLE), "modes_held": (56, INTEGER),
+    "friction": (52, INTEGER), "saturation": (48, INTEGER), "jumped": (44, INTEGER),
+    "time": (40, DOUBLE), "owed": (32, DOUBLE), "stop_time": (24, DOUBLE),
     "life_cycle": (16, INTEGER), "model_exchange": (12, INTEGER),
 }  # fmt: skip
 LEAST_INTEGER = -(2**31)

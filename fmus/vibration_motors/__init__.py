@@ -1,0 +1,1 @@
+"""Sources of the FMU of an array of vibration motors; `fmus.build` compiles them."""

@@ -1,0 +1,50 @@
+/* An instance of n motors: what VibrationMotors offers beyond instance.h, the number of motors and
+ * their restarts. The shims fmi3.c and fmi3_array.c only translate calls. */
+#ifndef ARRAY_H
+#define ARRAY_H
+
+#include "instance.h"
+#include "levels.h"
+
+typedef struct {
+    Instance base;
+    size_t n;
+    double step_size;
+    bool closed_loop;
+    bool restarting; /* whether some motor's restart may not be the one of its last step */
+    Level level;
+    Block *blocks; /* of motors 0 to 7, 8 to 15, ... */
+    void *memory;  /* that the blocks are in */
+} Motors;
+
+static inline Motors *motors_of(Instance *instance) { return (Motors *)instance; }
+
+static inline const Motors *motors_in(const Instance *instance) { return (const Motors *)instance; }
+
+static inline size_t block_count(size_t n) { return (n + LANES - 1) / LANES; }
+
+/* How many of a block's lanes hold motors. */
+static inline size_t lane_count(const Motors *motors, size_t block) {
+    const size_t left = motors->n - LANES * block;
+    return left < LANES ? left : LANES;
+}
+
+/* Have n motors with start values in place of those there are; may be out of memory. */
+static Status motors_allocate(Motors *motors, const char *function, uint64_t n);
+/* Put the parameters into force and all states to their start. */
+static void motors_initialise(Motors *motors);
+/* Put parameters, states and inputs into force. */
+static void motors_refresh(Motors *motors);
+
+/* Copy a row of n values. */
+static void motors_read(const Motors *motors, size_t row, double values[]);
+static void motors_write(Motors *motors, size_t row, const double values[]);
+
+static Status instance_get_restart(const Instance *instance, const char *function,
+                                   const uint32_t references[], size_t count, int64_t values[],
+                                   size_t value_count);
+static Status instance_set_restart(Instance *instance, const char *function,
+                                   const uint32_t references[], size_t count,
+                                   const int64_t values[], size_t value_count);
+
+#endif

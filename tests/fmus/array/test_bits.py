@@ -1,0 +1,137 @@
+"""n motors in one instance give the bits of n instances of one motor, whatever becomes of them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmus.variables import load_table
+
+OK = 0
+STEP_S = 1e-5
+NAMES = ("theta", "omega", "omega_dot", "V_s", "i", "integral")
+TABLE = load_table()
+PARAMETERS = ("m", "r", "K_T", "J", "R", "b", "c", "g", "K_p", "K_i", "V_s_max")
+
+
+class Singles:
+    """One instance of VibrationMotor for each motor."""
+
+    def __init__(self, instance: Any, start: dict[str, Any], n: int) -> None:
+        self.instance, self.inputs = instance, [{} for _ in range(n)]
+        self.start = [{k: float(np.broadcast_to(v, n)[j]) if k != "closed_loop" else v
+                       for k, v in start.items()} for j in range(n)]  # fmt: skip
+        self.motors = [self._new(k, 0.0) for k in range(n)]
+
+    def _new(self, k: int, time_s: float) -> Any:
+        motor = self.instance(3)
+        assert motor.set(**self.start[k], **self.inputs[k]) == OK, motor.messages
+        assert motor.enter_initialization(time_s) == OK
+        assert motor.call("ExitInitializationMode") == OK
+        return motor
+
+    def set(self, **values: np.ndarray) -> None:
+        for k, motor in enumerate(self.motors):
+            self.inputs[k] |= {name: float(value[k]) for name, value in values.items()}
+            assert motor.set(**self.inputs[k]) == OK
+
+    def restart(self, k: int, time_s: float) -> None:
+        self.motors[k].free()
+        self.motors[k] = self._new(k, time_s)
+
+    def do_step(self, time_s: float, step_s: float) -> None:
+        assert [motor.do_step(time_s, step_s) for motor in self.motors] == [OK] * len(self.motors)
+
+    def get(self, *names: str) -> np.ndarray:
+        return np.array([motor.get(*names) for motor in self.motors]).T
+
+
+def parameters(generator: np.random.Generator, n: int) -> dict[str, Any]:
+    """Parameters and starts about those of Table II, different for every motor."""
+    start = {p: float(TABLE[p].start or 0.0) * generator.uniform(0.7, 1.4, n) for p in PARAMETERS}
+    start["theta_start"] = generator.uniform(-3.0, 3.0, n)
+    start["omega_start"] = np.where(np.arange(n) % 3 == 0, 0.0, generator.uniform(-400, 400, n))
+    return start
+
+
+@pytest.mark.parametrize("closed_loop", [True, False], ids=["closed-loop", "open-loop"])
+@pytest.mark.parametrize(("n", "step_s"), [(1, 1e-5), (4, 1e-5), (8, 2.5e-5), (21, 1e-3)])
+def test_an_array_has_the_bits_of_its_motors(array, instance, n, step_s, closed_loop):
+    generator = np.random.default_rng(n)
+    start = parameters(generator, n) | {"closed_loop": closed_loop}
+    motors, singles = array(n).start(**start), Singles(instance, start, n)
+    restart, step, saved = np.zeros(n, dtype=int), 0, None
+    sides, at_rest, signs = set(), 0, set()
+    for stretch in range(30):
+        values = {
+            "omega_des": generator.choice([0.0, 700.0, -500.0, 7000.0], n),
+            "omega_noise": generator.uniform(-35.0, 35.0, n),
+            "d": generator.uniform(-3e-6, 3e-6, n),
+            "V_in": generator.choice([0.0, 0.3, 1.0, -1.5, 9.0, -9.0], n),
+        }
+        assert motors.set(**values) == OK
+        singles.set(**values)
+        if stretch % 5 == 4:
+            chosen = generator.random(n) < 0.5
+            restart += chosen * generator.integers(-3, 9, n)
+            chosen = restart != motors_restart(motors)
+            assert motors.set(restart=restart) == OK
+            for k in np.flatnonzero(chosen).tolist():
+                singles.restart(k, step * step_s)
+        if stretch == 12:
+            saved = motors.save()
+        if stretch == 13 and saved is not None:  # there and back, in another instance
+            ahead = motors.save()
+            other = array(2)
+            assert other.load(saved) == motors.load(saved) == OK
+            assert other.save() == saved
+            assert motors.load(ahead) == OK
+            assert motors.save() == ahead
+        for _ in range(40):
+            assert motors.do_step(step * step_s, step_s) == OK, motors.messages
+            singles.do_step(step * step_s, step_s)
+            step += 1
+            found = motors.get(*NAMES)
+            assert found.tobytes() == singles.get(*NAMES).tobytes()
+            at_rest += int(((found[1] == 0.0) & (found[2] == 0.0)).sum())
+            signs |= set(np.sign(found[1]))
+            sides |= set(np.sign(found[3][np.abs(found[3]) == start["V_s_max"]]))
+    assert n == 1 or (sides == {-1.0, 1.0} and signs == {-1.0, 0.0, 1.0} and at_rest > 20)
+
+
+def motors_restart(motors: Any) -> np.ndarray:
+    values = np.zeros(motors.n, dtype=np.int64)
+    assert motors.values("GetInt64", ("restart",), values) == OK
+    return values
+
+
+def test_a_saved_state_holds_the_last_restart(array):
+    motors = array(3).start(omega_des=700.0)
+    assert motors.do_step(0.0, 0.1) == OK
+    assert motors.set(restart=[0, 5, 0]) == OK
+    states = {0.1: motors.save()}  # motor 2 is to restart
+    assert motors.do_step(0.1, 0.1) == OK
+    states[0.2] = motors.save()  # motor 2 has restarted
+    assert motors.do_step(0.2, 0.1) == OK
+    assert motors.get("theta")[0, 1] < 0.8 * motors.get("theta")[0, 0]
+    for time_s, saved in states.items():
+        other = array(3)
+        assert other.load(saved) == OK
+        assert other.save() == saved
+        for k in range(round((0.3 - time_s) / 0.1)):
+            assert other.do_step(time_s + k * 0.1, 0.1) == OK, other.messages
+        assert other.get("theta", "omega").tobytes() == motors.get("theta", "omega").tobytes()
+
+
+def test_a_restart_waits_for_the_step_and_happens_once(array):
+    motors = array(2).start(omega_des=700.0, theta_start=[0.0, 1.0])
+    assert motors.do_step(0.0, 0.05) == OK
+    before = motors.get(*NAMES)
+    assert motors.set(restart=[-1, 0]) == OK
+    assert (motors.get(*NAMES) == before).all()
+    for k in range(3):
+        assert motors.do_step(0.05 + k * STEP_S, STEP_S) == OK
+    alone = array(1).start(omega_des=700.0)
+    assert alone.do_step(0.0, 3 * STEP_S) == OK
+    assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)[:, 0]).all()
+    assert motors.get("theta")[0, 1] > before[0, 1]
