@@ -289,13 +289,16 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
     least_c = allowed_approach(height + dot(normal, contact.c), params.inverse_dt)
     at_a, at_b, at_c = body.at_a, body.at_b, body.at_c
     v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at_a, at_b, at_c)
-    going_on = height < math.inf  # in every lane
+    change = select(height < math.inf, math.inf, 0.0)
     for _ in range(contact.max_sweeps):
+        # A lane whose sweeps have ended keeps what it has, to the bit, and so changes no more.
+        going_on = change >= contact.tolerance
+        if not any_lane(going_on):
+            break
         u_a, u_b, u_c = foot_velocities(v, omega, contact)
         a = gradient_step(at_a, u_a, normal, least_a, contact)
         b = gradient_step(at_b, u_b, normal, least_b, contact)
         c = gradient_step(at_c, u_c, normal, least_c, contact)
-        # A lane whose sweeps have ended keeps what it has, to the bit.
         a, b, c = _where(going_on, a, at_a), _where(going_on, b, at_b), _where(going_on, c, at_c)
         before, spin = total, omega[2]
         v, omega, total = with_impulses(free_velocity, free_omega, params, normal, a, b, c)
@@ -303,9 +306,6 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
         change += abs(total[0] - before[0]) + abs(total[1] - before[1])
         change += contact.spin_inertia * abs(omega[2] - spin)
         at_a, at_b, at_c = a, b, c
-        going_on = going_on & (change >= contact.tolerance)
-        if not any_lane(going_on):
-            break
 
     velocity = plus(body.velocity, dt, params.gravity)
     velocity = plus(
