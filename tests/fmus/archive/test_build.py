@@ -106,17 +106,17 @@ def test_two_builds_are_the_same_bytes(fmus, tmp_path):
 
 def test_cache_builds_once_and_again_when_anything_changes(monkeypatch, tmp_path):
     monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
-    first = build.cached_fmu()
+    first = build.cached_fmu("VibrationMotor")
     stamp = first.stat().st_mtime_ns
-    assert build.cached_fmu() == first
+    assert build.cached_fmu("VibrationMotor") == first
     assert first.stat().st_mtime_ns == stamp
     monkeypatch.setattr(build, "FLAGS", (*build.FLAGS, "-DOTHER"))
-    second = build.cached_fmu()
+    second = build.cached_fmu("VibrationMotor")
     assert second != first
     table = load_table()
     inputs = (replace(table.variables[0], description="other"), *table.variables[1:])
     monkeypatch.setattr(build, "load_table", lambda _: replace(table, variables=inputs))
-    assert build.cached_fmu() not in {first, second}
+    assert build.cached_fmu("VibrationMotor") not in {first, second}
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_damaged_fmu_of_the_cache_is_built_again(fmu, monkeypatch, tmp_path, cap
     monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
     # The compiler gives the same bytes every time; copying them takes its place.
     monkeypatch.setattr(build, "build_fmu", lambda folder, _: shutil.copy(fmu, folder))
-    path = build.cached_fmu()
+    path = build.cached_fmu("VibrationMotor")
     (checksum,) = path.parent.glob("*.sha256")
     content = path.read_bytes()
     flipped = bytearray(content)
@@ -141,12 +141,12 @@ def test_damaged_fmu_of_the_cache_is_built_again(fmu, monkeypatch, tmp_path, cap
         checksum.unlink()
     else:
         checksum.write_text("0")
-    assert build.cached_fmu() == path
+    assert build.cached_fmu("VibrationMotor") == path
     assert path.read_bytes() == content
     said = f"{path} is not as it was kept: it is made again"
     assert caplog.messages == [said] * (damage != "removed")
     stamp = path.stat().st_mtime_ns
-    build.cached_fmu()
+    build.cached_fmu("VibrationMotor")
     assert path.stat().st_mtime_ns == stamp
 
 
