@@ -3,9 +3,9 @@
 import itertools
 import math
 
-import numba
 import numpy as np
 import pytest
+from numba.core import config
 
 from cosim.base.jit import kernel
 from cosim.physics.lanes import any_lane, floor, host_lanes, load, select, store, width_of
@@ -82,5 +82,5 @@ def test_each_lane_has_the_bits_of_numpy(lanes):
     ("features", "lanes"), [("+avx2,+avx512f", 8), ("+avx2,-avx512f", 4), ("+sse2", 2)]
 )
 def test_a_register_has_the_lanes_that_numba_is_told_of(features, lanes, monkeypatch):
-    monkeypatch.setattr(numba.core.config, "CPU_FEATURES", features)
+    monkeypatch.setattr(config, "CPU_FEATURES", features)
     assert host_lanes() == lanes
