@@ -13,11 +13,12 @@ from typing import Annotated, Any, Literal, Union
 
 import tyro
 
-from cosim.base.command import Json, MotorFmuFile, print_json
+from cosim.base.command import Jobs, Json, MotorFmuFile, print_json
 from cosim.base.errors import UserError, run_command
 from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars, under_way
 
+COUNTS = {"exchanges", "phases", "repeats", "rounds", "scalar_starts", "seeds", "starts"}
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 
 
@@ -29,8 +30,8 @@ class Benchmark:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if name in {"rounds", "exchanges", "repeats", "seeds", "phases"} and value < 1:
-                raise UserError(f"--{name} must be at least 1")
+            if name in COUNTS and value < 1:
+                raise UserError(f"--{name.replace('_', '-')} must be at least 1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +60,8 @@ class CosimStep(Benchmark):
 
     rounds: int = 40
     """Rounds of every measurement; the best counts."""
+    lanes: Literal[1, 2, 4, 8] | None = None
+    """Bodies in a vector of the batch, by default as many as the processor has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +91,19 @@ class DriveMap(Benchmark):
         super().__post_init__()
         if not self.omega or min(self.omega) <= 0.0:
             raise UserError("--omega: name motor speeds above 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation(Benchmark):
+    """Evaluate a policy in the dynamics as cosim.evaluate does, and its episodes one by one."""
+
+    scenario: str = "2"
+    """Scenario; the policy is trained by the method paper, or found in the cache."""
+    starts: int = 48
+    """Episodes of the evaluation."""
+    scalar_starts: int = 24
+    """Those of them to be simulated one by one as well."""
+    jobs: Jobs = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +189,7 @@ MODULES: dict[type[Benchmark], str] = {
     Convergence: "convergence",
     CosimStep: "cosim_step",
     DriveMap: "drive_map",
+    Evaluation: "evaluation",
     FmuStep: "fmu_step",
     MovesLearning: "moves_learning",
     Reaction: "reaction",

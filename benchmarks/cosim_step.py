@@ -22,11 +22,13 @@ from benchmarks.references.mjcf import robots_mjcf
 from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.base.scenario import Scenario
+from cosim.base.scenario import MAX_SIDE_CELLS, Scenario
 from cosim.coupling.calls import FMI_OK, do_step, exchange_float64
 from cosim.coupling.fmu import Addresses, MotorFmu
-from cosim.navigation.batch import CoSimulation
+from cosim.episodes import VECTORS
+from cosim.navigation.batch import Batch
 from cosim.physics.body import standing_state
+from cosim.physics.lanes import host_lanes
 from fmus.build import cached_fmu
 
 SPEED = STEERING.forward_speed_rad_s
@@ -35,73 +37,82 @@ SHORT_S = 0.5  # simulated time of a round: short and many, so that some meet an
 
 
 @dataclass(frozen=True)
-class Options:
-    """Measure the co-simulation's speed and print ratios from one run."""
-
-    rounds: int = 40
-    """Rounds of every measurement; the best counts."""
-    json: bool = False
-    """Print one JSON object as the last line."""
-
-
-@dataclass(frozen=True)
 class StepTimes:
     """Results; names as in the JSON output.
 
     Attributes:
-        realtime_factor: two robots, four motor FMUs, compiled driver, recording off.
-        ratio_to_reference: compiled driver to the driver through fmpy's Python classes.
-        ratio_to_mujoco: MuJoCo's time for two bodies without motors to ours with motors.
-        body_step_ns: one robot and tick, motor forces at prescribed speed included.
+        batch_robot_seconds_per_s: robot-seconds that one core simulates in a second, in a batch of
+            pairs as `cosim.episodes` makes them.
+        ratio_batch_to_scalar: that to one pair on the scalar path: an FMU instance for every motor,
+            one body after the other.
+        realtime_factor: one pair as `cosim.run` simulates it, recording off.
+        ratio_episode_to_scalar: that to the scalar path.
+        lanes: bodies in a vector of the batch.
+        ratio_to_reference: one pair to the driver through fmpy's Python classes.
+        ratio_to_mujoco: MuJoCo's time for two bodies without motors to that of one pair.
+        tick_ns: one pair with its four motors.
+        scalar_tick_ns: the same on the scalar path.
+        batch_robot_tick_ns: a robot of the batch with its two motors.
+        batch_motor_step_ns: a motor in a call to as many as the batch has: fmi3DoStep, and
+            fmi3GetFloat64 of three outputs.
+        fmu_step_ns: the same of an instance of one motor.
+        body_step_ns: one robot on the scalar path, motor forces at prescribed speed included.
         motor_forces_ns: the share of the two motors' forces in it (sines, mostly).
-        fmu_step_ns: one FMU and tick: fmi3DoStep, and fmi3GetFloat64 of three outputs.
-        tick_ns: two robots and four FMUs.
         recording_overhead: additional wall-clock time of the default recording, as a share.
         cost_per_robot_16_to_1: time per robot with sixteen robots over that with one.
     """
 
+    batch_robot_seconds_per_s: float
+    ratio_batch_to_scalar: float
     realtime_factor: float
+    ratio_episode_to_scalar: float
+    lanes: int
     ratio_to_reference: float
     ratio_to_mujoco: float
+    tick_ns: float
+    scalar_tick_ns: float
+    batch_robot_tick_ns: float
+    batch_motor_step_ns: float
+    fmu_step_ns: float
     body_step_ns: float
     motor_forces_ns: float
-    fmu_step_ns: float
-    tick_ns: float
     recording_overhead: float
     cost_per_robot_16_to_1: float
 
 
-def best_s(
-    work: Callable[[], object], rounds: int, clock: Callable[[], float] = time.thread_time
-) -> float:
-    """Shortest time of some calls by the given clock, in s."""
+def best_s(rounds: int, *works: Callable[[], object]) -> list[float]:
+    """Shortest processor time of each in s; they take turns, so that all meet the same machine."""
     times = []
     for _ in range(rounds):
-        began = clock()
-        work()
-        times.append(clock() - began)
-    return min(times)
+        for work in works:
+            began = time.thread_time()
+            work()
+            times.append(time.thread_time() - began)
+    return [min(times[k :: len(works)]) for k in range(len(works))]
 
 
-def driving(robots: int, driver: str = "compiled", rl_step_s: float = SHORT_S) -> CoSimulation:
-    """Robots on a lattice of 7 cm, about to drive."""
+def driving(
+    robots: int,
+    episodes: int = 1,
+    *,
+    fmu: Path | None = None,
+    driver: str = "compiled",
+    lanes: int | None = None,
+    rl_step_s: float = SHORT_S,
+) -> Callable[[], object]:
+    """One RL step of episodes with robots on a lattice of 7 cm, all driving north with noise."""
     side = max(2, int(np.ceil(np.sqrt(robots))))
-    cells = [(3 + 7 * (k % side), 3 + 7 * (k // side)) for k in range(robots)]
-    board = 7 * side + 7
-    scenario = Scenario(
-        "lattice", "", tuple(cells), tuple((c,) for c in cells), columns=board, rows=board
-    )
+    cells = tuple((3 + 7 * (k % side), 3 + 7 * (k // side)) for k in range(robots))
+    starts = tuple((cell,) for cell in cells)
+    # A board that no robot comes to the end of.
+    scenario = Scenario("lattice", "", cells, starts, columns=7 * side + 7, rows=MAX_SIDE_CELLS)
     config = CoSimConfig(timing=TIMING._replace(rl_step_s=rl_step_s, episode_limit_s=1e9))
-    system = CoSimulation(scenario, cached_fmu(), config, driver)
-    system.compile()
-    system.reset(tuple(cells), np.random.SeedSequence(0))
-    return system
-
-
-def advance_s(system: CoSimulation, rounds: int) -> float:
-    """Best time of one RL step in which every robot drives."""
-    action = np.full(system.scenario.robots, NORTH)
-    return best_s(lambda: system.advance(action), rounds)
+    batch = Batch(fmu or cached_fmu(), config, robots, episodes, driver, lanes)
+    batch.compile()
+    for place in range(episodes):
+        batch.begin(place, scenario, cells, np.random.SeedSequence(place))
+    actions = dict.fromkeys(range(episodes), np.full(robots, NORTH))
+    return lambda: batch.advance(actions)
 
 
 def body_step_s(rounds: int, ticks: int = 50_000) -> float:
@@ -111,7 +122,7 @@ def body_step_s(rounds: int, ticks: int = 50_000) -> float:
     state = standing_state(TABLE_I, 0.0, 0.0, 0.0)
     trace = np.empty((1, len(state)))
     trace_body(state, constants, drive, 1, trace)
-    return best_s(lambda: trace_body(state, constants, drive, ticks, trace), rounds) / ticks
+    return best_s(rounds, lambda: trace_body(state, constants, drive, ticks, trace))[0] / ticks
 
 
 @kernel
@@ -128,29 +139,32 @@ def motor_forces_s(rounds: int, ticks: int = 50_000) -> float:
     """Forces of one robot's two motors at one tick, in s."""
     constants, drive = rig(TABLE_I, TABLE_II, TIMING.dt_s), Drive(-SPEED, SPEED, 0.0, 1.0)
     forces_only(constants, drive, 1)
-    return best_s(lambda: forces_only(constants, drive, ticks), rounds) / ticks
+    return best_s(rounds, lambda: forces_only(constants, drive, ticks))[0] / ticks
 
 
 @kernel
 def fmu_only(
     calls: Addresses, instance: int, references: np.ndarray, values: np.ndarray, first: int, n: int
 ) -> int:
-    """Step one FMU n times and read its outputs every time; returns the worst status."""
-    worst = 0
+    """Step an FMU n times and read its outputs every time; returns the worst status."""
+    worst, where, size = 0, values.ctypes.data, values.size
     for tick in range(first, first + n):
         worst = max(worst, do_step(calls.do_step, instance, tick * 1e-5, 1e-5))
         status = exchange_float64(
-            calls.get_float64, instance, references.ctypes.data, 3, values.ctypes.data
+            calls.get_float64, instance, references.ctypes.data, 3, where, size
         )
         worst = max(worst, status)
     return worst
 
 
-def fmu_step_s(rounds: int, ticks: int = 50_000) -> float:
-    """One FMU at drive speed, one tick, in s."""
-    fmu = MotorFmu(cached_fmu("VibrationMotor"))
-    motor, values = fmu.instantiate("benchmark"), np.zeros(len(fmu.outputs))
-    motor.set_inputs(np.array([SPEED, 0.0, 0.0]), 0, TIMING.dt_s)
+def motor_step_s(path: Path, motors: int, rounds: int, ticks: int = 20_000) -> float:
+    """One motor of an instance with so many at drive speed, one tick, in s."""
+    fmu = MotorFmu(path)
+    motor = fmu.instantiate("benchmark", motors=motors)
+    if fmu.arrays:
+        motor.restart(np.ones(motors, dtype=np.int64))
+    values = np.zeros(len(fmu.outputs) * motors)
+    motor.set_inputs(np.repeat([SPEED, 0.0, 0.0], motors), 0, TIMING.dt_s)
     done = 0
 
     def run(count: int) -> None:
@@ -159,7 +173,7 @@ def fmu_step_s(rounds: int, ticks: int = 50_000) -> float:
         done += count
 
     run(100_000)
-    return best_s(lambda: run(ticks), rounds) / ticks
+    return best_s(rounds, lambda: run(ticks))[0] / ticks / motors
 
 
 def mujoco_step_s(rounds: int, ticks: int = 5_000) -> float:
@@ -169,7 +183,7 @@ def mujoco_step_s(rounds: int, ticks: int = 5_000) -> float:
     model = engine.MjModel.from_xml_string(text)
     data = engine.MjData(model)
     engine.mj_step(model, data, nstep=ticks)
-    return best_s(lambda: engine.mj_step(model, data, nstep=ticks), rounds) / ticks
+    return best_s(rounds, lambda: engine.mj_step(model, data, nstep=ticks))[0] / ticks
 
 
 def recording_overhead(rounds: int) -> float:
@@ -178,26 +192,46 @@ def recording_overhead(rounds: int) -> float:
         return float(overheads("default", rounds, 60.0, Path(folder) / "episode.rrd")[0])
 
 
-def measure(rounds: int) -> dict[str, float]:
-    """All figures."""
-    pair_s = advance_s(driving(2), rounds)
-    reference_step_s = 0.02
-    reference = driving(2, "reference", reference_step_s)
-    reference_factor = reference_step_s / advance_s(reference, rounds)
-    one_s, sixteen_s = (advance_s(driving(n), rounds) / n for n in (1, 16))
-    factor = SHORT_S / pair_s
-    tick_s = TIMING.dt_s / factor
+def measure(rounds: int, lanes: int | None) -> dict[str, float]:
+    """All figures.
+
+    Args:
+        rounds: of every measurement.
+        lanes: of the batch, by default what the processor has.
+    """
+    lanes = lanes or host_lanes()
+    pairs = VECTORS * lanes // 2
+    one_motor, all_motors = cached_fmu("VibrationMotor"), cached_fmu("VibrationMotors")
+    reference_s = 0.02
+    scalar_s, pair_s, batch_s, by_python_s, one_s, sixteen_s = best_s(
+        rounds,
+        driving(2, fmu=one_motor, lanes=1),
+        driving(2),
+        driving(2, pairs, lanes=lanes),
+        driving(2, driver="reference", rl_step_s=reference_s),
+        driving(1),
+        driving(16),
+    )
+    robot_s = batch_s / (2 * pairs)
+    tick = TIMING.dt_s / SHORT_S
     return asdict(
         StepTimes(
-            realtime_factor=factor,
-            ratio_to_reference=factor / reference_factor,
-            ratio_to_mujoco=mujoco_step_s(rounds) / tick_s,
+            batch_robot_seconds_per_s=SHORT_S / robot_s,
+            ratio_batch_to_scalar=scalar_s / 2 / robot_s,
+            realtime_factor=SHORT_S / pair_s,
+            ratio_episode_to_scalar=scalar_s / pair_s,
+            lanes=lanes,
+            ratio_to_reference=by_python_s / reference_s * SHORT_S / pair_s,
+            ratio_to_mujoco=mujoco_step_s(rounds) / (tick * pair_s),
+            tick_ns=1e9 * tick * pair_s,
+            scalar_tick_ns=1e9 * tick * scalar_s,
+            batch_robot_tick_ns=1e9 * tick * robot_s,
+            batch_motor_step_ns=1e9 * motor_step_s(all_motors, 4 * pairs, rounds),
+            fmu_step_ns=1e9 * motor_step_s(one_motor, 1, rounds),
             body_step_ns=1e9 * body_step_s(rounds),
             motor_forces_ns=1e9 * motor_forces_s(rounds),
-            fmu_step_ns=1e9 * fmu_step_s(rounds),
-            tick_ns=1e9 * tick_s,
             recording_overhead=recording_overhead(max(3, rounds // 10)),
-            cost_per_robot_16_to_1=sixteen_s / one_s,
+            cost_per_robot_16_to_1=sixteen_s / 16 / one_s,
         )
     )
 
@@ -205,7 +239,7 @@ def measure(rounds: int) -> dict[str, float]:
 def show(found: dict[str, float]) -> None:
     """Print the figures."""
     for name, value in found.items():
-        print(f"{name:24} {value:8.3g}")
+        print(f"{name:26} {value:8.3g}")
 
 
 if __name__ == "__main__":

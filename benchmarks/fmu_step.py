@@ -28,10 +28,10 @@ def compiled(calls: Addresses, instance: int, references: np.ndarray, noise: np.
     worst, where, inputs = 0, references.ctypes.data, noise.ctypes.data
     results = out.ctypes.data
     for k in range(noise.shape[0]):
-        status = exchange_float64(calls.set_float64, instance, where, 1, inputs + 8 * k)
+        status = exchange_float64(calls.set_float64, instance, where, 1, inputs + 8 * k, 1)
         worst = max(worst, status)
         worst = max(worst, do_step(calls.do_step, instance, (first + k) * dt, dt))
-        status = exchange_float64(calls.get_float64, instance, where + 4, 2, results + 16 * k)
+        status = exchange_float64(calls.get_float64, instance, where + 4, 2, results + 16 * k, 2)
         worst = max(worst, status)
     return worst
 

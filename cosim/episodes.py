@@ -25,7 +25,7 @@ from cosim.recording.episode import EpisodeRecorder
 
 # Vectors of a batch: more of them share the cost of a call to the motors, fewer wait for the last
 # episode of a series.
-_VECTORS = 2
+VECTORS = 2
 
 
 @dataclass(frozen=True)
@@ -205,4 +205,4 @@ def _places(task: Task, tasks: int, threads: int) -> int:
     """Places of a batch: as many as fill its vectors, if each thread has that many tasks."""
     if task.driver != "compiled":
         return 1
-    return max(1, min(_VECTORS * host_lanes() // task.scenario.robots, -(-tasks // threads)))
+    return max(1, min(VECTORS * host_lanes() // task.scenario.robots, -(-tasks // threads)))

@@ -23,9 +23,8 @@ def step_through(instance, step_function, get_function, reference, speeds, step_
     for k in range(speeds.shape[0]):
         status = max(status, do_step(step_function, instance, k * step_s, step_s))
         value = speeds.ctypes.data + 8 * k
-        status = max(
-            status, exchange_float64(get_function, instance, reference.ctypes.data, 1, value)
-        )
+        where = reference.ctypes.data
+        status = max(status, exchange_float64(get_function, instance, where, 1, value, 1))
     return status
 
 

@@ -1,0 +1,131 @@
+"""What `cosim.evaluate` takes for a sample of starts, against the same episodes one by one.
+
+One side is what the command does: batches of episodes in lanes, all motors in one FMU instance. The
+other, the scalar path, moves one body after the other and has an FMU instance for every motor. Both
+run in as many threads of one process, and must give the same results. Half of the scalar episodes
+run before the batches and half of them after, so that both sides meet the same machine.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+
+import msgspec
+
+import agent
+from agent.evaluation.cases import Case, Job, run_jobs
+from benchmarks.recording import times_s
+from cosim.base.command import workers
+from cosim.episodes import compile_kernels
+from cosim.navigation.batch import CoSimulation, run_episode
+from cosim.navigation.options import Driving
+from cosim.navigation.result import EpisodeResult, result_of
+from fmus.build import cached_fmu
+
+Results = dict[int, EpisodeResult]
+
+
+@dataclass(frozen=True)
+class EvaluationTimes:
+    """Results; names as in the JSON output.
+
+    Attributes:
+        starts: episodes of the evaluation.
+        scalar_starts: those of them that the scalar path simulated too, with equal results.
+        threads: of both sides.
+        robot_seconds: simulated in the evaluation.
+        robot_seconds_per_s, scalar_robot_seconds_per_s: simulated per second on the clock.
+        ratio_end_to_end: the one over the other.
+        ratio_processor_time: of the scalar path to the evaluation, all threads, per simulated
+            robot-second: holds on a busy machine too, but leaves out threads that wait.
+    """
+
+    starts: int
+    scalar_starts: int
+    threads: int
+    robot_seconds: float
+    robot_seconds_per_s: float
+    scalar_robot_seconds_per_s: float
+    ratio_end_to_end: float
+    ratio_processor_time: float
+
+
+def scalar_system(job: Job) -> CoSimulation:
+    """One body after the other, an FMU instance for every motor."""
+    task = job.task()
+    return CoSimulation(task.scenario, cached_fmu("VibrationMotor"), task.config, lanes=1)
+
+
+def simulate_alone(job: Job) -> EpisodeResult:
+    """The episode on the scalar path; its realtime_factor means nothing."""
+    task, system = job.task(), scalar_system(job)
+    run_episode(system, task.policy, task.starts, task.seed, lambda _: None)
+    result = result_of(system.episode, task.starts, wall_s=1.0)
+    system.close()
+    return result
+
+
+def robot_seconds(results: Results) -> float:
+    """Simulated time of all robots."""
+    return sum(result.sim_time_s * len(result.starts) for result in results.values())
+
+
+def measure(scenario: str, starts: int, scalar_starts: int, jobs: int) -> dict[str, float]:
+    """All figures.
+
+    Raises:
+        AssertionError: an episode ended otherwise in a batch than alone.
+        UserError: the scenario does not exist, or has not so many starts.
+    """
+    policy, threads = agent.train(scenario, method="paper"), workers(jobs)
+    config, fmu = Driving().prepare(policy.config.scenario.robot_diameter_m)
+    case = Case(policy, config, fmu, seed=0)
+    episodes = [Job(case, index) for index in case.sample(starts)]
+    compile_kernels(episodes[0].task(), starts, threads)
+    scalar_system(episodes[0]).compile()
+    results: Results = {}
+    alone: Results = {}
+
+    def in_batches() -> None:
+        results.update((job.index, result) for job, result in run_jobs(episodes, threads))
+
+    def one_by_one(some: Sequence[Job]) -> None:
+        with ThreadPoolExecutor(threads) as pool:
+            done = pool.map(simulate_alone, some)
+            alone.update(zip((job.index for job in some), done, strict=True))
+
+    half = scalar_starts // 2
+    scalar_s = times_s(lambda: one_by_one(episodes[:half]))
+    batch_s = times_s(in_batches)
+    scalar_s += times_s(lambda: one_by_one(episodes[half:scalar_starts]))
+    for index, result in alone.items():
+        factor = result.realtime_factor
+        if msgspec.structs.replace(results[index], realtime_factor=factor) != result:
+            raise AssertionError(f"start {index}: {results[index]} in a batch, {result} alone")
+    speed, scalar_speed = robot_seconds(results) / batch_s, robot_seconds(alone) / scalar_s
+    end_to_end, of_processor_time = (speed / scalar_speed).tolist()
+    return asdict(
+        EvaluationTimes(
+            starts=len(results),
+            scalar_starts=len(alone),
+            threads=threads,
+            robot_seconds=robot_seconds(results),
+            robot_seconds_per_s=float(speed[0]),
+            scalar_robot_seconds_per_s=float(scalar_speed[0]),
+            ratio_end_to_end=end_to_end,
+            ratio_processor_time=of_processor_time,
+        )
+    )
+
+
+def show(found: dict[str, float]) -> None:
+    """Print the figures."""
+    print(f"{found['scalar_starts']} episodes have the same results on both sides")
+    for name, value in found.items():
+        print(f"{name:26} {value:10.4g}")
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)
