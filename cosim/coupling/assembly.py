@@ -56,8 +56,8 @@ def check_motors(
     """
     timing = config.timing
     least_step_s = timing.dt_s if adaptive else timing.communication_step_s
-    instances = 1 if fmu.arrays else robots * len(MOTOR_NAMES)
-    check_use(fmu.path, fmu.interface, instances, least_step_s, adaptive=adaptive)
+    motors = robots * len(MOTOR_NAMES)
+    check_use(fmu.path, fmu.interface, motors, least_step_s, adaptive=adaptive)
 
 
 class Motors:

@@ -27,11 +27,11 @@ class StraightPolicy:
 
 @pytest.fixture
 def edited_fmu(motor_fmu, tmp_path) -> Callable[..., Path]:
-    """A copy of the motor FMU whose modelDescription (its root element) was edited in place."""
+    """A copy of a motor FMU whose modelDescription (its root element) was edited in place."""
 
-    def make(edit: Callable[[ElementTree.Element], object]) -> Path:
+    def make(edit: Callable[[ElementTree.Element], object], original: Path = motor_fmu) -> Path:
         path = tmp_path / "edited.fmu"
-        with zipfile.ZipFile(motor_fmu) as archive, zipfile.ZipFile(path, "w") as copy:
+        with zipfile.ZipFile(original) as archive, zipfile.ZipFile(path, "w") as copy:
             for name in archive.namelist():
                 content = archive.read(name)
                 if name == "modelDescription.xml":

@@ -269,3 +269,33 @@ def test_refused_parameter_names_instance_and_reason(motor_fmu):
 def test_unknown_parameter_is_named(motor_fmu):
     with pytest.raises(FmuError, match="no parameter 'colour'"):
         MotorFmu(motor_fmu).instantiate("m", {"colour": 1.0})
+
+
+def without_dimension(root, name):
+    element = variable(root, name)
+    element.remove(element.find("Dimension"))
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [(lambda root: variable(root, "restart").set("name", "again"), "no Int64 input 'restart'"),
+     (lambda root: without_dimension(root, "restart"), "no Int64 input 'restart' of their size"),
+     (lambda root: without_dimension(root, "theta"),
+      "has 'theta' as a scalar; export it as an array of the size of 'omega_des'"),
+     (lambda root: variable(root, "n").set("causality", "parameter"),
+      "'omega_des' as an array of fixed or of several dimensions; export it as a scalar")],
+)  # fmt: skip
+def test_arrays_of_another_kind_are_refused(edited_fmu, array_fmu, edit, message):
+    with pytest.raises(FmuError, match=message):
+        MotorFmu(edited_fmu(edit, array_fmu))
+
+
+def test_an_array_that_fails_is_named_with_its_time(array_fmu):
+    motors = Motors(MotorFmu(array_fmu), CoSimConfig(), 2)
+    motors.restart([0, 1])
+    motors.step(3, 1e-5)
+    inputs = np.zeros((6, 2))
+    inputs[2, 1] = np.nan
+    with pytest.raises(FmuError, match=r"instance motors, at 0\.00003 s .*: .*omega_noise"):
+        motors.set_inputs(inputs, 1e-5)
+    motors.close()
