@@ -27,7 +27,7 @@ from cosim.coupling.calls import FMI_OK, do_step, exchange_float64
 from cosim.coupling.fmu import Addresses, MotorFmu
 from cosim.episodes import VECTORS
 from cosim.navigation.batch import Batch
-from cosim.physics.body import standing_state
+from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
 from fmus.build import cached_fmu
 

@@ -17,7 +17,7 @@ from agent.evaluation.cases import Case, Job, run_jobs
 from benchmarks.recording import times_s
 from cosim.base.command import workers
 from cosim.episodes import compile_kernels
-from cosim.navigation.batch import CoSimulation, run_episode
+from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.options import Driving
 from cosim.navigation.result import EpisodeResult, result_of
 from fmus.build import cached_fmu

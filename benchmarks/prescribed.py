@@ -12,15 +12,8 @@ import numpy as np
 
 from cosim.base.jit import inlined, kernel
 from cosim.base.params import MotorParams, RobotParams
-from cosim.physics.body import (
-    STATE_SIZE,
-    BodyParams,
-    body_params,
-    read_body,
-    standing_state,
-    stepped,
-    write_body,
-)
+from cosim.physics.body import BodyParams, body_params, stepped
+from cosim.physics.body_state import STATE_SIZE, read_body, standing_state, write_body
 from cosim.physics.contact import CONTACT_TOLERANCE
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import width_of

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from cosim.base.config import CoSimConfig
     from cosim.base.outcome import Outcome
     from cosim.base.scenario import Scenario, find_scenario
-    from cosim.navigation.batch import CoSimulation
+    from cosim.navigation.cosimulation import CoSimulation
     from cosim.navigation.features import Observation
     from cosim.reading.episode import Episode
     from cosim.simulation import simulate
@@ -28,7 +28,7 @@ __all__ = [
 
 _MODULES = {
     "CoSimConfig": "cosim.base.config",
-    "CoSimulation": "cosim.navigation.batch",
+    "CoSimulation": "cosim.navigation.cosimulation",
     "Episode": "cosim.reading.episode",
     "Observation": "cosim.navigation.features",
     "Outcome": "cosim.base.outcome",

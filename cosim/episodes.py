@@ -63,7 +63,7 @@ class _Attended:
     """An episode under way, with its policy and its recorder."""
 
     def __init__(self, number: int, task: Task, batch: Batch, place: int) -> None:
-        self.number, self.place = number, place
+        self.number = number
         self._task = task
         self._wall_s = 0.0
         self.episode = batch.begin(place, task.scenario, task.starts, task.seed, task.config)
@@ -107,17 +107,15 @@ class _Queue:
         """Simulate tasks in one batch, until none is left or may begin, or until `stop` is set."""
         going_on: dict[int, _Attended] = {}
         free = list(range(self._places))
-        with contextlib.ExitStack() as stack:
-            batch: Batch | None = None
-            while True:
+        batch: Batch | None = None
+        try:
+            while not stop.is_set():
                 while free and may_begin() and (taken := self._take()) is not None:
                     number, task = taken
-                    if batch is None:
-                        batch = stack.enter_context(contextlib.closing(_new_batch(task, free)))
+                    batch = batch or _new_batch(task, len(free))
                     place = free.pop()
                     going_on[place] = _Attended(number, task, batch, place)
-                    stack.callback(going_on[place].close)
-                if batch is None or not going_on or stop.is_set():
+                if batch is None or not going_on:
                     return
                 began = time.perf_counter()
                 steps = batch.advance({k: attended.act() for k, attended in going_on.items()})
@@ -129,6 +127,11 @@ class _Queue:
                         ended.close()
                         free.append(place)
                         yield ended.number, ended.result()
+        finally:
+            for attended in going_on.values():
+                attended.close()
+            if batch is not None:
+                batch.close()
 
     def _take(self) -> tuple[int, Task] | None:
         try:
@@ -137,8 +140,8 @@ class _Queue:
             return None
 
 
-def _new_batch(task: Task, places: list[int]) -> Batch:
-    return Batch(task.fmu, task.config, task.scenario.robots, len(places), task.driver)
+def _new_batch(task: Task, places: int) -> Batch:
+    return Batch(task.fmu, task.config, task.scenario.robots, places, task.driver)
 
 
 def simulate_tasks(
@@ -197,8 +200,7 @@ def simulate_tasks(
 
 def compile_kernels(task: Task, tasks: int, threads: int) -> None:
     """Compile the kernels for some tasks like this one, or load them from the cache."""
-    places = _places(task, tasks, threads)
-    Batch(task.fmu, task.config, task.scenario.robots, places, task.driver).compile()
+    _new_batch(task, _places(task, tasks, threads)).compile()
 
 
 def _places(task: Task, tasks: int, threads: int) -> int:

@@ -22,7 +22,8 @@ from cosim.coupling.signals import (
     State,
 )
 from cosim.coupling.steering import steer
-from cosim.physics.body import BodyParams, read_body, stepped, write_body
+from cosim.physics.body import BodyParams, stepped
+from cosim.physics.body_state import read_body, write_body
 from cosim.physics.collision import PairParams, find_near_pairs, push_apart
 from cosim.physics.contact import Impulse
 from cosim.physics.forces import MotorMount, motor_wrench

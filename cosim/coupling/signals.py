@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.coupling.steering import COMMAND_SIZE
-from cosim.physics.body import QUATERNION, STATE_SIZE
+from cosim.physics.body_state import QUATERNION, STATE_SIZE
 
 MOTORS = 2  # D, E
 FEET = 3  # A, B, C

@@ -28,7 +28,7 @@ from cosim.navigation.features import (
 from cosim.navigation.measures import Measures
 from cosim.navigation.observing import cells_of, nearest_squared, observe
 from cosim.navigation.safety import WAIT, board_of, permitted
-from cosim.physics.body import POSITION, QUATERNION, standing_state
+from cosim.physics.body_state import POSITION, QUATERNION, standing_state
 
 
 class SupportsAct(Protocol):

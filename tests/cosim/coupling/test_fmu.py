@@ -16,7 +16,7 @@ from cosim.base.scenario import find_scenario
 from cosim.calibration.trial import Trial
 from cosim.coupling.assembly import Motors, check_motors
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.navigation.batch import CoSimulation
+from cosim.navigation.cosimulation import CoSimulation
 
 
 def variable(root, name: str):

@@ -17,7 +17,8 @@ from cosim.coupling.master import CompiledDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
 from cosim.coupling.steering import DIRECTION, GOAL_X, START
-from cosim.physics.body import body_params, standing_state
+from cosim.physics.body import body_params
+from cosim.physics.body_state import standing_state
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
 

@@ -8,7 +8,7 @@ import pytest
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TIMING, cylinder_inertia
 from cosim.base.scenario import Scenario, find_scenario
-from cosim.navigation.batch import CoSimulation, run_episode
+from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import LARGE, MEDIUM
 from cosim.navigation.observing import draw_starts
 

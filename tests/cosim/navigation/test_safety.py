@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cosim.base.config import CoSimConfig
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.scenario import Scenario
-from cosim.navigation.batch import CoSimulation, run_episode
+from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
 from cosim.navigation.safety import WAIT, board_of, line_to_line, permitted
 

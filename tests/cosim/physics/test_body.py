@@ -11,14 +11,13 @@ from hypothesis import strategies as st
 from benchmarks.prescribed import coast, step_body
 from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II, TIMING, cylinder_inertia
-from cosim.physics.body import (
+from cosim.physics.body import BodyParams, body_params
+from cosim.physics.body_state import (
     ANGULAR_VELOCITY,
     NORMAL_IMPULSE,
     POSITION,
     QUATERNION,
     VELOCITY,
-    BodyParams,
-    body_params,
     standing_state,
 )
 from cosim.physics.rotation import dot, heading, rotation_matrix

@@ -9,8 +9,9 @@ from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.base.scenario import Scenario
-from cosim.navigation.batch import CoSimulation, run_episode
-from cosim.physics.body import ANGULAR_VELOCITY, VELOCITY, body_params, standing_state
+from cosim.navigation.cosimulation import CoSimulation, run_episode
+from cosim.physics.body import body_params
+from cosim.physics.body_state import ANGULAR_VELOCITY, VELOCITY, standing_state
 from cosim.physics.collision import NEAR_M, PairParams, find_near_pairs, push_apart
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from benchmarks.prescribed import step_body
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
-from cosim.physics import body, contact
+from cosim.physics import body, body_state, contact
 
 PARAMS = contact.contact_params(TABLE_I, 0.0)
 # Contacts iterated until nothing changes: their laws then hold to rounding.
@@ -93,16 +93,16 @@ def test_solutions_obey_signorini_and_coulomb(v, omega, mu):
     Signorini: λ ≥ 0, u_N ≥ 0, λ u_N = 0. Coulomb: |q| ≤ μ λ, and sliding feet have q = −μ λ t.
     """
     params = CONVERGED._replace(contact=CONVERGED.contact._replace(mu=mu))
-    state = body.standing_state(TABLE_I, 0.0, 0.0, 0.0)
-    state[body.VELOCITY], state[body.ANGULAR_VELOCITY] = v, omega
+    state = body_state.standing_state(TABLE_I, 0.0, 0.0, 0.0)
+    state[body_state.VELOCITY], state[body_state.ANGULAR_VELOCITY] = v, omega
     before = state.copy()
     step_body(state, params, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     # The body stood upright: body and world frames agree in this one step.
-    pressed = state[body.NORMAL_IMPULSE]
-    friction = state[body.FRICTION_IMPULSE].reshape(3, 3)
+    pressed = state[body_state.NORMAL_IMPULSE]
+    friction = state[body_state.FRICTION_IMPULSE].reshape(3, 3)
     feet = contact.foot_positions(TABLE_I)
-    moved = state[body.VELOCITY] + np.cross(state[body.ANGULAR_VELOCITY], feet)
+    moved = state[body_state.VELOCITY] + np.cross(state[body_state.ANGULAR_VELOCITY], feet)
     size = np.abs(np.concatenate([v, omega])).max() + 1e-3
     assert np.all(pressed >= 0.0)
     assert np.all(moved[:, 2] >= -1e-7 * size)
@@ -119,5 +119,5 @@ def test_solutions_obey_signorini_and_coulomb(v, omega, mu):
     # Impulse and momentum balance.
     total = friction.sum(axis=0)
     total[2] += pressed.sum()
-    change = (state - before)[body.VELOCITY] - np.array(params.gravity) * params.dt
+    change = (state - before)[body_state.VELOCITY] - np.array(params.gravity) * params.dt
     np.testing.assert_allclose(total, TABLE_I.mass_kg * change, atol=1e-15)

@@ -13,7 +13,7 @@ from cosim.base.jit import kernel
 from cosim.base.outcome import COLLISION, RUNNING
 from cosim.base.params import SAFETY_MARGIN_M, TABLE_I, TIMING
 from cosim.base.scenario import Scenario, ScenarioError, find_scenario, touches_obstacle
-from cosim.navigation.batch import CoSimulation, run_episode
+from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
 from cosim.navigation.safety import WAIT, board_of, permitted
 from cosim.physics import obstacle as solid

@@ -17,7 +17,7 @@ from cosim.base.params import (
     cylinder_inertia,
     lift_off_speed,
 )
-from cosim.physics.body import NORMAL_IMPULSE, STATE_SIZE, standing_state
+from cosim.physics.body_state import NORMAL_IMPULSE, STATE_SIZE, standing_state
 from cosim.physics.forces import motor_mounts, motor_wrench
 from cosim.platform import motion as platform
 

@@ -16,7 +16,7 @@ from cosim.base.params import TIMING
 from cosim.base.scenario import Scenario
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.signals import RawSamples
-from cosim.navigation.batch import CoSimulation
+from cosim.navigation.cosimulation import CoSimulation
 from cosim.reading.rrd import read_rrd
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder

@@ -1,0 +1,94 @@
+"""What changes of a robot, as a column of an array and as numbers; no equations."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.base.jit import inlined
+from cosim.base.params import RobotParams
+from cosim.physics.contact import Impulse
+from cosim.physics.lanes import Width, load, store
+from cosim.physics.rotation import Quaternion, Vector
+
+# Layout of a body's state, one float64 vector; of many bodies, the rows of an array with a column
+# for each.
+POSITION = slice(0, 3)  # centre of mass, world frame, m
+QUATERNION = slice(3, 7)  # world from body, (w, x, y, z)
+VELOCITY = slice(7, 10)  # of the centre of mass, world frame, m/s
+ANGULAR_VELOCITY = slice(10, 13)  # body frame, rad/s
+NORMAL_IMPULSE = slice(13, 16)  # of feet A, B, C in the last step, N s
+FRICTION_IMPULSE = slice(16, 25)  # of A, B, C, body frame (x, y, z) each, N s
+STATE_SIZE = 25
+
+
+def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: float) -> np.ndarray:
+    """State of a robot at rest on its feet, shape (STATE_SIZE,)."""
+    state = np.zeros(STATE_SIZE)
+    state[POSITION] = x_m, y_m, robot.com_height_m
+    state[QUATERNION] = math.cos(heading_rad / 2.0), 0.0, 0.0, math.sin(heading_rad / 2.0)
+    return state
+
+
+class Body(NamedTuple):
+    """What changes of one robot, or of the robots in the lanes of a vector; see the layout above.
+
+    Attributes:
+        position, velocity: of the centre of mass, world frame, m and m/s.
+        orientation: world from body.
+        omega: body frame, rad/s.
+        at_a, at_b, at_c: impulses of the last step, body frame, N s.
+    """
+
+    position: Vector
+    orientation: Quaternion
+    velocity: Vector
+    omega: Vector
+    at_a: Impulse
+    at_b: Impulse
+    at_c: Impulse
+
+
+@inlined
+def read_body(bodies: np.ndarray, column: int, width: Width) -> Body:
+    """Bodies of (STATE_SIZE, B) from a column on, one for every lane."""
+    return Body(
+        _read_vector(bodies, 0, column, width),
+        (load(bodies, 3, column, width), *_read_vector(bodies, 4, column, width)),
+        _read_vector(bodies, 7, column, width),
+        _read_vector(bodies, 10, column, width),
+        (load(bodies, 13, column, width), _read_vector(bodies, 16, column, width)),
+        (load(bodies, 14, column, width), _read_vector(bodies, 19, column, width)),
+        (load(bodies, 15, column, width), _read_vector(bodies, 22, column, width)),
+    )
+
+
+@inlined
+def _read_vector(bodies: np.ndarray, row: int, column: int, width: Width) -> Vector:
+    return (
+        load(bodies, row, column, width),
+        load(bodies, row + 1, column, width),
+        load(bodies, row + 2, column, width),
+    )
+
+
+@inlined
+def write_body(bodies: np.ndarray, column: int, width: Width, body: Body) -> None:
+    """Put bodies back to where `read_body` took them from."""
+    _write_vector(bodies, 0, column, width, body.position)
+    store(bodies, 3, column, width, body.orientation[0])
+    _write_vector(bodies, 4, column, width, body.orientation[1:])
+    _write_vector(bodies, 7, column, width, body.velocity)
+    _write_vector(bodies, 10, column, width, body.omega)
+    normal = (body.at_a[0], body.at_b[0], body.at_c[0])
+    _write_vector(bodies, 13, column, width, normal)
+    _write_vector(bodies, 16, column, width, body.at_a[1])
+    _write_vector(bodies, 19, column, width, body.at_b[1])
+    _write_vector(bodies, 22, column, width, body.at_c[1])
+
+
+@inlined
+def _write_vector(bodies: np.ndarray, row: int, column: int, width: Width, vector: Vector) -> None:
+    store(bodies, row, column, width, vector[0])
+    store(bodies, row + 1, column, width, vector[1])
+    store(bodies, row + 2, column, width, vector[2])
