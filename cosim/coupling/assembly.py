@@ -170,8 +170,17 @@ class Motors:
 
 
 def noise_generators(seed: np.random.SeedSequence, robots: int) -> list[np.random.Generator]:
-    """One generator of speed noise for every motor, each with a child of the seed."""
-    return [np.random.default_rng(child) for child in seed.spawn(robots * len(MOTOR_NAMES))]
+    """One generator of speed noise for every motor, each with a child of the seed.
+
+    The seed stays as it is: unlike `seed.spawn`, a second call gives the same generators.
+    """
+    children = range(robots * len(MOTOR_NAMES))
+    return [
+        np.random.default_rng(
+            np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, child))
+        )
+        for child in children
+    ]
 
 
 def draw_noise(

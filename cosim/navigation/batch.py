@@ -108,7 +108,10 @@ class Batch:
         require_size(scenario, config)
         first = place * self.robots
         columns = slice(first, first + self.robots)
-        self._state.boards[place] = scenario.size_m
+        state = self._state
+        for signals in (state.inputs, state.outputs, state.held, state.held_velocities):
+            signals[:, columns] = 0.0  # nothing is left of who was there before
+        state.boards[place] = scenario.size_m
         self._put_obstacles(place, scenario.walls * scenario.cell_m)
         self._motors.restart(range(first, first + self.robots))
         episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
