@@ -96,7 +96,7 @@ def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vect
 
 @kernel
 def coast(state: np.ndarray, body: BodyParams, ticks: int) -> None:
-    """Advance a robot without motors by some ticks, in place; state as in `cosim.physics.body`."""
+    """Advance a robot without motors by some ticks, in place; state as in `cosim.physics.body_state`."""
     for _ in range(ticks):
         step_body(state, body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -108,7 +108,7 @@ def drive_body(
     """Advance a robot by some ticks, in place, with the forces at the end of every tick.
 
     Args:
-        state: shape (STATE_SIZE,), layout in `cosim.physics.body`.
+        state: shape (STATE_SIZE,), layout in `cosim.physics.body_state`.
         rig: constants.
         drive: motor speeds and angles.
         first_tick: ticks done before; time is an integer, so that no rounding accumulates.

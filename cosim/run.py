@@ -69,7 +69,7 @@ class Run:
     """Address of the viewer for --live and --spawn."""
     jobs: Jobs = -1
     driver: Literal["compiled", "reference", "adaptive"] = "compiled"
-    """How the master reaches the FMUs: compiled code, fmpy's Python classes (some 100 times slower,
+    """How the master reaches the FMUs: compiled code, fmpy's Python classes (some 400 times slower,
     the same bits), or fmpy with a communication step that adapts by rolling the FMUs back."""
     physics: Annotated[Driving, tyro.conf.OmitArgPrefixes] = field(default_factory=Driving)
 

@@ -4,8 +4,9 @@
     env = gymnasium.make("MiniRobots/SingleA-v0")
 
 `MiniRobots/SingleA-v0` and `SingleB-v0` are scenarios 1a and 1b on the grid,
-`MiniRobots/CoSim-v0` is 1a in the full co-simulation. `parallel_env` makes a PettingZoo
-environment for pairs and more. The version in an id rises with any change of a reading.
+`MiniRobots/CoSim-v0` is 1a in the full co-simulation; `gymnasium.make_vec` makes many that are
+stepped together. `parallel_env` makes a PettingZoo environment for pairs and more. The version in
+an id rises with any change of a reading.
 """
 
 import gymnasium

@@ -31,7 +31,7 @@ class Trial:
     """N robots, each alone, with motors at rest.
 
     Attributes:
-        bodies: (STATE_SIZE, N), layout in `cosim.physics.body`.
+        bodies: (STATE_SIZE, N), layout in `cosim.physics.body_state`.
         commands: (N, COMMAND_SIZE), layout in `cosim.coupling.steering`.
         origins_m: (N, 2) where each robot was put.
         time_s: simulated time.

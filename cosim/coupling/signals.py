@@ -27,7 +27,7 @@ class State(NamedTuple):
     number of vectors. Rows that motors have are those of D, then of E, one signal after the other.
 
     Attributes:
-        bodies: (STATE_SIZE, B), layout in cosim.physics.body.
+        bodies: (STATE_SIZE, B), layout in cosim.physics.body_state.
         commands: (B, COMMAND_SIZE), layout in cosim.coupling.steering.
         inputs: (6, B) omega_des, omega_noise, d.
         outputs: (6, B) theta, omega, omega_dot.

@@ -1,1 +1,1 @@
-"""Episodes of RL steps on top of the master: what is seen, permitted and measured."""
+"""Episodes of RL steps on the master, many together: what is seen, permitted and measured."""

@@ -38,7 +38,8 @@ class ContactParams(NamedTuple):
         mu: Coulomb friction coefficient, static = kinetic.
         step_normal, step_tangential: step sizes of the projected gradient in kg.
         spin_inertia: friction impulse at a foot, in N s, that changes a spin by 1 rad/s: kg m.
-        tolerance: sweeps end when the impulses change by less than this, N s.
+        tolerance: sweeps end when the impulses, that of the spin included, change by less than
+            this, N s.
         max_sweeps: bound on the gradient steps of one time step.
     """
 
