@@ -21,6 +21,7 @@ from cosim.physics.body import body_params
 from cosim.physics.body_state import standing_state
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
+from cosim.physics.lanes import host_lanes
 
 PERIODS, ROBOTS = 200, 2
 
@@ -133,8 +134,16 @@ def test_drivers_lanes_and_arrays_agree_in_every_bit(motor_fmu, array_fmu, coupl
     assert reference[0] == (PERIODS, 0)
     assert np.abs(reference[2].omega[-1]).min() > 800.0  # the motors did run
     for fmu in (motor_fmu, array_fmu):
-        for lanes in (1, 2, 8):
+        for lanes in {1, 2, host_lanes()}:
             assert same(advance(fmu, lanes, **coupling), reference), (fmu, lanes)
+
+
+@pytest.mark.slow  # compiles for widths that this processor would not choose
+@pytest.mark.parametrize("lanes", sorted({4, 8, 16} - {host_lanes()}))
+@pytest.mark.parametrize("gap_m", [0.1, 0.0499])
+def test_any_number_of_lanes_gives_the_same_bits(array_fmu, lanes, gap_m):
+    reference = advance(array_fmu, "reference", gap_m=gap_m)
+    assert same(advance(array_fmu, lanes, gap_m=gap_m), reference)
 
 
 def test_the_reference_driver_steps_arrays(motor_fmu, array_fmu):
