@@ -96,7 +96,7 @@ def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vect
 
 @kernel
 def coast(state: np.ndarray, body: BodyParams, ticks: int) -> None:
-    """Advance a robot without motors by some ticks, in place; state as in `cosim.physics.body_state`."""
+    """Advance a robot without motors by some ticks, in place, see `cosim.physics.body_state`."""
     for _ in range(ticks):
         step_body(state, body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
