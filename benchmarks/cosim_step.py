@@ -25,8 +25,7 @@ from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.base.scenario import MAX_SIDE_CELLS, Scenario
 from cosim.coupling.calls import FMI_OK, do_step, exchange_float64
 from cosim.coupling.fmu import Addresses, MotorFmu
-from cosim.episodes import VECTORS
-from cosim.navigation.batch import Batch
+from cosim.navigation.batch import VECTORS, Batch
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
 from fmus.build import cached_fmu

@@ -17,15 +17,11 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import Cell, Scenario
-from cosim.navigation.batch import Batch, shared
+from cosim.navigation.batch import VECTORS, Batch, shared
 from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
 from cosim.navigation.result import EpisodeResult, result_of
 from cosim.physics.lanes import host_lanes
 from cosim.recording.episode import EpisodeRecorder
-
-# Vectors of a batch: more of them share the cost of a call to the motors, fewer wait for the last
-# episode of a series.
-VECTORS = 2
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,10 @@ from cosim.physics.lanes import host_lanes
 
 DRIVERS = ("compiled", "reference", "adaptive")
 
+# Of a batch of many: more of them share the cost of a call to the motors, fewer wait for the last
+# episode of a series.
+VECTORS = 2
+
 
 def _driver(name: str, motors: Motors, lanes: int) -> Driver:
     if name == "compiled":
