@@ -32,7 +32,7 @@ class Constant:
     def __init__(self, *directions: int) -> None:
         self._directions = np.array(directions)
 
-    def act(self, _):
+    def act(self, observation):
         return self._directions
 
 
@@ -110,7 +110,7 @@ def test_results_do_not_depend_on_threads_or_places(array_fmu):
 
 def test_errors_of_a_thread_are_raised_where_results_are_taken(array_fmu):
     class Broken:
-        def act(self, _):
+        def act(self, observation):
             raise ValueError("no action")
 
     scenario, starts, _ = EPISODES[0]
