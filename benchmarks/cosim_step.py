@@ -25,7 +25,7 @@ from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.base.scenario import MAX_SIDE_CELLS, Scenario
 from cosim.coupling.calls import FMI_OK, do_step, exchange_float64
 from cosim.coupling.fmu import Addresses, MotorFmu
-from cosim.navigation.batch import VECTORS, Batch
+from cosim.navigation.batch import ROBOTS_TOGETHER, Batch
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
 from fmus.build import cached_fmu
@@ -199,7 +199,7 @@ def measure(rounds: int, lanes: int | None) -> dict[str, float]:
         lanes: of the batch, by default what the processor has.
     """
     lanes = lanes or host_lanes()
-    pairs = VECTORS * lanes // 2
+    pairs = ROBOTS_TOGETHER // 2
     one_motor, all_motors = cached_fmu("VibrationMotor"), cached_fmu("VibrationMotors")
     reference_s = 0.02
     scalar_s, pair_s, batch_s, by_python_s, one_s, sixteen_s = best_s(

@@ -17,10 +17,9 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.scenario import Cell, Scenario
-from cosim.navigation.batch import VECTORS, Batch, shared
+from cosim.navigation.batch import ROBOTS_TOGETHER, Batch, shared
 from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
 from cosim.navigation.result import EpisodeResult, result_of
-from cosim.physics.lanes import host_lanes
 from cosim.recording.episode import EpisodeRecorder
 
 
@@ -203,4 +202,4 @@ def _places(task: Task, tasks: int, threads: int) -> int:
     """Places of a batch: as many as fill its vectors, if each thread has that many tasks."""
     if task.driver != "compiled":
         return 1
-    return max(1, min(VECTORS * host_lanes() // task.scenario.robots, -(-tasks // threads)))
+    return max(1, min(ROBOTS_TOGETHER // task.scenario.robots, -(-tasks // threads)))

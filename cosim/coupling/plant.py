@@ -113,11 +113,14 @@ def begin_step(plant: Plant, state: State) -> None:
     """Keep what both sides know at the start of a communication step, if it will be needed."""
     # Element by element, here and below: numba takes longer to compile one slice assignment than
     # all of this module.
-    for row in range(6):
-        for column in range(state.bodies.shape[1]):
-            if plant.jacobi or plant.ticks_per_step > 1:
+    rows, columns = state.held.shape
+    if plant.jacobi or plant.ticks_per_step > 1:
+        for row in range(rows):
+            for column in range(columns):
                 state.held[row, column] = state.outputs[row, column]
-            if plant.reaction:
+    if plant.reaction:
+        for row in range(rows):
+            for column in range(columns):
                 state.held_velocities[row, column] = state.bodies[7 + row, column]
 
 

@@ -23,9 +23,9 @@ from cosim.physics.lanes import host_lanes
 
 DRIVERS = ("compiled", "reference", "adaptive")
 
-# Of a batch of many: more of them share the cost of a call to the motors, fewer wait for the last
-# episode of a series.
-VECTORS = 2
+# Robots that a batch has room for: two vectors of eight lanes, four of four. More would share the
+# cost of a call to the motors further, fewer wait for the last episode of a series.
+ROBOTS_TOGETHER = 16
 
 
 def _driver(name: str, motors: Motors, lanes: int) -> Driver:
