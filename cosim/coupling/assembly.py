@@ -68,11 +68,7 @@ class Motors:
     """
 
     def __init__(self, fmu: MotorFmu, config: CoSimConfig, columns: int) -> None:
-        """Prepare the motors of robots in so many columns, with the parameters of a configuration.
-
-        Raises:
-            FmuError: the FMU refuses to load, a parameter, or initialisation.
-        """
+        """Prepare the motors of so many columns, with the parameters of a configuration."""
         self._fmu = fmu
         self._parameters = {
             name: value

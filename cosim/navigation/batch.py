@@ -48,6 +48,7 @@ class Batch:
         robots: N.
 
     Raises:
+        ConfigError: lanes are given for another driver than the compiled one.
         FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
             that the driver needs.
     """
@@ -72,11 +73,17 @@ class Batch:
             lanes: bodies in a vector of the compiled driver, a power of two; by default 2 for up to
                 two robots, else what the processor has: every number is compiled by itself.
         """
+        if lanes is not None and driver != "compiled":
+            raise ConfigError(
+                f"lanes = {lanes} has no effect with the driver {driver}; leave it out"
+            )
         fmu = MotorFmu(motor_fmu)
         check_motors(fmu, config, places * robots, adaptive=driver == "adaptive")
         self.config = shared(config)
         self.robots = robots
-        if lanes is None:
+        if driver != "compiled":
+            lanes = 1
+        elif lanes is None:
             lanes = 2 if places * robots <= 2 else host_lanes()
         columns = -(-places * robots // lanes) * lanes
         self._motors = Motors(fmu, config, columns)
@@ -103,21 +110,26 @@ class Batch:
             config: with the episode's margin of the safety layer; default the batch's.
 
         Raises:
-            ConfigError: the robots' diameter is not the scenario's.
+            ConfigError: the configuration or the number of robots is not that of the batch, or the
+                robots' diameter is not the scenario's.
             FmuError: the FMU refuses to be initialised.
         """
         config = config or self.config
-        assert shared(config) == self.config
-        assert scenario.robots == self.robots
+        if shared(config) != self.config:
+            raise ConfigError("an episode differs from its batch by more than the safety margin")
+        if scenario.robots != self.robots:
+            raise ConfigError(
+                f"scenario {scenario.name} has {scenario.robots} robots, a place of the batch "
+                f"{self.robots}; make another batch for it"
+            )
         require_size(scenario, config)
-        first = place * self.robots
-        columns = slice(first, first + self.robots)
+        columns = self._columns(place)
         state = self._state
         for signals in (state.inputs, state.outputs, state.held, state.held_velocities):
             signals[:, columns] = 0.0  # nothing is left of who was there before
         state.boards[place] = scenario.size_m
         self._put_obstacles(place, scenario.walls * scenario.cell_m)
-        self._motors.restart(range(first, first + self.robots))
+        self._motors.restart(range(columns.start, columns.stop))
         episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
         self._state.running[place] = 1
         self.episodes[place] = episode
@@ -144,13 +156,11 @@ class Batch:
         Raises:
             FmuError: an FMU failed; names the instance and the time.
         """
-        state, robots = self._state, self.robots
-        going_on = self.going_on()
+        state, going_on = self._state, self.going_on()
         periods, columns = self.config.periods_per_step, state.bodies.shape[1]
         noise = np.zeros((periods, columns, len(MOTOR_NAMES)))
         for place, episode in going_on.items():
-            first = place * robots
-            episode.begin_step(actions[place], noise[:, first : first + robots])
+            episode.begin_step(actions[place], noise[:, self._columns(place)])
         samples = new_samples(periods, columns)
         burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
         raw = new_raw_samples(min(burst, periods * self.config.ticks_per_period), columns)
@@ -175,10 +185,12 @@ class Batch:
 
     def stop(self, place: int) -> None:
         """Leave an episode as it is; its robots stand still from now on."""
-        first = place * self.robots
-        columns = slice(first, first + self.robots)
+        columns = self._columns(place)
         self._state.running[place] = 0
         self._state.ended[:, columns] = self._state.bodies[:, columns]
+
+    def _columns(self, place: int) -> slice:
+        return slice(place * self.robots, (place + 1) * self.robots)
 
     def compile(self) -> None:
         """Compile the kernels, or load them from the cache, by simulating nothing."""

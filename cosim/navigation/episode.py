@@ -3,8 +3,7 @@
 An action aims at the centre of the neighbouring cell and stays in force until the robot gets there
 or a time limit passes; policies are asked every RL step, and a robot under way ignores the answer.
 A cell belongs to the robot whose centre is in it; distance class and gradient sign are those of
-the cells. Nothing here advances time
-(`cosim.navigation.batch`), learns or records.
+the cells. Nothing here advances time (that is `cosim.navigation.batch`), learns or records.
 """
 
 import math

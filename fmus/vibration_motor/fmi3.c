@@ -88,38 +88,42 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference valueR
                                         values, nValues);
 }
 
-fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                          size_t nValueReferences, fmi3Boolean values[], size_t nValues) {
-    Instance *self = instance;
-    REQUIRE(self, READABLE);
-    REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
-    if (nValues) {
-        REQUIRE_POINTER(self, valueReferences);
-        REQUIRE_POINTER(self, values);
+/* Access to variables that a model has as options, see instance.h, one by one. */
+#define OPTION_ACCESS(Type, name)                                                                  \
+    fmi3Status fmi3Get##Type(fmi3Instance instance, const fmi3ValueReference valueReferences[],    \
+                             size_t nValueReferences, fmi3##Type values[], size_t nValues) {       \
+        Instance *self = instance;                                                                 \
+        REQUIRE(self, READABLE);                                                                   \
+        REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);                                     \
+        if (nValues) {                                                                             \
+            REQUIRE_POINTER(self, valueReferences);                                                \
+            REQUIRE_POINTER(self, values);                                                         \
+        }                                                                                          \
+        for (size_t k = 0; k < nValues; k++) {                                                     \
+            int64_t value = 0;                                                                     \
+            if (model_get_option(self, __func__, valueReferences[k], name, &value) != STATUS_OK)   \
+                return fmi3Error;                                                                  \
+            values[k] = (fmi3##Type)value;                                                         \
+        }                                                                                          \
+        return fmi3OK;                                                                             \
+    }                                                                                              \
+    fmi3Status fmi3Set##Type(fmi3Instance instance, const fmi3ValueReference valueReferences[],    \
+                             size_t nValueReferences, const fmi3##Type values[], size_t nValues) { \
+        Instance *self = instance;                                                                 \
+        REQUIRE(self, WRITABLE);                                                                   \
+        REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);                                     \
+        if (nValues) {                                                                             \
+            REQUIRE_POINTER(self, valueReferences);                                                \
+            REQUIRE_POINTER(self, values);                                                         \
+        }                                                                                          \
+        for (size_t k = 0; k < nValues; k++)                                                       \
+            if (model_set_option(self, __func__, valueReferences[k], name, values[k]) !=           \
+                STATUS_OK)                                                                         \
+                return fmi3Error;                                                                  \
+        return fmi3OK;                                                                             \
     }
-    for (size_t k = 0; k < nValues; k++) {
-        int64_t value = 0;
-        if (model_get_option(self, __func__, valueReferences[k], "Boolean", &value) != STATUS_OK)
-            return fmi3Error;
-        values[k] = value != 0;
-    }
-    return fmi3OK;
-}
 
-fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                          size_t nValueReferences, const fmi3Boolean values[], size_t nValues) {
-    Instance *self = instance;
-    REQUIRE(self, WRITABLE);
-    REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
-    if (nValues) {
-        REQUIRE_POINTER(self, valueReferences);
-        REQUIRE_POINTER(self, values);
-    }
-    for (size_t k = 0; k < nValues; k++)
-        if (model_set_option(self, __func__, valueReferences[k], "Boolean", values[k]) != STATUS_OK)
-            return fmi3Error;
-    return fmi3OK;
-}
+OPTION_ACCESS(Boolean, "Boolean")
 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint,
                       fmi3Float64 communicationStepSize,

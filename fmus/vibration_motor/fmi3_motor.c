@@ -12,39 +12,7 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String in
 }
 
 /* Enumerations are Int64 in FMI 3. */
-fmi3Status fmi3GetInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, fmi3Int64 values[], size_t nValues) {
-    Instance *self = instance;
-    REQUIRE(self, READABLE);
-    REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
-    if (nValues) {
-        REQUIRE_POINTER(self, valueReferences);
-        REQUIRE_POINTER(self, values);
-    }
-    for (size_t k = 0; k < nValues; k++) {
-        int64_t value;
-        if (model_get_option(self, __func__, valueReferences[k], "Enumeration", &value) != STATUS_OK)
-            return fmi3Error;
-        values[k] = value;
-    }
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, const fmi3Int64 values[], size_t nValues) {
-    Instance *self = instance;
-    REQUIRE(self, WRITABLE);
-    REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
-    if (nValues) {
-        REQUIRE_POINTER(self, valueReferences);
-        REQUIRE_POINTER(self, values);
-    }
-    for (size_t k = 0; k < nValues; k++)
-        if (model_set_option(self, __func__, valueReferences[k], "Enumeration", values[k]) !=
-            STATUS_OK)
-            return fmi3Error;
-    return fmi3OK;
-}
+OPTION_ACCESS(Int64, "Enumeration")
 
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance,
                                     const fmi3ValueReference valueReferences[],

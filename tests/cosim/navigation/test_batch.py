@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.base.config import CoSimConfig
+from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.scenario import Scenario
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import Batch
@@ -117,3 +117,13 @@ def test_errors_of_a_thread_are_raised_where_results_are_taken(array_fmu):
     task = Task(scenario, array_fmu, CoSimConfig(), Broken(), starts, np.random.SeedSequence(0))
     with pytest.raises(ValueError, match="no action"):
         list(simulate_tasks([task] * 3, 2))
+
+
+def test_what_does_not_fit_a_batch_is_refused(array_fmu):
+    with pytest.raises(ConfigError, match="lanes = 2 has no effect with the driver reference"):
+        Batch(array_fmu, CoSimConfig(), 2, 1, "reference", lanes=2)
+    batch, seed = Batch(array_fmu, CoSimConfig(), 1, 2), np.random.SeedSequence(0)
+    with pytest.raises(ConfigError, match="scenario large has 2 robots, a place of the batch 1"):
+        batch.begin(0, LARGE, ((5, 5), (20, 5)), seed)
+    with pytest.raises(ConfigError, match="by more than the safety margin"):
+        batch.begin(0, LARGE, ((5, 5), (20, 5)), seed, CoSimConfig(order="jacobi"))
