@@ -232,6 +232,7 @@ def test_halving_the_step_halves_the_error_of_a_landing():
     mu=st.floats(0.0, 1.0),
 )
 @example(tilt=(0.0, 0.0), height=0.0, velocity=(0.0, 0.0, 0.0), omega=(0.0, 0.0, 1.0), mu=1.0)
+@example(tilt=(0.0, 0.0), height=0.0, velocity=(0.0, 0.0, 0.0), omega=(0.0, 0.0, 0.0), mu=1e-154)
 def test_motors_off_friction_holds_its_cone_and_no_energy_is_gained(
     tilt, height, velocity, omega, mu
 ):
@@ -253,6 +254,6 @@ def test_motors_off_friction_holds_its_cone_and_no_energy_is_gained(
         state[VELOCITY], state[ANGULAR_VELOCITY] = velocity, omega
         audit = coast_audited(state, params, 5_000)
         assert audit.gained < bound
-        assert audit.cone_excess <= 0.0
+        assert audit.cone_excess <= 1e-150  # squares of impulses below 1e-154 underflow
         assert audit.least_normal >= 0.0
         assert audit.deepest < 1e-8
