@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.base.scenario import Scenario, find_scenario
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
     from agent.training.policy import Policy

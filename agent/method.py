@@ -15,10 +15,11 @@ from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import METHODS, LearningConfig, Method
 from agent.training.store import find_or_train
+from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.base.scenario import Scenario
-from cosim.calibration.cache import calibrated_for
+from cosim.calibration.cache import calibrated_slower
+from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
 MOVES_EPISODES = 1_500_000
@@ -88,7 +89,7 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
 
 def _observed_moves(scenario: Scenario, fmu: Path, progress: Progress) -> ObservedMoves:
     """Moves of the scenario's robots with the default parameters, whatever the episodes' are."""
-    config = calibrated_for(scenario, fmu, progress)
+    config = calibrated_slower(CoSimConfig().sized(scenario.robot_diameter_m), fmu, progress)
     return cached_moves(config, fmu, progress)
 
 

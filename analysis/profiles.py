@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from agent.training.settings import BEST, METHODS, LearningConfig, Method
 from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.base.params import TIMING
-from cosim.base.scenario import BUILT_IN
+from cosim.scenarios.built_in import BUILT_IN
 
 
 @dataclass(frozen=True)

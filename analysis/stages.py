@@ -20,12 +20,12 @@ from analysis.reading.results import FIGURES, RESULTS, Result
 from analysis.report.page import write_report
 from analysis.timings import Timings
 from cosim.base.progress import Progress, silent
-from cosim.base.scenario import BUILT_IN
 from cosim.calibrate import Calibrate, calibrate
 from cosim.navigation.options import Driving
 from cosim.platform.__main__ import MovePlatform
 from cosim.platform.result import move_platforms
 from cosim.run import Run, run
+from cosim.scenarios.built_in import BUILT_IN
 from fmus.build import cached_fmu
 
 

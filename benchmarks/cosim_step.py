@@ -22,12 +22,12 @@ from benchmarks.references.mjcf import robots_mjcf
 from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.base.scenario import MAX_SIDE_CELLS, Scenario
 from cosim.coupling.calls import FMI_OK, do_step, exchange_float64
 from cosim.coupling.fmu import Addresses, MotorFmu
 from cosim.navigation.batch import ROBOTS_TOGETHER, Batch
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
+from cosim.scenarios.scenario import MAX_SIDE_CELLS, Scenario
 from fmus.build import cached_fmu
 
 SPEED = STEERING.forward_speed_rad_s

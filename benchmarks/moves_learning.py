@@ -26,7 +26,7 @@ from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
 from agent.training.settings import LearningConfig
 from cosim.base.command import show_table
-from cosim.base.scenario import find_scenario
+from cosim.scenarios.file import find_scenario
 
 PAPER: tuple[Feature, ...] = ("x", "y", "d", "g")
 WITH_BEARING: tuple[Feature, ...] = (*PAPER, "b")

@@ -11,8 +11,8 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import SPEED_NOISE, TABLE_II
-from cosim.base.scenario import Scenario
 from cosim.navigation.cosimulation import CoSimulation
+from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
 NORTH = 2

@@ -19,11 +19,11 @@ from rerun.chunk import RrdReader
 from analysis.viewer import ViewerError, screenshot
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
-from cosim.base.scenario import Scenario
 from cosim.navigation.cosimulation import CoSimulation
 from cosim.navigation.episode import Step
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level
+from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
 NORTH, SOUTH = 2, 6

@@ -20,7 +20,8 @@ from agent.training.qlearning import advance
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig
 from benchmarks.references.qlearning_c import build_reference, reference_state, train_reference
-from cosim.base.scenario import BUILT_IN, find_scenario
+from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.file import find_scenario
 
 PAPER_S = 600.0  # "execution time about 10 min", Section V
 GYMNASIUM_STEPS = 50_000

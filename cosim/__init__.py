@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cosim.base.config import CoSimConfig
     from cosim.base.outcome import Outcome
-    from cosim.base.scenario import Scenario, find_scenario
     from cosim.navigation.cosimulation import CoSimulation
     from cosim.navigation.features import Observation
     from cosim.reading.episode import Episode
+    from cosim.scenarios.file import find_scenario
+    from cosim.scenarios.scenario import Scenario
     from cosim.simulation import simulate
 
 __all__ = [
@@ -32,8 +33,8 @@ _MODULES = {
     "Episode": "cosim.reading.episode",
     "Observation": "cosim.navigation.features",
     "Outcome": "cosim.base.outcome",
-    "Scenario": "cosim.base.scenario",
-    "find_scenario": "cosim.base.scenario",
+    "Scenario": "cosim.scenarios.scenario",
+    "find_scenario": "cosim.scenarios.file",
     "simulate": "cosim.simulation",
 }
 

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from cosim.base.config import CoSimConfig
-from cosim.base.scenario import Cell, Scenario
 from cosim.navigation.batch import ROBOTS_TOGETHER, Batch, shared
 from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
 from cosim.navigation.result import EpisodeResult, result_of
 from cosim.recording.episode import EpisodeRecorder
+from cosim.scenarios.scenario import Cell, Scenario
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def main() -> None:
     except KeyboardInterrupt:
         print(f"results so far are in {options.out}/; the same command goes on", file=sys.stderr)
         raise
-    report = report_of(evaluated, options.physics, options.seed)
+    report = report_of(evaluated, options.seed)
     show(report)
     print(f"results in {options.out}/")
     recordings = [path for row in report.policies for path in row.recordings]

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from agent.evaluation.series import RunFacts
     from agent.training.loop import TrainingLog
     from agent.training.policy import Policy
-    from cosim.base.scenario import Scenario
     from cosim.navigation.result import EpisodeResult
+    from cosim.scenarios.scenario import Scenario
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,8 @@ class Run:
     """
 
     scenario: str = "2"
-    """Built-in scenario of Fig. 5 (1a, 1b, 2, 3, 4) or a scenario file (.toml)."""
+    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway) or a scenario
+    file (.toml)."""
     episodes: int = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
@@ -119,20 +120,20 @@ def run(options: Run, progress: Progress) -> Iterator["tuple[Path, EpisodeResult
     """
     from agent.evaluation.series import Series
     from agent.training.recording import write_training
-    from cosim.base.scenario import find_scenario
     from cosim.episodes import compile_kernels
     from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
+    from cosim.scenarios.file import find_in_world
 
-    scenario = find_scenario(options.scenario)
-    options.physics.config().sized(scenario.robot_diameter_m)  # refuses before a viewer opens
+    scenario, world = find_in_world(options.scenario, options.physics.world)
+    options.physics.config(world).sized(scenario.robot_diameter_m)  # refuses before a viewer opens
     viewer = None
     if options.spawn:
         viewer = spawn_viewer(options.viewer)
     elif options.live:
         viewer = find_viewer(options.viewer)
     out = options.out or Path("runs") / f"{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
-    config, fmu = options.physics.prepare(scenario.robot_diameter_m, progress)
+    config, fmu = options.physics.prepare(scenario.robot_diameter_m, progress, world)
     config = with_bursts(config, options.record)
     out.mkdir(parents=True, exist_ok=True)
     policy, log = _policy(options, scenario, progress)

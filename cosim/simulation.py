@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.config import ConfigError, require_one_of
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import versions
-from cosim.base.scenario import Cell, Scenario, find_scenario
+from cosim.base.world import IDEAL
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import DRIVERS
 from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
@@ -24,6 +24,8 @@ from cosim.navigation.options import Driving
 from cosim.reading.episode import Episode, read_episode
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level, with_bursts
+from cosim.scenarios.file import find_in_world
+from cosim.scenarios.scenario import Cell, Scenario
 
 
 def simulate(
@@ -48,7 +50,8 @@ def simulate(
         motor_fmu: of every motor, the built-in one by default.
         progress: is told the simulated time.
         options: physics by the names of `python -m cosim.run`, see `Driving`: `mu`, `noise`,
-            `speed` (mm/s), `dt` (s), `time_limit` (s), `safety_margin` (m) and so on.
+            `speed` (mm/s), `dt` (s), `time_limit` (s), `safety_margin` (m), `world`
+            (a file) and so on.
 
     Returns:
         Outcome, moves, parameters and every signal, with its recording in a temporary folder that
@@ -59,8 +62,6 @@ def simulate(
         ScenarioError: there is no such scenario.
         UserError: of the policy (trained on another scenario), the FMU or the calibration.
     """
-    if not isinstance(scenario, Scenario):
-        scenario = find_scenario(str(scenario))
     require_one_of("driver", driver, DRIVERS)
     require_one_of("record", record, DETAILS)
     if seed < 0:
@@ -69,11 +70,16 @@ def simulate(
     for name in options:
         if name not in known:
             raise ConfigError(f"simulate has no option {name}; choose from {', '.join(known)}")
+    driving = Driving(motor_fmu=None if motor_fmu is None else Path(motor_fmu), **options)
+    world = IDEAL
+    if not isinstance(scenario, Scenario):
+        scenario, world = find_in_world(scenario, driving.world)
+    elif driving.world is not None:
+        raise ConfigError("world has no effect beside a scenario record; name its file instead")
     require = getattr(policy, "require_scenario", None)
     if require is not None:
         require(scenario)
-    driving = Driving(motor_fmu=None if motor_fmu is None else Path(motor_fmu), **options)
-    config, fmu = driving.prepare(scenario.robot_diameter_m, progress)
+    config, fmu = driving.prepare(scenario.robot_diameter_m, progress, world)
     config = with_bursts(config, record)
     starts, noise_seed = draw_episode(scenario, seed, 0)
 

@@ -16,7 +16,8 @@ from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars
-from cosim.base.scenario import BUILT_IN, find_scenario
+from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.file import find_scenario
 
 
 @dataclass(frozen=True, kw_only=True)

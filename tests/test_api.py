@@ -15,8 +15,8 @@ from agent.training.policy import PolicyError
 from cosim.base.config import ConfigError
 from cosim.base.errors import UserError
 from cosim.base.progress import silent
-from cosim.base.scenario import ScenarioError
 from cosim.navigation.options import Driving
+from cosim.scenarios.scenario import ScenarioError
 
 BRIEF: dict[str, Any] = {"mu": 0.2, "time_limit": 4.0}
 

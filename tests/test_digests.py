@@ -22,11 +22,11 @@ from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
-from cosim.base.scenario import find_scenario
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.observing import draw_starts
 from cosim.reading.episode import read_episode
 from cosim.recording.episode import EpisodeRecorder
+from cosim.scenarios.file import find_scenario
 from fmus.build import cached_fmu
 
 EXPECTED = Path(__file__).with_name("digests.json")

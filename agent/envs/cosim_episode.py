@@ -16,11 +16,11 @@ from agent.process.rewards import failed, step_reward
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING
 from cosim.base.params import TABLE_I
-from cosim.base.scenario import Scenario
-from cosim.calibration.cache import calibrated_for
+from cosim.calibration.cache import calibrated_slower
 from cosim.navigation.batch import Batch
 from cosim.navigation.episode import Step
 from cosim.navigation.observing import draw_starts
+from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
 
@@ -35,7 +35,7 @@ def new_batch(scenario: Scenario, places: int, config: CoSimConfig | None = None
     """
     fmu = cached_fmu()
     if config is None and scenario.robot_diameter_m != TABLE_I.diameter_m:
-        config = calibrated_for(scenario, fmu)
+        config = calibrated_slower(CoSimConfig().sized(scenario.robot_diameter_m), fmu)
     return Batch(fmu, config or CoSimConfig(), scenario.robots, places)
 
 

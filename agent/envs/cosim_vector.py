@@ -14,7 +14,7 @@ from agent.envs.cosim_episode import CoSimPlace, new_batch
 from agent.envs.vector import LoneRobotVectorEnv
 from agent.process.config import ProcessConfig
 from cosim.base.outcome import RUNNING, TIMEOUT
-from cosim.base.scenario import Scenario
+from cosim.scenarios.scenario import Scenario
 
 
 class CoSimVectorEnv(LoneRobotVectorEnv):

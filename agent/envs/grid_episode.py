@@ -31,8 +31,8 @@ from agent.process.readings import Process, build_process, feature_sizes
 from agent.process.rng import seeded_state
 from cosim.base.errors import UserError
 from cosim.base.outcome import RUNNING, TIMEOUT
-from cosim.base.scenario import Scenario
 from cosim.navigation.features import DIRECTION_COUNT
+from cosim.scenarios.scenario import Scenario
 
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS}
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cosim.base.scenario import Scenario
+from cosim.scenarios.scenario import Scenario
 
 PIXELS_PER_CELL = 12
 # Colour-blind safe colours of robots and their targets (Okabe and Ito), used in turn.

@@ -11,8 +11,9 @@ from agent.envs.parallel import NavigationParallelEnv, episode_info, render_epis
 from agent.process.config import ProcessConfig
 from cosim.base.errors import UserError
 from cosim.base.outcome import RUNNING, TIMEOUT
-from cosim.base.scenario import Scenario, find_scenario
 from cosim.navigation.features import DIRECTION_COUNT
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 
 
 class NavigationEnv(gym.Env[np.ndarray, np.int64]):

@@ -23,8 +23,9 @@ from agent.process.rng import seeded_state
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
-from cosim.base.scenario import Scenario, find_scenario
 from cosim.navigation.features import DIRECTION_COUNT
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 
 
 @kernel

@@ -18,10 +18,10 @@ from agent.training.policy import Policy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
-from cosim.base.scenario import Cell
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.result import EpisodeResult
 from cosim.recording.episode import EpisodeRecorder
+from cosim.scenarios.scenario import Cell
 from cosim.simulation import episode_facts
 
 # What is drawn from the seed: the order of the starts, and the noise of every one.

@@ -17,10 +17,11 @@ from agent.training.policy import Policy
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent, under_way
-from cosim.base.scenario import find_scenario
+from cosim.base.world import IDEAL, World
 from cosim.episodes import compile_kernels
 from cosim.navigation.options import Driving
 from cosim.navigation.result import EpisodeResult
+from cosim.scenarios.file import find_in_world, in_world, read_world
 
 
 class Evaluated:
@@ -96,10 +97,14 @@ def evaluate(
     Raises:
         UserError: see its message.
     """
-    only = None if scenario is None else find_scenario(scenario)
+    only, world = None, IDEAL if physics.world is None else read_world(physics.world)
+    if scenario is not None:
+        only, world = find_in_world(scenario, physics.world)
     named = [(path, Policy.load(path, only)) for path in policy_files(tuple(policies))]
+    for path, policy in named:
+        policy.require_scenario(in_world(policy.config.scenario, world), f"{path}: the policy")
     diameters = {policy.config.scenario.robot_diameter_m for _, policy in named}
-    prepared = {d: physics.prepare(d, progress) for d in diameters}
+    prepared = {d: physics.prepare(d, progress, world) for d in diameters}
     files: dict[str, ResultFile] = {}
     evaluated: list[Evaluated] = []
     for path, policy in named:
@@ -169,10 +174,11 @@ class EvaluationReport(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     mu: float
     safety_margin_m: float
+    world: World
     policies: tuple[PolicyRow, ...]
 
 
-def report_of(evaluated: list[Evaluated], physics: Driving, seed: int) -> EvaluationReport:
+def report_of(evaluated: list[Evaluated], seed: int) -> EvaluationReport:
     """Rates, measures and failures of evaluated policies."""
     rows = []
     for e in evaluated:
@@ -192,6 +198,11 @@ def report_of(evaluated: list[Evaluated], physics: Driving, seed: int) -> Evalua
                 results=str(e.file.path),
             )
         )
+    config = evaluated[0].case.config
     return EvaluationReport(
-        seed=seed, mu=physics.mu, safety_margin_m=physics.safety_margin, policies=tuple(rows)
+        seed=seed,
+        mu=config.robot.mu,
+        safety_margin_m=config.safety_margin_m,
+        world=config.world,
+        policies=tuple(rows),
     )

@@ -14,8 +14,8 @@ from agent.evaluation.cases import Case
 from agent.evaluation.statistics import CONFIDENCE, summarise
 from agent.process.exact import evaluate
 from cosim.base.outcome import ENDS, SUCCESS, Outcome
-from cosim.base.scenario import Cell
 from cosim.navigation.result import EpisodeResult
+from cosim.scenarios.scenario import Cell
 
 
 class Rate(NamedTuple):

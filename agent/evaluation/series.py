@@ -10,13 +10,13 @@ import msgspec
 from agent.training.policy import Policy
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
-from cosim.base.scenario import Scenario
 from cosim.base.storage import write_json
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode, Step
 from cosim.navigation.result import EpisodeResult
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import Level
+from cosim.scenarios.scenario import Scenario
 from cosim.simulation import draw_episode
 
 

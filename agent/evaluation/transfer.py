@@ -20,9 +20,10 @@ from cosim.base.errors import UserError
 from cosim.base.params import SAFETY_MARGIN_M, TABLE_I
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
-from cosim.base.scenario import BUILT_IN, find_scenario
 from cosim.base.storage import replacing, write_json
 from cosim.navigation.options import Physics
+from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.file import find_scenario
 
 TABLE_FILE, MARKDOWN_FILE, SESSIONS_FILE = "transfer.json", "transfer.md", "sessions.json"
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first

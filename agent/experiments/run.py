@@ -23,8 +23,8 @@ from agent.training.settings import Backend, LearningConfig
 from agent.training.store import POLICY_FILE
 from agent.training.worker import run_name
 from cosim.base.progress import Progress, silent
-from cosim.base.scenario import find_scenario
 from cosim.base.storage import write_json
+from cosim.scenarios.file import find_scenario
 
 
 def new_folder(name: str) -> Path:

@@ -77,7 +77,7 @@ def main() -> None:
     from agent.moves.model import ObservedMoves
     from agent.training.runs import Experiment
     from cosim.base.progress import progress_bars
-    from cosim.base.scenario import find_scenario
+    from cosim.scenarios.file import find_scenario
 
     scenario = find_scenario(options.scenario)
     moves = options.moves and ObservedMoves.load(options.moves)

@@ -19,12 +19,12 @@ from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMov
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of, with_imports
-from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
 from cosim.coupling.steering import DRIVE, HOLD
 from cosim.navigation.batch import Batch, shared
 from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
+from cosim.scenarios.scenario import Scenario
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
 WALKS = 16

@@ -27,7 +27,7 @@ def main() -> None:
     from agent.process.exact import all_starts
     from agent.process.optimum import optimum
     from agent.process.readings import build_process
-    from cosim.base.scenario import find_scenario
+    from cosim.scenarios.file import find_scenario
 
     scenario = find_scenario(options.scenario)
     process = build_process(scenario, options.process)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from cosim.base.errors import UserError
-from cosim.base.scenario import ScenarioError
+from cosim.scenarios.scenario import ScenarioError
 
 Feature = Literal["x", "y", "d", "g", "b", "h"]
 PartnerUpdate = Literal["ordinary", "penalty", "none"]

@@ -11,7 +11,6 @@ import numpy as np
 
 from agent.process.config import FEATURES, PARTNER_UPDATES, ProcessConfig
 from agent.process.rng import probability_threshold
-from cosim.base.scenario import Cell, Scenario, ScenarioError
 from cosim.navigation.features import (
     AXIS_COUNT,
     DIRECTION_COUNT,
@@ -20,6 +19,7 @@ from cosim.navigation.features import (
     DistanceThresholds,
     distance_thresholds,
 )
+from cosim.scenarios.scenario import Cell, Scenario, ScenarioError
 
 FREE, GOAL, OUTSIDE, OBSTACLE = 0, 1, 2, 3  # terrain of a cell, as one robot sees it
 

@@ -25,10 +25,10 @@ from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import code_digest, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
-from cosim.base.scenario import Scenario
 from cosim.base.storage import replacing
 from cosim.navigation.features import DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
+from cosim.scenarios.scenario import Scenario
 
 SCHEMA_VERSION = 1
 

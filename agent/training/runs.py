@@ -40,8 +40,8 @@ from agent.training.worker import (
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
-from cosim.base.scenario import Scenario
 from cosim.base.storage import write_json
+from cosim.scenarios.scenario import Scenario
 
 EXPERIMENT_FILE = "experiment.json"
 RECORDING_FILE = "training.rrd"

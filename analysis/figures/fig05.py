@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from analysis.figures.style import BLUE, GREEN, GREY, PURPLE, VERMILION, WIDTH_IN, Caption, Drawing
-from cosim.base.scenario import BUILT_IN, Scenario
+from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.scenario import Scenario
 
 ROBOT_COLOURS = (BLUE, VERMILION, GREEN, PURPLE)
 

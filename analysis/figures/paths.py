@@ -13,8 +13,9 @@ from analysis.figures.fig05 import draw_board, robot_colour
 from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
 from analysis.reading.inspection import path_length_m
 from analysis.reading.results import FIGURES, RESULTS, recordings
-from cosim.base.scenario import BUILT_IN, Scenario
 from cosim.reading.episode import read_episode
+from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.scenario import Scenario
 
 SINGLE, PAIRS = ("1a", "1b"), ("2", "3", "4")
 

@@ -8,7 +8,7 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.base.scenario import BUILT_IN
+from cosim.scenarios.built_in import BUILT_IN
 
 # Episodes of a scenario whose paths Fig. 9 or 12 shows: the paper draws many of one robot on one
 # board, and few of a pair.

@@ -13,8 +13,8 @@ from analysis.figures.style import FORMATS, Caption, FigureError, read_caption
 from analysis.reading.results import FIGURES, RESULTS, missing
 from analysis.reading.written import read_run
 from cosim.base.errors import UserError
-from cosim.base.scenario import BUILT_IN
 from cosim.base.storage import replacing
+from cosim.scenarios.built_in import BUILT_IN
 
 
 class Picture(NamedTuple):

@@ -29,8 +29,8 @@ from analysis.report.web_viewer import web_viewer_files
 from analysis.timings import read_timings
 from cosim.base.params import SPEED_NOISE, TABLE_I, TIMING
 from cosim.base.provenance import versions
-from cosim.base.scenario import BUILT_IN
 from cosim.base.storage import replacing
+from cosim.scenarios.built_in import BUILT_IN
 
 
 def write_report(

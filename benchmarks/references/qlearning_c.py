@@ -11,7 +11,7 @@ import numpy as np
 
 from agent.process.config import ProcessConfig
 from agent.training.learning import Learning, TrainingState
-from cosim.base.scenario import Scenario
+from cosim.scenarios.scenario import Scenario
 from fmus.compiler import compiler_command
 
 SOURCE = Path(__file__).with_name("qlearning.c")

@@ -4,6 +4,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
+import msgspec
+
 from cosim.base.errors import UserError
 from cosim.base.params import (
     SPEED_NOISE,
@@ -20,6 +22,7 @@ from cosim.base.params import (
     lift_off_speed,
     resized,
 )
+from cosim.base.world import IDEAL, World
 
 Order = Literal["gauss-seidel", "jacobi"]
 OnCollision = Literal["end", "continue"]
@@ -42,8 +45,10 @@ class CoSimConfig:
         steering: speeds and gains.
         order: of the coupling within a communication step; see `cosim.coupling.master`.
         reaction: whether the motors feel the acceleration of the body (the paper neglects it).
-        on_collision: whether two robots that touch end the episode or push each other on; a
-            robot that touches an obstacle always ends it.
+        on_collision: whether a robot that touches another one or an obstacle ends the episode or
+            pushes on.
+        world: floor, motors, load and camera; `mu`, speed noise and obstacles are said elsewhere,
+            see `in_world`.
         safety_margin_m: gap that the safety layer (`cosim.navigation.safety`) keeps between the
             plans of robots, and from obstacles; 0 switches it off.
 
@@ -60,6 +65,7 @@ class CoSimConfig:
     order: Order = "gauss-seidel"
     reaction: bool = False
     on_collision: OnCollision = "end"
+    world: World = IDEAL
     safety_margin_m: float = 0.0
 
     def __post_init__(self) -> None:
@@ -131,6 +137,23 @@ class CoSimConfig:
         """
         return replace(self, robot=resized(self.robot, diameter_m))
 
+    def in_world(self, world: World) -> "CoSimConfig":
+        """These parameters in a world as declared.
+
+        To be called before a calibration: robots are calibrated on the floor and with the load that
+        they will have.
+
+        Raises:
+            ConfigError: see the class.
+        """
+        robot, noise = self.robot, self.noise
+        if world.mu is not None:
+            robot = robot._replace(mu=world.mu)
+        if world.motor_speed_noise is not None:
+            noise = noise._replace(relative_amplitude=world.motor_speed_noise)
+        rest = msgspec.structs.replace(world, mu=None, motor_speed_noise=None, obstacles=())
+        return replace(self, robot=robot, noise=noise, world=rest)
+
     @property
     def ticks_per_step(self) -> int:
         """Ticks of dt per communication step."""
@@ -156,13 +179,17 @@ class CoSimConfig:
         options = {
             "order": (self.order, "coupling within a communication step"),
             "reaction": (self.reaction, "whether motors feel the body's acceleration"),
-            "on_collision": (self.on_collision, "what a contact between robots does"),
+            "on_collision": (self.on_collision, "what a contact with a robot or an obstacle does"),
+            "mu_patches": (str(self.world.mu_patches), "cells with another mu"),
+            "payload_offset_mm": (str(self.world.payload_offset_mm), "forwards and to the left"),
             "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),
         }
+        parts = (self.robot, self.motor, self.noise, self.timing, self.steering, self.world)
+        camera = {f"sensor_{name}": row for name, row in describe(self.world.sensor).items()}
+        described = {k: row for part in parts for k, row in describe(part).items()} | camera
         return {
             name: {"value": value} | quantity._asdict()
-            for record in (self.robot, self.motor, self.noise, self.timing, self.steering)
-            for name, (value, quantity) in describe(record).items()
+            for name, (value, quantity) in described.items()
         } | {
             name: {"value": value, "unit": "", "source": "option", "description": text}
             for name, (value, text) in options.items()

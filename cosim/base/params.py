@@ -222,18 +222,14 @@ FIG_7 = Fig7Params()
 
 
 def describe(record: Any) -> dict[str, tuple[Any, Quantity]]:
-    """Value and `Quantity` of every field of a parameter record, in declaration order.
-
-    Raises:
-        KeyError: a field has no `Quantity`.
-    """
+    """Value and `Quantity` of every field of a record that has one, in declaration order."""
     hints = get_type_hints(type(record), include_extras=True)
     quantities = {
         name: next(m for m in hint.__metadata__ if isinstance(m, Quantity))
         for name, hint in hints.items()
         if hasattr(hint, "__metadata__")
     }
-    return {name: (getattr(record, name), quantities[name]) for name in record._fields}
+    return {name: (getattr(record, name), quantity) for name, quantity in quantities.items()}
 
 
 def cylinder_inertia(robot: RobotParams) -> tuple[float, float, float]:

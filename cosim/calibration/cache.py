@@ -9,7 +9,6 @@ from pathlib import Path
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of, with_imports
-from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir, cached
 from cosim.calibration.measuring import measure
 from cosim.calibration.speed_map import DRIVES, Calibration, load_calibration
@@ -29,6 +28,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
         clock,
         config.steering.dither_rad_s,
         coupling,
+        (config.world.restitution, config.world.payload_g, config.world.payload_offset_mm),
         motor_fmu,
         code,
     )
@@ -63,18 +63,16 @@ def find_calibration(
     return cached(path, load_calibration, make, Calibration.save, again=again)
 
 
-def calibrated_for(scenario: Scenario, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
-    """The default parameters with the robots of a scenario, calibrated.
-
-    Robots that would hop at the default drive speed drive as fast as they can without.
+def calibrated_slower(
+    config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
+) -> CoSimConfig:
+    """As `calibrated`, but robots that would hop drive as fast as they can without.
 
     Args: as of `find_calibration`.
 
     Raises:
-        ConfigError: robots are too small for their motors.
         FmuError: the FMU cannot be used, or failed.
     """
-    config = CoSimConfig().sized(scenario.robot_diameter_m)
     calibration = find_calibration(config, motor_fmu, progress)
     speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
     steering = config.steering._replace(drive_speed_m_s=min(speeds))

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.scenario import Cell, Scenario
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import MOTOR_NAMES, Motors, check_motors, new_plant
 from cosim.coupling.fmu import MotorFmu
@@ -20,6 +19,7 @@ from cosim.coupling.master import CompiledDriver, Driver, ReferenceDriver
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
 from cosim.navigation.episode import RunningEpisode, Step
 from cosim.physics.lanes import host_lanes
+from cosim.scenarios.scenario import Cell, Scenario
 
 DRIVERS = ("compiled", "reference", "adaptive")
 

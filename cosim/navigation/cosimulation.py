@@ -7,11 +7,11 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import Outcome
-from cosim.base.scenario import Cell, Scenario
 from cosim.navigation.batch import Batch, require_size
 from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
 from cosim.navigation.features import Observation
 from cosim.navigation.measures import Measures
+from cosim.scenarios.scenario import Cell, Scenario
 
 
 class CoSimulation:

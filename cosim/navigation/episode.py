@@ -14,7 +14,6 @@ import numpy as np
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, RUNNING, Outcome
 from cosim.base.params import SAFETY_MARGIN_M
-from cosim.base.scenario import Cell, Scenario
 from cosim.coupling.assembly import draw_noise, noise_generators
 from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.coupling.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
@@ -28,6 +27,7 @@ from cosim.navigation.measures import Measures
 from cosim.navigation.observing import cells_of, nearest_squared, observe
 from cosim.navigation.safety import WAIT, board_of, permitted
 from cosim.physics.body_state import POSITION, QUATERNION, standing_state
+from cosim.scenarios.scenario import Cell, Scenario
 
 
 class SupportsAct(Protocol):

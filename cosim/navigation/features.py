@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.base.scenario import Scenario
+from cosim.scenarios.scenario import Scenario
 
 NEAR, MEDIUM, LARGE = 0, 1, 2
 DISTANCE_CLASSES = ("near", "medium", "large")

@@ -11,7 +11,6 @@ from itertools import combinations
 import numpy as np
 
 from cosim.base.jit import inlined, kernel
-from cosim.base.scenario import Cell, Scenario
 from cosim.navigation.features import (
     DIRECTION_COUNT,
     DistanceThresholds,
@@ -21,6 +20,7 @@ from cosim.navigation.features import (
     gradient_sign,
 )
 from cosim.physics.rotation import heading
+from cosim.scenarios.scenario import Cell, Scenario
 
 _SECTOR_RAD = 2.0 * math.pi / DIRECTION_COUNT
 _NOBODY = np.iinfo(np.int64).max  # squared distance to the nearest other of a robot alone

@@ -1,5 +1,6 @@
 """Options of the physics, declared once: fields of commands and arguments of `cosim.simulate`."""
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -7,20 +8,21 @@ from typing import Annotated
 import tyro
 
 from cosim.base.command import MotorFmuFile
-from cosim.base.config import CoSimConfig, OnCollision, Order
-from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, STEERING, TABLE_I, TIMING
+from cosim.base.config import ConfigError, CoSimConfig, OnCollision, Order
+from cosim.base.params import SAFETY_MARGIN_HELP, STEERING, TABLE_I, TIMING
 from cosim.base.progress import Progress, silent, under_way
+from cosim.base.world import IDEAL, World
 
 
 @dataclass(frozen=True, kw_only=True)
 class Physics:
     """Robots, motors and clock: what a calibration depends on."""
 
-    mu: float = TABLE_I.mu
-    """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature). Above some 0.2 the
-    default drive speed needs hopping and is refused."""
-    noise: float = SPEED_NOISE.relative_amplitude
-    """Half width of the uniform noise on measured motor speeds, relative to the drive speed."""
+    mu: float | None = None
+    """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature), 0.15 by default."""
+    noise: float | None = None
+    """Half width of the uniform noise on measured motor speeds, relative to the drive speed; 0.05
+    by default."""
     dt: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.dt_s
     """Integration step of the bodies in s."""
     communication_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
@@ -32,20 +34,32 @@ class Physics:
     """Let the motors feel the acceleration of the body, which the paper neglects."""
     motor_fmu: MotorFmuFile = None
 
-    def config(self) -> CoSimConfig:
+    def config(self, world: World = IDEAL) -> CoSimConfig:
         """Parameters of the co-simulation, of robots of 5 cm and not yet calibrated.
 
+        Args:
+            world: of the robots.
+
         Raises:
-            ConfigError: they do not fit together.
+            ConfigError: they do not fit together, or one is said here and by the world.
         """
-        return CoSimConfig(
-            robot=TABLE_I._replace(mu=self.mu),
-            noise=SPEED_NOISE._replace(relative_amplitude=self.noise),
-            timing=TIMING._replace(
-                dt_s=self.dt, communication_step_s=self.communication_step or self.dt
-            ),
-            order=self.order,
-            reaction=self.reaction,
+        said = {"mu": "mu", "noise": "motor_speed_noise"}
+        for option, field in said.items():
+            if getattr(self, option) is not None and getattr(world, field) is not None:
+                raise ConfigError(
+                    f"--{option} is given beside {field} of the world; leave one of them out"
+                )
+        own = World(mu=self.mu, motor_speed_noise=self.noise)
+        return (
+            CoSimConfig(
+                timing=TIMING._replace(
+                    dt_s=self.dt, communication_step_s=self.communication_step or self.dt
+                ),
+                order=self.order,
+                reaction=self.reaction,
+            )
+            .in_world(own)
+            .in_world(world)
         )
 
     def fmu(self, progress: Progress = silent) -> Path:
@@ -61,9 +75,12 @@ class Physics:
             return self.motor_fmu or cached_fmu()
 
     def prepare(
-        self, diameter_m: float = TABLE_I.diameter_m, progress: Progress = silent
+        self,
+        diameter_m: float = TABLE_I.diameter_m,
+        progress: Progress = silent,
+        world: World = IDEAL,
     ) -> tuple[CoSimConfig, Path]:
-        """Calibrated parameters for robots of a diameter, and the motor FMU.
+        """Calibrated parameters for robots of a diameter in a world, and the motor FMU.
 
         The built-in FMU is compiled the first time, a calibration measured (some seconds each).
 
@@ -72,7 +89,7 @@ class Physics:
             CalibrationError: the drive speed needs hopping.
             FmuError: the FMU cannot be used, or failed.
         """
-        config = self.config().sized(diameter_m)
+        config = self.config(world).sized(diameter_m)
         from cosim.calibration.cache import calibrated  # noqa: PLC0415 - as above
 
         fmu = self.fmu(progress)
@@ -83,23 +100,52 @@ class Physics:
 class Driving(Physics):
     """Robots, motors and clock, and how the robots drive with them."""
 
-    speed: Annotated[float, tyro.conf.arg(metavar="MM_S")] = 1e3 * STEERING.drive_speed_m_s
-    """Speed while driving, in mm/s; motor speeds follow from a calibration, which refuses a speed
-    that needs hopping (above 4.4 with the default friction, 1.37 with a μ of 0.4)."""
+    world: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """World of the episodes (.toml with a table [world], see docs/scenarios.md): friction, motors,
+    floor, load, obstacles, and the camera that robots are seen by; by default the paper's, or that
+    of the scenario file."""
+    speed: Annotated[float | None, tyro.conf.arg(metavar="MM_S")] = None
+    """Speed while driving, in mm/s. Motor speeds follow from a calibration, which refuses a speed
+    that needs hopping; by default 3.9, or what is possible without (0.97 with a μ of 0.4)."""
     on_collision: OnCollision = "end"
-    """What happens when two robots touch: the episode ends, or they push each other on. A robot
-    that touches an obstacle always ends it: obstacles cannot be pushed against yet."""
+    """What happens when a robot touches another one or an obstacle: the episode ends, or they push
+    each other on."""
     safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
-    time_limit: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.episode_limit_s
-    """Simulated time in s after which an episode ends as a time-out."""
+    time_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    """Simulated time in s after which an episode ends as a time-out; by default 600, and longer in
+    proportion where robots are slower than by default."""
 
-    def config(self) -> CoSimConfig:
+    def config(self, world: World = IDEAL) -> CoSimConfig:
         """See `Physics.config`."""
-        config = super().config()
+        config = super().config(world)
+        timing, steering = config.timing, config.steering
+        if self.time_limit is not None:
+            timing = timing._replace(episode_limit_s=self.time_limit)
+        if self.speed is not None:
+            steering = steering._replace(drive_speed_m_s=1e-3 * self.speed)
         return replace(
             config,
-            timing=config.timing._replace(episode_limit_s=self.time_limit),
-            steering=config.steering._replace(drive_speed_m_s=1e-3 * self.speed),
+            timing=timing,
+            steering=steering,
             on_collision=self.on_collision,
             safety_margin_m=self.safety_margin,
         )
+
+    def prepare(
+        self,
+        diameter_m: float = TABLE_I.diameter_m,
+        progress: Progress = silent,
+        world: World = IDEAL,
+    ) -> tuple[CoSimConfig, Path]:
+        """See `Physics.prepare`; robots drive as fast as they can without hopping, if slower."""
+        if self.speed is not None:
+            return super().prepare(diameter_m, progress, world)
+        from cosim.calibration.cache import calibrated_slower  # noqa: PLC0415 - as above
+
+        fmu = self.fmu(progress)
+        config = calibrated_slower(self.config(world).sized(diameter_m), fmu, progress)
+        if self.time_limit is None:
+            slower = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
+            limit_s = math.ceil(slower * config.timing.episode_limit_s)
+            config = replace(config, timing=config.timing._replace(episode_limit_s=limit_s))
+        return config, fmu

@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 
 from cosim.base.outcome import Outcome
-from cosim.base.scenario import Cell
 from cosim.navigation.episode import RunningEpisode
+from cosim.scenarios.scenario import Cell
 
 _DIGITS = 6  # of lengths in cm and energies in J; times have ticks of 1e-5 s
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined, kernel
-from cosim.base.scenario import Scenario
 from cosim.navigation.features import DIRECTION_COUNT, DIRECTIONS
 from cosim.navigation.observing import cell_of
+from cosim.scenarios.scenario import Scenario
 
 WAIT = -1
 # nearest direction first, and of two equally near the one to the left

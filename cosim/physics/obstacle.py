@@ -1,6 +1,6 @@
-"""Whether a robot touches an obstacle, for kernels; the definition is `cosim.base.scenario`'s."""
+"""Whether a robot touches an obstacle, for kernels; defined in `cosim.scenarios.scenario`."""
 
 from cosim.base.jit import inlined
-from cosim.base.scenario import touches_obstacle as definition
+from cosim.scenarios.scenario import touches_obstacle as definition
 
 touches_obstacle = inlined(definition)

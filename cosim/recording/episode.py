@@ -14,7 +14,6 @@ import numpy as np
 import rerun as rr
 
 from cosim.base.config import CoSimConfig
-from cosim.base.scenario import Scenario
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.navigation.episode import Step
 from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS, Observation
@@ -34,6 +33,7 @@ from cosim.recording.series import (
     reduce,
     write_styles,
 )
+from cosim.scenarios.scenario import Scenario
 
 _BATCH_STEPS = 5  # RL steps written together: what a killed process can lose
 

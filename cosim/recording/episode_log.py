@@ -11,7 +11,6 @@ import numpy as np
 import rerun as rr
 
 from cosim.base.config import CoSimConfig
-from cosim.base.scenario import Scenario, touches_obstacle
 from cosim.navigation.episode import Step
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording, simulated
@@ -24,6 +23,7 @@ from cosim.recording.series import (
     ON_OBSTACLE,
     OUTCOME,
 )
+from cosim.scenarios.scenario import Scenario, touches_obstacle
 
 # Vibrating robots part and meet many times a second; that is one contact.
 NEW_CONTACT_S = 0.5

@@ -7,7 +7,6 @@ import numpy as np
 import rerun as rr
 
 from cosim.base.config import CoSimConfig
-from cosim.base.scenario import Scenario
 from cosim.coupling.signals import Samples
 from cosim.navigation.episode import Step
 from cosim.navigation.features import DIRECTION_COUNT
@@ -16,6 +15,7 @@ from cosim.recording.file import Recording, simulated
 from cosim.recording.levels import Detail, periods
 from cosim.recording.scene import shaft_end_m
 from cosim.recording.series import block_ends, reduce
+from cosim.scenarios.scenario import Scenario
 
 TRAIL_PERIOD_S = 0.5
 # The weight on a foot makes an arrow of 1 cm; impacts of tens of newtons would leave the picture.

@@ -8,12 +8,12 @@ import rerun as rr
 from matplotlib import colormaps
 
 from cosim.base.params import RobotParams
-from cosim.base.scenario import Scenario
 from cosim.navigation.features import DIRECTIONS
 from cosim.physics.contact import foot_positions
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording
 from cosim.recording.policy_map import PolicyMap
+from cosim.scenarios.scenario import Scenario
 
 # Okabe–Ito, safe for colour-blind readers; one per robot.
 ROBOT_COLOURS = np.array([0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF], dtype=np.uint32)

@@ -11,8 +11,8 @@ from agent.method import METHODS, method_config, method_of
 from agent.moves.model import Move, ObservedMoves
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
-from cosim.base.scenario import find_scenario
 from cosim.navigation.features import DIRECTIONS
+from cosim.scenarios.file import find_scenario
 
 
 @pytest.fixture

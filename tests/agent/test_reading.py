@@ -28,7 +28,8 @@ from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
-from cosim.base.scenario import Scenario, read_scenario
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "four_crossing.toml"
@@ -75,7 +76,7 @@ def seeds(tmp_path_factory):
         "training": (path.with_name(LOG_FILE), TrainingLog.load),
         "checkpoint": (folder / "checkpoint.npz", lambda p: read_checkpoint(p, config)),
         "moves": (folder / "moves.json", read_moves),
-        "scenario": (EXAMPLE, read_scenario),
+        "scenario": (EXAMPLE, find_scenario),
         "settings": (folder / "settings.toml", read_settings),
         "caption": (folder / "fig03.json", lambda p: read_caption(p.parent, p.stem)),
     }

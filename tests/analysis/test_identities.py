@@ -17,9 +17,9 @@ from cosim.base import jit
 from cosim.base import provenance as sources
 from cosim.base.config import CoSimConfig
 from cosim.base.provenance import ROOT
-from cosim.base.scenario import Scenario
 from cosim.base.storage import cache_dir
 from cosim.calibration.cache import digest
+from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
 SMALL = Scenario("small", "", ((4, 4),), (((0, 0),),), columns=6, rows=6, zone=(0, 0, 0, 0))
@@ -59,7 +59,7 @@ IDENTITIES = {
 MATTER = {
     "bound": """
         agent.process.config agent.process.exact agent.process.grid agent.process.optimum
-        agent.process.readings agent.process.rng cosim.base.scenario
+        agent.process.readings agent.process.rng cosim.scenarios.scenario
         cosim.navigation.features
     """,
     "calibration": """
@@ -73,7 +73,7 @@ MATTER = {
         agent.evaluation.cases agent.process.acting agent.process.config agent.process.exact
         agent.process.grid
         agent.process.readings agent.process.rng agent.training.policy cosim.base.config
-        cosim.base.params cosim.base.scenario cosim.coupling.fmu cosim.coupling.master
+        cosim.base.params cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
         cosim.navigation.episode cosim.navigation.features cosim.navigation.measures
         cosim.navigation.observing cosim.navigation.safety cosim.physics.body
@@ -90,7 +90,7 @@ MATTER = {
     """,
     "moves": """
         agent.moves.model agent.moves.observe cosim.base.config cosim.base.params
-        cosim.base.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
+        cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
         cosim.coupling.signals cosim.coupling.steering cosim.navigation.episode
         cosim.navigation.features cosim.navigation.measures cosim.navigation.observing
         cosim.navigation.safety cosim.physics.body cosim.physics.collision
@@ -101,7 +101,7 @@ MATTER = {
         agent.process.grid agent.process.maps agent.process.readings agent.process.rng
         agent.training.learning agent.training.loop agent.training.moves_qlearning
         agent.training.qlearning agent.training.settings cosim.base.params
-        cosim.base.scenario cosim.navigation.features
+        cosim.scenarios.scenario cosim.navigation.features
     """,
     "reproduced experiment": """
         agent.experiments.results agent.experiments.run agent.experiments.variants
@@ -109,7 +109,7 @@ MATTER = {
         agent.process.grid agent.process.maps agent.process.optimum agent.process.readings
         agent.process.rng agent.training.learning agent.training.loop
         agent.training.moves_qlearning agent.training.qlearning agent.training.settings
-        cosim.base.scenario
+        cosim.scenarios.scenario
     """,
     "reproduced motor test": """
         analysis.motor.step_test cosim.base.params cosim.recording.file
@@ -121,7 +121,7 @@ MATTER = {
         agent.process.grid agent.process.maps agent.process.readings agent.process.rng
         agent.training.learning agent.training.loop agent.training.moves_qlearning
         agent.training.qlearning agent.training.settings cosim.base.config
-        cosim.base.params cosim.base.scenario cosim.coupling.fmu cosim.coupling.master
+        cosim.base.params cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
         cosim.calibration.speed_map cosim.navigation.episode cosim.navigation.features
         cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety

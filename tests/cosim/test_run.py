@@ -17,8 +17,8 @@ from agent.process.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
-from cosim.base.scenario import find_scenario
 from cosim.base.storage import cache_dir
+from cosim.scenarios.file import find_scenario
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
 

@@ -21,7 +21,8 @@ from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
 from cosim.base.errors import UserError
 from cosim.base.outcome import BY_RANK, RUNNING
-from cosim.base.scenario import Scenario, find_scenario
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 
 IDS = ("MiniRobots/SingleA-v0", "MiniRobots/SingleB-v0")
 

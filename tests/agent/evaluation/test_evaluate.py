@@ -18,10 +18,10 @@ from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.params import TABLE_I
-from cosim.base.scenario import Scenario
 from cosim.evaluate import Evaluate
 from cosim.navigation.options import Driving
 from cosim.navigation.result import EpisodeResult
+from cosim.scenarios.scenario import Scenario
 
 # Targets one cell away, straight ahead: an episode takes some simulated seconds.
 NEAR = Scenario(
@@ -53,7 +53,7 @@ def run(policy_file, out, *, starts=None, recordings=0, jobs=1, **physics):
     evaluated = evaluate(
         [policy_file], driving, out, starts=starts, recordings=recordings, jobs=jobs
     )
-    return evaluated[0], report_of(evaluated, driving, seed=0)
+    return evaluated[0], report_of(evaluated, seed=0)
 
 
 def without_wall_clock(results: dict[int, EpisodeResult]) -> dict[int, EpisodeResult]:

@@ -18,8 +18,8 @@ from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.params import SAFETY_MARGIN_M
-from cosim.base.scenario import Scenario, ScenarioError
 from cosim.navigation.result import EpisodeResult
+from cosim.scenarios.scenario import Scenario, ScenarioError
 from cosim.transfer import Transfer
 
 BOARD = """

@@ -29,8 +29,9 @@ from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import COLLISION, RUNNING
 from cosim.base.params import TIMING
-from cosim.base.scenario import Scenario, ScenarioError, find_scenario
 from cosim.navigation.features import DIRECTIONS
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario, ScenarioError
 from fmus.build import cached_fmu
 
 RL_STEP_S = TIMING.rl_step_s

@@ -18,7 +18,8 @@ from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
 from cosim.base.outcome import RUNNING, SUCCESS, Outcome
-from cosim.base.scenario import Scenario, find_scenario
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 
 
 def mean_bounds(scenario, **readings):

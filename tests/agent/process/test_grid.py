@@ -12,8 +12,9 @@ from agent.process.config import ProcessConfig
 from agent.process.readings import OBSTACLE, build_process
 from agent.process.rng import seeded_state
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
-from cosim.base.scenario import Scenario, ScenarioError, find_scenario
 from cosim.navigation.features import DIRECTIONS, LARGE, MEDIUM, NEAR
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario, ScenarioError
 
 E, NE, N, NW, W, SW, S, SE = range(8)
 

@@ -9,7 +9,7 @@ from agent.training.learning import build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
 from benchmarks.references.qlearning_c import build_reference, reference_state, train_reference
-from cosim.base.scenario import find_scenario
+from cosim.scenarios.file import find_scenario
 
 EPISODES = 100_000
 

@@ -12,8 +12,9 @@ from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
 from cosim.base.outcome import RUNNING, TIMEOUT, Outcome
-from cosim.base.scenario import Scenario, find_scenario
 from cosim.navigation.features import Observation
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.usefixtures("fresh_cache")
 

@@ -9,7 +9,8 @@ from agent.process.rng import next_word
 from agent.training.learning import build_learning, epsilon_of_episodes, initial_state
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig, LearningError
-from cosim.base.scenario import Scenario, find_scenario
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 
 
 def train(process, config, seed=0, stops=None):

@@ -10,7 +10,7 @@ from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import LOG_FILE, find_or_train
 from cosim.base.outcome import Outcome
-from cosim.base.scenario import find_scenario
+from cosim.scenarios.file import find_scenario
 
 pytestmark = pytest.mark.usefixtures("fresh_cache")
 

@@ -16,7 +16,7 @@ from agent.training.runs import Experiment
 from agent.training.settings import LearningConfig
 from agent.training.sweep import SweepError, sweep
 from agent.training.worker import RunTask, train_run
-from cosim.base.scenario import find_scenario
+from cosim.scenarios.file import find_scenario
 
 EXPERIMENT = Experiment(
     find_scenario("2"), ProcessConfig(), LearningConfig(episodes=2000, greedy_points=1), 3, 4

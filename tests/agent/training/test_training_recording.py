@@ -11,8 +11,8 @@ from agent.training.policy import PolicyConfig, Seed
 from agent.training.recording import joined, write_runs, write_training
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
-from cosim.base.scenario import find_scenario
 from cosim.recording.blueprint import training_blueprint
+from cosim.scenarios.file import find_scenario
 
 LEARNING = LearningConfig(episodes=4000, epsilon_episodes=10, greedy_points=5)
 

@@ -26,7 +26,7 @@ from analysis.figures.learning_figures import fig10, path_ratio
 from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
 from analysis.reading.written import ResultError, read_experiment
-from cosim.base.scenario import BUILT_IN
+from cosim.scenarios.built_in import BUILT_IN
 
 
 @pytest.fixture(autouse=True)

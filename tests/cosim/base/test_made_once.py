@@ -13,7 +13,7 @@ from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
 from cosim.base.jit import kernel
-from cosim.base.scenario import find_scenario
+from cosim.scenarios.file import find_scenario
 from fmus import build
 
 os.environ["MINIROBOTS_CACHE"] = sys.argv[1]  # but for the kernels

@@ -12,11 +12,11 @@ from fmpy.fmi3 import FMU3Slave
 
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_II, TIMING
-from cosim.base.scenario import find_scenario
 from cosim.calibration.trial import Trial
 from cosim.coupling.assembly import Motors, check_motors
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.navigation.cosimulation import CoSimulation
+from cosim.scenarios.file import find_scenario
 
 
 def variable(root, name: str):

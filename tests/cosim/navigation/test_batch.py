@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.scenario import Scenario
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import Batch
 from cosim.navigation.cosimulation import CoSimulation
+from cosim.scenarios.scenario import Scenario
 
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
 LARGE = Scenario("large", "", ((5, 20), (20, 20)), (((5, 5),), ((20, 5),)))

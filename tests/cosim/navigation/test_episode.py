@@ -7,10 +7,11 @@ import pytest
 
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TIMING, cylinder_inertia
-from cosim.base.scenario import Scenario, find_scenario
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import LARGE, MEDIUM
 from cosim.navigation.observing import draw_starts
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 
 SHORT = Scenario("short", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 EAST, NORTH, SOUTH = 0, 2, 6

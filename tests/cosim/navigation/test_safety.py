@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import SAFETY_MARGIN_M
-from cosim.base.scenario import Scenario
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
 from cosim.navigation.safety import WAIT, board_of, line_to_line, permitted
+from cosim.scenarios.scenario import Scenario
 
 E, N, W, S = 0, 2, 4, 6
 FACING = Scenario(

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
-from cosim.base.scenario import Scenario
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.physics.body import body_params
 from cosim.physics.body_state import ANGULAR_VELOCITY, VELOCITY, standing_state
 from cosim.physics.collision import NEAR_M, PairParams, find_near_pairs, push_apart
+from cosim.scenarios.scenario import Scenario
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots)
 BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)

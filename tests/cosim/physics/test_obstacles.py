@@ -12,12 +12,13 @@ from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.outcome import COLLISION, RUNNING
 from cosim.base.params import SAFETY_MARGIN_M, TABLE_I, TIMING
-from cosim.base.scenario import Scenario, ScenarioError, find_scenario, touches_obstacle
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
 from cosim.navigation.safety import WAIT, board_of, permitted
 from cosim.physics import obstacle as solid
 from cosim.recording.episode_log import EpisodeLog
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario, ScenarioError, touches_obstacle
 
 E, NE, N, W, S = 0, 1, 2, 4, 6
 RADIUS_M = TABLE_I.diameter_m / 2.0

@@ -13,7 +13,6 @@ from rerun.chunk import RrdReader
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
-from cosim.base.scenario import Scenario
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.signals import RawSamples
 from cosim.navigation.cosimulation import CoSimulation
@@ -24,6 +23,7 @@ from cosim.recording.file import Recording, RecordingError, properties, scalars,
 from cosim.recording.levels import DETAILS
 from cosim.recording.policy_map import PolicyMap
 from cosim.recording.series import reduce
+from cosim.scenarios.scenario import Scenario
 
 SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 SOUTH, NORTH = 6, 2

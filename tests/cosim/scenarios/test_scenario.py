@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base.scenario import BUILT_IN, Scenario, ScenarioError, find_scenario
+from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario, ScenarioError
 
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "four_crossing.toml"
 

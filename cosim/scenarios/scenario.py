@@ -9,28 +9,22 @@ that corner, x to the right, y up.
 import math
 import re
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-import msgspec
 import numpy as np
 
 from cosim.base.errors import UserError
 from cosim.base.params import TABLE_I
 from cosim.base.provenance import digest_of
-from cosim.base.reading import Kind, read_toml
+from cosim.base.world import Rectangle
 
 Cell = tuple[int, int]
-Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
 
 MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
 
 
 class ScenarioError(UserError):
     """A scenario that cannot be used; the message names the field and the mend."""
-
-
-_FILE = Kind("scenario file", "check the path", ScenarioError)
 
 
 def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:
@@ -200,131 +194,3 @@ def _joined(rectangles: list[list[int]], axis: int) -> list[list[int]]:
         else:
             joined.append(rectangle)
     return joined
-
-
-def _sides(columns: int, rows: int) -> dict[str, tuple[Cell, ...]]:
-    """Cells along each side of a board, and along all of them."""
-    cells = tuple((x, y) for y in range(rows) for x in range(columns))
-    return {
-        "top": tuple(c for c in cells if c[1] == rows - 1),
-        "bottom": tuple(c for c in cells if c[1] == 0),
-        "left": tuple(c for c in cells if c[0] == 0),
-        "right": tuple(c for c in cells if c[0] == columns - 1),
-        "border": tuple(c for c in cells if c[0] in {0, columns - 1} or c[1] in {0, rows - 1}),
-    }
-
-
-_SIDES = _sides(30, 30)
-_TOP, _BOTTOM, _BORDER = _SIDES["top"], _SIDES["bottom"], _SIDES["border"]
-
-# Fig. 5; target cells are a reading of the figure (assumed), see docs/decisions.md.
-BUILT_IN: dict[str, Scenario] = {
-    scenario.name: scenario
-    for scenario in (
-        Scenario("1a", "one robot from the upper side", ((15, 18),), (_TOP,)),
-        Scenario("1b", "one robot from any border cell", ((15, 18),), (_BORDER,)),
-        Scenario("2", "two robots, targets opposite", ((15, 18), (15, 12)), (_TOP, _BOTTOM)),
-        Scenario("3", "two robots, targets beside", ((12, 15), (18, 15)), (_TOP, _BOTTOM)),
-        Scenario("4", "two robots, targets swapped", ((15, 12), (15, 18)), (_TOP, _BOTTOM)),
-    )
-}
-
-
-def find_scenario(name_or_path: str | Path) -> Scenario:
-    """Built-in scenario of that name (Fig. 5: 1a, 1b, 2, 3, 4), or the one in a TOML file.
-
-    Raises:
-        ScenarioError: there is no such scenario, or the file does not describe one.
-    """
-    name = str(name_or_path)
-    if name in BUILT_IN:
-        return BUILT_IN[name]
-    if not name.endswith(".toml"):
-        raise ScenarioError(
-            f"unknown scenario '{name}'; choose one of {', '.join(BUILT_IN)} or name a .toml file"
-        )
-    return read_scenario(Path(name))
-
-
-_Index = Annotated[int, msgspec.Meta(ge=0, lt=MAX_SIDE_CELLS)]
-_Size = Annotated[int, msgspec.Meta(ge=1, le=MAX_SIDE_CELLS)]
-Side = Literal["top", "bottom", "left", "right", "border"]
-
-
-class _RobotTable(msgspec.Struct, forbid_unknown_fields=True):
-    target: Cell
-    starts: Side | list[list[_Index]]
-
-
-class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
-    robots: list[_RobotTable]
-    name: str | None = None
-    title: str = ""
-    columns: _Size = 30
-    rows: _Size = 30
-    cell_m: float = 0.01
-    zone: Rectangle | None = None
-    obstacles: list[list[_Index]] = []
-    robot_diameter_m: float = TABLE_I.diameter_m
-
-
-def read_scenario(path: Path) -> Scenario:
-    """Scenario of a TOML file, see docs/scenarios.md for its fields.
-
-    Start cells are a side of the board or a list, obstacles a list; a list has cells `[x, y]` and
-    rectangles `[first column, first row, last column, last row]`. The zone is by default the
-    7 x 7 cells in the middle, as in Section V.
-
-    Raises:
-        ScenarioError: the file is missing, no TOML, or a field is wrong; the message names it.
-    """
-    try:
-        file = msgspec.convert(read_toml(path, _FILE), _ScenarioFile)
-    except msgspec.ValidationError as error:
-        raise ScenarioError(f"{path}: {_field_message(str(error))}") from error
-    sides = _sides(file.columns, file.rows)
-    starts = tuple(
-        sides[robot.starts]
-        if isinstance(robot.starts, str)
-        else _cells(path, f"robots[{i}].starts", robot.starts)
-        for i, robot in enumerate(file.robots)
-    )
-    return Scenario(
-        name=file.name or path.stem,
-        title=file.title or path.name,
-        targets=tuple(robot.target for robot in file.robots),
-        starts=starts,
-        columns=file.columns,
-        rows=file.rows,
-        cell_m=file.cell_m,
-        zone=file.zone or _central_zone(file.columns, file.rows),
-        obstacles=_cells(path, "obstacles", file.obstacles),
-        robot_diameter_m=file.robot_diameter_m,
-    )
-
-
-def _field_message(message: str) -> str:
-    """Msgspec's "Expected `int`, got `str` - at `$.zone[0]`" with the field first."""
-    problem, _, where = message.partition(" - at ")
-    field = where.strip("`").removeprefix("$").removeprefix(".")
-    problem = (problem[0].lower() + problem[1:]).replace("`", "'")
-    return f"{field or 'file'}: {problem}; mend this field (see docs/scenarios.md)"
-
-
-def _cells(path: Path, field: str, items: list[list[int]]) -> tuple[Cell, ...]:
-    cells: list[Cell] = []
-    for k, item in enumerate(items):
-        if len(item) not in {2, 4}:
-            raise ScenarioError(
-                f"{path}: {field}[{k}]: {item} is neither a cell [x, y] nor a rectangle "
-                "[first column, first row, last column, last row]"
-            )
-        left, bottom, right, top = (*item, *item)[:4]
-        cells += [(x, y) for y in range(bottom, top + 1) for x in range(left, right + 1)]
-    return tuple(dict.fromkeys(cells))
-
-
-def _central_zone(columns: int, rows: int) -> Rectangle:
-    width, height = min(7, columns), min(7, rows)
-    left, bottom = (columns - width + 1) // 2, (rows - height + 1) // 2
-    return left, bottom, left + width - 1, bottom + height - 1

@@ -1,0 +1,184 @@
+"""Worlds that are not ideal: floor, motors, load and camera as they are on a real table.
+
+A `World` is what the table `[world]` of a file declares; the default is the paper's. What differs
+from episode to episode is drawn from it with the episode's seed.
+"""
+
+import math
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from cosim.base.errors import UserError
+from cosim.base.params import MotorParams, Quantity
+
+Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
+
+# Drawn factors stay within so many standard deviations of 1.
+_MOST_DEVIATIONS = 3.0
+# Which child of an episode's seed the world is drawn from; motors have the first ones.
+_WORLD_CHILD = 1_000_000
+
+
+class WorldError(UserError):
+    """A world that cannot be; the message names the field and the mend."""
+
+
+class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    def _require(self, where: str, **ranges: tuple[float, float]) -> None:
+        for name, (low, high) in ranges.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise WorldError(
+                    f"{where}.{name} = {value:g} is not usable; give {low:g} to {high:g}"
+                )
+
+
+class Patch(_Record, frozen=True, forbid_unknown_fields=True):
+    """Cells of the floor with a friction coefficient of their own; later patches cover earlier."""
+
+    cells: Rectangle
+    mu: float
+
+    def __post_init__(self) -> None:
+        self._require("world.mu_patches", mu=(0.0, 10.0))
+
+
+class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
+    """The camera over the board; at a rate of 0 poses are known exactly, every control period."""
+
+    rate_hz: Annotated[
+        float, Quantity("Hz", "world", "frames of the camera per second, 0: exact poses")
+    ] = 0.0
+    delay_ms: Annotated[float, Quantity("ms", "world", "from a frame to its poses")] = 0.0
+    position_noise_mm: Annotated[
+        float, Quantity("mm", "world", "standard deviation of x and of y in a frame")
+    ] = 0.0
+    heading_noise_deg: Annotated[
+        float, Quantity("deg", "world", "standard deviation of the heading in a frame")
+    ] = 0.0
+    dropout: Annotated[
+        float, Quantity("1", "world", "share of the frames in which a robot is not found")
+    ] = 0.0
+
+    def __post_init__(self) -> None:
+        self._require(
+            "world.sensor",
+            rate_hz=(0.0, 1000.0),
+            delay_ms=(0.0, 2000.0),
+            position_noise_mm=(0.0, 100.0),
+            heading_noise_deg=(0.0, 90.0),
+            dropout=(0.0, 0.99),
+        )
+        for name in self.__struct_fields__:
+            if self.rate_hz == 0.0 and getattr(self, name):
+                raise WorldError(
+                    f"world.sensor.{name} has no effect without a camera; give its rate_hz"
+                )
+
+
+class World(_Record, frozen=True, forbid_unknown_fields=True):
+    """A world as declared; None where nothing is said and the usual parameter holds.
+
+    Attributes:
+        mu: Coulomb friction coefficient of the floor.
+        mu_patches: cells with another one.
+        motor_spread: relative standard deviation of K_T, R, J and m r, of every motor by itself.
+        motor_speed_noise: half width of the uniform noise on measured speeds over the drive speed.
+        restitution: of the feet (Newton's impact law).
+        floor_tilt_deg: slope of the floor; every episode draws where it falls.
+        payload_g: on every robot, at the height of its centre of mass.
+        payload_offset_mm: of the payload, forwards and to the left of the robot's axis.
+        sensor: the camera.
+        obstacles: cells [x, y] and rectangles that stand on the floor as well.
+    """
+
+    mu: float | None = None
+    mu_patches: tuple[Patch, ...] = ()
+    motor_spread: Annotated[
+        float, Quantity("1", "world", "relative standard deviation of K_T, R, J and m r")
+    ] = 0.0
+    motor_speed_noise: float | None = None
+    restitution: Annotated[float, Quantity("1", "world", "Newton's impact law at the feet")] = 0.0
+    floor_tilt_deg: Annotated[float, Quantity("deg", "world", "slope of the floor")] = 0.0
+    payload_g: Annotated[
+        float, Quantity("g", "world", "on every robot, at the height of its centre of mass")
+    ] = 0.0
+    payload_offset_mm: tuple[float, float] = (0.0, 0.0)
+    sensor: Sensor = Sensor()
+    obstacles: tuple[tuple[int, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        self._require(
+            "world",
+            mu=(0.0, 10.0),
+            motor_spread=(0.0, 0.3),
+            motor_speed_noise=(0.0, 1.0),
+            restitution=(0.0, 1.0),
+            floor_tilt_deg=(0.0, 20.0),
+            payload_g=(0.0, 1000.0),
+        )
+        if any(self.payload_offset_mm) and not self.payload_g:
+            raise WorldError(
+                "world.payload_offset_mm has no effect without a payload; give payload_g"
+            )
+
+    @property
+    def draws(self) -> bool:
+        """Whether episodes draw anything."""
+        return self.motor_spread > 0.0 or self.floor_tilt_deg > 0.0
+
+
+IDEAL = World()  # the paper's
+
+
+class Drawn(msgspec.Struct, frozen=True):
+    """What an episode has drawn from its world.
+
+    Attributes:
+        motors: of every robot motors D and E, with their own K_T, R, J and r.
+        tilt_direction_deg: where the floor falls, counter-clockwise from +x.
+    """
+
+    motors: tuple[tuple[MotorParams, MotorParams], ...]
+    tilt_direction_deg: float
+
+
+def draw_world(
+    world: World, motor: MotorParams, robots: int, seed: np.random.SeedSequence
+) -> Drawn:
+    """What an episode draws.
+
+    Args:
+        world: as declared.
+        motor: nominal parameters.
+        robots: N.
+        seed: of the episode; it is not changed.
+    """
+    child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _WORLD_CHILD))
+    rng = np.random.default_rng(child)
+    normal = rng.standard_normal((robots, 2, 4))
+    factors = 1.0 + world.motor_spread * np.clip(normal, -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
+    direction_deg = round(rng.uniform(0.0, 360.0), 6) if world.floor_tilt_deg else 0.0
+
+    def own(row: np.ndarray) -> MotorParams:
+        if not world.motor_spread:
+            return motor
+        k_t, r, j, mr = row.tolist()
+        return motor._replace(K_T=motor.K_T * k_t, R=motor.R * r, J=motor.J * j, r=motor.r * mr)
+
+    return Drawn(tuple((own(d), own(e)) for d, e in factors), direction_deg)
+
+
+def gravity(world: World, drawn: Drawn, g: float) -> tuple[float, float, float]:
+    """Gravitational acceleration in m/s² in the frame of the floor, z away from it.
+
+    Args:
+        world: with the slope.
+        drawn: with its direction.
+        g: its amount.
+    """
+    slope, direction = math.radians(world.floor_tilt_deg), math.radians(drawn.tilt_direction_deg)
+    along = g * math.sin(slope)
+    return along * math.cos(direction), along * math.sin(direction), -g * math.cos(slope)

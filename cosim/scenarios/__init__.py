@@ -1,0 +1,1 @@
+"""Boards of cells with targets and starts: those built in, and files."""
