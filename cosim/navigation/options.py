@@ -9,7 +9,7 @@ import tyro
 
 from cosim.base.command import MotorFmuFile
 from cosim.base.config import ConfigError, CoSimConfig, OnCollision, Order
-from cosim.base.params import SAFETY_MARGIN_HELP, STEERING, TABLE_I, TIMING
+from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, STEERING, TABLE_I, TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.world import IDEAL, World
 
@@ -49,18 +49,20 @@ class Physics:
                 raise ConfigError(
                     f"--{option} is given beside {field} of the world; leave one of them out"
                 )
-        own = World(mu=self.mu, motor_speed_noise=self.noise)
-        return (
-            CoSimConfig(
-                timing=TIMING._replace(
-                    dt_s=self.dt, communication_step_s=self.communication_step or self.dt
-                ),
-                order=self.order,
-                reaction=self.reaction,
-            )
-            .in_world(own)
-            .in_world(world)
-        )
+        robot, noise = TABLE_I, SPEED_NOISE
+        if self.mu is not None:
+            robot = robot._replace(mu=self.mu)
+        if self.noise is not None:
+            noise = noise._replace(relative_amplitude=self.noise)
+        return CoSimConfig(
+            robot=robot,
+            noise=noise,
+            timing=TIMING._replace(
+                dt_s=self.dt, communication_step_s=self.communication_step or self.dt
+            ),
+            order=self.order,
+            reaction=self.reaction,
+        ).in_world(world)
 
     def fmu(self, progress: Progress = silent) -> Path:
         """The motor FMU: the one named, or the built-in one, which is compiled the first time.
