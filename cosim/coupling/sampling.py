@@ -18,7 +18,7 @@ from cosim.coupling.signals import (
     State,
 )
 from cosim.coupling.steering import HEADING_ERROR, MODE
-from cosim.physics.obstacle import touches_obstacle
+from cosim.physics.collision import touches_obstacle
 
 
 @inlined

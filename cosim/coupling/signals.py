@@ -9,6 +9,7 @@ import numpy as np
 
 from cosim.coupling.steering import COMMAND_SIZE
 from cosim.physics.body_state import QUATERNION, STATE_SIZE
+from cosim.physics.properties import PROPERTIES
 
 MOTORS = 2  # D, E
 FEET = 3  # A, B, C
@@ -28,6 +29,7 @@ class State(NamedTuple):
 
     Attributes:
         bodies: (STATE_SIZE, B), layout in cosim.physics.body_state.
+        properties: (PROPERTIES, B), layout in cosim.physics.properties.
         commands: (B, COMMAND_SIZE), layout in cosim.coupling.steering.
         inputs: (6, B) omega_des, omega_noise, d.
         outputs: (6, B) theta, omega, omega_dot.
@@ -52,6 +54,7 @@ class State(NamedTuple):
     """
 
     bodies: np.ndarray
+    properties: np.ndarray
     commands: np.ndarray
     inputs: np.ndarray
     outputs: np.ndarray
@@ -131,7 +134,7 @@ class RawSamples(NamedTuple):
 
 
 def new_state(episodes: int, robots: int, columns: int) -> State:
-    """State in which nothing goes on, on endless floors without obstacles.
+    """State in which nothing goes on, on endless floors without obstacles; robots have no mass yet.
 
     Args:
         episodes: K.
@@ -147,6 +150,7 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
     bodies[QUATERNION.start] = 1.0
     return State(
         bodies,
+        _aligned(PROPERTIES, columns),
         np.zeros((columns, COMMAND_SIZE)),
         *(_aligned(count, columns) for count in rows),
         touching=np.zeros(columns),

@@ -13,7 +13,13 @@ import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.coupling.adaptive import AdaptiveDriver
-from cosim.coupling.assembly import MOTOR_NAMES, Motors, check_motors, new_plant
+from cosim.coupling.assembly import (
+    MOTOR_NAMES,
+    Motors,
+    check_motors,
+    new_plant,
+    robot_properties,
+)
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver, Driver, ReferenceDriver
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
@@ -90,6 +96,7 @@ class Batch:
         self._driver = _driver(driver, self._motors, lanes)
         self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
         self._state = new_state(places, robots, columns)
+        self._state.properties[:] = robot_properties(config)[:, None]
         self.episodes: list[RunningEpisode | None] = [None] * places
 
     def begin(
