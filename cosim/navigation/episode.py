@@ -14,7 +14,8 @@ import numpy as np
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, RUNNING, Outcome
 from cosim.base.params import SAFETY_MARGIN_M
-from cosim.coupling.assembly import draw_noise, noise_generators
+from cosim.base.world import draw_world, gravity
+from cosim.coupling.assembly import draw_noise, noise_generators, robot_properties
 from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.coupling.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
 from cosim.navigation.features import (
@@ -74,6 +75,7 @@ class RunningEpisode:
 
     Attributes:
         scenario, config: as given.
+        drawn: what the episode has drawn from its world.
         outcome: RUNNING before its end.
         time_s: simulated time.
         observation: what a policy sees now.
@@ -98,10 +100,15 @@ class RunningEpisode:
             state: of the co-simulation.
             columns: those of the episode's robots.
             starts: start cell of each robot.
-            seed: of the speed noise; every motor gets a child of its own.
+            seed: of the speed noise, of which every motor gets a child of its own, and of the
+                world.
         """
         n = scenario.robots
         self.scenario, self.config = scenario, config
+        self.drawn = draw_world(config.world, config.motor, n, seed)
+        down = gravity(config.world, self.drawn, config.motor.g)
+        for column, motors in enumerate(self.drawn.motors, columns.start):
+            state.properties[:, column] = robot_properties(config, down, motors)
         self._board = board_of(scenario)
         self._thresholds = distance_thresholds(scenario)
         self._targets = np.array(scenario.targets)
