@@ -20,7 +20,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.storage import cache_dir, cached
-from cosim.coupling.steering import DRIVE, HOLD
+from cosim.control.steering import DRIVE, HOLD
 from cosim.navigation.batch import Batch, shared
 from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation

@@ -1,7 +1,7 @@
 """Robots far apart on an endless floor: what one robot does, without board, agent or episode.
 
 For calibration and for trials of the steering. Commands are written straight into their
-array (layout in `cosim.coupling.steering`); the dynamics, the FMUs and the noise are those of an
+array (layout in `cosim.control.steering`); the dynamics, the FMUs and the noise are those of an
 episode.
 """
 
@@ -32,7 +32,7 @@ class Trial:
 
     Attributes:
         bodies: (STATE_SIZE, N), layout in `cosim.physics.body_state`.
-        commands: (N, COMMAND_SIZE), layout in `cosim.coupling.steering`.
+        commands: (N, COMMAND_SIZE), layout in `cosim.control.steering`.
         origins_m: (N, 2) where each robot was put.
         time_s: simulated time.
     """

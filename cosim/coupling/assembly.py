@@ -11,6 +11,7 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TABLE_II, MotorParams
+from cosim.base.world import generator
 from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu
 from cosim.coupling.interface import ELECTRICAL, INPUTS, OUTPUTS, check_use
@@ -29,6 +30,7 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         body_params(config.robot, config.motor, config.timing.dt_s),
         *motor_mounts(config.robot, config.motor),
         config.steering,
+        config.estimator,
         PairParams(config.robot.diameter_m, config.robot.mu_robots),
         end_on_collision,
         config.ticks_per_period,
@@ -198,17 +200,8 @@ class Motors:
 
 
 def noise_generators(seed: np.random.SeedSequence, robots: int) -> list[np.random.Generator]:
-    """One generator of speed noise for every motor, each with a child of the seed.
-
-    The seed stays as it is: unlike `seed.spawn`, a second call gives the same generators.
-    """
-    children = range(robots * len(MOTOR_NAMES))
-    return [
-        np.random.default_rng(
-            np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, child))
-        )
-        for child in children
-    ]
+    """One generator of speed noise for every motor, each with a child of the seed."""
+    return [generator(seed, child) for child in range(robots * len(MOTOR_NAMES))]
 
 
 def draw_noise(
@@ -228,8 +221,8 @@ def draw_noise(
     hold = config.periods_per_noise_value
     draws, motors = math.ceil(periods / hold), len(MOTOR_NAMES)
     values = np.empty((len(generators), draws))
-    for generator, row in zip(generators, values, strict=True):
-        generator.random(out=row)
+    for rng, row in zip(generators, values, strict=True):
+        rng.random(out=row)
     values *= 2.0
     values -= 1.0
     amplitude = config.noise.relative_amplitude * np.asarray(nominal_rad_s)

@@ -9,14 +9,14 @@ from fmpy.fmi3 import FMU3Slave
 
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
-from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.base.params import ESTIMATOR, STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.control.steering import DIRECTION, GOAL_X, START
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import Motors
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.master import CompiledDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
-from cosim.coupling.steering import DIRECTION, GOAL_X, START
 from cosim.physics.body import body_params
 from cosim.physics.body_state import standing_state
 from cosim.physics.collision import PairParams
@@ -32,6 +32,7 @@ def plant_with(**changes) -> Plant:
         body_params(TABLE_I, TABLE_II, TIMING.dt_s),
         *motor_mounts(TABLE_I, TABLE_II),
         STEERING,
+        ESTIMATOR,
         PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots),
         end_on_collision=True,
         ticks_per_period=100,
