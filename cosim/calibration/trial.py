@@ -72,7 +72,7 @@ class Trial:
         self._motors = Motors(motor_fmu, config, columns)
         for robot, (x, y) in enumerate(self.origins_m):
             self._state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
-            self._motors.restart([robot])
+            self._motors.restart([robot], ((config.motor, config.motor),))
         self._state.running[:] = 1
         self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]
         self._noise = noise_generators(seed, n)

@@ -5,13 +5,14 @@ judged. An episode that has ended leaves its place to another one at the next RL
 of an episode depends neither on who shares the batch nor on the number of lanes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.params import MotorParams
 from cosim.control.camera import NOISE, SIGHT, frames_under_way, frames_within
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import MOTOR_NAMES, Motors, check_motors, new_plant
@@ -100,6 +101,7 @@ class Batch:
         starts: tuple[Cell, ...],
         seed: np.random.SeedSequence,
         config: CoSimConfig | None = None,
+        motors: Sequence[tuple[MotorParams, MotorParams]] | None = None,
     ) -> RunningEpisode:
         """Begin an episode, motors at rest; one that was there is given up.
 
@@ -109,6 +111,7 @@ class Batch:
             starts: start cell of each robot.
             seed: of the speed noise; every motor gets a child of its own.
             config: with the episode's margin of the safety layer; default the batch's.
+            motors: D and E of each robot; default the configuration's.
 
         Raises:
             ConfigError: the configuration or the number of robots is not that of the batch, or the
@@ -131,7 +134,8 @@ class Batch:
         state.boards[place] = scenario.size_m
         self._make_room_for_frames(frames_under_way(config.world.sensor))
         self._put_obstacles(place, scenario.walls * scenario.cell_m)
-        self._motors.restart(range(columns.start, columns.stop))
+        robots = range(columns.start, columns.stop)
+        self._motors.restart(robots, motors or ((config.motor, config.motor),) * self.robots)
         episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
         self._state.running[place] = 1
         self.episodes[place] = episode

@@ -47,7 +47,7 @@ def plant_with(**changes) -> Plant:
 def new_motors(motor_fmu, columns, robots=ROBOTS):
     motors = Motors(MotorFmu(motor_fmu), CoSimConfig(), columns)
     for first in range(0, columns - robots + 1, robots):
-        motors.restart(range(first, first + robots))
+        motors.restart(range(first, first + robots), ((TABLE_II, TABLE_II),) * robots)
     return motors
 
 
@@ -335,7 +335,8 @@ def test_an_episode_depends_on_nobody_in_its_batch(fmu, request):
     def begin(state, motors, place, gap):
         for robot in range(ROBOTS):
             put_down(state, ROBOTS * place + robot, 0.05 + gap * robot, 0.1 * place)
-        motors.restart(range(ROBOTS * place, ROBOTS * place + ROBOTS))
+        columns = range(ROBOTS * place, ROBOTS * place + ROBOTS)
+        motors.restart(columns, ((TABLE_II, TABLE_II),) * ROBOTS)
         state.running[place] = 1
 
     driver = CompiledDriver(motors, lanes)
