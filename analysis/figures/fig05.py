@@ -95,5 +95,5 @@ def among_obstacles(results: Path) -> Drawing:
     scenarios = list(AMONG_OBSTACLES.values())
     closed = {s.name: len(s.obstacles) for s in scenarios}
     ours = tuple(f"{s.name}: {s.title}, obstacles on {closed[s.name]} cells." for s in scenarios)
-    title = "Scenarios with obstacles (dark), starts (light), targets (full colour), the paper's zone (grey)"
+    title = "Scenarios with obstacles (dark), start cells (light), targets (full colour)"
     return Drawing(draw(scenarios), Caption("obstacles", title, "", ours, {"closed_cells": closed}))
