@@ -11,7 +11,7 @@ from typing import Annotated
 
 import tyro
 
-from agent.training.settings import METHODS, Method
+from agent.training.settings import COMPARED, Method
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
@@ -38,7 +38,7 @@ class Transfer:
     samples as is there."""
     scenarios: tuple[str, ...] = tuple(PAPER)
     """Scenarios to measure, built in or files (.toml)."""
-    methods: tuple[Method, ...] = METHODS
+    methods: tuple[Method, ...] = COMPARED
     """Methods to measure; see `python -m cosim.run --help`."""
     seed: int = 0
     """Seed of training, of samples of starts and of the speed noise."""

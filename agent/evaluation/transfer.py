@@ -15,7 +15,7 @@ from agent.evaluation.result_file import ResultFile
 from agent.evaluation.transfer_table import Row, Session, TransferReport, markdown, report_of
 from agent.method import method_policy
 from agent.training.policy import Policy
-from agent.training.settings import BEST, METHODS
+from agent.training.settings import BEST, COMPARED, METHODS
 from cosim.base.errors import UserError
 from cosim.base.params import SAFETY_MARGIN_M, TABLE_I
 from cosim.base.progress import Progress, silent
@@ -130,7 +130,7 @@ def transfer(
     out: Path,
     *,
     scenarios: Collection[str] = tuple(PAPER),
-    methods: Collection[str] = METHODS,
+    methods: Collection[str] = COMPARED,
     seed: int = 0,
     quick: bool = False,
     budget_minutes: float | None = None,

@@ -19,7 +19,7 @@ from cosim.physics.rotation import wrapped
 POSE = 0  # now
 COVARIANCE = 3  # of it, 3 x 3 row by row, m², m rad, rad²
 _STATE, _SIGMA = 12, 15  # pose and covariance at the last frame that has arrived
-_ODOMETRY = 24  # commanded motion summed up since the start, a pose
+ODOMETRY = 24  # commanded motion summed up since the start, a pose
 _REFERENCE = 27  # that sum at the last frame that has arrived
 ESTIMATE_SIZE = 30
 
@@ -86,18 +86,18 @@ def start_estimate(
 @inlined
 def odometry(estimate: np.ndarray) -> Pose:
     """The commanded motion since the start, to be kept with a frame."""
-    return _pose(estimate, _ODOMETRY)
+    return _pose(estimate, ODOMETRY)
 
 
 @inlined
 def take_command(estimate: np.ndarray, speed: float, yaw_rate: float, seconds: float) -> None:
     """Add up what is commanded: m/s along the heading, and rad/s."""
-    x, y, heading = _pose(estimate, _ODOMETRY)
+    x, y, heading = _pose(estimate, ODOMETRY)
     # by the heading in the middle: exact to third order
     middle = heading + 0.5 * yaw_rate * seconds
     x += speed * seconds * math.cos(middle)
     y += speed * seconds * math.sin(middle)
-    _put(estimate, _ODOMETRY, (x, y, heading + yaw_rate * seconds))
+    _put(estimate, ODOMETRY, (x, y, heading + yaw_rate * seconds))
 
 
 @inlined
@@ -147,5 +147,5 @@ def correct(
 @inlined
 def estimate_now(estimate: np.ndarray, seconds: float, params: EstimatorParams) -> None:
     """Move the estimate on from the last frame to now, `seconds` later."""
-    motion = _between(_pose(estimate, _REFERENCE), _pose(estimate, _ODOMETRY))
+    motion = _between(_pose(estimate, _REFERENCE), _pose(estimate, ODOMETRY))
     _predict(estimate, POSE, motion, seconds, params)
