@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from agent.training.settings import BEST, COMPARED, LearningConfig, Method
 from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.base.params import TIMING
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ FULL = Profile(
     train_episodes=LearningConfig().episodes,
     single_episodes=SINGLE_EPISODES,
     pair_episodes=PAIR_EPISODES,
-    transfer_scenarios=tuple(BUILT_IN),
+    transfer_scenarios=tuple(PAPER),
     transfer_quick=False,
 )
 

@@ -22,7 +22,7 @@ from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import replacing, write_json
 from cosim.navigation.options import Physics
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 from cosim.scenarios.file import find_scenario
 
 TABLE_FILE, MARKDOWN_FILE, SESSIONS_FILE = "transfer.json", "transfer.md", "sessions.json"
@@ -129,7 +129,7 @@ class Measurement:
 def transfer(
     out: Path,
     *,
-    scenarios: Collection[str] = tuple(BUILT_IN),
+    scenarios: Collection[str] = tuple(PAPER),
     methods: Collection[str] = COMPARED,
     seed: int = 0,
     quick: bool = False,
