@@ -12,11 +12,12 @@ import numpy as np
 
 from cosim.base.jit import inlined, kernel
 from cosim.base.params import MotorParams, RobotParams
-from cosim.physics.body import BodyParams, body_params, stepped
+from cosim.physics.body import stepped
 from cosim.physics.body_state import STATE_SIZE, read_body, standing_state, write_body
 from cosim.physics.contact import CONTACT_TOLERANCE
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import width_of
+from cosim.physics.properties import BodyParams, body_params
 from cosim.physics.rotation import Vector, rotation_matrix
 
 _ONE = width_of(1)
@@ -169,7 +170,7 @@ def mean_motion(
         settle_s: time before the averages begin, s.
         duration_s: time over which they are taken, s, rounded to whole turns of the faster motor:
             within a turn the robot moves to and fro by more than it gains.
-        tolerance: of the contact sweeps, see `cosim.physics.body.body_params`.
+        tolerance: of the contact sweeps, see `cosim.physics.properties.body_params`.
     """
     constants = rig(robot, motor, dt_s, tolerance=tolerance)
     state = standing_state(robot, 0.0, 0.0, 0.0)

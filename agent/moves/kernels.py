@@ -32,7 +32,7 @@ from agent.process.rng import next_index
 from cosim.base.jit import inlined
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
 from cosim.navigation.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
-from cosim.physics.obstacle import touches_obstacle
+from cosim.physics.collision import touches_obstacle
 
 # Columns of a robot's plan and how far it is along it, float64.
 FROM_X, FROM_Y, TO_X, TO_Y = 0, 1, 2, 3  # ends of its move, cells

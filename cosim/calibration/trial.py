@@ -14,6 +14,7 @@ from cosim.coupling.assembly import (
     draw_noise,
     new_plant,
     noise_generators,
+    robot_properties,
 )
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver
@@ -68,6 +69,7 @@ class Trial:
         )
         self._tick = 0
         self._state = new_state(n, 1, columns)
+        self._state.properties[:] = robot_properties(config)[:, None]
         self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])
         self._motors = Motors(motor_fmu, config, columns)
         for robot, (x, y) in enumerate(self.origins_m):

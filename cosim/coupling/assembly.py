@@ -16,9 +16,10 @@ from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu
 from cosim.coupling.interface import ELECTRICAL, INPUTS, OUTPUTS, check_use
 from cosim.coupling.plant import Plant
-from cosim.physics.body import body_params
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
+from cosim.physics.properties import body_params, properties_of
+from cosim.physics.rotation import Vector
 
 MOTOR_NAMES = ("D", "E")
 
@@ -38,6 +39,27 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         config.order == "jacobi",
         config.reaction,
         config.timing.exchange_tolerance_rad,
+    )
+
+
+def robot_properties(
+    config: CoSimConfig,
+    gravity: Vector | None = None,
+    motors: tuple[MotorParams, MotorParams] | None = None,
+) -> np.ndarray:
+    """What a robot is in the world of a configuration: its column of `State.properties`.
+
+    Args:
+        config: robot and world.
+        gravity: in the frame of the floor, m/s²; default that of a level one.
+        motors: D and E; default the configuration's.
+    """
+    motor_d, motor_e = motors or (config.motor, config.motor)
+    robot, dt_s = config.robot, config.timing.dt_s
+    return properties_of(
+        body_params(robot, config.motor, dt_s, gravity=gravity, world=config.world),
+        motor_mounts(robot, motor_d)[0],
+        motor_mounts(robot, motor_e)[1],
     )
 
 

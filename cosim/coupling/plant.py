@@ -24,17 +24,19 @@ from cosim.coupling.signals import (
     SLIPPING,
     State,
 )
-from cosim.physics.body import BodyParams, stepped
+from cosim.physics.body import at_axis, stepped
 from cosim.physics.body_state import read_body, write_body
 from cosim.physics.collision import PairParams, find_near_pairs, push_apart
 from cosim.physics.contact import Impulse
 from cosim.physics.forces import MotorMount, motor_wrench
-from cosim.physics.lanes import Width, load, select, store
+from cosim.physics.lanes import Width, load, select, store, width_of
+from cosim.physics.properties import BodyParams, read_mount, read_params
 from cosim.physics.rotation import Vector, dot, heading, rotation_matrix, to_body
 from cosim.physics.trig import sine_cosine
 
 # Share of the squared friction limit from which a foot slides; the solver's projection rounds.
 AT_LIMIT = 1.0 - 1e-9
+_ONE = width_of(1)
 
 
 class Plant(NamedTuple):
@@ -42,8 +44,8 @@ class Plant(NamedTuple):
 
     Attributes:
         robots: of an episode.
-        body: equations of motion of every robot.
-        mount_d, mount_e: motors D and E.
+        body: equations of motion; what differs from robot to robot is in `State.properties`.
+        mount_d, mount_e: motors D and E, likewise.
         steering: gains and speeds.
         estimator: of every robot.
         pair: contact between robots.
@@ -192,16 +194,19 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     """
     theta_d, omega_d, omega_dot_d = exchanged(plant, state, 0, column, tick, width)
     theta_e, omega_e, omega_dot_e = exchanged(plant, state, 1, column, tick, width)
-    d = motor_wrench(plant.mount_d, theta_d, omega_d, omega_dot_d)
-    e = motor_wrench(plant.mount_e, theta_e, omega_e, omega_dot_e)
+    params = read_params(state.properties, column, width, plant.body)
+    mount_d = read_mount(state.properties, 0, column, width, plant.mount_d)
+    mount_e = read_mount(state.properties, 1, column, width, plant.mount_e)
+    d = motor_wrench(mount_d, theta_d, omega_d, omega_dot_d)
+    e = motor_wrench(mount_e, theta_e, omega_e, omega_dot_e)
     force = (d[0] + e[0], 0.0, d[1] + e[1])
     moment = (d[2] + e[2], d[3] + e[3], d[4] + e[4])
-    body = stepped(read_body(state.bodies, column, width), plant.body, force, moment)
+    body = stepped(read_body(state.bodies, column, width), params, force, moment)
     write_body(state.bodies, column, width, body)
-    statistics, mu = state.statistics, plant.body.contact.mu
-    lifted_a = _watch_foot(statistics, 0, column, width, body.at_a, mu)
-    lifted_b = _watch_foot(statistics, 1, column, width, body.at_b, mu)
-    lifted_c = _watch_foot(statistics, 2, column, width, body.at_c, mu)
+    statistics, mu = state.statistics, params.contact.mu
+    lifted_a = _watch_foot(statistics, 0, column, width, body.at_a, mu[0])
+    lifted_b = _watch_foot(statistics, 1, column, width, body.at_b, mu[1])
+    lifted_c = _watch_foot(statistics, 2, column, width, body.at_c, mu[2])
     lifted = lifted_a + lifted_b + lifted_c
     _count(statistics, LIFTED, column, width, lifted > 0.0)
     _count(statistics, AIRBORNE, column, width, lifted > 2.0)
@@ -239,9 +244,10 @@ def _count(statistics: np.ndarray, row: int, column: int, width: Width, holds: b
 @inlined
 def push_pairs(plant: Plant, state: State) -> None:
     """Apply the contact impulses between robots at the end of a tick."""
+    inverse_dt = plant.body.inverse_dt
     for k in range(state.near_count[0]):
         i, j = state.near[k, 0], state.near[k, 1]
-        if push_apart(state.bodies, i, j, plant.pair, plant.body) > 0.0:
+        if push_apart(state.bodies, state.properties, i, j, plant.pair, inverse_dt) > 0.0:
             state.touching[i] += 1.0
             state.touching[j] += 1.0
 
@@ -258,13 +264,18 @@ def react(plant: Plant, state: State) -> None:
     for column in range(state.bodies.shape[1]):
         body, held = state.bodies[:, column], state.held_velocities[:, column]
         matrix = rotation_matrix((body[3], body[4], body[5], body[6]))
-        ax, _, az = to_body(
-            matrix,
-            ((body[7] - held[0]) * rate, (body[8] - held[1]) * rate, (body[9] - held[2]) * rate),
+        change = (
+            (body[7] - held[0]) * rate,
+            (body[8] - held[1]) * rate,
+            (body[9] - held[2]) * rate,
         )
         wx, wy, wz = body[10] - held[3], body[11] - held[4], body[12] - held[5]
+        params = read_params(state.properties, column, _ONE, plant.body)
+        turn = (rate * wx, rate * wy, rate * wz)
+        ax, _, az = at_axis(to_body(matrix, change), turn, params)
         for motor in range(MOTORS):
-            mount = plant.mount_d if motor == 0 else plant.mount_e
+            common = plant.mount_d if motor == 0 else plant.mount_e
+            mount = read_mount(state.properties, motor, column, _ONE, common)
             s, c = sine_cosine(state.outputs[motor, column])
             mount_x = ax + rate * (wy * mount.z - wz * mount.y)
             mount_z = az + rate * wx * mount.y

@@ -20,7 +20,7 @@ from cosim.coupling.signals import (
     Samples,
     State,
 )
-from cosim.physics.obstacle import touches_obstacle
+from cosim.physics.collision import touches_obstacle
 from cosim.physics.rotation import heading
 
 

@@ -11,6 +11,7 @@ from cosim.control.camera import CAMERA_SIZE, FRAME_SIZE, NOISE
 from cosim.control.estimation import ESTIMATE_SIZE
 from cosim.control.steering import COMMAND_SIZE
 from cosim.physics.body_state import QUATERNION, STATE_SIZE
+from cosim.physics.properties import PROPERTIES
 
 MOTORS = 2  # D, E
 FEET = 3  # A, B, C
@@ -35,6 +36,7 @@ class State(NamedTuple):
         frames: (B, F, FRAME_SIZE) of the camera, under way.
         sight: (M, B, NOISE) what the camera makes of the robots in the next frames.
         bodies: (STATE_SIZE, B), layout in cosim.physics.body_state.
+        properties: (PROPERTIES, B), layout in cosim.physics.properties.
         commands: (B, COMMAND_SIZE), layout in cosim.control.steering.
         inputs: (6, B) omega_des, omega_noise, d.
         outputs: (6, B) theta, omega, omega_dot.
@@ -63,6 +65,7 @@ class State(NamedTuple):
     frames: np.ndarray
     sight: np.ndarray
     bodies: np.ndarray
+    properties: np.ndarray
     commands: np.ndarray
     inputs: np.ndarray
     outputs: np.ndarray
@@ -147,7 +150,7 @@ class RawSamples(NamedTuple):
 
 
 def new_state(episodes: int, robots: int, columns: int) -> State:
-    """State in which nothing goes on, on endless floors without obstacles.
+    """State in which nothing goes on, on endless floors without obstacles; robots have no mass yet.
 
     Args:
         episodes: K.
@@ -167,6 +170,7 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         np.zeros((columns, 0, FRAME_SIZE)),
         np.zeros((0, columns, NOISE)),
         bodies,
+        _aligned(PROPERTIES, columns),
         np.zeros((columns, COMMAND_SIZE)),
         *(_aligned(count, columns) for count in rows),
         touching=np.zeros(columns),

@@ -15,7 +15,13 @@ from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import MotorParams
 from cosim.control.camera import NOISE, SIGHT, frames_under_way, frames_within
 from cosim.coupling.adaptive import AdaptiveDriver
-from cosim.coupling.assembly import MOTOR_NAMES, Motors, check_motors, new_plant
+from cosim.coupling.assembly import (
+    MOTOR_NAMES,
+    Motors,
+    check_motors,
+    new_plant,
+    robot_properties,
+)
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver, Driver, ReferenceDriver
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
@@ -92,6 +98,7 @@ class Batch:
         self._driver = _driver(driver, self._motors, lanes)
         self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
         self._state = new_state(places, robots, columns)
+        self._state.properties[:] = robot_properties(config)[:, None]
         self.episodes: list[RunningEpisode | None] = [None] * places
 
     def begin(

@@ -3,24 +3,23 @@
 Semi-implicit Euler with step dt: velocities first (applied wrench, gyroscopic moment by the
 implicit midpoint rule, contact impulses), then the pose with the new velocities. The centre of
 mass moves in the world frame and the angular velocity is kept in the body frame, so that a free
-body keeps its momenta to rounding. The caller owns time and forces.
+body keeps its momenta to rounding. Feet and motors have places relative to the robot's axis, which
+a payload puts beside the centre of mass. The caller owns time and forces.
 """
 
 import math
-from typing import NamedTuple
 
 from cosim.base.jit import inlined
-from cosim.base.params import MotorParams, RobotParams, cylinder_inertia
 from cosim.physics.body_state import Body
 from cosim.physics.contact import (
-    CONTACT_TOLERANCE,
     ContactParams,
     Impulse,
     allowed_approach,
-    contact_params,
     gradient_step,
+    impact_speed,
 )
 from cosim.physics.lanes import any_lane, select
+from cosim.physics.properties import BodyParams
 from cosim.physics.rotation import (
     Vector,
     cross,
@@ -33,53 +32,39 @@ from cosim.physics.rotation import (
 )
 
 
-class BodyParams(NamedTuple):
-    """Constants of one robot's equations of motion; SI units, body frame.
-
-    Attributes:
-        inverse_mass: 1/kg.
-        inertia, inverse_inertia: principal moments in kg m² and their inverses.
-        gravity: in the world frame, m/s².
-        dt, inverse_dt: step in s and its inverse.
-        contact: contact solver parameters.
-    """
-
-    inverse_mass: float
-    inertia: Vector
-    inverse_inertia: Vector
-    gravity: Vector
-    dt: float
-    inverse_dt: float
-    contact: ContactParams
+@inlined
+def about_centre(moment: Vector, force: Vector, params: BodyParams) -> Vector:
+    """Moment about the centre of mass, from that about the robot's axis at its height: − s × f."""
+    x, y = params.centre
+    if params.off_axis:
+        moment = (
+            moment[0] - y * force[2],
+            moment[1] + x * force[2],
+            moment[2] - (x * force[1] - y * force[0]),
+        )
+    return moment
 
 
-def body_params(
-    robot: RobotParams,
-    motor: MotorParams,
-    dt_s: float,
-    *,
-    gravity: Vector | None = None,
-    tolerance: float = CONTACT_TOLERANCE,
-) -> BodyParams:
-    """Constants of a robot.
+@inlined
+def at_axis(velocity: Vector, omega: Vector, params: BodyParams) -> Vector:
+    """Velocity of the robot's axis at the height of the centre of mass, body frame: v − ω × s."""
+    x, y = params.centre
+    if params.off_axis:
+        velocity = (
+            velocity[0] + y * omega[2],
+            velocity[1] - x * omega[2],
+            velocity[2] - (y * omega[0] - x * omega[1]),
+        )
+    return velocity
 
-    Args:
-        robot: Table I and the assumed geometry.
-        motor: for g, and for the tolerance through the weight.
-        dt_s: step in s.
-        gravity: in the world frame, m/s²; default g straight down.
-        tolerance: contact sweeps end when impulses change by less than this share of weight·dt.
-    """
-    i_xx, i_yy, i_zz = cylinder_inertia(robot)
-    return BodyParams(
-        inverse_mass=1.0 / robot.mass_kg,
-        inertia=(i_xx, i_yy, i_zz),
-        inverse_inertia=(1.0 / i_xx, 1.0 / i_yy, 1.0 / i_zz),
-        gravity=gravity or (0.0, 0.0, -motor.g),
-        dt=dt_s,
-        inverse_dt=1.0 / dt_s,
-        contact=contact_params(robot, tolerance * robot.mass_kg * motor.g * dt_s),
-    )
+
+@inlined
+def _times(diagonal: Vector, product: float, v: Vector, params: BodyParams) -> Vector:
+    """Product of a tensor, whose only other element is xy, and a vector."""
+    x, y, z = diagonal[0] * v[0], diagonal[1] * v[1], diagonal[2] * v[2]
+    if params.off_axis:
+        x, y = x + product * v[1], y + product * v[0]
+    return x, y, z
 
 
 @inlined
@@ -89,24 +74,27 @@ def spun(omega: Vector, params: BodyParams) -> Vector:
     Implicit midpoint rule; two fixed-point iterations leave an error of (|ω| dt)³, which is below
     rounding for any speed a robot reaches.
     """
-    inertia, inverse, dt = params.inertia, params.inverse_inertia, params.dt
+    dt = params.dt
     middle = omega
     after = omega
     for _ in range(2):
-        spin = (inertia[0] * middle[0], inertia[1] * middle[1], inertia[2] * middle[2])
+        spin = _times(params.inertia, params.product, middle, params)
         # Eq. (2), left side
-        rate = cross(spin, middle)
-        after = (
-            omega[0] + dt * inverse[0] * rate[0],
-            omega[1] + dt * inverse[1] * rate[1],
-            omega[2] + dt * inverse[2] * rate[2],
-        )
+        after = _turned(omega, dt, cross(spin, middle), params)
         middle = (
             0.5 * (omega[0] + after[0]),
             0.5 * (omega[1] + after[1]),
             0.5 * (omega[2] + after[2]),
         )
     return after
+
+
+@inlined
+def _turned(omega: Vector, dt: float, moment: Vector, params: BodyParams) -> Vector:
+    """The angular velocity after a moment has acted for dt."""
+    x, y, z = params.inverse_inertia
+    inverse = (dt * x, dt * y, dt * z)
+    return plus(omega, 1.0, _times(inverse, dt * params.inverse_product, moment, params))
 
 
 @inlined
@@ -128,7 +116,7 @@ def with_impulses(
     c = plus(at_c[1], at_c[0], normal)
     both = plus(a, 1.0, c)
     total = plus(both, 1.0, b)
-    contact, inverse = params.contact, params.inverse_inertia
+    contact = params.contact
     (x, y, z), x_b = contact.a, contact.b[0]
     # Σ r × j of feet A (x, y, z), B (x_b, 0, z), C (x, −y, z)
     twist = (
@@ -136,11 +124,9 @@ def with_impulses(
         z * total[0] - (x * both[2] + x_b * b[2]),
         x * both[1] + x_b * b[1] - y * (a[0] - c[0]),
     )
-    omega = (
-        omega[0] + inverse[0] * twist[0],
-        omega[1] + inverse[1] * twist[1],
-        omega[2] + inverse[2] * twist[2],
-    )
+    twist = about_centre(twist, total, params)
+    turn = _times(params.inverse_inertia, params.inverse_product, twist, params)
+    omega = plus(omega, 1.0, turn)
     return plus(velocity, params.inverse_mass, total), omega, total
 
 
@@ -148,7 +134,7 @@ def with_impulses(
 def foot_velocities(
     velocity: Vector, omega: Vector, contact: ContactParams
 ) -> tuple[Vector, Vector, Vector]:
-    """Velocities v + ω × r of feet A, B, C in m/s, all in the body frame."""
+    """Velocities v + ω × r of feet A, B, C in m/s, from that of the axis, all in the body frame."""
     (x, y, z), x_b = contact.a, contact.b[0]
     along, aside = velocity[0] + omega[1] * z, velocity[1] - omega[0] * z
     across = aside + omega[2] * x
@@ -158,6 +144,20 @@ def foot_velocities(
         (along, aside + omega[2] * x_b, velocity[2] - omega[1] * x_b),
         (along + swing, across, up - roll),
     )
+
+
+@inlined
+def _least(foot: Vector, body: Body, normal: Vector, params: BodyParams) -> float:
+    """Least normal speed of a foot after the step."""
+    if params.off_axis:
+        x, y = params.centre
+        foot = foot[0] - x, foot[1] - y, foot[2]
+    gap = body.position[2] + dot(normal, foot)
+    least = allowed_approach(gap, params.inverse_dt)
+    if params.bounces:
+        before = body.velocity[2] + dot(cross(normal, body.omega), foot)
+        least = impact_speed(gap, before, least, params.restitution, params.inverse_dt)
+    return least
 
 
 @inlined
@@ -177,7 +177,7 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
         body: before.
         params: constants of the robot.
         force: applied force without gravity and contacts, body frame, N.
-        moment: applied moment about the centre of mass, body frame, N m.
+        moment: applied moment about the axis at the height of the centre of mass, body frame, N m.
     """
     dt, contact = params.dt, params.contact
     world_from_body = rotation_matrix(body.orientation)
@@ -189,32 +189,27 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
         force,
     )
     spun_omega = spun(body.omega, params)
-    inverse = params.inverse_inertia
-    free_omega = (
-        spun_omega[0] + dt * inverse[0] * moment[0],
-        spun_omega[1] + dt * inverse[1] * moment[1],
-        spun_omega[2] + dt * inverse[2] * moment[2],
-    )
+    free_omega = _turned(spun_omega, dt, about_centre(moment, force, params), params)
     # What a free body turns by: the mean of before and after, which with the Cayley map of
     # `rotated` keeps the angular momentum. Moments and impulses act before the turn.
     half_spin = plus(body.omega, -1.0, spun_omega)
 
-    normal, height = world_from_body[2], body.position[2]
-    least_a = allowed_approach(height + dot(normal, contact.a), params.inverse_dt)
-    least_b = allowed_approach(height + dot(normal, contact.b), params.inverse_dt)
-    least_c = allowed_approach(height + dot(normal, contact.c), params.inverse_dt)
+    normal = world_from_body[2]
+    least_a = _least(contact.a, body, normal, params)
+    least_b = _least(contact.b, body, normal, params)
+    least_c = _least(contact.c, body, normal, params)
     at_a, at_b, at_c = body.at_a, body.at_b, body.at_c
     v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at_a, at_b, at_c)
-    change = select(height < math.inf, math.inf, 0.0)
+    change = select(body.position[2] < math.inf, math.inf, 0.0)
     for _ in range(contact.max_sweeps):
         # A lane whose sweeps have ended keeps what it has, to the bit, and so changes no more.
         going_on = change >= contact.tolerance
         if not any_lane(going_on):
             break
-        u_a, u_b, u_c = foot_velocities(v, omega, contact)
-        a = gradient_step(at_a, u_a, normal, least_a, contact)
-        b = gradient_step(at_b, u_b, normal, least_b, contact)
-        c = gradient_step(at_c, u_c, normal, least_c, contact)
+        u_a, u_b, u_c = foot_velocities(at_axis(v, omega, params), omega, contact)
+        a = gradient_step(at_a, u_a, normal, least_a, contact.mu[0], contact)
+        b = gradient_step(at_b, u_b, normal, least_b, contact.mu[1], contact)
+        c = gradient_step(at_c, u_c, normal, least_c, contact.mu[2], contact)
         a, b, c = _where(going_on, a, at_a), _where(going_on, b, at_b), _where(going_on, c, at_c)
         before, spin = total, omega[2]
         v, omega, total = with_impulses(free_velocity, free_omega, params, normal, a, b, c)

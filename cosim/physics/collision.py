@@ -11,8 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.physics.body import BodyParams
 from cosim.physics.contact import allowed_approach
+from cosim.physics.properties import INVERSE_INERTIA, INVERSE_MASS
+from cosim.scenarios.scenario import touches_obstacle as definition
+
+touches_obstacle = inlined(definition)  # whether a robot touches an obstacle, for kernels
 
 # Pairs within this distance of contact are checked every tick, the others once per control period:
 # robots slower than 1 m/s cannot close it within 1 ms.
@@ -59,14 +62,22 @@ def find_near_pairs(
 
 
 @inlined
-def push_apart(bodies: np.ndarray, a: int, b: int, pair: PairParams, params: BodyParams) -> float:
+def push_apart(
+    bodies: np.ndarray,
+    properties: np.ndarray,
+    a: int,
+    b: int,
+    pair: PairParams,
+    inverse_dt: float,
+) -> float:
     """Apply the contact impulse between two robots, in place.
 
     Args:
         bodies: (STATE_SIZE, B).
+        properties: (PROPERTIES, B), see `cosim.physics.properties`.
         a, b: columns of the robots.
         pair: contact parameters.
-        params: constants of both robots.
+        inverse_dt: of the tick, 1/s.
 
     Returns:
         The normal impulse in N s, 0 if they do not touch.
@@ -77,20 +88,22 @@ def push_apart(bodies: np.ndarray, a: int, b: int, pair: PairParams, params: Bod
     radius = 0.5 * pair.diameter
     vx, vy = bodies[7, b] - bodies[7, a], bodies[8, b] - bodies[8, a]
     approach = vx * nx + vy * ny
-    excess = approach - allowed_approach(distance - pair.diameter, params.inverse_dt)
+    excess = approach - allowed_approach(distance - pair.diameter, inverse_dt)
     if excess >= 0.0:
         return 0.0
-    impulse = -excess / (2.0 * params.inverse_mass)
+    mass_a, mass_b = properties[INVERSE_MASS, a], properties[INVERSE_MASS, b]  # inverse
+    impulse = -excess / (mass_a + mass_b)
     slip = vy * nx - vx * ny - radius * (bodies[12, a] + bodies[12, b])
-    spin_per_impulse = radius * params.inverse_inertia[2]
-    stopping = -slip / (2.0 * params.inverse_mass + 2.0 * radius * spin_per_impulse)
+    spin_a = radius * properties[INVERSE_INERTIA + 2, a]  # per impulse
+    spin_b = radius * properties[INVERSE_INERTIA + 2, b]
+    stopping = -slip / (mass_a + mass_b + radius * (spin_a + spin_b))
     limit = pair.mu * impulse
     friction = min(limit, max(-limit, stopping))
     jx, jy = impulse * nx - friction * ny, impulse * ny + friction * nx
-    bodies[7, a] -= jx * params.inverse_mass
-    bodies[8, a] -= jy * params.inverse_mass
-    bodies[7, b] += jx * params.inverse_mass
-    bodies[8, b] += jy * params.inverse_mass
-    bodies[12, a] -= spin_per_impulse * friction
-    bodies[12, b] -= spin_per_impulse * friction
+    bodies[7, a] -= jx * mass_a
+    bodies[8, a] -= jy * mass_a
+    bodies[7, b] += jx * mass_b
+    bodies[8, b] += jy * mass_b
+    bodies[12, a] -= spin_a * friction
+    bodies[12, b] -= spin_b * friction
     return impulse

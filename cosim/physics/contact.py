@@ -3,7 +3,7 @@
 Moreau time stepping in the body frame: there the contact points, the inertia and so the Delassus
 operator are constant, only the floor normal changes. Each sweep is one projected gradient step on
 all three contacts at once, which keeps mirror symmetry exact; impulses of the last step start the
-next. Impacts are inelastic. Nothing here knows motors or time integration.
+next. Nothing here knows motors or time integration.
 """
 
 import math
@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.base.params import RobotParams, cylinder_inertia
+from cosim.base.params import RobotParams
 from cosim.physics.lanes import select
+from cosim.physics.mass import Mass, mass_of
 from cosim.physics.rotation import Vector, dot, plus
 
 Impulse = tuple[float, Vector]
@@ -31,11 +32,12 @@ MAX_SWEEPS = 50
 
 
 class ContactParams(NamedTuple):
-    """Geometry and step sizes of the contact solver (body frame, origin: centre of mass).
+    """Geometry and step sizes of the contact solver (body frame).
 
     Attributes:
-        a, b, c: positions of feet A, B, C in m.
-        mu: Coulomb friction coefficient, static = kinetic.
+        a, b, c: positions of feet A, B, C in m; origin: the robot's axis at the height of the
+            centre of mass.
+        mu: Coulomb friction coefficient under each of them, static = kinetic.
         step_normal, step_tangential: step sizes of the projected gradient in kg.
         spin_inertia: friction impulse at a foot, in N s, that changes a spin by 1 rad/s: kg m.
         tolerance: sweeps end when the impulses, that of the spin included, change by less than
@@ -46,7 +48,7 @@ class ContactParams(NamedTuple):
     a: Vector
     b: Vector
     c: Vector
-    mu: float
+    mu: Vector
     step_normal: float
     step_tangential: float
     spin_inertia: float
@@ -55,7 +57,7 @@ class ContactParams(NamedTuple):
 
 
 def foot_positions(robot: RobotParams) -> np.ndarray:
-    """Feet A, B, C in the body frame, shape (3, 3), m: A and C at +x, B at −x (Fig. 4b)."""
+    """Feet A, B, C from the robot's axis, shape (3, 3), m: A and C at +x, B at −x (Fig. 4b)."""
     angles = np.deg2rad([60.0, 180.0, -60.0])
     feet = np.empty((3, 3))
     feet[:, 0] = robot.foot_radius_m * np.cos(angles)
@@ -66,27 +68,31 @@ def foot_positions(robot: RobotParams) -> np.ndarray:
     return feet
 
 
-def delassus(robot: RobotParams) -> np.ndarray:
+def delassus(robot: RobotParams, mass: Mass | None = None) -> np.ndarray:
     """Delassus operator of the three contacts, shape (9, 9), 1/kg: impulses to velocities.
 
-    Rows and columns are x, y, z of A, B, C in the body frame.
+    Rows and columns are x, y, z of A, B, C in the body frame; `mass` is by default that of the
+    robot without payload.
     """
+    mass = mass or mass_of(robot)
     jacobian = np.zeros((9, 6))
-    for i, (x, y, z) in enumerate(foot_positions(robot)):
+    for i, (x, y, z) in enumerate(foot_positions(robot) - (*mass.centre, 0.0)):
         jacobian[3 * i : 3 * i + 3, :3] = np.eye(3)
         jacobian[3 * i : 3 * i + 3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
-    inverse_mass = np.array([1.0 / robot.mass_kg] * 3 + [1.0 / i for i in cylinder_inertia(robot)])
-    return (jacobian * inverse_mass) @ jacobian.T
+    inverse = np.diag([1.0 / mass.total] * 6)
+    inverse[3:, 3:] = mass.inverse_tensor()
+    return jacobian @ inverse @ jacobian.T
 
 
-def contact_params(robot: RobotParams, tolerance: float) -> ContactParams:
+def contact_params(robot: RobotParams, tolerance: float, mass: Mass | None = None) -> ContactParams:
     """Solver parameters of a robot; the step sizes make every sweep a contraction.
 
     Normal and tangential rows are scaled by their own largest eigenvalues, then both by the
     largest eigenvalue of the scaled whole, so that the gradient step is stable for any geometry.
     """
+    mass = mass or mass_of(robot)
     feet = foot_positions(robot)
-    operator = delassus(robot)
+    operator = delassus(robot, mass)
     normal = np.arange(9) % 3 == 2
     scale = np.empty(9)
     scale[normal] = np.linalg.eigvalsh(operator[np.ix_(normal, normal)])[-1]
@@ -95,10 +101,10 @@ def contact_params(robot: RobotParams, tolerance: float) -> ContactParams:
     largest = np.linalg.eigvalsh(operator / np.outer(root, root))[-1]
     return ContactParams(
         *((float(x), float(y), float(z)) for x, y, z in feet),
-        mu=robot.mu,
+        mu=(robot.mu, robot.mu, robot.mu),
         step_normal=_rounded(1.0 / (largest * scale[2])),
         step_tangential=_rounded(1.0 / (largest * scale[0])),
-        spin_inertia=cylinder_inertia(robot)[2] / robot.foot_radius_m,
+        spin_inertia=mass.inertia[2] / robot.foot_radius_m,
         tolerance=tolerance,
         max_sweeps=MAX_SWEEPS,
     )
@@ -116,11 +122,31 @@ def allowed_approach(gap: float, inverse_dt: float) -> float:
 
 
 @inlined
+def impact_speed(
+    gap: float, before: float, allowed: float, restitution: float, inverse_dt: float
+) -> float:
+    """Least normal speed in m/s of a foot after a step by Newton's impact law.
+
+    Args:
+        gap: at the start of the step in m.
+        before: normal speed of the foot at that time; if it closes the gap within the step, the
+            foot leaves with that times `restitution`.
+        allowed: what `allowed_approach` returned; holds for a foot that does not land.
+        restitution: from 0 to 1.
+        inverse_dt: inverse of the step, 1/s.
+    """
+    bounce = -restitution * before
+    lands = (gap * inverse_dt + before <= 0.0) & (bounce > 0.0) & (bounce > allowed)
+    return select(lands, bounce, allowed)
+
+
+@inlined
 def gradient_step(
     impulse: Impulse,
     velocity: Vector,
     normal: Vector,
     least_normal_speed: float,
+    mu: float,
     contact: ContactParams,
 ) -> Impulse:
     """One projected gradient step of one contact: Signorini's condition and Coulomb's cone.
@@ -129,7 +155,8 @@ def gradient_step(
         impulse: (λ, q): normal impulse and friction impulse vector in N s, body frame.
         velocity: of the foot with these impulses applied, body frame, m/s.
         normal: unit normal of the floor in the body frame.
-        least_normal_speed: what `allowed_approach` returned.
+        least_normal_speed: what `allowed_approach` or `impact_speed` returned.
+        mu: friction coefficient under the foot.
         contact: solver parameters.
 
     Returns:
@@ -139,7 +166,7 @@ def gradient_step(
     friction = plus(impulse[1], -contact.step_tangential, plus(velocity, -speed, normal))
     pressed = impulse[0] - contact.step_normal * (speed - least_normal_speed)
     pressed = select(pressed > 0.0, pressed, 0.0)
-    limit = contact.mu * pressed
+    limit = mu * pressed
     length_2 = dot(friction, friction)
     slides = length_2 > limit * limit
     shrink = select(slides, limit / math.sqrt(length_2), 1.0)

@@ -32,7 +32,8 @@ def test_worlds_that_cannot_be_are_refused(kind, values, said):
 
 def test_an_ideal_world_draws_nothing():
     assert not IDEAL.draws
-    assert draw_world(IDEAL, TABLE_II, 2, SEED) == Drawn(((TABLE_II,) * 2,) * 2, 0.0)
+    pair = TABLE_II, TABLE_II
+    assert draw_world(IDEAL, TABLE_II, 2, SEED) == Drawn((pair, pair), 0.0)
     assert CoSimConfig().in_world(IDEAL) == CoSimConfig()
 
 

@@ -12,16 +12,16 @@ from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.base.params import ESTIMATOR, STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.control.steering import DIRECTION, GOAL_X, START
 from cosim.coupling.adaptive import AdaptiveDriver
-from cosim.coupling.assembly import Motors
+from cosim.coupling.assembly import Motors, robot_properties
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.master import CompiledDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
-from cosim.physics.body import body_params
 from cosim.physics.body_state import standing_state
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
 from cosim.physics.lanes import host_lanes
+from cosim.physics.properties import body_params
 
 PERIODS, ROBOTS = 200, 2
 
@@ -53,6 +53,7 @@ def new_motors(motor_fmu, columns, robots=ROBOTS):
 
 def put_down(state, column, x, heading):
     state.bodies[:, column] = standing_state(TABLE_I, x, 0.15, heading)
+    state.properties[:] = robot_properties(CoSimConfig())[:, None]
     state.commands[column, :6] = (x + 0.1, 0.15, 0.0, START, 1.0, 0.0)
 
 

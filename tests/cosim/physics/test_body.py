@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from benchmarks.prescribed import coast, step_body
 from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II, TIMING, cylinder_inertia
-from cosim.physics.body import BodyParams, body_params
 from cosim.physics.body_state import (
     ANGULAR_VELOCITY,
     NORMAL_IMPULSE,
@@ -20,6 +19,7 @@ from cosim.physics.body_state import (
     VELOCITY,
     standing_state,
 )
+from cosim.physics.properties import BodyParams, body_params
 from cosim.physics.rotation import dot, heading, rotation_matrix
 
 DT, G, MU, M = TIMING.dt_s, TABLE_II.g, TABLE_I.mu, TABLE_I.mass_kg
@@ -72,7 +72,7 @@ def _audit(state: np.ndarray, params: BodyParams, ticks: int) -> tuple[float, fl
         deepest = max(deepest, -state[2] - dot(normal, contact.b))
         for i in range(3):
             q = (state[16 + 3 * i], state[17 + 3 * i], state[18 + 3 * i])
-            limit = contact.mu * state[13 + i] * (1.0 + 1e-15)
+            limit = contact.mu[i] * state[13 + i] * (1.0 + 1e-15)
             excess = max(excess, math.sqrt(dot(q, q)) - limit)
             least = min(least, state[13 + i])
     return gained, excess, least, deepest

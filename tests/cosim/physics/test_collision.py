@@ -9,26 +9,28 @@ from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.navigation.cosimulation import CoSimulation, run_episode
-from cosim.physics.body import body_params
 from cosim.physics.body_state import ANGULAR_VELOCITY, VELOCITY, standing_state
 from cosim.physics.collision import NEAR_M, PairParams, find_near_pairs, push_apart
+from cosim.physics.forces import motor_mounts
+from cosim.physics.properties import body_params, properties_of
 from cosim.scenarios.scenario import Scenario
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots)
 BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)
+PROPERTIES = properties_of(BODY, *motor_mounts(TABLE_I, TABLE_II))
 RADIUS = TABLE_I.diameter_m / 2.0
 speeds = st.floats(-0.02, 0.02)
 spins = st.floats(-1.0, 1.0)
 
 
 @kernel
-def push_columns(bodies: np.ndarray) -> float:
-    return push_apart(bodies, 0, 1, PAIR, BODY)
+def push_columns(bodies: np.ndarray, properties: np.ndarray) -> float:
+    return push_apart(bodies, properties, 0, 1, PAIR, BODY.inverse_dt)
 
 
 def push(a: np.ndarray, b: np.ndarray) -> float:
     bodies = np.stack([a, b], axis=1)
-    impulse = push_columns(bodies)
+    impulse = push_columns(bodies, np.stack([PROPERTIES] * 2, axis=1))
     a[:], b[:] = bodies.T
     return impulse
 

@@ -15,7 +15,7 @@ from cosim.base.params import SAFETY_MARGIN_M, TABLE_I, TIMING
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
 from cosim.navigation.safety import WAIT, board_of, permitted
-from cosim.physics import obstacle as solid
+from cosim.physics import collision as solid
 from cosim.recording.episode_log import EpisodeLog
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario, ScenarioError, touches_obstacle

@@ -1,0 +1,62 @@
+"""Mass, centre and inertia of a robot with its payload; no kernels.
+
+The payload is a point mass at the height of the robot's centre of mass. The body's origin is the
+common centre of mass, (x, y) from the robot's axis. The rim, where robots and obstacles touch,
+stays centred on it (assumed: off by less than half a millimetre for loads of some grams).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.base.params import RobotParams, cylinder_inertia
+from cosim.base.world import IDEAL, World
+from cosim.physics.rotation import Vector
+
+
+class Mass(NamedTuple):
+    """What a robot's equations of motion know of its mass; body frame.
+
+    Attributes:
+        total: in kg.
+        centre: x and y of the common centre of mass from the robot's axis in m.
+        inertia, inverse_inertia: moments about it in kg m², and the diagonal of the inverse tensor.
+        product, inverse_product: elements xy of both tensors; the others are zero.
+    """
+
+    total: float
+    centre: tuple[float, float]
+    inertia: Vector
+    inverse_inertia: Vector
+    product: float
+    inverse_product: float
+
+    def inverse_tensor(self) -> np.ndarray:
+        """Inverse of the inertia tensor, shape (3, 3), 1/(kg m²)."""
+        tensor = np.diag(self.inverse_inertia)
+        tensor[0, 1] = tensor[1, 0] = self.inverse_product
+        return tensor
+
+
+def mass_of(robot: RobotParams, world: World = IDEAL) -> Mass:
+    """Mass of a uniform cylinder with the payload of a world, by the parallel axes theorem."""
+    payload = 1e-3 * world.payload_g
+    x, y = (1e-3 * offset for offset in world.payload_offset_mm)
+    total = robot.mass_kg + payload
+    reduced = payload * robot.mass_kg / total
+    i_xx, i_yy, i_zz = cylinder_inertia(robot)
+    i_xx, i_yy = i_xx + reduced * y * y, i_yy + reduced * x * x
+    i_zz += reduced * (x * x + y * y)
+    against = reduced * x * y  # minus the element xy
+    return Mass(
+        total=total,
+        centre=(payload / total * x, payload / total * y),
+        inertia=(i_xx, i_yy, i_zz),
+        inverse_inertia=(
+            1.0 / (i_xx - against * against / i_yy),
+            1.0 / (i_yy - against * against / i_xx),
+            1.0 / i_zz,
+        ),
+        product=-against,
+        inverse_product=against / (i_xx * i_yy - against * against),
+    )

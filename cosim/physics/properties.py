@@ -1,0 +1,182 @@
+"""What a robot is: constants of its equations of motion, as numbers and as a column of an array.
+
+Robots of one batch may live in different worlds: everything that a world changes has a row here.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.base.jit import inlined
+from cosim.base.params import MotorParams, RobotParams
+from cosim.base.world import IDEAL, World
+from cosim.physics.contact import CONTACT_TOLERANCE, ContactParams, contact_params
+from cosim.physics.forces import MotorMount
+from cosim.physics.lanes import Width, any_lane, load
+from cosim.physics.mass import mass_of
+from cosim.physics.rotation import Vector
+
+# Rows of the properties, in SI units; of vectors the first one. Names are those of `BodyParams`,
+# `ContactParams` and `MotorMount`.
+INVERSE_MASS = 0
+INERTIA, INVERSE_INERTIA = 1, 4
+PRODUCT, INVERSE_PRODUCT = 7, 8
+CENTRE = 9
+GRAVITY = 11
+RESTITUTION = 14
+FLOOR_MU = 15  # where no patch is
+MU = 16  # now under feet A, B, C
+STEP_NORMAL, STEP_TANGENTIAL, SPIN_INERTIA, TOLERANCE = 19, 20, 21, 22
+MOTORS = 23  # r and J of D, then of E
+PROPERTIES = 27
+
+
+class BodyParams(NamedTuple):
+    """Constants of one robot's equations of motion, or of those in lanes; SI units, body frame.
+
+    Attributes:
+        inverse_mass: 1/kg.
+        inertia, inverse_inertia: moments in kg m², and the diagonal of the inverse tensor.
+        product, inverse_product: elements xy of both tensors.
+        centre: x and y of the centre of mass from the robot's axis in m.
+        off_axis: whether it is not on the axis, of any lane; products are zero where it is not.
+        gravity: in the world frame, m/s².
+        restitution: of the feet: share of the speed of an impact with which they leave.
+        bounces: whether it is not zero, of any lane.
+        dt, inverse_dt: step in s and its inverse.
+        contact: contact solver parameters.
+    """
+
+    inverse_mass: float
+    inertia: Vector
+    inverse_inertia: Vector
+    product: float
+    inverse_product: float
+    centre: tuple[float, float]
+    off_axis: bool
+    gravity: Vector
+    restitution: float
+    bounces: bool
+    dt: float
+    inverse_dt: float
+    contact: ContactParams
+
+
+def body_params(
+    robot: RobotParams,
+    motor: MotorParams,
+    dt_s: float,
+    *,
+    gravity: Vector | None = None,
+    tolerance: float = CONTACT_TOLERANCE,
+    world: World = IDEAL,
+) -> BodyParams:
+    """Constants of a robot.
+
+    Args:
+        robot: Table I and the assumed geometry.
+        motor: for g, and for the tolerance through the weight.
+        dt_s: step in s.
+        gravity: in the world frame, m/s²; default g straight down.
+        tolerance: contact sweeps end when impulses change by less than this share of weight·dt.
+        world: its payload and restitution.
+    """
+    mass = mass_of(robot, world)
+    return BodyParams(
+        inverse_mass=1.0 / mass.total,
+        inertia=mass.inertia,
+        inverse_inertia=mass.inverse_inertia,
+        product=mass.product,
+        inverse_product=mass.inverse_product,
+        centre=mass.centre,
+        off_axis=any(mass.centre),
+        gravity=gravity or (0.0, 0.0, -motor.g),
+        restitution=world.restitution,
+        bounces=world.restitution > 0.0,
+        dt=dt_s,
+        inverse_dt=1.0 / dt_s,
+        contact=contact_params(robot, tolerance * mass.total * motor.g * dt_s, mass),
+    )
+
+
+def properties_of(params: BodyParams, *mounts: MotorMount) -> np.ndarray:
+    """Column of a robot with motors D and E, shape (PROPERTIES,), layout above."""
+    contact = params.contact
+    return np.array(
+        [
+            params.inverse_mass,
+            *(*params.inertia, *params.inverse_inertia, params.product, params.inverse_product),
+            *(*params.centre, *params.gravity, params.restitution),
+            *(contact.mu[0], *contact.mu),
+            *(contact.step_normal, contact.step_tangential, contact.spin_inertia),
+            contact.tolerance,
+            *(value for mount in mounts for value in (mount.r, mount.J)),
+        ]
+    )
+
+
+@inlined
+def read_params(
+    properties: np.ndarray, column: int, width: Width, common: BodyParams
+) -> BodyParams:
+    """Constants of the robots from a column of (PROPERTIES, B) on, one for every lane.
+
+    Args:
+        properties: layout above.
+        column: of the first robot.
+        width: how many robots.
+        common: what they share: step, feet, bound on the sweeps.
+    """
+    feet = common.contact
+    x, y = load(properties, CENTRE, column, width), load(properties, CENTRE + 1, column, width)
+    restitution = load(properties, RESTITUTION, column, width)
+    return BodyParams(
+        load(properties, INVERSE_MASS, column, width),
+        _read_vector(properties, INERTIA, column, width),
+        _read_vector(properties, INVERSE_INERTIA, column, width),
+        load(properties, PRODUCT, column, width),
+        load(properties, INVERSE_PRODUCT, column, width),
+        (x, y),
+        any_lane(abs(x) + abs(y) > 0.0),
+        _read_vector(properties, GRAVITY, column, width),
+        restitution,
+        any_lane(restitution > 0.0),
+        common.dt,
+        common.inverse_dt,
+        ContactParams(
+            feet.a,
+            feet.b,
+            feet.c,
+            _read_vector(properties, MU, column, width),
+            load(properties, STEP_NORMAL, column, width),
+            load(properties, STEP_TANGENTIAL, column, width),
+            load(properties, SPIN_INERTIA, column, width),
+            load(properties, TOLERANCE, column, width),
+            feet.max_sweeps,
+        ),
+    )
+
+
+@inlined
+def read_mount(
+    properties: np.ndarray, motor: int, column: int, width: Width, common: MotorMount
+) -> MotorMount:
+    """Motors D (0) or E (1) of the robots from a column on, with their own r and J."""
+    return MotorMount(
+        common.m,
+        load(properties, MOTORS + 2 * motor, column, width),
+        load(properties, MOTORS + 2 * motor + 1, column, width),
+        common.g,
+        common.y,
+        common.z,
+        common.sin_phi,
+    )
+
+
+@inlined
+def _read_vector(properties: np.ndarray, row: int, column: int, width: Width) -> Vector:
+    return (
+        load(properties, row, column, width),
+        load(properties, row + 1, column, width),
+        load(properties, row + 2, column, width),
+    )
