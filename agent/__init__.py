@@ -44,7 +44,8 @@ def train(
         method: one of `methods()`.
         seed: of training.
         episodes: of training, the method's own number by default.
-        motor_fmu: whose moves are observed by the method moves, the built-in one by default.
+        motor_fmu: whose moves are observed by the methods moves and robust, by default the
+            built-in one.
         again: train even if the policy is there.
         progress: is told what is calibrated, observed and trained.
 
@@ -55,9 +56,9 @@ def train(
         UserError: the scenario or the method is unknown, the seed is negative, or the FMU cannot be
             used.
     """
-    from agent.method import method_policy  # noqa: PLC0415 - numba is slow to import
+    from agent.method import ON_MOVES, method_policy  # noqa: PLC0415 - numba is slow to import
 
-    if motor_fmu is not None and method != "moves":
+    if motor_fmu is not None and method not in ON_MOVES:
         raise UserError(f"motor_fmu has no effect on training by method {method}; leave it out")
     if seed < 0:
         raise UserError(f"seed = {seed} must not be negative")

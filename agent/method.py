@@ -1,8 +1,8 @@
 """The methods of training that are compared in co-simulation, by name, and the policies they give.
 
 "paper" learns on the deterministic grid (Section V), "slip" on the grid where moves go astray,
-"moves" on moves observed in co-simulation, with the bearing of the other robot. The last one
-is what `python -m cosim.run` uses.
+"moves" on moves observed in co-simulation, with the bearing of the other robot, "robust" on moves
+of many worlds (`agent.moves.worlds`). "moves" is what `python -m cosim.run` uses.
 """
 
 from dataclasses import replace
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
+from agent.moves.worlds import RANGES, Ranges
 from agent.process.config import ProcessConfig
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.policy import Policy, PolicyConfig, Seed
@@ -22,7 +23,9 @@ from cosim.calibration.cache import calibrated_slower
 from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
+ON_MOVES = {"moves": False, "robust": True}  # and whether these are of many worlds
 MOVES_EPISODES = 1_500_000
+ROBUST_CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do by them
 SLIP_PROBABILITY = 0.2  # assumed
 # Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
 _FREE = ("episodes", "log_episodes", "log_window", "greedy_points")
@@ -56,8 +59,9 @@ def method_config(
     if episodes is not None:
         learning = replace(learning, episodes=episodes)
     moves = None
-    if method == "moves":
-        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), progress)
+    if method in ON_MOVES:
+        worlds = RANGES if ON_MOVES[method] else None
+        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), worlds, progress)
     return PolicyConfig(scenario, process, learning, Seed.of(seed), moves)
 
 
@@ -66,31 +70,34 @@ def method_of(config: PolicyConfig) -> Method | None:
 
     None if it is none of METHODS: somebody chose readings or numbers of learning of their own.
     """
-    moves = config.moves is not None
+    worlds = None if config.moves is None else config.moves.randomised
     free = {name: getattr(config.learning, name) for name in _FREE}
     for method in METHODS:
         process, learning = _settings(method, config.scenario)
-        expected = process, replace(learning, **free), method == "moves"
-        if (config.process, config.learning, moves) == expected:
+        expected = process, replace(learning, **free), ON_MOVES.get(method)
+        if (config.process, config.learning, worlds) == expected:
             return method
     return None
 
 
 def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
-    if method != "moves":
+    if method not in ON_MOVES:
         slip = SLIP_PROBABILITY if method == "slip" else 0.0
         return ProcessConfig(slip_probability=slip), LearningConfig()
     # Chosen on the observed moves: a learning rate three times the paper's, and a collision that
     # costs more than any detour.
     features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b")
-    process = ProcessConfig(goal_reward=300.0, features=features)
+    clearance_m = ROBUST_CLEARANCE_M if method == "robust" else ProcessConfig.clearance_m
+    process = ProcessConfig(goal_reward=300.0, features=features, clearance_m=clearance_m)
     return process, LearningConfig(episodes=MOVES_EPISODES, eta=0.03)
 
 
-def _observed_moves(scenario: Scenario, fmu: Path, progress: Progress) -> ObservedMoves:
+def _observed_moves(
+    scenario: Scenario, fmu: Path, worlds: Ranges | None, progress: Progress
+) -> ObservedMoves:
     """Moves of the scenario's robots with the default parameters, whatever the episodes' are."""
     config = calibrated_slower(CoSimConfig().sized(scenario.robot_diameter_m), fmu, progress)
-    return cached_moves(config, fmu, progress)
+    return cached_moves(config, fmu, progress, worlds)
 
 
 def method_policy(

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from agent.training.settings import BEST, METHODS, LearningConfig, Method
+from agent.training.settings import BEST, COMPARED, LearningConfig, Method
 from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.base.params import TIMING
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Profile:
     drive_method: Method = BEST
     drive_episodes: int | None = None
     episode_limit_s: float = TIMING.episode_limit_s
-    transfer_methods: tuple[Method, ...] = METHODS
+    transfer_methods: tuple[Method, ...] = COMPARED
 
 
 FULL = Profile(
@@ -45,7 +45,7 @@ FULL = Profile(
     train_episodes=LearningConfig().episodes,
     single_episodes=SINGLE_EPISODES,
     pair_episodes=PAIR_EPISODES,
-    transfer_scenarios=tuple(BUILT_IN),
+    transfer_scenarios=tuple(PAPER),
     transfer_quick=False,
 )
 

@@ -25,7 +25,7 @@ from cosim.navigation.options import Driving
 from cosim.platform.__main__ import MovePlatform
 from cosim.platform.result import move_platforms
 from cosim.run import Run, run
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 from fmus.build import cached_fmu
 
 
@@ -108,7 +108,7 @@ def _make(
         case "cosim.calibrate":
             calibrate(Calibrate(out=out, jobs=jobs), progress)
         case "cosim.run":
-            alone = BUILT_IN[result.of].robots == 1
+            alone = PAPER[result.of].robots == 1
             settings = Run(
                 scenario=result.of,
                 episodes=profile.single_episodes if alone else profile.pair_episodes,

@@ -1,6 +1,6 @@
 """How straight and how fast controllers of the steering drive.
 
-Every controller is the kernel of `cosim.coupling.steering` with other parameters, so that one code
+Every controller is the kernel of `cosim.control.steering` with other parameters, so that one code
 is compared with itself. FMUs, noise and friction are those of an episode.
 """
 
@@ -15,8 +15,8 @@ from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.params import STEERING, TABLE_I, SteeringParams
 from cosim.calibration.trial import Trial, heading_angles
+from cosim.control.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
 from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
 from fmus.build import cached_fmu
 
 LINE_M, CELL_M = 0.2, 0.01

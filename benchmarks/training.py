@@ -20,7 +20,7 @@ from agent.training.qlearning import advance
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig
 from benchmarks.references.qlearning_c import build_reference, reference_state, train_reference
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 from cosim.scenarios.file import find_scenario
 
 PAPER_S = 600.0  # "execution time about 10 min", Section V
@@ -99,10 +99,10 @@ def measure(repeats: int, all: bool) -> dict[str, float]:  # noqa: A002 - the op
 
 
 def seconds_of_all() -> float:
-    """Seconds for 20 runs of each built-in scenario on all cores, policies saved."""
+    """Seconds for 20 runs of each scenario of the paper on all cores, policies saved."""
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        for name, scenario in BUILT_IN.items():
+        for name, scenario in PAPER.items():
             experiment = Experiment(scenario, ProcessConfig(), SECTION_V, seed=0, runs=20)
             train_runs(experiment, Path(folder) / name, backend="threading")
     return time.perf_counter() - began

@@ -27,6 +27,7 @@ COMMANDS = {
     "evaluate": Command("cosim.evaluate", "Evaluate", "what policies achieve in the dynamics"),
     "evaluate-grid": Command("agent.evaluate", "EvaluateOnGrid", "the same on the grid, exactly"),
     "transfer": Command("cosim.transfer", "Transfer", "success in the dynamics by method"),
+    "robustness": Command("cosim.robustness", "Robustness", "success in worlds not ideal"),
     "experiments": Command(
         "agent.experiments.__main__", "Experiments", "the paper's learning experiments"
     ),

@@ -32,11 +32,11 @@ class Evaluate:
     """Policies (policy.npz) or folders of runs made by agent.train."""
     starts: str = "50"
     """How many starts to sample without replacement, or 'all' of them (1a 30, 1b 116, pairs
-    900)."""
+    900, those that start on one side 600)."""
     seed: int = 0
     """Seed of the sample and of the speed noise; every start has its own noise."""
     scenario: str | None = None
-    """Refuse policies of any other scenario (1a, 1b, 2, 3, 4 or a scenario file)."""
+    """Refuse policies of any other scenario (a name, or a scenario file)."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/evaluate")
     """Folder of results and recordings; results of other configurations are kept apart in it."""
     recordings: int = 3

@@ -42,8 +42,8 @@ class Run:
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
     """How agents learn: on moves observed in co-simulation (moves, the default, the first time
-    some 20 s more), on the grid as in Section V (paper), or on the grid with moves that go astray
-    (slip)."""
+    some 20 s more), on moves of many worlds (robust), on the grid as in Section V (paper), or on
+    the grid with moves that go astray (slip)."""
     train_episodes: int | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves."""
     seed: int = 0

@@ -11,12 +11,12 @@ from typing import Annotated
 
 import tyro
 
-from agent.training.settings import METHODS, Method
+from agent.training.settings import COMPARED, Method
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 from cosim.scenarios.file import find_scenario
 
 
@@ -36,9 +36,9 @@ class Transfer:
     budget_minutes: Annotated[float | None, tyro.conf.arg(metavar="M")] = None
     """Start no episode after so many minutes; rows then have as much of the beginning of their
     samples as is there."""
-    scenarios: tuple[str, ...] = tuple(BUILT_IN)
+    scenarios: tuple[str, ...] = tuple(PAPER)
     """Scenarios to measure, built in or files (.toml)."""
-    methods: tuple[Method, ...] = METHODS
+    methods: tuple[Method, ...] = COMPARED
     """Methods to measure; see `python -m cosim.run --help`."""
     seed: int = 0
     """Seed of training, of samples of starts and of the speed noise."""

@@ -198,7 +198,7 @@ def _identity(variable: Variable) -> dict[str, str]:
 
 def _variability(variable: Variable) -> str:
     if variable.causality in {"parameter", "structuralParameter"}:
-        return "fixed"
+        return "tunable" if variable.tunable else "fixed"
     return "continuous" if variable.type == "Float64" else "discrete"
 
 

@@ -15,14 +15,14 @@ from agent.evaluation.result_file import ResultFile
 from agent.evaluation.transfer_table import Row, Session, TransferReport, markdown, report_of
 from agent.method import method_policy
 from agent.training.policy import Policy
-from agent.training.settings import BEST, METHODS
+from agent.training.settings import BEST, COMPARED, METHODS
 from cosim.base.errors import UserError
 from cosim.base.params import SAFETY_MARGIN_M, TABLE_I
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import replacing, write_json
 from cosim.navigation.options import Physics
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 from cosim.scenarios.file import find_scenario
 
 TABLE_FILE, MARKDOWN_FILE, SESSIONS_FILE = "transfer.json", "transfer.md", "sessions.json"
@@ -129,8 +129,8 @@ class Measurement:
 def transfer(
     out: Path,
     *,
-    scenarios: Collection[str] = tuple(BUILT_IN),
-    methods: Collection[str] = METHODS,
+    scenarios: Collection[str] = tuple(PAPER),
+    methods: Collection[str] = COMPARED,
     seed: int = 0,
     quick: bool = False,
     budget_minutes: float | None = None,

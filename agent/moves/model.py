@@ -63,11 +63,13 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         source: digest of the co-simulation's parameters and motor FMU.
         seed: of the directions and the speed noise.
         moves: in the order of observation.
+        randomised: whether every walk had a world of its own, see `agent.moves.worlds`.
     """
 
     source: str
     seed: int
     moves: tuple[Move, ...]
+    randomised: bool = False
 
     def counts(self, rl_step_s: float) -> dict[tuple[int, int, int], Counter[tuple[int, int, int]]]:
         """How often (Δcolumn, Δrow, RL steps) followed (direction, heading, previous direction)."""

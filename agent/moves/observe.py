@@ -16,19 +16,22 @@ from typing import Any
 import numpy as np
 
 from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
+from agent.moves.worlds import Ranges, draw_world
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.storage import cache_dir, cached
-from cosim.coupling.steering import DRIVE, HOLD
+from cosim.control.steering import DRIVE, HOLD
 from cosim.navigation.batch import Batch
 from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
 from cosim.scenarios.scenario import Scenario
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
-WALKS = 16
-MOVES_PER_KIND = 24
+# Each has a world of its own where worlds are drawn.
+WALKS, WALKS_OF_WORLDS = 16, 64
+MOVES_PER_KIND, MOVES_OF_WORLDS_PER_KIND = 24, 128
+_PATCHES_CELLS = 14  # patches begin so far from the middle, where walks stay
 _SIDE_CELLS = 400
 _MARGIN_CELLS = 30  # a walk stays this far from the edge: no edge is in a move's distribution
 
@@ -110,9 +113,9 @@ class _Walker:
         self._begun = None
 
 
-def source_digest(config: CoSimConfig, fmu: Path) -> str:
-    """Hash (16 hex digits) of the parameters and the motor FMU that moves depend on."""
-    return digest_of(config, fmu)
+def source_digest(config: CoSimConfig, fmu: Path, worlds: Ranges | None = None) -> str:
+    """Hash (16 hex digits) of the parameters, motor FMU and worlds that moves depend on."""
+    return digest_of(config, fmu, worlds)
 
 
 def observe_moves(
@@ -121,6 +124,7 @@ def observe_moves(
     *,
     moves_per_kind: int = MOVES_PER_KIND,
     seed: int = 0,
+    worlds: Ranges | None = None,
     jobs: int = 2,
     progress: Progress = silent,
 ) -> ObservedMoves:
@@ -130,7 +134,8 @@ def observe_moves(
         config: of the co-simulation.
         fmu: motor FMU file.
         moves_per_kind: least number of moves of each of the KINDS kinds.
-        seed: of directions and speed noise.
+        seed: of directions, speed noise and worlds.
+        worlds: from which every walk draws its own; by default all have the configuration's.
         jobs: threads; the result does not depend on it.
         progress: is told the moves observed.
 
@@ -148,8 +153,9 @@ def observe_moves(
         rows=_SIDE_CELLS,
         robot_diameter_m=config.robot.diameter_m,
     )
-    target = math.ceil(moves_per_kind / WALKS)
-    done = [0] * WALKS
+    walks = WALKS if worlds is None else WALKS_OF_WORLDS
+    target = math.ceil(moves_per_kind / walks)
+    done = [0] * walks
     endless = config.timing._replace(episode_limit_s=1e9)
     driving = replace(config, timing=endless, safety_margin_m=0.0)
 
@@ -157,10 +163,15 @@ def observe_moves(
         walkers: list[_Walker] = []
         with contextlib.closing(Batch(fmu, driving, 1, len(numbers))) as batch:
             for place, number in enumerate(numbers):
-                directions, noise = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(2)
+                key = np.random.SeedSequence(seed, spawn_key=(number,))
+                directions, noise, world = key.spawn(3)
                 rng = np.random.default_rng(directions)
                 walkers.append(_Walker(rng, target, scenario.cell_m))
-                batch.begin(place, scenario, ((middle, middle),), noise)
+                own = driving
+                if worlds is not None:
+                    rng = np.random.default_rng(world)
+                    own = driving.in_world(draw_world(worlds, _SIDE_CELLS, _PATCHES_CELLS, rng))
+                batch.begin(place, scenario, ((middle, middle),), noise, own)
             while going_on := batch.going_on():
                 steps = batch.advance(
                     {place: walkers[place].choose(e.observation) for place, e in going_on.items()}
@@ -172,23 +183,27 @@ def observe_moves(
                     done[numbers[place]] = len(walkers[place].moves)
                     if walkers[place].done:
                         batch.stop(place)
-                total = KINDS * target * WALKS
+                total = KINDS * target * walks
                 progress("observing moves", min(sum(done), total), total)
         return [walker.moves for walker in walkers]
 
-    parts = [range(k * WALKS // jobs, (k + 1) * WALKS // jobs) for k in range(jobs)]
+    size = max(1, min(WALKS, math.ceil(walks / jobs)))
+    parts = [range(first, min(first + size, walks)) for first in range(0, walks, size)]
     with ThreadPoolExecutor(jobs) as threads:
-        walks = itertools.chain(*threads.map(walk, [part for part in parts if part]))
-    return ObservedMoves(source_digest(config, fmu), seed, tuple(itertools.chain(*walks)))
+        walked = itertools.chain(*threads.map(walk, parts))
+    moves = tuple(itertools.chain(*walked))
+    return ObservedMoves(source_digest(config, fmu, worlds), seed, moves, worlds is not None)
 
 
-def moves_path(config: CoSimConfig, fmu: Path) -> Path:
+def moves_path(config: CoSimConfig, fmu: Path, worlds: Ranges | None = None) -> Path:
     """Where the cache keeps the moves of these parameters and this FMU."""
     code = code_digest(with_imports([Path(__file__)]))
-    return cache_dir("moves") / f"{source_digest(config, fmu)}-{code}.json"
+    return cache_dir("moves") / f"{source_digest(config, fmu, worlds)}-{code}.json"
 
 
-def cached_moves(config: CoSimConfig, fmu: Path, progress: Progress = silent) -> ObservedMoves:
+def cached_moves(
+    config: CoSimConfig, fmu: Path, progress: Progress = silent, worlds: Ranges | None = None
+) -> ObservedMoves:
     """The moves of these parameters and this FMU: found in the cache, or observed and kept.
 
     Raises:
@@ -196,9 +211,15 @@ def cached_moves(config: CoSimConfig, fmu: Path, progress: Progress = silent) ->
         OSError: the cache cannot be written.
     """
     return cached(
-        moves_path(config, fmu),
+        moves_path(config, fmu, worlds),
         ObservedMoves.load,
-        lambda: observe_moves(config, fmu, progress=progress),
+        lambda: observe_moves(
+            config,
+            fmu,
+            moves_per_kind=MOVES_PER_KIND if worlds is None else MOVES_OF_WORLDS_PER_KIND,
+            worlds=worlds,
+            progress=progress,
+        ),
         ObservedMoves.save,
     )
 

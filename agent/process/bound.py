@@ -16,7 +16,8 @@ class BoundOptions:
     """
 
     scenario: str = "4"
-    """Built-in scenario of Fig. 5 (1a, 1b, 2, 3, 4) or a scenario file (.toml)."""
+    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway) or a scenario
+    file (.toml)."""
     json: Json = False
     process: ProcessConfig = field(default_factory=ProcessConfig)
 

@@ -28,6 +28,7 @@ DRAWN_BY: dict[str, Callable[[Path], Drawing]] = {
     "fig11": learning_figures.fig11,
     "fig12": paths.fig12,
     "motor_cycle": motor_cycle.make,
+    "obstacles": fig05.among_obstacles,
     "path_ratio": learning_figures.path_ratio,
     "transfer": transfer_figure.make,
 }

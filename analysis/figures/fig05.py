@@ -1,4 +1,4 @@
-"""Fig. 5: the scenarios, from their definitions; boards as other figures draw them too."""
+"""Fig. 5 and its like with obstacles, from the scenarios; boards as other figures draw them too."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from analysis.figures.style import BLUE, GREEN, GREY, PURPLE, VERMILION, WIDTH_IN, Caption, Drawing
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import AMONG_OBSTACLES, PAPER
 from cosim.scenarios.scenario import Scenario
 
 ROBOT_COLOURS = (BLUE, VERMILION, GREEN, PURPLE)
@@ -85,6 +85,15 @@ def caption(scenarios: list[Scenario]) -> Caption:
 
 
 def make(results: Path) -> Drawing:
-    """Draw the built-in scenarios; no result is needed."""
-    scenarios = list(BUILT_IN.values())
+    """Draw the paper's scenarios; no result is needed."""
+    scenarios = list(PAPER.values())
     return Drawing(draw(scenarios), caption(scenarios))
+
+
+def among_obstacles(results: Path) -> Drawing:
+    """Draw the built-in scenarios with obstacles; no result is needed."""
+    scenarios = list(AMONG_OBSTACLES.values())
+    closed = {s.name: len(s.obstacles) for s in scenarios}
+    ours = tuple(f"{s.name}: {s.title}, obstacles on {closed[s.name]} cells." for s in scenarios)
+    title = "Scenarios with obstacles (dark), start cells (light), targets (full colour)"
+    return Drawing(draw(scenarios), Caption("obstacles", title, "", ours, {"closed_cells": closed}))

@@ -14,7 +14,7 @@ from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
 from analysis.reading.inspection import path_length_m
 from analysis.reading.results import FIGURES, RESULTS, recordings
 from cosim.reading.episode import read_episode
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 from cosim.scenarios.scenario import Scenario
 
 SINGLE, PAIRS = ("1a", "1b"), ("2", "3", "4")
@@ -63,7 +63,7 @@ def fig09(results: Path) -> Drawing:
     tracks = _read(results, SINGLE)
     figure, grid = plt.subplots(1, len(SINGLE), figsize=(WIDTH_IN, 3.9), squeeze=False)
     for axes, (name, found) in zip(grid[0], tracks.items(), strict=True):
-        _draw_tracks(axes, BUILT_IN[name], found)
+        _draw_tracks(axes, PAPER[name], found)
         reached = sum(track.outcome == "success" for track in found)
         axes.set_title(f"scenario {name}: {reached} of {len(found)} reached", loc="left")
     grid[0, 0].set_ylabel("y in cm")
@@ -119,7 +119,7 @@ def _draw_boards(tracks: dict[str, list[Track]]) -> Figure:
         for axes in column[len(found) :]:
             axes.set_axis_off()
         for axes, track in zip(column, found, strict=False):
-            _draw_tracks(axes, BUILT_IN[name], [track])
+            _draw_tracks(axes, PAPER[name], [track])
             axes.set_title(f"scenario {name}: {track.outcome.replace('_', ' ')}", loc="left")
         for axes in column[: len(found) - 1]:
             axes.set_xlabel("")

@@ -8,7 +8,7 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 
 # Episodes of a scenario whose paths Fig. 9 or 12 shows: the paper draws many of one robot on one
 # board, and few of a pair.
@@ -61,7 +61,7 @@ def _experiment(name: str, title: str) -> Result:
 
 
 def _episodes(scenario: str) -> Result:
-    folder, alone = f"episodes/{scenario}", BUILT_IN[scenario].robots == 1
+    folder, alone = f"episodes/{scenario}", PAPER[scenario].robots == 1
     title = f"scenario {scenario} co-simulated (Fig. {9 if alone else 12})"
     count = str(SINGLE_EPISODES if alone else PAIR_EPISODES)
     arguments = ("--scenario", scenario, "--episodes", count, "--jobs", "2")
@@ -94,7 +94,7 @@ RESULTS: dict[str, Result] = {
             "calibration/calibration.npz",
             "cosim.calibrate",
         ),
-        *(_episodes(scenario) for scenario in BUILT_IN),
+        *(_episodes(scenario) for scenario in PAPER),
         _experiment("fig08", "training of one robot (Fig. 8)"),
         _experiment("fig11", "training of pairs (Fig. 11)"),
         _experiment("fig10", "training with values of c (Fig. 10)"),
@@ -119,6 +119,7 @@ FIGURES: dict[str, tuple[str, ...]] = {
     "fig11": ("fig11",),
     "fig12": ("episodes_2", "episodes_3", "episodes_4"),
     "motor_cycle": ("episodes_2",),
+    "obstacles": (),  # scenarios as well
     "path_ratio": ("fig08", "fig11"),
     "transfer": ("transfer",),
 }

@@ -14,7 +14,7 @@ from analysis.reading.results import FIGURES, RESULTS, missing
 from analysis.reading.written import read_run
 from cosim.base.errors import UserError
 from cosim.base.storage import replacing
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 
 
 class Picture(NamedTuple):
@@ -101,7 +101,7 @@ def episodes(results: Path, out: Path) -> Iterator[Watchable]:
     Raises:
         ResultError: a summary is damaged.
     """
-    for name, scenario in BUILT_IN.items():
+    for name, scenario in PAPER.items():
         result = RESULTS[f"episodes_{name}"]
         for number, episode in enumerate(read_run(name, results)):
             recording = result.location(results) / (episode.recording or "")
@@ -134,7 +134,7 @@ class Training(NamedTuple):
 
 def trainings(results: Path, out: Path) -> Iterator[Training]:
     """Recorded trainings of the policies that drove the episodes."""
-    for name in BUILT_IN:
+    for name in PAPER:
         recording = RESULTS[f"episodes_{name}"].location(results) / "training.rrd"
         if recording.is_file():
             file = f"recordings/{name}-training.rrd"

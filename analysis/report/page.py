@@ -30,7 +30,7 @@ from analysis.timings import read_timings
 from cosim.base.params import SPEED_NOISE, TABLE_I, TIMING
 from cosim.base.provenance import versions
 from cosim.base.storage import replacing
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import PAPER
 
 
 def write_report(
@@ -88,7 +88,7 @@ def write_report(
 
 def _facts() -> dict[str, str]:
     """Numbers in the text and the diagram."""
-    scenario = BUILT_IN["2"]
+    scenario = PAPER["2"]
     numbers = {
         "diameter_cm": 100.0 * TABLE_I.diameter_m,
         "board_cm": 100.0 * scenario.columns * scenario.cell_m,

@@ -8,11 +8,13 @@ import msgspec
 
 from cosim.base.errors import UserError
 from cosim.base.params import (
+    ESTIMATOR,
     SPEED_NOISE,
     STEERING,
     TABLE_I,
     TABLE_II,
     TIMING,
+    EstimatorParams,
     MotorParams,
     NoiseParams,
     RobotParams,
@@ -43,6 +45,7 @@ class CoSimConfig:
         noise: of the speed measurement.
         timing: clock, decisions and limits.
         steering: speeds and gains.
+        estimator: of the filter that robots see the camera through.
         order: of the coupling within a communication step; see `cosim.coupling.master`.
         reaction: whether the motors feel the acceleration of the body (the paper neglects it).
         on_collision: whether a robot that touches another one or an obstacle ends the episode or
@@ -62,6 +65,7 @@ class CoSimConfig:
     noise: NoiseParams = SPEED_NOISE
     timing: TimingParams = TIMING
     steering: SteeringParams = STEERING
+    estimator: EstimatorParams = ESTIMATOR
     order: Order = "gauss-seidel"
     reaction: bool = False
     on_collision: OnCollision = "end"
@@ -71,7 +75,7 @@ class CoSimConfig:
     def __post_init__(self) -> None:
         require_one_of("order", self.order, get_args(Order))
         require_one_of("on_collision", self.on_collision, get_args(OnCollision))
-        for record in (self.robot, self.motor, self.noise, self.timing, self.steering):
+        for record in self._records:
             for name, value in record._asdict().items():
                 if not 0.0 <= value < float("inf"):
                     raise ConfigError(f"{name} = {value} must be finite and not negative")
@@ -111,6 +115,17 @@ class CoSimConfig:
                     f"{name} = {speed:g} rad/s would make the robot hop; "
                     f"stay below lift-off at {limit:.0f} rad/s"
                 )
+
+    @property
+    def _records(self) -> tuple[Any, ...]:
+        return (
+            self.robot,
+            self.motor,
+            self.noise,
+            self.timing,
+            self.steering,
+            self.estimator,
+        )
 
     def _check_geometry(self) -> None:
         robot = self.robot
@@ -190,7 +205,7 @@ class CoSimConfig:
             "payload_offset_mm": (str(self.world.payload_offset_mm), "forwards and to the left"),
             "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),
         }
-        parts = (self.robot, self.motor, self.noise, self.timing, self.steering, self.world)
+        parts = (*self._records, self.world)
         camera = {f"sensor_{name}": row for name, row in describe(self.world.sensor).items()}
         described = {k: row for part in parts for k, row in describe(part).items()} | camera
         return {

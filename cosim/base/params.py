@@ -168,12 +168,29 @@ class SteeringParams(NamedTuple):
         float,
         Quantity("rad/s", "assumed: half of it is free of loss", "bound on that difference"),
     ] = 100.0
+    yaw_gain: Annotated[
+        float,
+        Quantity("1", "calibration: 0.05 rad/s at 100 rad/s", "yaw rate of that difference"),
+    ] = 5e-4
     lookahead_m: Annotated[
         float, Quantity("m", "assumed: one cell", "distance over which a lateral error is closed")
     ] = 0.01
     least_lookahead_m: Annotated[
         float, Quantity("m", "assumed", "the same close to the end of the line")
     ] = 0.004
+
+
+class EstimatorParams(NamedTuple):
+    """What a robot's filter takes for granted of its motion; see `cosim.control.estimation`."""
+
+    position_drift_m2_s: Annotated[
+        float,
+        Quantity("m2/s", "assumed: 0.6 mm in 1 s", "growth of the variance of a driven position"),
+    ] = 3.6e-7
+    heading_drift_rad2_s: Annotated[
+        float,
+        Quantity("rad2/s", "assumed: 1.7° in 1 s", "growth of the variance of a driven heading"),
+    ] = 9e-4
 
 
 class Fig3Params(NamedTuple):
@@ -217,6 +234,7 @@ TABLE_I = RobotParams()
 SPEED_NOISE = NoiseParams()
 TIMING = TimingParams()
 STEERING = SteeringParams()
+ESTIMATOR = EstimatorParams()
 FIG_3 = Fig3Params()
 FIG_7 = Fig7Params()
 

@@ -17,8 +17,8 @@ Rectangle = tuple[int, int, int, int]  # first column, first row, last column, l
 
 # Drawn factors stay within so many standard deviations of 1.
 _MOST_DEVIATIONS = 3.0
-# Which child of an episode's seed the world is drawn from; motors have the first ones.
-_WORLD_CHILD = 1_000_000
+# Children of an episode's seed: motors' noise has the first ones.
+_WORLD_CHILD, CAMERA_CHILD = 1_000_000, 2_000_000  # of the camera's noise, the first robot's
 
 
 class WorldError(UserError):
@@ -145,6 +145,16 @@ class Drawn(msgspec.Struct, frozen=True):
     tilt_direction_deg: float
 
 
+def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
+    """Generator of a child of a seed.
+
+    The seed stays as it is: unlike with `seed.spawn`, a second call gives the same generator.
+    """
+    return np.random.default_rng(
+        np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, child))
+    )
+
+
 def draw_world(
     world: World, motor: MotorParams, robots: int, seed: np.random.SeedSequence
 ) -> Drawn:
@@ -156,8 +166,7 @@ def draw_world(
         robots: N.
         seed: of the episode; it is not changed.
     """
-    child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _WORLD_CHILD))
-    rng = np.random.default_rng(child)
+    rng = generator(seed, _WORLD_CHILD)
     normal = rng.standard_normal((robots, 2, 4))
     factors = 1.0 + world.motor_spread * np.clip(normal, -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
     direction_deg = round(rng.uniform(0.0, 360.0), 6) if world.floor_tilt_deg else 0.0

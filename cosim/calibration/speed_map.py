@@ -138,6 +138,7 @@ class Calibration:
             steering=steering._replace(
                 forward_speed_rad_s=round(forward, 1),
                 backward_speed_rad_s=round(backward, 1),
+                turn_rate_rad_s=rate,
                 turn_speed_rad_s=round(turn, 1),
                 max_speed_rad_s=round(self.hop_free_rad_s, 1),
             ),

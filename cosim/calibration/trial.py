@@ -1,7 +1,7 @@
 """Robots far apart on an endless floor: what one robot does, without board, agent or episode.
 
 For calibration and for trials of the steering. Commands are written straight into their
-array (layout in `cosim.coupling.steering`); the dynamics, the FMUs and the noise are those of an
+array (layout in `cosim.control.steering`); the dynamics, the FMUs and the noise are those of an
 episode.
 """
 
@@ -33,7 +33,7 @@ class Trial:
 
     Attributes:
         bodies: (STATE_SIZE, N), layout in `cosim.physics.body_state`.
-        commands: (N, COMMAND_SIZE), layout in `cosim.coupling.steering`.
+        commands: (N, COMMAND_SIZE), layout in `cosim.control.steering`.
         origins_m: (N, 2) where each robot was put.
         time_s: simulated time.
     """
@@ -74,7 +74,7 @@ class Trial:
         self._motors = Motors(motor_fmu, config, columns)
         for robot, (x, y) in enumerate(self.origins_m):
             self._state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
-            self._motors.restart([robot])
+            self._motors.restart([robot], ((config.motor, config.motor),))
         self._state.running[:] = 1
         self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]
         self._noise = noise_generators(seed, n)

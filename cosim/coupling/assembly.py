@@ -5,12 +5,13 @@ What episodes on a board and trials of single robots have in common; nothing her
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TABLE_II, MotorParams
+from cosim.base.world import generator
 from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu
 from cosim.coupling.interface import ELECTRICAL, INPUTS, OUTPUTS, check_use
@@ -30,6 +31,7 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         body_params(config.robot, config.motor, config.timing.dt_s),
         *motor_mounts(config.robot, config.motor),
         config.steering,
+        config.estimator,
         PairParams(config.robot.diameter_m, config.robot.mu_robots),
         end_on_collision,
         config.ticks_per_period,
@@ -82,6 +84,10 @@ def check_motors(
     check_use(fmu.path, fmu.interface, motors, least_step_s, adaptive=adaptive)
 
 
+def _differences(motor: MotorParams, usual: MotorParams) -> dict[str, float]:
+    return {name: value for name, value in motor._asdict().items() if value != getattr(usual, name)}
+
+
 class Motors:
     """The motors of all robots: an FMU instance each, or one instance with all of them as arrays.
 
@@ -92,13 +98,13 @@ class Motors:
     def __init__(self, fmu: MotorFmu, config: CoSimConfig, columns: int) -> None:
         """Prepare the motors of so many columns, with the parameters of a configuration."""
         self._fmu = fmu
-        self._parameters = {
-            name: value
-            for name, value in config.motor._asdict().items()
-            if value != getattr(TABLE_II, name)
-        }
+        self._usual = config.motor
+        self._parameters = _differences(config.motor, TABLE_II)
         self._instances: list[Motor | None] = [None] * (1 if fmu.arrays else 2 * columns)
         self._runs = np.zeros(2 * columns, dtype=np.int64)  # of every motor, D before E
+        # Usual and present values (2, B) of the parameters that some motor of the arrays has had
+        # for itself.
+        self._own: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self.calls = Calls(
             np.zeros(len(self._instances), dtype=np.int64),
             np.zeros(len(self._instances), dtype=np.int64),
@@ -109,25 +115,53 @@ class Motors:
             fmu.electrical,
         )
 
-    def restart(self, columns: Sequence[int]) -> None:
+    def restart(
+        self, columns: Sequence[int], parameters: Sequence[tuple[MotorParams, MotorParams]]
+    ) -> None:
         """Bring the motors of an episode's robots to their start, in the order of the robots.
 
+        Args:
+            columns: of the robots.
+            parameters: of each robot's motors D and E. One that is the configuration's leaves an
+                FMU what it began with.
+
         Raises:
-            FmuError: the FMU refuses to load, a parameter, or initialisation.
+            FmuError: the FMU refuses to load, a parameter, or initialisation; or motors in arrays
+                differ in a parameter that is fixed.
         """
         if self._fmu.arrays:
-            motors = self._instances[0] or self._put(0, "motors", len(self._runs))
+            motors = self._instances[0] or self._put(0, "motors", {}, len(self._runs))
+            for name in MotorParams._fields:
+                values = np.array([[getattr(p, name) for p in pair] for pair in parameters])
+                self._tune(motors, columns, name, values.T)
             self._runs.reshape(len(MOTOR_NAMES), -1)[:, columns] += 1
             motors.restart(self._runs)
             return
-        for robot, column in enumerate(columns):
-            for motor, name in enumerate(MOTOR_NAMES):
-                self._put(2 * column + motor, f"r{robot + 1}.{name}")
+        for robot, (column, pair) in enumerate(zip(columns, parameters, strict=True)):
+            for motor, (name, own) in enumerate(zip(MOTOR_NAMES, pair, strict=True)):
+                differences = _differences(own, self._usual)
+                self._put(2 * column + motor, f"r{robot + 1}.{name}", differences)
 
-    def _put(self, place: int, name: str, motors: int = 1) -> Motor:
+    def _tune(self, motors: Motor, columns: Sequence[int], name: str, values: np.ndarray) -> None:
+        """Give the motors of some columns their values (2, columns) of a parameter."""
+        at_usual = values == getattr(self._usual, name)
+        if name not in self._own:
+            if at_usual.all():
+                return
+            usual = motors.parameter(name).reshape(len(MOTOR_NAMES), -1)
+            self._own[name] = usual, usual.copy()
+        usual, present = self._own[name]
+        values = np.where(at_usual, usual[:, columns], values)
+        if (present[:, columns] != values).any():
+            present[:, columns] = values
+            motors.tune(name, present.reshape(-1))
+
+    def _put(
+        self, place: int, name: str, parameters: Mapping[str, float], motors: int = 1
+    ) -> Motor:
         if (present := self._instances[place]) is not None:
             present.close()
-        motor = self._fmu.instantiate(name, self._parameters, motors)
+        motor = self._fmu.instantiate(name, {**self._parameters, **parameters}, motors)
         self._instances[place] = motor
         self.calls.instances[place], self.calls.ticks[place] = motor.instance, 0
         self.calls = self.calls._replace(**motor.addresses._asdict())
@@ -188,17 +222,8 @@ class Motors:
 
 
 def noise_generators(seed: np.random.SeedSequence, robots: int) -> list[np.random.Generator]:
-    """One generator of speed noise for every motor, each with a child of the seed.
-
-    The seed stays as it is: unlike `seed.spawn`, a second call gives the same generators.
-    """
-    children = range(robots * len(MOTOR_NAMES))
-    return [
-        np.random.default_rng(
-            np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, child))
-        )
-        for child in children
-    ]
+    """One generator of speed noise for every motor, each with a child of the seed."""
+    return [generator(seed, child) for child in range(robots * len(MOTOR_NAMES))]
 
 
 def draw_noise(
@@ -218,8 +243,8 @@ def draw_noise(
     hold = config.periods_per_noise_value
     draws, motors = math.ceil(periods / hold), len(MOTOR_NAMES)
     values = np.empty((len(generators), draws))
-    for generator, row in zip(generators, values, strict=True):
-        generator.random(out=row)
+    for rng, row in zip(generators, values, strict=True):
+        rng.random(out=row)
     values *= 2.0
     values -= 1.0
     amplitude = config.noise.relative_amplitude * np.asarray(nominal_rad_s)

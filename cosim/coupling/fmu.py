@@ -107,14 +107,20 @@ class MotorFmu:
         check_variable(self.path, self.description, variable, self._size, *causalities)
         return variable.valueReference
 
-    def parameter(self, name: str) -> int:
-        """Value reference of a variable that is set before initialisation.
+    def parameter(self, name: str, *, tunable: bool = False) -> int:
+        """Value reference of a variable that is set before initialisation, or in a run too.
 
         Raises:
-            FmuError: there is none of that name, or it is no scalar Float64 in the usual unit.
+            FmuError: there is none of that name, it is no Float64 of the motors' size in the usual
+                unit, or it is fixed and to be set in a run.
         """
         if name not in self._variables:
             raise FmuError(f"motor FMU {self.path} has no parameter '{name}'; export it with one")
+        if tunable and self._variables[name].variability == "fixed":
+            raise FmuError(
+                f"motor FMU {self.path} has '{name}' as fixed; export it as tunable, or let all "
+                "motors be equal"
+            )
         return self._reference(name, "parameter", "input")
 
     def instantiate(
@@ -200,6 +206,17 @@ class Motor:
         """Start motors of arrays anew whose number, (motors,) int64, has changed."""
         with self._named_errors(0.0, "refuses to start motors anew"):
             self.fmu.restart(self.slave, runs)
+
+    def parameter(self, name: str) -> np.ndarray:
+        """Values (motors,) of a tunable parameter; raises FmuError if it is fixed."""
+        reference = self.fmu.parameter(name, tunable=True)
+        with self._named_errors(0.0, f"does not tell {name}"):
+            return np.array(self._get(np.array([reference])))
+
+    def tune(self, name: str, values: np.ndarray) -> None:
+        """Set a parameter's values (motors,); raises FmuError if that is refused."""
+        with self._named_errors(0.0, f"refuses values of {name}"):
+            self.slave.setFloat64([self.fmu.parameter(name, tunable=True)], values)
 
     def step(self, tick: int, count: int, dt_s: float) -> None:
         """Step from `tick` over `count` ticks; raises FmuError naming the time."""

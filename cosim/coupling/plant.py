@@ -11,7 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.base.params import SteeringParams
+from cosim.base.params import EstimatorParams, SteeringParams
+from cosim.control.camera import INTERVAL, look
+from cosim.control.estimation import POSE, take_command
+from cosim.control.steering import SPEED, YAW_RATE, steer
 from cosim.coupling.signals import (
     AIRBORNE,
     FRICTION_PEAK,
@@ -21,7 +24,6 @@ from cosim.coupling.signals import (
     SLIPPING,
     State,
 )
-from cosim.coupling.steering import steer
 from cosim.physics.body import at_axis, stepped
 from cosim.physics.body_state import read_body, write_body
 from cosim.physics.collision import (
@@ -51,6 +53,7 @@ class Plant(NamedTuple):
         body: equations of motion; what differs from robot to robot is in `State.properties`.
         mount_d, mount_e: motors D and E, likewise.
         steering: gains and speeds.
+        estimator: of every robot.
         pair: contact of robots with each other and with obstacles.
         end_on_collision: whether such a contact is a COLLISION that ends the run.
         ticks_per_period: ticks of dt per control period.
@@ -67,6 +70,7 @@ class Plant(NamedTuple):
     mount_d: MotorMount
     mount_e: MotorMount
     steering: SteeringParams
+    estimator: EstimatorParams
     pair: PairParams
     end_on_collision: bool
     ticks_per_period: int
@@ -102,11 +106,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, width: Width) ->
                 for row in range(2 * MOTORS):
                     state.inputs[row, column] = 0.0
                 continue
-            body = state.bodies[:, column]
-            angle = heading((body[3], body[4], body[5], body[6]))
-            omega_d, omega_e = steer(
-                state.commands[column], body[0], body[1], angle, period_s, plant.steering
-            )
+            omega_d, omega_e = _steer(plant, state, column, period_s)
             state.inputs[0, column], state.inputs[1, column] = omega_d, omega_e
             state.inputs[2, column], state.inputs[3, column] = noise[column, 0], noise[column, 1]
             state.busy[column - column % len(width)] = 1
@@ -120,6 +120,21 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, width: Width) ->
         if state.running[episode]:
             near = find_near_pairs(state.bodies, first, robots, plant.pair, state.near, near)
     state.near_count[0], state.near_count[1] = near, walls
+
+
+@inlined
+def _steer(plant: Plant, state: State, column: int, period_s: float) -> tuple[float, float]:
+    """Set points of a robot by where it thinks it is."""
+    body, camera = state.bodies[:, column], state.cameras[column]
+    command, estimate = state.commands[column], state.estimates[column]
+    pose = (body[0], body[1], heading((body[3], body[4], body[5], body[6])))
+    sight = state.sight[:, column]
+    look(camera, state.frames[column], estimate, sight, pose, period_s, plant.estimator)
+    x, y, angle = estimate[POSE], estimate[POSE + 1], estimate[POSE + 2]
+    set_points = steer(command, x, y, angle, period_s, plant.steering)
+    if camera[INTERVAL] > 0.0:
+        take_command(estimate, command[SPEED], command[YAW_RATE], period_s)
+    return set_points
 
 
 @inlined

@@ -4,6 +4,9 @@ import math
 
 from cosim.base.jit import inlined
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
+from cosim.control.camera import INTERVAL
+from cosim.control.estimation import COVARIANCE, POSE
+from cosim.control.steering import HEADING_ERROR, MODE
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import (
     AIRBORNE,
@@ -17,7 +20,7 @@ from cosim.coupling.signals import (
     Samples,
     State,
 )
-from cosim.coupling.steering import HEADING_ERROR, MODE
+from cosim.physics.rotation import heading
 
 
 @inlined
@@ -110,6 +113,15 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     samples.airborne_share[row, column] = statistics[AIRBORNE] / ticks
     samples.heading_error[row, column] = state.commands[column, HEADING_ERROR]
     samples.mode[row, column] = state.commands[column, MODE]
+    estimate = state.estimates[column]
+    if state.cameras[column, INTERVAL] == 0.0:  # what decides next knows the pose of now
+        estimate[POSE], estimate[POSE + 1] = body[0], body[1]
+        estimate[POSE + 2] = heading((body[3], body[4], body[5], body[6]))
+    for k in range(3):
+        samples.estimate[row, column, k] = estimate[POSE + k]
+        for i in range(k + 1):
+            # 0; 1, 2; 3, 4, 5 of the lower triangle: xx, xy, yy, x heading, y heading, heading
+            samples.covariance[row, column, k * (k + 1) // 2 + i] = estimate[COVARIANCE + 3 * k + i]
     samples.touching_share[row, column] = state.touching[column] / ticks
 
 

@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.coupling.steering import COMMAND_SIZE
+from cosim.control.camera import CAMERA_SIZE, FRAME_SIZE, NOISE
+from cosim.control.estimation import ESTIMATE_SIZE
+from cosim.control.steering import COMMAND_SIZE
 from cosim.physics.body_state import QUATERNION, STATE_SIZE
 from cosim.physics.properties import PROPERTIES
 
@@ -28,9 +30,14 @@ class State(NamedTuple):
     number of vectors. Rows that motors have are those of D, then of E, one signal after the other.
 
     Attributes:
+        estimates: (B, ESTIMATE_SIZE) where robots think they are, layout in
+            cosim.control.estimation.
+        cameras: (B, CAMERA_SIZE), layout in cosim.control.camera.
+        frames: (B, F, FRAME_SIZE) of the camera, under way.
+        sight: (M, B, NOISE) what the camera makes of the robots in the next frames.
         bodies: (STATE_SIZE, B), layout in cosim.physics.body_state.
         properties: (PROPERTIES, B), layout in cosim.physics.properties.
-        commands: (B, COMMAND_SIZE), layout in cosim.coupling.steering.
+        commands: (B, COMMAND_SIZE), layout in cosim.control.steering.
         inputs: (6, B) omega_des, omega_noise, d.
         outputs: (6, B) theta, omega, omega_dot.
         held: (6, B) the outputs at the start of the communication step.
@@ -57,6 +64,10 @@ class State(NamedTuple):
             ones cover earlier ones.
     """
 
+    estimates: np.ndarray
+    cameras: np.ndarray
+    frames: np.ndarray
+    sight: np.ndarray
     bodies: np.ndarray
     properties: np.ndarray
     commands: np.ndarray
@@ -102,6 +113,9 @@ class Samples(NamedTuple):
             touched.
         heading_error: (n, N), rad.
         mode: (n, N) of the steering.
+        estimate: (n, N, 3) where the robot thought it was in the period: x, y in m, heading in rad.
+        covariance: (n, N, 6) of the estimate: xx, xy, yy in m², x and y with the heading in m rad,
+            and that of the heading in rad²; zeros without a camera.
     """
 
     omega: np.ndarray
@@ -122,6 +136,8 @@ class Samples(NamedTuple):
     touching_share: np.ndarray
     heading_error: np.ndarray
     mode: np.ndarray
+    estimate: np.ndarray
+    covariance: np.ndarray
 
 
 class RawSamples(NamedTuple):
@@ -157,6 +173,10 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
     bodies = _aligned(STATE_SIZE, columns)
     bodies[QUATERNION.start] = 1.0
     return State(
+        np.zeros((columns, ESTIMATE_SIZE)),
+        np.zeros((columns, CAMERA_SIZE)),
+        np.zeros((columns, 0, FRAME_SIZE)),
+        np.zeros((0, columns, NOISE)),
         bodies,
         _aligned(PROPERTIES, columns),
         np.zeros((columns, COMMAND_SIZE)),
@@ -202,7 +222,7 @@ def _aligned(rows: int, columns: int) -> np.ndarray:
 def new_samples(periods: int, robots: int) -> Samples:
     """Room for the samples of `periods` control periods."""
     motors, feet = (MOTORS,), (FEET,)
-    shapes = [motors] * 6 + [(3,), (4,), (3,), (), feet, feet, feet, (), (), (), (), ()]
+    shapes = [motors] * 6 + [(3,), (4,), (3,), (), feet, feet, feet, *[()] * 5, (3,), (6,)]
     return Samples(*(np.zeros((periods, robots, *shape)) for shape in shapes))
 
 

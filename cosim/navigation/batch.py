@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
+from cosim.control.camera import NOISE, SIGHT, frames_under_way, frames_within
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import (
     MOTOR_NAMES,
@@ -51,6 +52,7 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
         config.noise.hold_s,
         config.timing,
         config.steering,
+        config.estimator,
         config.order,
         config.reaction,
         config.on_collision,
@@ -151,9 +153,10 @@ class Batch:
         for signals in (state.inputs, state.outputs, state.held, state.held_velocities):
             signals[:, columns] = 0.0  # nothing is left of who was there before
         state.boards[place] = scenario.size_m
+        self._make_room_for_frames(frames_under_way(config.world.sensor))
         self._put_rectangles(place, scenario, config)
         episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
-        self._motors.restart(range(columns.start, columns.stop))
+        self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors)
         self._state.running[place] = 1
         self.episodes[place] = episode
         return episode
@@ -167,6 +170,13 @@ class Batch:
             left, bottom, right, top = patch.cells
             corners = scenario.cell_m * np.array([left, bottom, right + 1, top + 1])
             self._state.patches[place, k] = *corners, patch.mu
+
+    def _make_room_for_frames(self, frames: int) -> None:
+        columns, present, size = self._state.frames.shape
+        if frames > present:
+            larger = np.zeros((columns, frames, size))
+            larger[:, :present] = self._state.frames
+            self._state = self._state._replace(frames=larger)
 
     def advance(self, actions: Mapping[int, np.ndarray]) -> dict[int, Step]:
         """Simulate one RL step of all episodes that go on.
@@ -183,13 +193,18 @@ class Batch:
         state, going_on = self._state, self.going_on()
         periods, columns = self.config.periods_per_step, state.bodies.shape[1]
         noise = np.zeros((periods, columns, len(MOTOR_NAMES)))
-        for place, episode in going_on.items():
-            episode.begin_step(actions[place], noise[:, self._columns(place)])
+        step_s = self.config.timing.rl_step_s
+        frames = [frames_within(e.config.world.sensor, step_s) for e in going_on.values()]
+        sight = np.zeros((max(frames, default=0), columns, NOISE))
+        state.cameras[:, SIGHT] = 0.0
+        for (place, episode), count in zip(going_on.items(), frames, strict=True):
+            where = self._columns(place)
+            episode.begin_step(actions[place], noise[:, where], sight[:count, where])
         samples = new_samples(periods, columns)
         burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
         raw = new_raw_samples(min(burst, periods * self.config.ticks_per_period), columns)
         state.periods[:] = 0
-        self._driver.advance(self._plant, state, noise, samples, raw)
+        self._driver.advance(self._plant, state._replace(sight=sight), noise, samples, raw)
         steps = {
             place: episode.end_step(samples, raw, int(state.periods[place]))
             for place, episode in going_on.items()

@@ -14,10 +14,12 @@ import numpy as np
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, RUNNING, Outcome
 from cosim.base.params import SAFETY_MARGIN_M
-from cosim.base.world import draw_world, gravity
+from cosim.base.world import CAMERA_CHILD, draw_world, generator, gravity
+from cosim.control.camera import camera_of, draw_sight
+from cosim.control.estimation import POSE
+from cosim.control.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
 from cosim.coupling.assembly import draw_noise, noise_generators, robot_properties
 from cosim.coupling.signals import RawSamples, Samples, State
-from cosim.coupling.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
 from cosim.navigation.features import (
     DIRECTION_COUNT,
     DIRECTIONS,
@@ -27,7 +29,7 @@ from cosim.navigation.features import (
 from cosim.navigation.measures import Measures
 from cosim.navigation.observing import cells_of, nearest_squared, observe
 from cosim.navigation.safety import WAIT, board_of, permitted
-from cosim.physics.body_state import POSITION, QUATERNION, standing_state
+from cosim.physics.body_state import POSITION, standing_state
 from cosim.scenarios.scenario import Cell, Scenario
 
 
@@ -114,13 +116,19 @@ class RunningEpisode:
         self._targets = np.array(scenario.targets)
         self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
         self._events, self._columns = state.events[columns], columns
+        self._estimates = state.estimates[columns]
+        sensor, period_s = config.world.sensor, config.timing.control_period_s
+        self._estimates[:] = 0.0
+        state.cameras[columns] = camera_of(sensor, period_s)
         self._commands[:] = 0.0
         for robot, cell in enumerate(starts):
             x, y = scenario.centre_m(cell)
             # Assumed: robots are set down facing the middle of the board.
             facing = math.copysign(math.pi / 2.0, scenario.size_m[1] / 2.0 - y)
             self._bodies[robot] = standing_state(config.robot, x, y, facing)
+            self._estimates[robot, POSE : POSE + 3] = x, y, facing
         self._noise = noise_generators(seed, n)
+        self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
         self._step = self._tick = 0
         self.conflicts = 0
         self._arrived = np.zeros(n, dtype=bool)
@@ -142,17 +150,22 @@ class RunningEpisode:
         """Which robots have reached their targets, shape (N,), bool."""
         return self._arrived.copy()
 
-    def begin_step(self, action: np.ndarray, noise: np.ndarray) -> None:
-        """Adopt actions, and draw the speed noise of the step.
+    def begin_step(self, action: np.ndarray, noise: np.ndarray, sight: np.ndarray) -> None:
+        """Adopt actions, and draw the speed noise and the camera's frames of the step.
 
         Args:
             action: (N,) direction index of each robot; a robot under way keeps its own.
             noise: (periods, N, 2), written, rad/s.
+            sight: (M, N, NOISE) of `cosim.control.camera`, written.
         """
         self._decided = self._adopt(action)
         self._was_moving = self._commands[:, MODE] != HOLD
         nominal_rad_s = self.config.steering.forward_speed_rad_s
         noise[:] = draw_noise(self.config, self._noise, nominal_rad_s, len(noise))
+        sensor = self.config.world.sensor
+        if sensor.rate_hz:
+            for robot, rng in enumerate(self._cameras):
+                sight[:, robot] = draw_sight(sensor, rng, len(sight))
 
     def end_step(self, samples: Samples, raw: RawSamples, periods: int) -> Step:
         """Judge what was simulated.
@@ -169,7 +182,8 @@ class RunningEpisode:
         self.measures.add(samples)
         completed = self._was_moving & (self._commands[:, MODE] == HOLD)
         self.observation = self._observe()
-        self._arrived |= completed & (self.observation.cells == self._targets).all(axis=1)
+        where = cells_of(self._bodies[:, POSITION][:, :2].copy(), self._board.cell_m)  # really
+        self._arrived |= completed & (where == self._targets).all(axis=1)
         events = self._events.copy()
         self.outcome = self._judge(int(events.max()))
         step = Step(
@@ -228,12 +242,13 @@ class RunningEpisode:
         return allowed if margin_m else direction
 
     def _positions_m(self) -> np.ndarray:
-        return self._bodies[:, POSITION][:, :2].copy()
+        """Where the robots think they are, (N, 2)."""
+        return self._estimates[:, POSE : POSE + 2].copy()
 
     def _observe(self) -> Observation:
         return observe(
             self._positions_m(),
-            self._bodies[:, QUATERNION].copy(),
+            self._estimates[:, POSE + 2].copy(),
             self._board.cell_m,
             self._thresholds,
             self._squared_at_decision,

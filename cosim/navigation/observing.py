@@ -19,7 +19,6 @@ from cosim.navigation.features import (
     distance_thresholds,
     gradient_sign,
 )
-from cosim.physics.rotation import heading
 from cosim.scenarios.scenario import Cell, Scenario
 
 _SECTOR_RAD = 2.0 * math.pi / DIRECTION_COUNT
@@ -57,7 +56,7 @@ def nearest_squared(cells: np.ndarray) -> np.ndarray:
 @kernel
 def observe(
     positions_m: np.ndarray,
-    quaternions: np.ndarray,
+    headings_rad: np.ndarray,
     cell_m: float,
     thresholds: DistanceThresholds,
     squared_before: np.ndarray,
@@ -66,7 +65,7 @@ def observe(
 
     Args:
         positions_m: (N, 2) centres of the robots.
-        quaternions: (N, 4) world from body, (w, x, y, z).
+        headings_rad: (N,) counter-clockwise from +x.
         cell_m: edge of a cell.
         thresholds: of the distance classes.
         squared_before: (N,) int64, `nearest_squared` at each robot's previous decision.
@@ -75,10 +74,9 @@ def observe(
     squared = nearest_squared(cells)
     classes, signs, directions = squared.copy(), squared.copy(), squared.copy()
     for i in range(len(cells)):
-        q = quaternions[i]
         classes[i] = distance_class(squared[i], thresholds)
         signs[i] = gradient_sign(squared[i], squared_before[i])
-        sector = np.rint(heading((q[0], q[1], q[2], q[3])) / _SECTOR_RAD)
+        sector = np.rint(headings_rad[i] / _SECTOR_RAD)
         directions[i] = int(sector) % DIRECTION_COUNT
     return Observation(cells, classes, signs, directions)
 

@@ -23,7 +23,12 @@ def robot_names(robots: int) -> list[str]:
 
 
 def episode_blueprint(
-    robots: int, size_m: tuple[float, float], *, bursts: bool = True, policies: bool = False
+    robots: int,
+    size_m: tuple[float, float],
+    *,
+    bursts: bool = True,
+    policies: bool = False,
+    camera: bool = False,
 ) -> rrb.Blueprint:
     """Arena above timelines of actions on the left, tabs of plots on the right.
 
@@ -32,6 +37,7 @@ def episode_blueprint(
         size_m: width and height of the board, for the eye.
         bursts: whether bursts at every tick are recorded.
         policies: whether the robots' policies are drawn on the floor.
+        camera: whether robots are seen by a camera.
     """
     names = robot_names(robots)
 
@@ -73,6 +79,15 @@ def episode_blueprint(
             ("heading error rad", "/sim/{r}/heading_error"),
             *([("distance to the nearest robot m", "/sim/{r}/distance_m")] * (robots > 1)),
         ),
+        *camera
+        * [
+            plots(
+                "camera",
+                ("estimated position m", "/sim/{r}/estimate/position"),
+                ("estimated heading rad", "/sim/{r}/estimate/heading"),
+                ("covariance of the estimate", "/sim/{r}/estimate/covariance"),
+            )
+        ],
         plots(
             "contact",
             ("largest normal force N", "/sim/{r}/contact/normal_max"),

@@ -30,9 +30,9 @@ from cosim.recording.series import (
     ARRIVED,
     DIRECTION_NAMES,
     REWARD_PARTS,
-    SIGNALS,
     block_ends,
     reduce,
+    signals_of,
     write_styles,
 )
 from cosim.scenarios.scenario import Scenario
@@ -83,6 +83,8 @@ class EpisodeRecorder:
             facts = facts | {"drawn": msgspec.to_builtins(drawn)}
         self._names = robot_names(scenario.robots)
         self._config, self._detail = config, DETAILS[level]
+        camera = config.world.sensor.rate_hz > 0.0
+        self._signals = signals_of(scenario.robots, camera=camera)
         self._return = np.zeros(scenario.robots)
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
         self._batch: list[_Decided] = []
@@ -92,13 +94,14 @@ class EpisodeRecorder:
             scenario.size_m,
             bursts=config.timing.burst_s > 0.0,
             policies=bool(policies),
+            camera=camera,
         )
         self.file = Recording(path, recording_id, blueprint, viewer)
         known = {"record": level, "targets_m": [scenario.centre_m(t) for t in scenario.targets]}
         self.file.stream.send_property("episode", properties(facts | known))
         self.file.stream.send_property("parameters", properties(config.table()))
         write_scene(self.file, scenario, config.robot)
-        write_styles(self.file, scenario.robots)
+        write_styles(self.file, self._signals, scenario.robots)
         for name, policy in zip(self._names, policies, strict=False):
             write_floor(self.file, name, scenario, policy)
         write_run_page(self.file, facts, config)
@@ -175,9 +178,7 @@ class EpisodeRecorder:
         if not len(time_s):
             return
         times: dict[int, list[rr.TimeColumn]] = {}
-        for signal in SIGNALS:
-            if signal.path == "distance_m" and len(self._names) == 1:
-                continue
+        for signal in self._signals:
             rate_s = getattr(self._detail, f"{signal.rate}_s")
             every = periods(rate_s, timing.control_period_s, timing.rl_step_s)
             if every not in times:

@@ -24,6 +24,7 @@ EIGHT = [
     *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
 ]
 
+_WALL_HEIGHT_M = 0.005  # low enough to hide no robot
 _TILE_HEIGHT_M = -0.0004  # under the lines between cells, above nothing
 _ARROW_HEIGHT_M = 0.0008
 _ARROW_CELLS = 0.7
@@ -55,9 +56,11 @@ def write_scene(file: Recording, scenario: Scenario, robot: RobotParams) -> None
     half = [(zone[2] - zone[0]) / 2, (zone[3] - zone[1]) / 2, 0.0]
     file.static("/world/zone", rr.Boxes3D(centers=[centre], half_sizes=[half], colors=GREY))
     if scenario.obstacles:
+        walls = scenario.walls.reshape(-1, 2, 2) * cell
+        heights = np.full((len(walls), 1), _WALL_HEIGHT_M / 2.0)
         obstacles = rr.Boxes3D(
-            centers=[(*scenario.centre_m(obstacle), 0.0) for obstacle in scenario.obstacles],
-            half_sizes=[(cell / 2, cell / 2, 0.0002)] * len(scenario.obstacles),
+            centers=np.hstack([walls.mean(axis=1), heights]),
+            half_sizes=np.hstack([(walls[:, 1] - walls[:, 0]) / 2.0, heights]),
             colors=INK,
             fill_mode="solid",
         )

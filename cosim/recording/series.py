@@ -23,6 +23,7 @@ NOT_ARRIVED = "has not arrived"
 OUTCOME = "/outcome"
 REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
 _DE, _ABC, _XY = ("D", "E"), ("A", "B", "C"), ("x", "y")
+_COVARIANCE = ("xx", "xy", "yy", "x heading", "y heading", "heading")
 
 
 class SignalSpec(NamedTuple):
@@ -62,6 +63,18 @@ SIGNALS = (
     SignalSpec("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
     SignalSpec("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
     SignalSpec("heading", ("heading",), "rad", "pose", "last", lambda s: headings(s.quaternion)),
+    SignalSpec("estimate/position", _XY, "m", "pose", "last", lambda s: s.estimate[..., :2]),
+    SignalSpec(
+        "estimate/heading", ("heading",), "rad", "pose", "last", lambda s: s.estimate[..., 2]
+    ),
+    SignalSpec(
+        "estimate/covariance",
+        _COVARIANCE,
+        "m2, m rad, rad2",
+        "pose",
+        "last",
+        lambda s: s.covariance,
+    ),
     SignalSpec("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
     SignalSpec("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
     SignalSpec("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
@@ -96,6 +109,16 @@ RL_SERIES = {
 }
 
 
+def signals_of(robots: int, *, camera: bool) -> list[SignalSpec]:
+    """Those that say something: no distances of a robot alone, no estimates of exact poses."""
+    return [
+        signal
+        for signal in SIGNALS
+        if (robots > 1 or signal.path != "distance_m")
+        and (camera or not signal.path.startswith("estimate/"))
+    ]
+
+
 def reduce(values: np.ndarray, every: int, how: str) -> np.ndarray:
     """Rows over blocks of `every` periods, the last one possibly shorter: mean, max or last.
 
@@ -121,10 +144,10 @@ def block_ends(count: int, every: int) -> np.ndarray:
     return np.minimum(np.arange(every - 1, count + every - 1, every), count - 1)
 
 
-def write_styles(file: Recording, robots: int) -> None:
+def write_styles(file: Recording, signals: Sequence[SignalSpec], robots: int) -> None:
     """Log names, units, colours and aggregation of every signal and state of an episode."""
     for name in robot_names(robots):
-        series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in SIGNALS}
+        series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in signals}
         series |= {f"/raw/{name}/{path}": entry for path, entry in RAW_SERIES.items()}
         series |= {f"/rl/{name}/{path}": entry for path, entry in RL_SERIES.items()}
         for entity, (names, unit) in series.items():

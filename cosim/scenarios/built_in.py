@@ -1,5 +1,6 @@
 """Scenarios of the paper (Fig. 5), and those of this project."""
 
+from cosim.base.world import Rectangle
 from cosim.scenarios.scenario import Cell, Scenario
 
 
@@ -15,17 +16,57 @@ def sides(columns: int, rows: int) -> dict[str, tuple[Cell, ...]]:
     }
 
 
+def filled(*rectangles: Rectangle) -> tuple[Cell, ...]:
+    """Cells of rectangles, each once, in their order, row by row."""
+    return tuple(
+        dict.fromkeys(
+            (x, y)
+            for left, bottom, right, top in rectangles
+            for y in range(bottom, top + 1)
+            for x in range(left, right + 1)
+        )
+    )
+
+
 _SIDES = sides(30, 30)
 _TOP, _BOTTOM, _BORDER = _SIDES["top"], _SIDES["bottom"], _SIDES["border"]
+_LEFT, _RIGHT = _SIDES["left"], _SIDES["right"]
+
+
+def _named(*scenarios: Scenario) -> dict[str, Scenario]:
+    return {scenario.name: scenario for scenario in scenarios}
+
 
 # Fig. 5; target cells are a reading of the figure (assumed), see docs/decisions.md.
-BUILT_IN: dict[str, Scenario] = {
-    scenario.name: scenario
-    for scenario in (
-        Scenario("1a", "one robot from the upper side", ((15, 18),), (_TOP,)),
-        Scenario("1b", "one robot from any border cell", ((15, 18),), (_BORDER,)),
-        Scenario("2", "two robots, targets opposite", ((15, 18), (15, 12)), (_TOP, _BOTTOM)),
-        Scenario("3", "two robots, targets beside", ((12, 15), (18, 15)), (_TOP, _BOTTOM)),
-        Scenario("4", "two robots, targets swapped", ((15, 12), (15, 18)), (_TOP, _BOTTOM)),
-    )
-}
+PAPER = _named(
+    Scenario("1a", "one robot from the upper side", ((15, 18),), (_TOP,)),
+    Scenario("1b", "one robot from any border cell", ((15, 18),), (_BORDER,)),
+    Scenario("2", "two robots, targets opposite", ((15, 18), (15, 12)), (_TOP, _BOTTOM)),
+    Scenario("3", "two robots, targets beside", ((12, 15), (18, 15)), (_TOP, _BOTTOM)),
+    Scenario("4", "two robots, targets swapped", ((15, 12), (15, 18)), (_TOP, _BOTTOM)),
+)
+# Not the paper's: pairs among obstacles, see docs/scenarios.md.
+AMONG_OBSTACLES = _named(
+    Scenario(
+        "5-corridor",
+        "two robots that meet in a corridor of 14 cm",
+        ((26, 15), (3, 15)),
+        (_LEFT, _RIGHT),
+        obstacles=filled((10, 0, 19, 7), (10, 22, 19, 29)),
+    ),
+    Scenario(
+        "5-slalom",
+        "two robots around two walls, past each of which 14 cm are free",
+        ((25, 18), (28, 4)),
+        (_LEFT, _LEFT),
+        obstacles=filled((7, 0, 7, 15), (18, 14, 18, 29)),
+    ),
+    Scenario(
+        "5-doorway",
+        "two robots through one door of 10 cm",
+        ((8, 6), (21, 6)),
+        (_TOP, _TOP),
+        obstacles=filled((0, 14, 9, 15), (20, 14, 29, 15)),
+    ),
+)
+BUILT_IN = PAPER | AMONG_OBSTACLES

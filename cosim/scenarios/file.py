@@ -10,7 +10,7 @@ import msgspec
 from cosim.base.params import TABLE_I
 from cosim.base.reading import Kind, read_toml
 from cosim.base.world import IDEAL, Rectangle, World, WorldError
-from cosim.scenarios.built_in import BUILT_IN, sides
+from cosim.scenarios.built_in import BUILT_IN, filled, sides
 from cosim.scenarios.scenario import MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
 
 _FILE = Kind("scenario file", "check the path", ScenarioError)
@@ -165,7 +165,7 @@ def _field_message(message: str) -> str:
 
 
 def _cells(field: str, items: Sequence[Sequence[int]]) -> tuple[Cell, ...]:
-    cells: list[Cell] = []
+    rectangles: list[Rectangle] = []
     for k, item in enumerate(items):
         if len(item) not in {2, 4}:
             raise ScenarioError(
@@ -173,8 +173,8 @@ def _cells(field: str, items: Sequence[Sequence[int]]) -> tuple[Cell, ...]:
                 "[first column, first row, last column, last row]"
             )
         left, bottom, right, top = (*item, *item)[:4]
-        cells += [(x, y) for y in range(bottom, top + 1) for x in range(left, right + 1)]
-    return tuple(dict.fromkeys(cells))
+        rectangles.append((left, bottom, right, top))
+    return filled(*rectangles)
 
 
 def _central_zone(columns: int, rows: int) -> Rectangle:

@@ -143,7 +143,7 @@ Status check_double(const Instance *instance, const char *function, uint32_t ref
     if (!is_input && parameter >= PARAMETER_COUNT)
         return fail_reference(instance, function, reference,
                               "floating-point variable that can be set");
-    if (!is_input && !(instance->now.life_cycle & STARTING))
+    if (!is_input && !parameter_tunable[parameter] && !(instance->now.life_cycle & STARTING))
         return fail_fixed(instance, function, reference);
     if (!isfinite(value))
         return fail(instance, function, "%s cannot be %g; give a finite number",

@@ -32,16 +32,24 @@ Status motors_allocate(Motors *motors, const char *function, uint64_t n) {
 void motors_initialise(Motors *motors) {
     for (Block *b = motors->blocks; b < motors->blocks + block_count(motors->n); b++)
         for (size_t k = 0; k < LANES; k++) {
+            const MotorConstants p = lane_constants(b, k, motors->closed_loop);
+            const MotorState start = motor_start(&p);
+            b->row[ROW_THETA][k] = start.theta;
+            b->row[ROW_OMEGA][k] = start.omega;
+            b->row[ROW_INTEGRAL][k] = start.integral;
+        }
+    motors_tune(motors);
+}
+
+void motors_tune(Motors *motors) {
+    for (Block *b = motors->blocks; b < motors->blocks + block_count(motors->n); b++)
+        for (size_t k = 0; k < LANES; k++) {
             MotorConstants p = lane_constants(b, k, motors->closed_loop);
             motor_derive(&p);
             b->row[ROW_TORQUE_PER_VOLT][k] = p.torque_per_volt;
             b->row[ROW_DAMPING][k] = p.damping;
             b->row[ROW_WEIGHT_TORQUE][k] = p.weight_torque;
             b->row[ROW_INVERSE_J][k] = p.inverse_J;
-            const MotorState start = motor_start(&p);
-            b->row[ROW_THETA][k] = start.theta;
-            b->row[ROW_OMEGA][k] = start.omega;
-            b->row[ROW_INTEGRAL][k] = start.integral;
         }
     motors_refresh(motors);
 }

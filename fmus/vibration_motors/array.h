@@ -31,9 +31,11 @@ static inline size_t lane_count(const Motors *motors, size_t block) {
 
 /* Have n motors with start values in place of those there are; may be out of memory. */
 static Status motors_allocate(Motors *motors, const char *function, uint64_t n);
-/* Put the parameters into force and all states to their start. */
+/* Put all states to their start, and parameters, states and inputs into force. */
 static void motors_initialise(Motors *motors);
 /* Put parameters, states and inputs into force. */
+static void motors_tune(Motors *motors);
+/* Put states and inputs into force. */
 static void motors_refresh(Motors *motors);
 
 /* Copy a row of n values. */

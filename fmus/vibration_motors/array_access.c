@@ -96,8 +96,10 @@ Status model_set_double(Instance *instance, const char *function, const uint32_t
     }
     if (only_inputs)
         motors_refresh(motors);
-    else
+    else if (instance->now.life_cycle & STARTING)
         motors_initialise(motors);
+    else
+        motors_tune(motors);
     return STATUS_OK;
 }
 

@@ -58,7 +58,7 @@ Status model_restore(Instance *instance, const char *function, const void *state
         motors->blocks[k / LANES].restarted[k % LANES] = counters[n + k];
     }
     motors->restarting = true;
-    motors_refresh(motors);
+    motors_tune(motors);
     return STATUS_OK;
 }
 

@@ -64,7 +64,7 @@ MATTER = {
     """,
     "calibration": """
         cosim.base.config cosim.base.params cosim.coupling.fmu cosim.coupling.master
-        cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
+        cosim.coupling.plant cosim.coupling.signals cosim.control.steering
         cosim.calibration.speed_map cosim.calibration.measuring
         cosim.calibration.trial cosim.physics.body cosim.physics.collision
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation
@@ -74,7 +74,7 @@ MATTER = {
         agent.process.grid
         agent.process.readings agent.process.rng agent.training.policy cosim.base.config
         cosim.base.params cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master
-        cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
+        cosim.coupling.plant cosim.coupling.signals cosim.control.steering
         cosim.navigation.episode cosim.navigation.features cosim.navigation.measures
         cosim.navigation.observing cosim.navigation.safety cosim.physics.body
         cosim.physics.collision cosim.physics.contact cosim.physics.forces
@@ -84,14 +84,14 @@ MATTER = {
         agent.envs.vector agent.moves.kernels agent.process.acting agent.process.config
         agent.process.exact agent.process.grid agent.process.optimum agent.process.readings
         agent.process.rng agent.training.moves_qlearning agent.training.qlearning
-        cosim.base.params cosim.coupling.plant cosim.coupling.steering cosim.navigation.features
+        cosim.base.params cosim.coupling.plant cosim.control.steering cosim.navigation.features
         cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
         cosim.physics.body cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "moves": """
         agent.moves.model agent.moves.observe cosim.base.config cosim.base.params
         cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
-        cosim.coupling.signals cosim.coupling.steering cosim.navigation.episode
+        cosim.coupling.signals cosim.control.steering cosim.navigation.episode
         cosim.navigation.features cosim.navigation.measures cosim.navigation.observing
         cosim.navigation.safety cosim.physics.body cosim.physics.collision
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation fmus.variables
@@ -122,7 +122,7 @@ MATTER = {
         agent.training.learning agent.training.loop agent.training.moves_qlearning
         agent.training.qlearning agent.training.settings cosim.base.config
         cosim.base.params cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master
-        cosim.coupling.plant cosim.coupling.signals cosim.coupling.steering
+        cosim.coupling.plant cosim.coupling.signals cosim.control.steering
         cosim.calibration.speed_map cosim.navigation.episode cosim.navigation.features
         cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
         cosim.physics.body cosim.physics.collision cosim.physics.contact

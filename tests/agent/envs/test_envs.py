@@ -379,6 +379,20 @@ def test_pictures_show_robots_targets_and_zone():
     assert (picture[11 * scale + 5, 15 * scale + 5] == (0, 114, 178)).all()
 
 
+def test_pictures_show_obstacles():
+    scenario, scale = find_scenario("5-doorway"), 12
+    env = envs.parallel_env(scenario, render_mode="ansi")
+    env.reset(seed=0)
+    lines = env.render().splitlines()[::-1]
+    dark = {(x, y) for y, line in enumerate(lines) for x, cell in enumerate(line) if cell == "#"}
+    assert dark == set(scenario.obstacles)
+    env = envs.parallel_env(scenario, render_mode="rgb_array")
+    env.reset(seed=0)
+    middles = env.render()[::-1][scale // 2 :: scale, scale // 2 :: scale]
+    rows, columns = np.nonzero((middles == 90).all(axis=2))
+    assert set(zip(columns.tolist(), rows.tolist(), strict=True)) == set(scenario.obstacles)
+
+
 def test_cosim_has_the_same_interface():
     env = gym.make("MiniRobots/CoSim-v0", render_mode="rgb_array")
     check_env(env.unwrapped, skip_render_check=True)

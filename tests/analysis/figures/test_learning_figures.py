@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from agent.experiments.__main__ import main
 from agent.experiments.results import show
@@ -105,7 +106,10 @@ def test_fig05_draws_every_scenario():
     figure = fig05.draw(list(BUILT_IN.values()))
     for axes, scenario in zip(figure.axes, BUILT_IN.values(), strict=True):
         cells = 1 + sum(len(starts) + 1 for starts in scenario.starts)
-        assert len(axes.patches) == cells
+        assert len(axes.patches) == cells + len(scenario.obstacles)
+        squares = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+        dark = {square.get_xy() for square in squares if square.get_alpha() == 0.8}
+        assert dark == set(scenario.obstacles)
 
 
 def test_other_folders_are_refused(results, tmp_path):

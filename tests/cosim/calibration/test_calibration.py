@@ -12,8 +12,8 @@ from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.calibration.cache import calibrated, digest, find_calibration
 from cosim.calibration.speed_map import MANOEUVRES, Calibration, CalibrationError, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
+from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 
 
 @pytest.fixture(scope="module")

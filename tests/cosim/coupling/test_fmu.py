@@ -13,10 +13,13 @@ from fmpy.fmi3 import FMU3Slave
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_II, TIMING
 from cosim.calibration.trial import Trial
+from cosim.coupling import assembly
 from cosim.coupling.assembly import Motors, check_motors
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.navigation.cosimulation import CoSimulation
 from cosim.scenarios.file import find_scenario
+
+EQUAL = ((TABLE_II, TABLE_II),) * 2  # motors of two robots
 
 
 def variable(root, name: str):
@@ -225,7 +228,7 @@ def test_every_instance_is_told_its_own_name(motor_fmu, monkeypatch):
 
     monkeypatch.setattr(FMU3Slave, "instantiate", logged)
     motors = Motors(MotorFmu(motor_fmu), CoSimConfig(), 2)
-    motors.restart(range(2))
+    motors.restart(range(2), EQUAL)
     told = [re.search('instanceName="(.*?)"', call) for call in calls]
     names = [match[1] for match in told if match]
     assert names == ["r1.D", "r1.E", "r2.D", "r2.E"]
@@ -290,9 +293,40 @@ def test_arrays_of_another_kind_are_refused(edited_fmu, array_fmu, edit, message
         MotorFmu(edited_fmu(edit, array_fmu))
 
 
+def test_arrays_of_fixed_parameters_are_for_equal_motors(edited_fmu, array_fmu):
+    fixed = edited_fmu(lambda root: variable(root, "K_T").set("variability", "fixed"), array_fmu)
+    motors = Motors(MotorFmu(fixed), CoSimConfig(motor=TABLE_II._replace(K_T=4e-4)), 2)
+    own = TABLE_II._replace(K_T=4e-4, R=11.0)
+    motors.restart([0, 1], ((own, own),) * 2)
+    with pytest.raises(FmuError, match="has 'K_T' as fixed; export it as tunable"):
+        motors.restart([0, 1], EQUAL)
+    motors.close()
+
+
+@pytest.mark.parametrize("fmu", ["motor_fmu", "array_fmu"])
+def test_usual_motors_have_what_their_fmu_begins_with(fmu, request, monkeypatch):
+    """Before and after a run with motors of their own, where that is not Table II as well."""
+    usual = TABLE_II._replace(J=4e-9)
+    monkeypatch.setattr(assembly, "TABLE_II", usual)
+    motors = Motors(MotorFmu(request.getfixturevalue(fmu)), CoSimConfig(motor=usual), 1)
+    inputs, speeds = np.zeros((6, 1)), []
+    inputs[:2] = 700.0
+    for own in (usual, usual._replace(J=2e-9), usual):
+        motors.restart([0], ((usual, own),))
+        motors.set_inputs(inputs, 1e-5)
+        motors.step(3, 1e-5)
+        outputs = np.zeros((6, 1))
+        motors.get_outputs(outputs, 1e-5)
+        speeds.append(tuple(outputs[2:4, 0]))
+    motors.close()
+    (d, e), (same, other), again = speeds
+    assert d == e == same < other
+    assert again == (d, e)
+
+
 def test_an_array_that_fails_is_named_with_its_time(array_fmu):
     motors = Motors(MotorFmu(array_fmu), CoSimConfig(), 2)
-    motors.restart([0, 1])
+    motors.restart([0, 1], EQUAL)
     motors.step(3, 1e-5)
     inputs = np.zeros((6, 2))
     inputs[2, 1] = np.nan

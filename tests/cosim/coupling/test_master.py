@@ -9,14 +9,22 @@ from fmpy.fmi3 import FMU3Slave
 
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
-from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.base.params import ESTIMATOR, STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.control.steering import (
+    DIRECT,
+    DIRECTION,
+    GOAL_X,
+    MODE,
+    OMEGA_D,
+    OMEGA_E,
+    START,
+)
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import Motors, robot_properties
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.master import CompiledDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
-from cosim.coupling.steering import DIRECT, DIRECTION, GOAL_X, MODE, OMEGA_D, OMEGA_E, START
 from cosim.physics.body_state import standing_state
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
@@ -32,6 +40,7 @@ def plant_with(**changes) -> Plant:
         body_params(TABLE_I, TABLE_II, TIMING.dt_s),
         *motor_mounts(TABLE_I, TABLE_II),
         STEERING,
+        ESTIMATOR,
         PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots),
         end_on_collision=True,
         ticks_per_period=100,
@@ -46,7 +55,7 @@ def plant_with(**changes) -> Plant:
 def new_motors(motor_fmu, columns, robots=ROBOTS):
     motors = Motors(MotorFmu(motor_fmu), CoSimConfig(), columns)
     for first in range(0, columns - robots + 1, robots):
-        motors.restart(range(first, first + robots))
+        motors.restart(range(first, first + robots), ((TABLE_II, TABLE_II),) * robots)
     return motors
 
 
@@ -355,7 +364,8 @@ def test_an_episode_depends_on_nobody_in_its_batch(fmu, request):
     def begin(state, motors, place, gap):
         for robot in range(ROBOTS):
             put_down(state, ROBOTS * place + robot, 0.05 + gap * robot, 0.1 * place)
-        motors.restart(range(ROBOTS * place, ROBOTS * place + ROBOTS))
+        columns = range(ROBOTS * place, ROBOTS * place + ROBOTS)
+        motors.restart(columns, ((TABLE_II, TABLE_II),) * ROBOTS)
         state.running[place] = 1
 
     driver = CompiledDriver(motors, lanes)

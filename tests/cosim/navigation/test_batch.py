@@ -11,7 +11,6 @@ from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.base.world import Patch, World
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import Batch
-from cosim.navigation.cosimulation import CoSimulation
 from cosim.scenarios.scenario import Scenario
 
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
@@ -51,36 +50,43 @@ COUPLINGS = [{}, {"order": "jacobi", "reaction": True}]
 
 def alone(number: int, fmu: Path, config: CoSimConfig, steps: int) -> list:
     scenario, starts, directions = EPISODES[number]
-    system = CoSimulation(scenario, fmu, config)
-    system.reset(starts, np.random.SeedSequence(number))
-    found = []
-    while len(found) < steps and not system.outcome:
-        found.append(system.advance(np.array(directions)))
-    system.close()
+    batch = Batch(fmu, config, robots=2, places=1)
+    batch.begin(0, scenario, starts, np.random.SeedSequence(number))
+    found = [batch.advance({0: np.array(directions)})[0] for _ in range(steps)]
+    batch.close()
     return found
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=["gauss-seidel", "jacobi-reaction"])
 @pytest.mark.parametrize("fmu", ["motor_fmu", "array_fmu"])
-def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, request):
+@pytest.mark.parametrize("differ", [False, True], ids=["equal", "own"])
+def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, request):
     path, config = request.getfixturevalue(fmu), CoSimConfig(**coupling)
     batch = Batch(path, config, robots=2, places=3)
+    own = config.in_world(World(motor_spread=0.1)) if differ else config
+    configs = [own, own, own, config]
+
+    def begin(place: int, number: int) -> None:
+        seed = np.random.SeedSequence(number)
+        batch.begin(place, *EPISODES[number][:2], seed, configs[number])
+
     held = {place: place for place in range(3)}
     found: dict[int, list] = {number: [] for number in range(4)}
     for place, number in held.items():
-        batch.begin(place, *EPISODES[number][:2], np.random.SeedSequence(number))
+        begin(place, number)
     for _ in range(4):
         actions = {place: np.array(EPISODES[held[place]][2]) for place in batch.going_on()}
         for place, step in batch.advance(actions).items():
             found[held[place]].append(step)
             if step.outcome and 3 not in held.values():
                 held[place] = 3
-                batch.begin(place, *EPISODES[3][:2], np.random.SeedSequence(3))
+                begin(place, 3)
     batch.close()
     assert found[1][-1].outcome == "out_of_board"
     assert len(found[3]) > 1  # begun where that ended
     for number, steps in found.items():
-        for ours, theirs in zip(steps, alone(number, path, config, len(steps)), strict=True):
+        expected = alone(number, path, configs[number], len(steps))
+        for ours, theirs in zip(steps, expected, strict=True):
             for a, b in zip(
                 (*ours.samples, *ours.raw), (*theirs.samples, *theirs.raw), strict=True
             ):
@@ -131,8 +137,9 @@ def test_worlds_share_a_batch_and_keep_their_bits(driver, array_fmu):
         for place, number in enumerate(numbers):
             seed = np.random.SeedSequence(number)
             batch.begin(place, scenario, starts, seed, configs[number])
-        for _ in range(2):
-            steps = batch.advance(dict.fromkeys(range(len(numbers)), np.array(way)))
+        actions = dict.fromkeys(range(len(numbers)), np.array(way))
+        batch.advance(actions)
+        steps = batch.advance(actions)
         batch.close()
         return [step.samples for step in steps.values()]
 

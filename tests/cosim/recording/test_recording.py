@@ -23,6 +23,7 @@ from cosim.recording.file import Recording, RecordingError, properties, scalars,
 from cosim.recording.levels import DETAILS
 from cosim.recording.policy_map import PolicyMap
 from cosim.recording.series import reduce
+from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
 SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
@@ -151,6 +152,27 @@ def test_every_path_of_the_blueprint_is_recorded(recorded, shown_paths, tmp_path
     assert len(paths) > (20 if level == "summary" else 26)
     missing = {p for p in paths if not any(e == p or e.startswith(p + "/") for e in entities)}
     assert not missing
+
+
+def test_obstacles_stand_on_the_floor(tmp_path):
+    scenario, config = find_scenario("5-slalom"), CoSimConfig()
+    path = tmp_path / "episode.rrd"
+    with EpisodeRecorder(path, scenario, config, "test", {"seed": 0}):
+        pass
+    found = {}
+    for chunk in RrdReader(str(path)).stream():
+        if chunk.entity_path == "/world/obstacles":
+            batch = chunk.to_record_batch()
+            found |= {
+                name.partition(":")[2]: np.array(batch.column(name).to_pylist()[0])
+                for name in batch.schema.names
+                if name.startswith("Boxes3D:")
+            }
+    centres, halves = found["centers"], found["half_sizes"]
+    boxes = np.hstack([centres - halves, centres + halves])
+    assert boxes[:, [0, 1, 3, 4]] == pytest.approx(0.01 * scenario.walls, abs=1e-6)
+    assert boxes[:, 2] == pytest.approx(0.0)
+    assert (boxes[:, 5] > 0.0).all()
 
 
 def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatch):

@@ -1,12 +1,14 @@
 """Built-in scenarios as in Fig. 5, files of the user's own, and messages that name the field."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.scenarios.built_in import AMONG_OBSTACLES, BUILT_IN, PAPER
 from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario, ScenarioError
+from cosim.scenarios.scenario import Cell, Scenario, ScenarioError
 
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "four_crossing.toml"
 
@@ -27,18 +29,36 @@ def scenario_file(tmp_path):
     return write
 
 
-def test_built_in_starts_and_targets():
-    assert list(BUILT_IN) == ["1a", "1b", "2", "3", "4"]
-    assert [len(cells) for s in BUILT_IN.values() for cells in s.starts] == [30, 116] + [30] * 6
-    for scenario in BUILT_IN.values():
+def test_starts_and_targets_of_the_paper():
+    assert list(PAPER) == ["1a", "1b", "2", "3", "4"]
+    assert [len(cells) for s in PAPER.values() for cells in s.starts] == [30, 116] + [30] * 6
+    for scenario in PAPER.values():
         left, bottom, right, top = scenario.zone
         for x, y in scenario.targets:
             assert x in {left, right} or y in {bottom, top}  # "in the border of this central zone"
 
 
+def straight(start: Cell, target: Cell) -> Iterator[tuple[float, float]]:
+    """Places on the straight line between two cells, in half cells."""
+    (x, y), (to_x, to_y) = start, target
+    for t in np.linspace(0.0, 1.0, 200):
+        yield 2 * (x + t * (to_x - x)) + 1, 2 * (y + t * (to_y - y)) + 1
+
+
+@pytest.mark.parametrize("name", AMONG_OBSTACLES)
+def test_obstacles_stand_between_most_starts_and_their_targets(name):
+    scenario = BUILT_IN[name]
+    blocked = [
+        any(scenario.blocks(x, y) for x, y in straight(start, target))
+        for starts, target in zip(scenario.starts, scenario.targets, strict=True)
+        for start in starts
+    ]
+    assert np.mean(blocked) > 0.5
+
+
 def test_digest_tells_geometry_and_not_names():
     digests = {s.digest() for s in BUILT_IN.values()}
-    assert len(digests) == 5
+    assert len(digests) == len(BUILT_IN)
     base = BUILT_IN["1a"]
     renamed = Scenario("other", "other", base.targets, base.starts)
     assert renamed.digest() == base.digest()

@@ -35,7 +35,8 @@ class Singles:
             self.inputs[k] |= {name: float(value[k]) for name, value in values.items()}
             assert motor.set(**self.inputs[k]) == OK
 
-    def restart(self, k: int, time_s: float) -> None:
+    def restart(self, k: int, time_s: float, parameters: dict[str, float]) -> None:
+        self.start[k] |= parameters
         self.motors[k].free()
         self.motors[k] = self._new(k, time_s)
 
@@ -75,9 +76,13 @@ def test_an_array_has_the_bits_of_its_motors(array, instance, n, step_s, closed_
             chosen = generator.random(n) < 0.5
             restart += chosen * generator.integers(-3, 9, n)
             chosen = restart != motors_restart(motors)
+            for name, value in parameters(np.random.default_rng(stretch), n).items():
+                if name in PARAMETERS:
+                    start[name] = np.where(chosen, value, start[name])
+                    assert motors.set(**{name: start[name]}) == OK
             assert motors.set(restart=restart) == OK
             for k in np.flatnonzero(chosen).tolist():
-                singles.restart(k, step * step_s)
+                singles.restart(k, step * step_s, {p: float(start[p][k]) for p in PARAMETERS})
         if stretch == 12:
             saved = motors.save()
         if stretch == 13 and saved is not None:  # there and back, in another instance
@@ -97,6 +102,30 @@ def test_an_array_has_the_bits_of_its_motors(array, instance, n, step_s, closed_
             signs |= set(np.sign(found[1]))
             sides |= set(np.sign(found[3][np.abs(found[3]) == start["V_s_max"]]))
     assert n == 1 or (sides == {-1.0, 1.0} and signs == {-1.0, 0.0, 1.0} and at_rest > 20)
+
+
+def test_tuned_motors_go_on_from_where_they_are(array, instance):
+    """As single motors do that begin there; in open loop, where the integral stays 0."""
+    generator, n = np.random.default_rng(1), 11
+    motors = array(n).start(**parameters(generator, n) | {"closed_loop": False})
+    voltage = generator.uniform(-3.0, 3.0, n)
+    assert motors.set(V_in=voltage) == OK
+    assert motors.do_step(0.0, 0.02) == OK
+    before = motors.get("theta", "omega")
+    tuned = {p: v for p, v in parameters(generator, n).items() if p in PARAMETERS}
+    assert motors.set(**tuned) == OK
+    assert (motors.get("theta", "omega") == before).all()
+    there = {"theta_start": before[0], "omega_start": before[1], "closed_loop": False}
+    singles = Singles(instance, tuned | there, n)
+    singles.set(V_in=voltage)
+    assert motors.get(*NAMES).tobytes() == singles.get(*NAMES).tobytes()
+    other = array(2)
+    assert other.load(motors.save()) == OK  # a state holds the parameters
+    other.n = n
+    assert motors.do_step(0.02, 0.01) == other.do_step(0.02, 0.01) == OK
+    singles.do_step(0.0, 0.01)
+    found = motors.get(*NAMES)
+    assert found.tobytes() == singles.get(*NAMES).tobytes() == other.get(*NAMES).tobytes()
 
 
 def motors_restart(motors: Any) -> np.ndarray:

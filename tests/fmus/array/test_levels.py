@@ -20,7 +20,7 @@ COMPILERS = {"zig": ZIG, "gcc": ["gcc", "-O2"], "gcc without optimisation": ["gc
 
 
 def trajectory(motors) -> bytes:
-    """Outputs through saturation, sticking, reversing, restarts and steps of all lengths."""
+    """Outputs through saturation, sticking, reversing, restarts, tuning, steps of all lengths."""
     generator, rows, time_s = np.random.default_rng(5), [], 0.0
     n = motors.n
     motors.start(theta_start=generator.uniform(-3.0, 3.0, n), J=generator.uniform(2e-9, 4e-9, n))
@@ -31,6 +31,7 @@ def trajectory(motors) -> bytes:
             assert motors.set(omega_des=speeds, omega_noise=noise) == OK
         if k % 70 == 30:
             assert motors.set(restart=generator.integers(0, 2, n)) == OK
+            assert motors.set(K_T=generator.uniform(3e-4, 4e-4, n)) == OK
         assert motors.do_step(time_s, step_s) == OK, motors.messages
         time_s += step_s
         rows.append(motors.get("theta", "omega", "omega_dot", "V_s", "i", "integral"))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.base.params import STEERING
-from cosim.coupling import steering
-from cosim.coupling.steering import (
+from cosim.control import steering
+from cosim.control.steering import (
     COMMAND_SIZE,
     DIRECT,
     DRIVE,

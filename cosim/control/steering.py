@@ -30,7 +30,8 @@ SENSE = 4  # 1.0 drives forwards, −1.0 backwards
 HEADING_ERROR = 5  # rad, for inspection
 DITHER_PHASE = 6  # phase between the motors that the dither has added, rad; with its sign
 DITHER_SIGN = 7
-COMMAND_SIZE = 8
+SPEED, YAW_RATE = 8, 9  # what the robot should do by that: along its heading in m/s, and rad/s
+COMMAND_SIZE = 10
 
 
 @inlined
@@ -55,6 +56,7 @@ def steer(
         period_s: length of the control period in s.
         params: gains and speeds.
     """
+    command[SPEED] = command[YAW_RATE] = 0.0
     if command[MODE] == HOLD:
         return 0.0, 0.0
     if command[MODE] == DIRECT:
@@ -84,11 +86,14 @@ def steer(
     dither = _dither(command, period_s, params)
     if command[MODE] == TURN:
         turn = math.copysign(params.turn_speed_rad_s, error)
+        command[YAW_RATE] = math.copysign(params.turn_rate_rad_s, error)
         return turn - dither, turn + dither
     drive = params.forward_speed_rad_s if command[SENSE] > 0.0 else params.backward_speed_rad_s
     limit = params.max_difference_rad_s
     difference = min(limit, max(-limit, params.heading_gain_1_s * error))
     # The faster motor stays below hopping; the difference is kept by slowing the other one.
+    command[SPEED] = command[SENSE] * params.drive_speed_m_s
+    command[YAW_RATE] = params.yaw_gain * difference
     drive = command[SENSE] * min(drive, params.max_speed_rad_s - abs(difference))
     difference += dither
     return difference - drive, difference + drive

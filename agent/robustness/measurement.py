@@ -1,0 +1,116 @@
+"""Simulates the episodes of the robustness table, and keeps each as it comes.
+
+The worlds are `agent.robustness.axes`, the table `agent.robustness.table`; the command line is
+`cosim.robustness`.
+"""
+
+import time
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from agent.evaluation.cases import Case, Job, run_jobs
+from agent.evaluation.dynamics import tracked
+from agent.evaluation.result_file import ResultFile
+from agent.method import method_policy
+from agent.robustness.axes import AXES, Axis, Point, points
+from agent.robustness.plot import PLOT_FILE, draw
+from agent.robustness.table import (
+    MARKDOWN_FILE,
+    TABLE_FILE,
+    RobustnessReport,
+    Row,
+    markdown,
+    report_of,
+)
+from agent.training.policy import Policy
+from agent.training.settings import METHODS
+from cosim.base.params import SAFETY_MARGIN_M
+from cosim.base.progress import Progress, silent
+from cosim.base.storage import replacing, write_json
+from cosim.base.world import World
+from cosim.navigation.options import Driving
+from cosim.scenarios.file import find_scenario, in_world
+
+EPISODES, QUICK_EPISODES = 50, 2
+
+
+def robustness(
+    out: Path,
+    everything: World,
+    *,
+    scenario: str = "4",
+    axes: Collection[Axis] = AXES,
+    methods: Collection[str] = METHODS,
+    episodes: int = EPISODES,
+    seed: int = 0,
+    budget_minutes: float | None = None,
+    jobs: int = 2,
+    progress: Progress = silent,
+) -> RobustnessReport:
+    """Simulate what is missing of the table, and write it.
+
+    Args:
+        out: folder of the table, policies and results.
+        everything: the world in which nothing is ideal.
+        scenario: name or file.
+        axes: to measure.
+        methods: to measure.
+        episodes: of every row.
+        seed: of training, of the sample of starts and of what episodes draw.
+        budget_minutes: after which no episode is started.
+        jobs: threads; the results do not depend on it.
+        progress: is told what is trained and simulated.
+
+    Returns:
+        The content of robustness.json.
+
+    Raises:
+        UserError: see its message.
+    """
+    end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
+    policies = {m: _policy(m, scenario, seed, out, progress) for m in METHODS if m in methods}
+    rows: list[Row] = []
+    board = find_scenario(scenario)
+    for point in (p for axis in AXES if axis in axes for p in points(axis, board, everything)):
+        added = list(_rows(point, policies, episodes, seed, out, progress))
+        rows += added
+        files = {row.file.case.digest: row.file for row in added}
+        missing = [Job(row.file.case, k) for row in added for k in row.missing()]
+        ended = run_jobs(missing, jobs, lambda: end is None or time.monotonic() < end)
+        what = f"{point.axis}: {point.value}"
+        for job, result in tracked(ended, len(missing), progress, what):
+            files[job.case.digest].add(job.index, result)
+    report = report_of(scenario, rows)
+    write_json(out / TABLE_FILE, report)
+    with replacing(out / MARKDOWN_FILE) as temporary:
+        temporary.write_text(markdown(report) + "\n", encoding="utf-8")
+    with replacing(out / PLOT_FILE) as temporary:
+        draw(report).savefig(temporary, format="png", dpi=150)
+    return report
+
+
+def _policy(method: str, scenario: str, seed: int, out: Path, progress: Progress) -> Policy:
+    policy, *_ = method_policy(method, find_scenario(scenario), seed, progress=progress)
+    policy.save(out / "policies" / f"{policy.config.scenario.name}-{method}.npz")
+    return policy
+
+
+def _rows(
+    point: Point,
+    policies: dict[str, Policy],
+    episodes: int,
+    seed: int,
+    out: Path,
+    progress: Progress,
+) -> Iterator[Row]:
+    """Rows of a world: every method, where nothing is ideal also with the safety layer."""
+    for method, policy in policies.items():
+        scenario = policy.config.scenario
+        policy.require_scenario(in_world(scenario, point.world))
+        config, fmu = Driving().prepare(scenario.robot_diameter_m, progress, point.world)
+        margins = (0.0, SAFETY_MARGIN_M) if point.axis == "everything" else (0.0,)
+        for margin_m in margins:
+            case = Case(policy, replace(config, safety_margin_m=margin_m), fmu, seed)
+            indices = case.sample(min(episodes, len(case.starts)))
+            yield Row(point, method, indices, ResultFile(out / "results", case))

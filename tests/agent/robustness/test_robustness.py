@@ -1,0 +1,93 @@
+"""The robustness table: its worlds, how it goes on, and what it writes."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from agent.robustness.axes import AXES, points
+from agent.robustness.measurement import robustness
+from agent.robustness.plot import draw
+from agent.robustness.table import RobustnessReport, markdown
+from cosim.base.config import ConfigError
+from cosim.base.world import IDEAL
+from cosim.robustness import Robustness
+from cosim.scenarios.file import find_scenario, in_world, read_world
+
+ROUGH = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"
+BOARD = """
+columns = 14
+rows = 14
+[[robots]]
+target = [3, 6]
+starts = [[3, 7], [3, 8]]
+[[robots]]
+target = [10, 6]
+starts = [[10, 5], [10, 4]]
+"""
+
+
+def measure(out: Path, board: Path, **options) -> RobustnessReport:
+    return robustness(
+        out,
+        read_world(ROUGH),
+        scenario=str(board),
+        axes=("nothing", "delay"),
+        methods=("paper",),
+        episodes=1,
+        **options,
+    )
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("robustness") / "near.toml"
+    path.write_text(BOARD)
+    return path
+
+
+@pytest.fixture(scope="module")
+def report(board) -> RobustnessReport:
+    return measure(board.parent / "out", board)
+
+
+def test_every_axis_has_worlds_of_its_own():
+    scenario = find_scenario("4")
+    worlds = [p for axis in AXES for p in points(axis, scenario, read_world(ROUGH))]
+    assert len({repr(p.world) for p in worlds}) == len(worlds)
+    assert [p.axis for p in worlds if p.world == IDEAL] == ["nothing"]
+    for point in worlds:
+        assert in_world(scenario, point.world) == scenario
+
+
+def test_rows_are_methods_in_worlds(report, board):
+    assert report.complete
+    assert [row.axis for row in report.rows] == ["nothing", *["delay"] * 3]
+    assert len({row.digest for row in report.rows}) == len(report.rows)
+    for row in report.rows:
+        assert row.episodes == 1
+        assert row.success_low < row.success_high
+    out = board.parent / "out"
+    assert msgspec.json.decode((out / "robustness.json").read_bytes(), type=RobustnessReport)
+    assert (out / "robustness.md").read_text() == markdown(report) + "\n"
+    assert len(markdown(report).splitlines()) == 2 + len(report.rows)
+    assert (out / "robustness.png").stat().st_size > 10_000
+    assert len(draw(report).axes) == 2
+
+
+def test_it_goes_on_where_it_ended(report, board, monkeypatch):
+    def refuse(jobs, *_):
+        assert not jobs
+        return iter(())
+
+    monkeypatch.setattr("agent.robustness.measurement.run_jobs", refuse)
+    assert measure(board.parent / "out", board) == report
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"episodes": 0}, {"seed": -1}, {"budget_minutes": -1.0}, {"quick": True, "episodes": 3}],
+)
+def test_options_that_cannot_be_are_refused(options):
+    with pytest.raises(ConfigError):
+        Robustness(**options)
