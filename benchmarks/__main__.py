@@ -160,6 +160,17 @@ class Recording(Benchmark):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Sensitivity(Benchmark):
+    """Calibrate robots with other assumed parameters, one at a time, and see what changes.
+
+    Speeds at the default motor speeds and at the largest ones without hopping, and the share of
+    time in which a foot is off the floor.
+    """
+
+    jobs: Jobs = 2
+
+
+@dataclass(frozen=True, kw_only=True)
 class Steering(Benchmark):
     """Compare controllers: a straight line of 20 cm, and moves of one cell, over seeds.
 
@@ -194,6 +205,7 @@ MODULES: dict[type[Benchmark], str] = {
     MovesLearning: "moves_learning",
     Reaction: "reaction",
     Recording: "recording",
+    Sensitivity: "sensitivity",
     Steering: "steering",
     Training: "training",
 }

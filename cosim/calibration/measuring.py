@@ -109,7 +109,7 @@ def measure(
 def _measure_batch(
     config: CoSimConfig, fmu: MotorFmu, batch: list[Point], seed: np.random.SeedSequence
 ) -> np.ndarray:
-    """Columns ω_D, ω_E, forward, lateral, yaw rate, airborne share; one row per trial."""
+    """Columns ω_D, ω_E, forward, lateral, yaw rate, shares airborne and lifted; a row per trial."""
     set_points = np.array([(p.omega_d, p.omega_e) for p in batch])
     dither = config.steering.dither_rad_s * np.array([p.dithered for p in batch])
     # A difference of both magnitudes: opposite signs while turning, equal ones while driving.
@@ -127,13 +127,14 @@ def _measure_batch(
         commands[:, OMEGA_E] = set_points[:, 1] + sign * phase_rate
         trial.advance(settle)
         before = trial.bodies[:7].T.copy()
-        omega, airborne, track = [], [], [before[None]]
+        omega, airborne, lifted, track = [], [], [], [before[None]]
         for k in range(2 * ROUNDS):
             change = (dither if k % 2 == 0 else -dither)[:, None] * unequal
             commands[:, [OMEGA_D, OMEGA_E]] = set_points + change
             samples = trial.advance(half)
             omega.append(samples.omega.mean(axis=0))
             airborne.append(samples.airborne_share.mean(axis=0))
+            lifted.append(samples.lifted_share.mean(axis=0))
             track.append(np.concatenate([samples.position, samples.quaternion], axis=2))
     poses = np.concatenate(track)
     angles = heading_angles(poses[:, :, 3:7])
@@ -148,6 +149,7 @@ def _measure_batch(
             (c * moved[..., 1] - s * moved[..., 0]).sum(axis=0) / time_s,
             (angles[-1] - angles[0]) / time_s,
             np.mean(airborne, axis=0),
+            np.mean(lifted, axis=0),
         ]
     )
 

@@ -37,12 +37,14 @@ class Curve:
             towards the manoeuvre's side.
         scatter: (K,) standard deviation over phases and seeds.
         airborne_share: (K,) largest share of time in which no foot touched the floor.
+        lifted_share: (K,) mean share of time in which a foot did not.
     """
 
     omega_rad_s: np.ndarray
     mean: np.ndarray
     scatter: np.ndarray
     airborne_share: np.ndarray
+    lifted_share: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class Calibration:
         lateral_m_s: (T,) mean speed to the left of it.
         yaw_rate_rad_s: (T,) mean, counter-clockwise positive.
         airborne_share: (T,) share of time in which no foot touched the floor.
+        lifted_share: (T,) share of time in which a foot did not.
     """
 
     set_points_rad_s: np.ndarray
@@ -68,6 +71,7 @@ class Calibration:
     lateral_m_s: np.ndarray
     yaw_rate_rad_s: np.ndarray
     airborne_share: np.ndarray
+    lifted_share: np.ndarray
 
     def curve(self, manoeuvre: str, *, dithered: bool = True) -> Curve:
         """Speed or yaw rate over motor speed of one of `MANOEUVRES`."""
@@ -81,8 +85,9 @@ class Calibration:
             here = chosen & (set_speed == speed)
             value = motion[here] * signs[1]
             omega = np.abs(self.omega_rad_s[here]).mean()
-            rows.append((omega, value.mean(), value.std(), self.airborne_share[here].max()))
-        return Curve(*np.array(rows).reshape(-1, 4).T)
+            shares = self.airborne_share[here].max(), self.lifted_share[here].mean()
+            rows.append((omega, value.mean(), value.std(), *shares))
+        return Curve(*np.array(rows).reshape(-1, 5).T)
 
     @property
     def hop_free_rad_s(self) -> float:

@@ -1,0 +1,102 @@
+"""How drive speed and turn rate depend on what is assumed of feet, floor and centre of mass."""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.base.config import CoSimConfig
+from cosim.base.params import STEERING
+from cosim.base.world import World
+from cosim.calibration.cache import find_calibration
+from cosim.calibration.speed_map import Curve
+from fmus.build import cached_fmu
+
+RESTITUTIONS = (0.0, 0.1, 0.2, 0.3, 0.5)
+ROBOTS = {
+    "com_height_m": (0.010, 0.015, 0.020),
+    "foot_radius_m": (0.019, 0.021, 0.023),
+    "mu": (0.1, 0.15, 0.2, 0.3, 0.4),
+}
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the calibration of a robot says; of each pair the first is forwards, the second left.
+
+    Attributes:
+        parameter, value: what differs from the default, SI units.
+        speed: at the default motor speeds, m/s and rad/s; NaN where no trial was so fast or slow.
+        lifted_share: share of time in which a foot is off the floor, then.
+        hop_free_rad_s: largest motor speed without hopping.
+        largest: speeds at that motor speed.
+        largest_lifted_share: of the time, then.
+    """
+
+    parameter: str
+    value: float
+    speed: tuple[float, float]
+    lifted_share: tuple[float, float]
+    hop_free_rad_s: float
+    largest: tuple[float, float]
+    largest_lifted_share: tuple[float, float]
+
+
+def measure(jobs: int) -> dict[str, Any]:
+    """Calibrations along one axis at a time, those found in the cache included."""
+    default = CoSimConfig()
+    cases = [
+        ("restitution", value, default.in_world(World(restitution=value))) for value in RESTITUTIONS
+    ]
+    cases += [
+        (name, value, CoSimConfig(robot=default.robot._replace(**{name: value})))
+        for name, values in ROBOTS.items()
+        for value in values
+    ]
+    return {"rows": [asdict(_found(*case, jobs)) for case in cases]}
+
+
+def _found(parameter: str, value: float, config: CoSimConfig, jobs: int) -> Found:
+    calibration = find_calibration(config, cached_fmu(), jobs=jobs)
+    top = calibration.hop_free_rad_s
+    forwards, left = calibration.curve("forwards"), calibration.curve("left")
+    drive, turn = STEERING.forward_speed_rad_s, STEERING.turn_speed_rad_s
+    return Found(
+        parameter,
+        value,
+        (_at(forwards, drive, forwards.mean), _at(left, turn, left.mean)),
+        (_at(forwards, drive, forwards.lifted_share), _at(left, turn, left.lifted_share)),
+        top,
+        (_at(forwards, top, forwards.mean), _at(left, top, left.mean)),
+        (_at(forwards, top, forwards.lifted_share), _at(left, top, left.lifted_share)),
+    )
+
+
+def _at(curve: Curve, omega_rad_s: float, values: np.ndarray) -> float:
+    return float(np.interp(omega_rad_s, curve.omega_rad_s, values, math.nan, math.nan))
+
+
+def show(found: dict[str, Any]) -> None:
+    """Print the table."""
+    drive, turn = STEERING.forward_speed_rad_s, STEERING.turn_speed_rad_s
+    print(f"forwards in mm/s at {drive:g} rad/s, left in deg/s at {turn:g} rad/s, and the share of")
+    print("time in which a foot is off the floor; the same at the largest motor speed without hops")
+    print(f"{'parameter':14} {'value':>6} {'forwards':>15} {'left':>15} {'rad/s':>7}", end="")
+    print(f" {'forwards':>15} {'left':>15}")
+    for row in found["rows"]:
+        cells = [
+            f"{1e3 * drive:8.2f} {lifted[0]:6.1%} {math.degrees(turn):8.2f} {lifted[1]:6.1%}"
+            for (drive, turn), lifted in (
+                (row["speed"], row["lifted_share"]),
+                (row["largest"], row["largest_lifted_share"]),
+            )
+        ]
+        limit = f"{row['hop_free_rad_s']:7.1f}"
+        print(f"{row['parameter']:14} {row['value']:6.3g} {cells[0]} {limit} {cells[1]}")
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)
