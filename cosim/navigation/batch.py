@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import MotorParams
-from cosim.control.camera import NOISE, SIGHT, frames_under_way, frames_within
+from cosim.control.camera import NOISE, SIGHT, frames_in_flight, frames_within
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import (
     MOTOR_NAMES,
@@ -139,7 +139,7 @@ class Batch:
         for signals in (state.inputs, state.outputs, state.held, state.held_velocities):
             signals[:, columns] = 0.0  # nothing is left of who was there before
         state.boards[place] = scenario.size_m
-        self._make_room_for_frames(frames_under_way(config.world.sensor))
+        self._make_room_for_frames(frames_in_flight(config.world.sensor))
         self._put_obstacles(place, scenario.walls * scenario.cell_m)
         robots = range(columns.start, columns.stop)
         self._motors.restart(robots, motors or ((config.motor, config.motor),) * self.robots)
