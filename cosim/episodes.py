@@ -32,8 +32,9 @@ class Task:
         fmu: motor FMU file.
         policy: acts; what it says of values and rewards is recorded.
         starts: start cell of each robot.
-        seed: of the speed noise.
-        recorder: opens the recording, which gets every RL step; None for none.
+        seed: of the speed noise and of what the world draws.
+        recorder: opens the recording of an episode that has begun, which gets every RL step; None
+            for none.
         watch: sees every RL step, the episode, and the wall-clock time that it took so far, in s.
         driver: of the co-simulation.
     """
@@ -44,12 +45,12 @@ class Task:
     policy: SupportsAct
     starts: tuple[Cell, ...]
     seed: np.random.SeedSequence
-    recorder: Callable[[], EpisodeRecorder] | None = None
+    recorder: Callable[[RunningEpisode], EpisodeRecorder] | None = None
     watch: Callable[[Step, RunningEpisode, float], None] = lambda step, episode, wall_s: None
     driver: str = "compiled"
 
     @property
-    def batch_key(self) -> tuple[CoSimConfig, Path, str, int]:
+    def batch_key(self) -> tuple[object, ...]:
         """Equal for tasks that can share a batch."""
         return shared(self.config), self.fmu, self.driver, self.scenario.robots
 
@@ -63,7 +64,7 @@ class _Attended:
         self._wall_s = 0.0
         self.episode = batch.begin(place, task.scenario, task.starts, task.seed, task.config)
         self._open = contextlib.ExitStack()
-        self._recorder = task.recorder and self._open.enter_context(task.recorder())
+        self._recorder = task.recorder and self._open.enter_context(task.recorder(self.episode))
 
     def act(self) -> np.ndarray:
         return self._task.policy.act(self.episode.observation)

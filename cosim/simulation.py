@@ -91,11 +91,20 @@ def simulate(
     folder = tempfile.TemporaryDirectory(prefix="minirobots-")
     path = Path(folder.name) / "episode.rrd"
 
-    def recorder() -> EpisodeRecorder:
+    def recorder(episode: RunningEpisode) -> EpisodeRecorder:
         identity = f"{scenario.name}-{seed}-0"
         facts = episode_facts(scenario, seed, fmu, 0, starts, driver)
         maps = getattr(policy, "maps", list)()
-        return EpisodeRecorder(path, scenario, config, identity, facts, level=record, policies=maps)
+        return EpisodeRecorder(
+            path,
+            scenario,
+            config,
+            identity,
+            facts,
+            level=record,
+            policies=maps,
+            drawn=episode.drawn,
+        )
 
     task = Task(scenario, fmu, config, policy, starts, noise_seed, recorder, watch, driver)
     for _ in simulate_tasks([task], 1):

@@ -18,6 +18,7 @@ from agent.training.policy import Policy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
+from cosim.base.world import Drawn
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.result import EpisodeResult
 from cosim.recording.episode import EpisodeRecorder
@@ -112,12 +113,13 @@ class Case:
         """Start cell of each robot."""
         return tuple((int(x), int(y)) for x, y in self.starts[index])
 
-    def recorder(self, path: Path, index: int) -> EpisodeRecorder:
+    def recorder(self, path: Path, index: int, drawn: Drawn) -> EpisodeRecorder:
         """Recorder of the episode from a start."""
         scenario = self.policy.config.scenario
         facts = episode_facts(scenario, self.seed, self.fmu, index, self.start_cells(index))
         facts["train_episodes"] = self.policy.episodes
-        return EpisodeRecorder(path, scenario, self.config, f"{self.digest}-{index}", facts)
+        identity = f"{self.digest}-{index}"
+        return EpisodeRecorder(path, scenario, self.config, identity, facts, drawn=drawn)
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,9 @@ class Job:
             case.policy,
             case.start_cells(self.index),
             np.random.SeedSequence(case.seed, spawn_key=(_NOISE, self.index)),
-            None if path is None else lambda: case.recorder(path, self.index),
+            None
+            if path is None
+            else lambda episode: case.recorder(path, self.index, episode.drawn),
         )
 
 

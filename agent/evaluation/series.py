@@ -123,7 +123,7 @@ class Series:
             total = episode.time_s if step.outcome else self.config.timing.episode_limit_s
             self.progress(f"episode {number}", episode.time_s, total, state)
 
-        def recorder() -> EpisodeRecorder:
+        def recorder(episode: RunningEpisode) -> EpisodeRecorder:
             assert self.record != "none"
             return EpisodeRecorder(
                 self._recording(number),
@@ -134,6 +134,7 @@ class Series:
                 level=self.record,
                 viewer=self.viewer,
                 policies=self.policy.maps(),
+                drawn=episode.drawn,
             )
 
         return Task(

@@ -22,7 +22,7 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.storage import cache_dir, cached
 from cosim.control.steering import DRIVE, HOLD
-from cosim.navigation.batch import Batch, shared
+from cosim.navigation.batch import Batch
 from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
 from cosim.scenarios.scenario import Scenario
@@ -157,7 +157,7 @@ def observe_moves(
     target = math.ceil(moves_per_kind / walks)
     done = [0] * walks
     endless = config.timing._replace(episode_limit_s=1e9)
-    driving = shared(replace(config, timing=endless))
+    driving = replace(config, timing=endless, safety_margin_m=0.0)
 
     def walk(numbers: range) -> list[list[Move]]:
         walkers: list[_Walker] = []

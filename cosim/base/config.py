@@ -102,7 +102,7 @@ class CoSimConfig:
             "rl_step_s", self.timing.rl_step_s, "control_period_s", self.timing.control_period_s
         )
         whole_ratio("hold_s", self.noise.hold_s, "control_period_s", self.timing.control_period_s)
-        limit = lift_off_speed(self.robot, self.motor)
+        limit = self.lift_off_rad_s
         for name in (
             "forward_speed_rad_s",
             "backward_speed_rad_s",
@@ -168,6 +168,12 @@ class CoSimConfig:
             noise = noise._replace(relative_amplitude=world.motor_speed_noise)
         rest = msgspec.structs.replace(world, mu=None, motor_speed_noise=None, obstacles=())
         return replace(self, robot=robot, noise=noise, world=rest)
+
+    @property
+    def lift_off_rad_s(self) -> float:
+        """Motor speed that lifts the robot with its payload off a level floor."""
+        mass_kg = self.robot.mass_kg + 1e-3 * self.world.payload_g
+        return lift_off_speed(self.robot._replace(mass_kg=mass_kg), self.motor)
 
     @property
     def ticks_per_step(self) -> int:

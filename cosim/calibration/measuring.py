@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.config import CoSimConfig
-from cosim.base.params import lift_off_speed
 from cosim.base.progress import Progress, silent
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
 from cosim.calibration.trial import Trial, heading_angles
@@ -41,7 +40,7 @@ class Point(NamedTuple):
 
 def points(config: CoSimConfig) -> list[Point]:
     """All trials of a calibration."""
-    top = lift_off_speed(config.robot, config.motor)
+    top = config.lift_off_rad_s
     found: list[Point] = []
     for share in SPEEDS:
         speed = share * top

@@ -25,7 +25,7 @@ from cosim.coupling.calls import (
     set_inputs,
     step_motors,
 )
-from cosim.coupling.plant import Plant, begin_period, begin_step, push_pairs, react, step_robots
+from cosim.coupling.plant import Plant, begin_period, begin_step, push_bodies, react, step_robots
 from cosim.coupling.sampling import end_period, restore_ended, sample_tick
 from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.physics.lanes import Width, width_of
@@ -87,7 +87,7 @@ class ReferenceDriver:
         for k in range(count):
             for column in np.flatnonzero(state.busy).tolist():
                 step_robots(plant, state, column, k, _ONE)
-            push_pairs(plant, state)
+            push_bodies(plant, state)
             if tick + k < len(raw.omega):
                 sample_tick(plant, state, raw, tick + k)
         if plant.reaction:
@@ -163,7 +163,7 @@ def run_periods(
                         if status > FMI_WARNING:
                             return status, instance
                     step_robots(plant, state, column, k, width)
-                push_pairs(plant, state)
+                push_bodies(plant, state)
                 if tick < raw.omega.shape[0]:
                     sample_tick(plant, state, raw, tick)
                 tick += 1

@@ -26,11 +26,17 @@ from cosim.coupling.signals import (
 )
 from cosim.physics.body import at_axis, stepped
 from cosim.physics.body_state import read_body, write_body
-from cosim.physics.collision import PairParams, find_near_pairs, push_apart
+from cosim.physics.collision import (
+    PairParams,
+    find_near_obstacles,
+    find_near_pairs,
+    push_apart,
+    push_off,
+)
 from cosim.physics.contact import Impulse
 from cosim.physics.forces import MotorMount, motor_wrench
 from cosim.physics.lanes import Width, load, select, store, width_of
-from cosim.physics.properties import BodyParams, read_mount, read_params
+from cosim.physics.properties import BodyParams, feel_patches, read_mount, read_params
 from cosim.physics.rotation import Vector, dot, heading, rotation_matrix, to_body
 from cosim.physics.trig import sine_cosine
 
@@ -48,9 +54,8 @@ class Plant(NamedTuple):
         mount_d, mount_e: motors D and E, likewise.
         steering: gains and speeds.
         estimator: of every robot.
-        pair: contact between robots.
-        end_on_collision: whether a contact between robots is a COLLISION that ends the run; one
-            with an obstacle always is.
+        pair: contact of robots with each other and with obstacles.
+        end_on_collision: whether such a contact is a COLLISION that ends the run.
         ticks_per_period: ticks of dt per control period.
         ticks_per_step: ticks of dt per communication step with the FMUs.
         jacobi: bodies see the motors' outputs of the start of a step (extrapolated), not of its
@@ -93,7 +98,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, width: Width) ->
     for column in range(columns):
         state.touching[column] = 0.0
         state.busy[column] = 0
-    near = 0
+    near = walls = 0
     for episode in range(state.running.shape[0]):
         first = episode * robots
         for column in range(first, first + robots):
@@ -105,9 +110,16 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, width: Width) ->
             state.inputs[0, column], state.inputs[1, column] = omega_d, omega_e
             state.inputs[2, column], state.inputs[3, column] = noise[column, 0], noise[column, 1]
             state.busy[column - column % len(width)] = 1
+            walls = find_near_obstacles(
+                state.bodies, column, state.obstacles[episode], plant.pair, state.near_walls, walls
+            )
+            if state.patches.shape[1]:
+                feel_patches(
+                    state.properties, state.bodies, column, state.patches[episode], plant.body
+                )
         if state.running[episode]:
             near = find_near_pairs(state.bodies, first, robots, plant.pair, state.near, near)
-    state.near_count[0] = near
+    state.near_count[0], state.near_count[1] = near, walls
 
 
 @inlined
@@ -242,14 +254,30 @@ def _count(statistics: np.ndarray, row: int, column: int, width: Width, holds: b
 
 
 @inlined
-def push_pairs(plant: Plant, state: State) -> None:
-    """Apply the contact impulses between robots at the end of a tick."""
+def push_bodies(plant: Plant, state: State) -> None:
+    """Apply the contact impulses of robots and obstacles at the end of a tick."""
     inverse_dt = plant.body.inverse_dt
     for k in range(state.near_count[0]):
         i, j = state.near[k, 0], state.near[k, 1]
         if push_apart(state.bodies, state.properties, i, j, plant.pair, inverse_dt) > 0.0:
-            state.touching[i] += 1.0
-            state.touching[j] += 1.0
+            state.touched[i] = state.touched[j] = 1
+    for k in range(state.near_count[1]):
+        i, j = state.near_walls[k, 0], state.near_walls[k, 1]
+        wall = state.obstacles[i // plant.robots, j]
+        if push_off(state.bodies, state.properties, i, wall, plant.pair, inverse_dt) > 0.0:
+            state.touched[i] = 1
+    for k in range(state.near_count[0]):
+        _count_contact(state, state.near[k, 0])
+        _count_contact(state, state.near[k, 1])
+    for k in range(state.near_count[1]):
+        _count_contact(state, state.near_walls[k, 0])
+
+
+@inlined
+def _count_contact(state: State, column: int) -> None:
+    """Count this tick, once however much the robot touches in it."""
+    state.touching[column] += state.touched[column]
+    state.touched[column] = 0
 
 
 @inlined

@@ -20,7 +20,6 @@ from cosim.coupling.signals import (
     Samples,
     State,
 )
-from cosim.physics.collision import touches_obstacle
 from cosim.physics.rotation import heading
 
 
@@ -45,7 +44,7 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
 def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
     """Sample the end of a control period, and end the episodes in which something happened.
 
-    Board and obstacles are looked at here: robots move by some micrometres within a period.
+    The board is looked at here: robots move by some micrometres within a period.
 
     Args:
         plant: constants.
@@ -82,12 +81,9 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
 def _event(plant: Plant, state: State, episode: int, column: int) -> int:
     """RUNNING, COLLISION or OUT_OF_BOARD of one robot."""
     x, y = state.bodies[0, column], state.bodies[1, column]
-    radius = 0.5 * plant.pair.diameter
     if not (0.0 <= x <= state.boards[episode, 0] and 0.0 <= y <= state.boards[episode, 1]):
         return OUT_OF_BOARD
-    if touches_obstacle(x, y, radius * radius, state.obstacles[episode]) or (
-        plant.end_on_collision and state.touching[column] > 0.0
-    ):
+    if plant.end_on_collision and state.touching[column] > 0.0:
         return COLLISION
     return RUNNING
 

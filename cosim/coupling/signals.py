@@ -46,9 +46,11 @@ class State(NamedTuple):
         statistics: (STATISTICS, B) of this control period: of each foot the largest normal impulse
             in N s, the largest friction impulse, squared, in N² s², and ticks in which it slid;
             ticks in which a foot carried nothing, and in which no foot carried anything.
-        touching: (B,) ticks of this period in which another robot was touched.
+        touching: (B,) ticks of this period in which another robot or an obstacle was touched.
+        touched: (B,) int64, whether that is so in this tick.
         near: (K N (N − 1) / 2, 2) int64, columns of pairs that may touch in this period.
-        near_count: (1,) int64, how many they are.
+        near_walls: (B M, 2) int64, columns and obstacles that may touch in this period.
+        near_count: (2,) int64, how many pairs and how many of the latter there are.
         busy: (B,) int64, of the first column of every vector whether an episode goes on in it.
         running: (K,) int64, whether an episode goes on.
         periods: (K,) int64, control periods that an episode has done in this advance.
@@ -58,6 +60,8 @@ class State(NamedTuple):
         boards: (K, 2) extent of each episode's board in m, its corner at the origin.
         obstacles: (K, M, 4) rectangles left, bottom, right, top in m, which stay; infinitely far
             where an episode has fewer.
+        patches: (K, P, 5) rectangles of the floor and their friction coefficients, likewise; later
+            ones cover earlier ones.
     """
 
     estimates: np.ndarray
@@ -74,7 +78,9 @@ class State(NamedTuple):
     electrical: np.ndarray
     statistics: np.ndarray
     touching: np.ndarray
+    touched: np.ndarray
     near: np.ndarray
+    near_walls: np.ndarray
     near_count: np.ndarray
     busy: np.ndarray
     running: np.ndarray
@@ -83,6 +89,7 @@ class State(NamedTuple):
     ended: np.ndarray
     boards: np.ndarray
     obstacles: np.ndarray
+    patches: np.ndarray
 
 
 class Samples(NamedTuple):
@@ -102,7 +109,8 @@ class Samples(NamedTuple):
             weight and friction was at its limit.
         lifted_share: (n, N) share of the period in which a foot carried nothing.
         airborne_share: (n, N) share of the period in which no foot carried anything.
-        touching_share: (n, N) share of the period in which another robot was touched.
+        touching_share: (n, N) share of the period in which another robot or an obstacle was
+            touched.
         heading_error: (n, N), rad.
         mode: (n, N) of the steering.
         estimate: (n, N, 3) where the robot thought it was in the period: x, y in m, heading in rad.
@@ -174,8 +182,10 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         np.zeros((columns, COMMAND_SIZE)),
         *(_aligned(count, columns) for count in rows),
         touching=np.zeros(columns),
+        touched=whole(columns),
         near=whole(episodes * robots * (robots - 1) // 2, 2),
-        near_count=whole(1),
+        near_walls=whole(0, 2),
+        near_count=whole(2),
         busy=whole(columns),
         running=whole(episodes),
         periods=whole(episodes),
@@ -183,7 +193,22 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         ended=bodies.copy(),
         boards=np.full((episodes, 2), np.inf),
         obstacles=np.empty((episodes, 0, 4)),
+        patches=np.empty((episodes, 0, 5)),
     )
+
+
+def with_room(state: State, obstacles: int, patches: int) -> State:
+    """The state with room for at least so many obstacles and patches of every episode."""
+
+    def enlarged(rectangles: np.ndarray, count: int) -> np.ndarray:
+        episodes, present, size = rectangles.shape
+        missing = np.full((episodes, max(0, count - present), size), np.inf)
+        return np.concatenate([rectangles, missing], axis=1)
+
+    walls = enlarged(state.obstacles, obstacles)
+    near = np.zeros((state.bodies.shape[1] * walls.shape[1], 2), dtype=np.int64)
+    floor = enlarged(state.patches, patches)
+    return state._replace(obstacles=walls, near_walls=near, patches=floor)
 
 
 def _aligned(rows: int, columns: int) -> np.ndarray:

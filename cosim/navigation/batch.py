@@ -5,14 +5,13 @@ judged. An episode that has ended leaves its place to another one at the next RL
 of an episode depends neither on who shares the batch nor on the number of lanes.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.params import MotorParams
 from cosim.control.camera import NOISE, SIGHT, frames_in_flight, frames_within
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import (
@@ -24,7 +23,7 @@ from cosim.coupling.assembly import (
 )
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver, Driver, ReferenceDriver
-from cosim.coupling.signals import new_raw_samples, new_samples, new_state
+from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
 from cosim.navigation.episode import RunningEpisode, Step
 from cosim.physics.lanes import host_lanes
 from cosim.scenarios.scenario import Cell, Scenario
@@ -42,16 +41,29 @@ def _driver(name: str, motors: Motors, lanes: int) -> Driver:
     return {"reference": ReferenceDriver, "adaptive": AdaptiveDriver}[name](motors)
 
 
-def shared(config: CoSimConfig) -> CoSimConfig:
-    """What episodes of a batch have in common of a configuration: all but the safety margin."""
-    return replace(config, safety_margin_m=0.0)
+def shared(config: CoSimConfig) -> tuple[Any, ...]:
+    """What episodes of a batch have in common of a configuration.
+
+    That is all but the safety margin, the world, the floor's friction and the speed noise.
+    """
+    return (
+        config.robot._replace(mu=0.0),
+        config.motor,
+        config.noise.hold_s,
+        config.timing,
+        config.steering,
+        config.estimator,
+        config.order,
+        config.reaction,
+        config.on_collision,
+    )
 
 
 class Batch:
     """Places for K episodes of N robots each, advanced together in RL steps.
 
     Attributes:
-        config: of all episodes, but for the margin of the safety layer.
+        config: of episodes that are begun without one.
         episodes: K of them, None where none has begun.
         robots: N.
 
@@ -87,7 +99,7 @@ class Batch:
             )
         fmu = MotorFmu(motor_fmu)
         check_motors(fmu, config, places * robots, adaptive=driver == "adaptive")
-        self.config = shared(config)
+        self.config = config
         self.robots = robots
         if driver != "compiled":
             lanes = 1
@@ -108,7 +120,6 @@ class Batch:
         starts: tuple[Cell, ...],
         seed: np.random.SeedSequence,
         config: CoSimConfig | None = None,
-        motors: Sequence[tuple[MotorParams, MotorParams]] | None = None,
     ) -> RunningEpisode:
         """Begin an episode, motors at rest; one that was there is given up.
 
@@ -116,9 +127,9 @@ class Batch:
             place: from 0 to K − 1.
             scenario: of N robots.
             starts: start cell of each robot.
-            seed: of the speed noise; every motor gets a child of its own.
-            config: with the episode's margin of the safety layer; default the batch's.
-            motors: D and E of each robot; default the configuration's.
+            seed: of the speed noise, of which every motor gets a child of its own, and of the
+                world.
+            config: of the episode, see `shared`; default the batch's.
 
         Raises:
             ConfigError: the configuration or the number of robots is not that of the batch, or the
@@ -126,8 +137,11 @@ class Batch:
             FmuError: the FMU refuses to be initialised.
         """
         config = config or self.config
-        if shared(config) != self.config:
-            raise ConfigError("an episode differs from its batch by more than the safety margin")
+        if shared(config) != shared(self.config):
+            raise ConfigError(
+                "an episode differs from its batch by more than its world and the safety margin; "
+                "make another batch for it"
+            )
         if scenario.robots != self.robots:
             raise ConfigError(
                 f"scenario {scenario.name} has {scenario.robots} robots, a place of the batch "
@@ -140,22 +154,22 @@ class Batch:
             signals[:, columns] = 0.0  # nothing is left of who was there before
         state.boards[place] = scenario.size_m
         self._make_room_for_frames(frames_in_flight(config.world.sensor))
-        self._put_obstacles(place, scenario.walls * scenario.cell_m)
-        robots = range(columns.start, columns.stop)
-        self._motors.restart(robots, motors or ((config.motor, config.motor),) * self.robots)
+        self._put_rectangles(place, scenario, config)
         episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
+        self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors)
         self._state.running[place] = 1
         self.episodes[place] = episode
         return episode
 
-    def _put_obstacles(self, place: int, rectangles: np.ndarray) -> None:
-        obstacles = self._state.obstacles
-        if len(rectangles) > obstacles.shape[1]:
-            larger = np.full((len(obstacles), len(rectangles), 4), np.inf)
-            larger[:, : obstacles.shape[1]] = obstacles
-            self._state = self._state._replace(obstacles=larger)
-        self._state.obstacles[place] = np.inf
-        self._state.obstacles[place, : len(rectangles)] = rectangles
+    def _put_rectangles(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
+        walls, patches = scenario.walls * scenario.cell_m, config.world.mu_patches
+        self._state = with_room(self._state, len(walls), len(patches))
+        self._state.obstacles[place] = self._state.patches[place] = np.inf
+        self._state.obstacles[place, : len(walls)] = walls
+        for k, patch in enumerate(patches):
+            left, bottom, right, top = patch.cells
+            corners = scenario.cell_m * np.array([left, bottom, right + 1, top + 1])
+            self._state.patches[place, k] = *corners, patch.mu
 
     def _make_room_for_frames(self, frames: int) -> None:
         columns, present, size = self._state.frames.shape

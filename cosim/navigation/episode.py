@@ -14,11 +14,11 @@ import numpy as np
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, RUNNING, Outcome
 from cosim.base.params import SAFETY_MARGIN_M
-from cosim.base.world import CAMERA_CHILD, generator
+from cosim.base.world import CAMERA_CHILD, draw_world, generator, gravity
 from cosim.control.camera import camera_of, draw_sight
 from cosim.control.estimation import POSE
 from cosim.control.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
-from cosim.coupling.assembly import draw_noise, noise_generators
+from cosim.coupling.assembly import draw_noise, noise_generators, robot_properties
 from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.navigation.features import (
     DIRECTION_COUNT,
@@ -77,6 +77,7 @@ class RunningEpisode:
 
     Attributes:
         scenario, config: as given.
+        drawn: what the episode has drawn from its world.
         outcome: RUNNING before its end.
         time_s: simulated time.
         observation: what a policy sees now.
@@ -101,10 +102,15 @@ class RunningEpisode:
             state: of the co-simulation.
             columns: those of the episode's robots.
             starts: start cell of each robot.
-            seed: of the speed noise; every motor gets a child of its own.
+            seed: of the speed noise, of which every motor gets a child of its own, and of the
+                world.
         """
         n = scenario.robots
         self.scenario, self.config = scenario, config
+        self.drawn = draw_world(config.world, config.motor, n, seed)
+        down = gravity(config.world, self.drawn, config.motor.g)
+        for column, motors in enumerate(self.drawn.motors, columns.start):
+            state.properties[:, column] = robot_properties(config, down, motors)
         self._board = board_of(scenario)
         self._thresholds = distance_thresholds(scenario)
         self._targets = np.array(scenario.targets)

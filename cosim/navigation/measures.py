@@ -30,7 +30,7 @@ class Measures:
             periods: with the default noise, to which the voltage answers within a period, some
             5 % less than at every tick.
         regenerated_j: (N,) ∫ max(−V i, 0) dt, what is lost by that (0.5 % of a driving motor's).
-        contact_time_s: time in which any two robots touched.
+        contact_time_s: time in which any robot touched another one or an obstacle.
     """
 
     def __init__(self, positions_m: np.ndarray, control_period_s: float) -> None:
@@ -96,7 +96,7 @@ def _add(
         path_length_m, energy_j, regenerated_j: (N,), added to.
 
     Returns:
-        Smallest distance of two robots in m, and time in s in which any two touched.
+        Smallest distance of two robots in m, and time in s in which any touched something.
     """
     periods, robots = touching.shape
     least = np.inf

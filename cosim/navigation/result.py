@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 
 from cosim.base.outcome import Outcome
+from cosim.base.world import Drawn
 from cosim.navigation.episode import RunningEpisode
 from cosim.scenarios.scenario import Cell
 
@@ -21,13 +22,14 @@ class EpisodeResult(msgspec.Struct, frozen=True):
         recording: its path relative to the output folder, None if there is none.
         starts: start cell of each robot.
         path_length_cm_by_robot: of each robot.
-        contact_time_s: time in which any two robots touched.
+        contact_time_s: time in which any robot touched another one or an obstacle.
         min_distance_cm: smallest distance between the centres of two robots, None for one alone.
         energy_j: drawn by the motors of all robots, see `cosim.navigation.measures`.
         energy_j_by_robot: of each robot.
         conflicts: decisions that the safety layer changed, or would have changed if it were on
             (`cosim.navigation.safety`). An episode without conflicts is, bit for bit, the same with
             the layer off and on at its default margin.
+        drawn: what the episode has drawn from its world, None if that draws nothing.
     """
 
     outcome: Outcome
@@ -42,6 +44,7 @@ class EpisodeResult(msgspec.Struct, frozen=True):
     energy_j: float
     energy_j_by_robot: tuple[float, ...]
     conflicts: int
+    drawn: Drawn | None = None
 
     @property
     def wall_s(self) -> float:
@@ -74,4 +77,5 @@ def result_of(episode: RunningEpisode, starts: tuple[Cell, ...], wall_s: float) 
         energy_j=round(sum(energies), _DIGITS),
         energy_j_by_robot=energies,
         conflicts=episode.conflicts,
+        drawn=episode.drawn if episode.config.world.draws else None,
     )

@@ -1,6 +1,6 @@
-"""Robots against robots: upright cylinders, rigid, Coulomb friction, inelastic.
+"""Robots against robots and obstacles: upright cylinders, rigid, Coulomb friction, inelastic.
 
-A pair in contact gets one impulse per tick, after the floor contacts; the feet answer in the next
+What is in contact gets one impulse per tick, after the floor contacts; the feet answer in the next
 tick. The line of contact is taken as a point at the height of the centre of mass (assumed), so
 that a push does not tip, and the axes as vertical: a robot tilts by less than a milliradian.
 """
@@ -17,17 +17,17 @@ from cosim.scenarios.scenario import touches_obstacle as definition
 
 touches_obstacle = inlined(definition)  # whether a robot touches an obstacle, for kernels
 
-# Pairs within this distance of contact are checked every tick, the others once per control period:
+# What is within this distance of contact is checked every tick, the rest once per control period:
 # robots slower than 1 m/s cannot close it within 1 ms.
 NEAR_M = 2e-3
 
 
 class PairParams(NamedTuple):
-    """Contact between two robots.
+    """Contact of robots.
 
     Attributes:
         diameter: of each robot in m.
-        mu: friction coefficient between robots.
+        mu: friction coefficient between robots, and between robots and obstacles (assumed).
     """
 
     diameter: float
@@ -106,4 +106,85 @@ def push_apart(
     bodies[8, b] += jy * mass_b
     bodies[12, a] -= spin_a * friction
     bodies[12, b] -= spin_b * friction
+    return impulse
+
+
+@inlined
+def find_near_obstacles(
+    bodies: np.ndarray,
+    column: int,
+    obstacles: np.ndarray,
+    pair: PairParams,
+    near: np.ndarray,
+    count: int,
+) -> int:
+    """Write the obstacles that a robot may touch soon.
+
+    Args:
+        bodies: (STATE_SIZE, B).
+        column: of the robot.
+        obstacles: (M, 4) rectangles left, bottom, right, top in m.
+        pair: contact parameters.
+        near: (P, 2) int64, column and obstacle, written from row `count` on.
+        count: rows written before.
+
+    Returns:
+        Number of rows written until now.
+    """
+    reach = 0.5 * pair.diameter + NEAR_M
+    for k in range(len(obstacles)):
+        dx, dy = _away(bodies, column, obstacles[k])
+        if dx * dx + dy * dy < reach * reach:
+            near[count, 0], near[count, 1] = column, k
+            count += 1
+    return count
+
+
+@inlined
+def _away(bodies: np.ndarray, column: int, rectangle: np.ndarray) -> tuple[float, float]:
+    """From the closest point of a rectangle to the centre of a robot, m."""
+    x, y = bodies[0, column], bodies[1, column]
+    dx = x - min(max(x, rectangle[0]), rectangle[2])
+    return dx, y - min(max(y, rectangle[1]), rectangle[3])
+
+
+@inlined
+def push_off(
+    bodies: np.ndarray,
+    properties: np.ndarray,
+    column: int,
+    rectangle: np.ndarray,
+    pair: PairParams,
+    inverse_dt: float,
+) -> float:
+    """Apply the contact impulse of an obstacle, which stays, to a robot, in place.
+
+    Args:
+        bodies: (STATE_SIZE, B).
+        properties: (PROPERTIES, B), see `cosim.physics.properties`.
+        column: of the robot, whose centre is not in the obstacle.
+        rectangle: left, bottom, right, top in m.
+        pair: contact parameters.
+        inverse_dt: of the tick, 1/s.
+
+    Returns:
+        The normal impulse in N s, 0 if they do not touch.
+    """
+    dx, dy = _away(bodies, column, rectangle)
+    distance = math.sqrt(dx * dx + dy * dy)
+    nx, ny = dx / distance, dy / distance  # to the robot; the tangent is (−ny, nx)
+    radius = 0.5 * pair.diameter
+    vx, vy = bodies[7, column], bodies[8, column]
+    excess = vx * nx + vy * ny - allowed_approach(distance - radius, inverse_dt)
+    if excess >= 0.0:
+        return 0.0
+    inverse_mass = properties[INVERSE_MASS, column]
+    spin = radius * properties[INVERSE_INERTIA + 2, column]  # per impulse
+    impulse = -excess / inverse_mass
+    slip = vy * nx - vx * ny - radius * bodies[12, column]
+    limit = pair.mu * impulse
+    friction = min(limit, max(-limit, -slip / (inverse_mass + radius * spin)))
+    bodies[7, column] += inverse_mass * (impulse * nx - friction * ny)
+    bodies[8, column] += inverse_mass * (impulse * ny + friction * nx)
+    bodies[12, column] -= spin * friction
     return impulse

@@ -14,7 +14,7 @@ from cosim.physics.contact import CONTACT_TOLERANCE, ContactParams, contact_para
 from cosim.physics.forces import MotorMount
 from cosim.physics.lanes import Width, any_lane, load
 from cosim.physics.mass import mass_of
-from cosim.physics.rotation import Vector
+from cosim.physics.rotation import Vector, dot, rotation_matrix
 
 # Rows of the properties, in SI units; of vectors the first one. Names are those of `BodyParams`,
 # `ContactParams` and `MotorMount`.
@@ -171,6 +171,33 @@ def read_mount(
         common.z,
         common.sin_phi,
     )
+
+
+@inlined
+def feel_patches(
+    properties: np.ndarray, bodies: np.ndarray, column: int, patches: np.ndarray, common: BodyParams
+) -> None:
+    """Put the friction coefficients that are under a robot's feet among its properties.
+
+    Args:
+        properties: (PROPERTIES, B), layout above; rows MU change.
+        bodies: (STATE_SIZE, B), layout in `cosim.physics.body_state`.
+        column: of the robot.
+        patches: (P, 5) left, bottom, right, top in m, and mu; later ones cover earlier ones.
+        common: with the feet.
+    """
+    axes = rotation_matrix(
+        (bodies[3, column], bodies[4, column], bodies[5, column], bodies[6, column])
+    )
+    feet = (common.contact.a, common.contact.b, common.contact.c)
+    for k in range(len(feet)):
+        x, y, z = feet[k]
+        arm = (x - properties[CENTRE, column], y - properties[CENTRE + 1, column], z)
+        at_x, at_y = bodies[0, column] + dot(axes[0], arm), bodies[1, column] + dot(axes[1], arm)
+        properties[MU + k, column] = properties[FLOOR_MU, column]
+        for p in range(len(patches)):
+            if patches[p, 0] <= at_x < patches[p, 2] and patches[p, 1] <= at_y < patches[p, 3]:
+                properties[MU + k, column] = patches[p, 4]
 
 
 @inlined

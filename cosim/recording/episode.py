@@ -10,10 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 import rerun as rr
 
 from cosim.base.config import CoSimConfig
+from cosim.base.world import Drawn
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.navigation.episode import Step
 from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS, Observation
@@ -58,6 +60,7 @@ class EpisodeRecorder:
         level: how much is recorded.
         viewer: address of a running viewer that gets the same data, if any.
         policies: what each robot's policy says of each cell, to be drawn on the floor.
+        drawn: what the episode has drawn from its world, if that draws anything.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -74,7 +77,10 @@ class EpisodeRecorder:
         level: Level = "default",
         viewer: str | None = None,
         policies: Sequence[PolicyMap] = (),
+        drawn: Drawn | None = None,
     ) -> None:
+        if config.world.draws and drawn is not None:
+            facts = facts | {"drawn": msgspec.to_builtins(drawn)}
         self._names = robot_names(scenario.robots)
         self._config, self._detail = config, DETAILS[level]
         camera = config.world.sensor.rate_hz > 0.0

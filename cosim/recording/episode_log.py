@@ -27,6 +27,8 @@ from cosim.scenarios.scenario import Scenario, touches_obstacle
 
 # Vibrating robots part and meet many times a second; that is one contact.
 NEW_CONTACT_S = 0.5
+# Of all that touch something, those so near each other (over the distance at contact) do.
+REACH = 1.02
 
 
 class Line(NamedTuple):
@@ -62,7 +64,9 @@ class EpisodeLog:
         self._names = robot_names(scenario.robots)
         self._walls_m = scenario.walls * scenario.cell_m
         self._moving = np.zeros(scenario.robots, dtype=bool)
-        self._touched_s = dict.fromkeys(combinations(range(scenario.robots), 2), -np.inf)
+        robots = range(scenario.robots)
+        self._touched_s = dict.fromkeys(combinations(robots, 2), -np.inf)
+        self._obstacle_s = np.full(scenario.robots, -np.inf)
 
     def lines(self, step: Step, reward: np.ndarray) -> list[Line]:
         """Lines of an RL step in the order of time.
@@ -79,7 +83,7 @@ class EpisodeLog:
             for robot in np.flatnonzero(step.decided)
             for told in self._decision(step, int(robot))
         ]
-        lines += self._contacts(step, start_s)
+        lines += sorted([*self._contacts(step, start_s), *self._obstacles(step, start_s)])
         failed = step.outcome in ("collision", "out_of_board") and step.action >= 0
         for robot in np.flatnonzero(step.completed | failed):
             where = tuple(step.after.cells[robot].tolist())
@@ -107,11 +111,10 @@ class EpisodeLog:
         text = f"{name} gives its move up after {self._config.timing.move_limit_s:g} s"
         return [("WARN", text, entity, GIVEN_UP), decided]
 
-    def _contacts(self, step: Step, start_s: float) -> list[Line]:
+    def _contacts(self, step: Step, start_s: float) -> Iterator[Line]:
         """Pairs that begin to touch, and how far apart their centres are."""
         touching, position = step.samples.touching_share > 0.0, step.samples.position[..., :2]
-        reach_m = 1.02 * self._config.robot.diameter_m  # of all that touch, those near each other
-        lines = []
+        reach_m = REACH * self._config.robot.diameter_m
         for i, j in self._touched_s:
             both = np.flatnonzero(touching[:, i] & touching[:, j])
             for period in both:
@@ -125,9 +128,27 @@ class EpisodeLog:
                         f"centres {100.0 * distance_m:.2f} cm apart, diameter "
                         f"{100.0 * self._config.robot.diameter_m:.2f} cm"
                     )
-                    lines.append(Line(time_s, step.number, "WARN", text))
+                    yield Line(time_s, step.number, "WARN", text)
                 self._touched_s[i, j] = time_s
-        return sorted(lines)
+
+    def _obstacles(self, step: Step, start_s: float) -> Iterator[Line]:
+        """Robots that begin to touch an obstacle, and where."""
+        for robot, period in np.argwhere((step.samples.touching_share > 0.0).T).tolist():
+            x, y = step.samples.position[period, robot, :2]
+            if not self._at_obstacle(x, y):
+                continue
+            time_s = start_s + (period + 1) * self._config.timing.control_period_s
+            if time_s - self._obstacle_s[robot] > NEW_CONTACT_S:
+                place = f"({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
+                text = (
+                    f"{self._names[robot]} touches an obstacle at {time_s:.3f} s: centre at {place}"
+                )
+                yield Line(time_s, step.number, "WARN", text)
+            self._obstacle_s[robot] = time_s
+
+    def _at_obstacle(self, x: float, y: float) -> bool:
+        reach_m = REACH * self._config.robot.diameter_m / 2.0
+        return bool(touches_obstacle(x, y, reach_m**2, self._walls_m))
 
     def _failures(self, step: Step) -> Iterator[tuple[str, str, str]]:
         """Robot, state and detail of what each was short of, unless the episode succeeded."""
@@ -138,8 +159,8 @@ class EpisodeLog:
             place = f" at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
             if step.outcome == "out_of_board" and not (0.0 <= x <= width and 0.0 <= y <= height):
                 yield name, OFF_THE_BOARD, place
-            radius_m = self._config.robot.diameter_m / 2.0
-            if touches_obstacle(x, y, radius_m**2, self._walls_m):
+            touches = step.samples.touching_share[-1, robot] > 0.0
+            if step.outcome == "collision" and touches and self._at_obstacle(x, y):
                 yield name, ON_OBSTACLE, place
             if step.outcome == "timeout" and tuple(step.after.cells[robot]) != target:
                 away_m = np.hypot(*(np.array(self._scenario.centre_m(target)) - (x, y)))

@@ -10,13 +10,21 @@ from fmpy.fmi3 import FMU3Slave
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.base.params import ESTIMATOR, STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.control.steering import DIRECTION, GOAL_X, START
+from cosim.control.steering import (
+    DIRECT,
+    DIRECTION,
+    GOAL_X,
+    MODE,
+    OMEGA_D,
+    OMEGA_E,
+    START,
+)
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import Motors, robot_properties
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.master import CompiledDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
-from cosim.coupling.signals import new_raw_samples, new_samples, new_state
+from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
 from cosim.physics.body_state import standing_state
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
@@ -69,6 +77,7 @@ def advance(
     head_on=False,
     obstacles=None,
     board_x=0.3,
+    straight=False,
     **changes,
 ):
     """20 000 ticks of two robots that drive to the right, or the right one towards the other.
@@ -80,13 +89,18 @@ def advance(
     motors = new_motors(motor_fmu, columns)
     state = new_state(1, ROBOTS, columns)
     if obstacles is not None:
-        state = state._replace(obstacles=obstacles[None])
+        state = with_room(state, len(obstacles), 0)
+        state.obstacles[0] = obstacles
     state.boards[0] = board_x, 0.3
     state.running[0] = 1
     for robot in range(ROBOTS):
         put_down(state, robot, 0.05 + gap_m * robot, heading)
     if head_on:
         state.commands[1, [GOAL_X, DIRECTION]] = 0.0, math.pi
+    if straight:
+        speed = STEERING.forward_speed_rad_s
+        state.commands[:, MODE] = DIRECT
+        state.commands[:, [OMEGA_D, OMEGA_E]] = -speed, speed
     speeds = np.zeros((periods, columns, 2))
     generator = np.random.default_rng(0)
     speeds[:, :ROBOTS] = generator.uniform(-noise, noise, (periods, ROBOTS, 2))
@@ -166,19 +180,33 @@ def test_collision_ends_the_advance(motor_fmu, driver):
 
 
 @pytest.mark.parametrize("driver", [2, "reference"])
-@pytest.mark.parametrize("end_on_collision", [True, False])
-def test_an_obstacle_ends_the_advance_of_the_robot_that_touches_it(
-    motor_fmu, driver, end_on_collision
-):
+def test_an_obstacle_ends_the_advance_of_the_robot_that_touches_it(motor_fmu, driver):
     obstacles = np.array([[0.0, 0.0, 0.3, 0.1], [0.17499, 0.1, 0.2, 0.2]])
-    progress, state, samples, _ = advance(
-        motor_fmu, driver, obstacles=obstacles, end_on_collision=end_on_collision
-    )
+    progress, state, samples, _ = advance(motor_fmu, driver, obstacles=obstacles)
     assert progress == (1, COLLISION)
     assert state["events"].tolist() == [RUNNING, COLLISION]
-    assert samples.touching_share.max() == 0.0
+    assert samples.touching_share[0, 0] == 0.0 < samples.touching_share[0, 1] <= 1.0
     obstacles[1, 0] += 2e-4
     assert advance(motor_fmu, driver, obstacles=obstacles, periods=1)[0] == (1, RUNNING)
+
+
+def test_robots_slide_along_obstacles_and_around_their_corners(motor_fmu):
+    """Both drive, askew, along walls of two obstacles; the right one passes their end."""
+    obstacles = np.array([[0.0, 0.17505, 0.15, 0.2], [0.15, 0.17505, 0.151, 0.3]])
+    how = {"obstacles": obstacles, "end_on_collision": False, "periods": 900, "straight": True}
+    results = [advance(motor_fmu, driver, **how) for driver in ("reference", 1, 2, host_lanes())]
+    assert all(same(result, results[0]) for result in results[1:])
+    progress, _, samples, _ = results[0]
+    assert progress == (900, RUNNING)
+    assert samples.touching_share[:, 1].max() > 0.0
+    x, y = samples.position[..., 0], samples.position[..., 1]
+    gaps = [
+        np.hypot(x - np.clip(x, left, right), y - np.clip(y, bottom, top))
+        for left, bottom, right, top in obstacles
+    ]
+    assert np.min(gaps) > TABLE_I.diameter_m / 2.0 - 1e-7
+    assert (x[-1] > x[0] + 2e-3).all()
+    assert x[-1, 1] > 0.151
 
 
 @pytest.mark.parametrize("driver", [2, "reference"])

@@ -1,12 +1,14 @@
 """Episodes that share a batch are, bit for bit, those that have a co-simulation to themselves."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.params import TABLE_II, MotorParams
+from cosim.base.params import TABLE_I, TABLE_II, TIMING
+from cosim.base.world import Patch, World
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import Batch
 from cosim.scenarios.scenario import Scenario
@@ -44,27 +46,12 @@ EPISODES = [
     (SMALL, ((4, 4), (14, 10)), (NORTH, NORTH)),
 ]
 COUPLINGS = [{}, {"order": "jacobi", "reaction": True}]
-DRAWN = ("K_T", "R", "J", "r")
-Pairs = tuple[tuple[MotorParams, MotorParams], ...]
 
 
-def own_motors(number: int) -> Pairs:
-    """Of an episode: each has others, the last one those of the configuration."""
-    spread = 0.1 if number < 3 else 0.0
-    factors = 1.0 + np.random.default_rng(number).uniform(-spread, spread, (2, 2, 4))
-
-    def own(row: np.ndarray) -> MotorParams:
-        return TABLE_II._replace(
-            **{p: getattr(TABLE_II, p) * f for p, f in zip(DRAWN, row.tolist(), strict=True)}
-        )
-
-    return tuple((own(d), own(e)) for d, e in factors)
-
-
-def alone(number: int, fmu: Path, config: CoSimConfig, motors: Pairs | None, steps: int) -> list:
+def alone(number: int, fmu: Path, config: CoSimConfig, steps: int) -> list:
     scenario, starts, directions = EPISODES[number]
     batch = Batch(fmu, config, robots=2, places=1)
-    batch.begin(0, scenario, starts, np.random.SeedSequence(number), motors=motors)
+    batch.begin(0, scenario, starts, np.random.SeedSequence(number))
     found = [batch.advance({0: np.array(directions)})[0] for _ in range(steps)]
     batch.close()
     return found
@@ -76,11 +63,12 @@ def alone(number: int, fmu: Path, config: CoSimConfig, motors: Pairs | None, ste
 def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, request):
     path, config = request.getfixturevalue(fmu), CoSimConfig(**coupling)
     batch = Batch(path, config, robots=2, places=3)
-    motors = {number: own_motors(number) if differ else None for number in range(4)}
+    own = config.in_world(World(motor_spread=0.1)) if differ else config
+    configs = [own, own, own, config]
 
     def begin(place: int, number: int) -> None:
         seed = np.random.SeedSequence(number)
-        batch.begin(place, *EPISODES[number][:2], seed, motors=motors[number])
+        batch.begin(place, *EPISODES[number][:2], seed, configs[number])
 
     held = {place: place for place in range(3)}
     found: dict[int, list] = {number: [] for number in range(4)}
@@ -97,7 +85,7 @@ def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, requ
     assert found[1][-1].outcome == "out_of_board"
     assert len(found[3]) > 1  # begun where that ended
     for number, steps in found.items():
-        expected = alone(number, path, config, motors[number], len(steps))
+        expected = alone(number, path, configs[number], len(steps))
         for ours, theirs in zip(steps, expected, strict=True):
             for a, b in zip(
                 (*ours.samples, *ours.raw), (*theirs.samples, *theirs.raw), strict=True
@@ -129,6 +117,61 @@ def test_results_do_not_depend_on_threads_or_places(array_fmu):
     assert {r.outcome for r in together} == {"out_of_board", "timeout"}
 
 
+WORLDS = [
+    {"mu": 0.3, "restitution": 0.3},
+    {"floor_tilt_deg": 2.0, "mu_patches": (Patch((0, 0, 29, 8), 0.4), Patch((2, 6, 6, 9), 0.05))},
+    {"payload_g": 20.0, "payload_offset_mm": (4.0, -3.0), "motor_spread": 0.05},
+    {"motor_speed_noise": 0.1},
+]
+
+
+@pytest.mark.parametrize("driver", ["compiled", "reference"])
+def test_worlds_share_a_batch_and_keep_their_bits(driver, array_fmu):
+    """Each episode is that of a batch of its own, whatever the number of lanes."""
+    scenario, starts, way = EPISODES[0]
+    nominal = CoSimConfig(timing=TIMING._replace(rl_step_s=0.2))
+    configs = [nominal.in_world(World(**world)) for world in WORLDS]
+
+    def simulate(numbers, **options):
+        batch = Batch(array_fmu, nominal, 2, len(numbers), **options)
+        for place, number in enumerate(numbers):
+            seed = np.random.SeedSequence(number)
+            batch.begin(place, scenario, starts, seed, configs[number])
+        actions = dict.fromkeys(range(len(numbers)), np.array(way))
+        batch.advance(actions)
+        steps = batch.advance(actions)
+        batch.close()
+        return [step.samples for step in steps.values()]
+
+    together = simulate(range(len(WORLDS)), lanes=8)
+    assert len({samples.position[-1].tobytes() for samples in together}) == len(WORLDS)
+    options = {"lanes": 2} if driver == "compiled" else {"driver": driver}
+    for number, samples in enumerate(together):
+        for ours, theirs in zip(samples, simulate([number], **options)[0], strict=True):
+            assert np.array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.2])
+def test_a_still_robot_slides_down_a_floor_steeper_than_its_friction(mu, array_fmu):
+    """In the direction that the episode has drawn, as Galileo says."""
+    robot = TABLE_I._replace(mu=mu)
+    motor = TABLE_II._replace(m=1e-12)  # only the torque of its start is felt
+    timing = TIMING._replace(rl_step_s=0.2)
+    world, slope = World(floor_tilt_deg=8.0), math.radians(8.0)
+    config = CoSimConfig(robot=robot, motor=motor, timing=timing, world=world)
+    batch = Batch(array_fmu, config, 1, 1)
+    scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
+    episode = batch.begin(0, scenario, ((15, 15),), np.random.SeedSequence(3))
+    (step,) = batch.advance({0: np.array([NORTH])}).values()
+    batch.close()
+    velocity = step.samples.velocity[:, 0]
+    rate = (velocity[-1] - velocity[0]) / (1e-3 * (len(velocity) - 1))
+    towards = math.radians(episode.drawn.tilt_direction_deg)
+    down = max(0.0, TABLE_II.g * (math.sin(slope) - mu * math.cos(slope)))
+    expected = [down * math.cos(towards), down * math.sin(towards), 0.0]
+    np.testing.assert_allclose(rate, expected, rtol=5e-4, atol=1e-6)
+
+
 def test_errors_of_a_thread_are_raised_where_results_are_taken(array_fmu):
     class Broken:
         def act(self, observation):
@@ -146,5 +189,5 @@ def test_what_does_not_fit_a_batch_is_refused(array_fmu):
     batch, seed = Batch(array_fmu, CoSimConfig(), 1, 2), np.random.SeedSequence(0)
     with pytest.raises(ConfigError, match="scenario large has 2 robots, a place of the batch 1"):
         batch.begin(0, LARGE, ((5, 5), (20, 5)), seed)
-    with pytest.raises(ConfigError, match="by more than the safety margin"):
+    with pytest.raises(ConfigError, match="by more than its world"):
         batch.begin(0, LARGE, ((5, 5), (20, 5)), seed, CoSimConfig(order="jacobi"))

@@ -10,7 +10,13 @@ from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.physics.body_state import ANGULAR_VELOCITY, VELOCITY, standing_state
-from cosim.physics.collision import NEAR_M, PairParams, find_near_pairs, push_apart
+from cosim.physics.collision import (
+    NEAR_M,
+    PairParams,
+    find_near_pairs,
+    push_apart,
+    push_off,
+)
 from cosim.physics.forces import motor_mounts
 from cosim.physics.properties import body_params, properties_of
 from cosim.scenarios.scenario import Scenario
@@ -106,6 +112,55 @@ def test_rubbing_robots_spin_each_other():
     assert a[12] < 1.0
     assert b[12] < 0.0
     assert b[8] > 0.0
+
+
+@kernel
+def push_wall(bodies: np.ndarray, properties: np.ndarray, rectangle: np.ndarray) -> float:
+    return push_off(bodies, properties, 0, rectangle, PAIR, BODY.inverse_dt)
+
+
+def against(rectangle, body):
+    bodies = body[:, None].copy()
+    impulse = push_wall(bodies, PROPERTIES[:, None].copy(), np.array(rectangle))
+    return bodies[:, 0], impulse
+
+
+# robot at (0.1, 0.1): left of, above and at a corner of an obstacle, with the normal to the robot
+WALLS = {
+    "edge": ((0.1 + RADIUS, 0.0, 0.3, 0.3), (-1.0, 0.0)),
+    "top": ((0.0, 0.0, 0.3, 0.1 - RADIUS), (0.0, 1.0)),
+    "corner": ((0.1 + 0.6 * RADIUS, 0.1 + 0.8 * RADIUS, 0.3, 0.3), (-0.6, -0.8)),
+}
+
+
+@pytest.mark.parametrize("wall", WALLS)
+@given(velocity=st.tuples(speeds, speeds), spin=spins)
+def test_obstacles_push_and_rub_but_add_no_energy(wall, velocity, spin):
+    rectangle, normal = WALLS[wall]
+    before = standing_state(TABLE_I, 0.1, 0.1, 0.0)
+    before[VELOCITY][:2], before[12] = velocity, spin
+    after, impulse = against(rectangle, before)
+    normal = np.array(normal)
+    approach = before[VELOCITY][:2] @ normal
+    assert impulse == pytest.approx(TABLE_I.mass_kg * max(0.0, -approach), abs=1e-12)
+    change = TABLE_I.mass_kg * (after[VELOCITY] - before[VELOCITY])[:2]
+    rubbed = change @ (-normal[1], normal[0])
+    assert change @ normal == pytest.approx(impulse, abs=1e-15)
+    assert abs(rubbed) <= PAIR.mu * impulse * (1.0 + 1e-9) + 1e-18
+    turned = BODY.inertia[2] * (after[12] - before[12])
+    assert turned == pytest.approx(-RADIUS * rubbed, abs=1e-17)
+    assert kinetic_energy(after) <= kinetic_energy(before) + 1e-15
+    slip = after[VELOCITY][:2] @ (-normal[1], normal[0]) - RADIUS * after[12]
+    if impulse > 0.0 and abs(rubbed) < 0.999 * PAIR.mu * impulse:
+        assert slip == pytest.approx(0.0, abs=1e-12)
+
+
+def test_an_obstacle_out_of_reach_does_nothing():
+    body = standing_state(TABLE_I, 0.1, 0.1, 0.0)
+    body[VELOCITY] = 0.02, 0.0, 0.0
+    after, impulse = against((0.1 + RADIUS + 1e-5, 0.0, 0.3, 0.3), body)
+    assert impulse == 0.0
+    assert np.array_equal(after, body)
 
 
 def test_near_pairs_are_those_in_reach():
