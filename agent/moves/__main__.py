@@ -24,8 +24,11 @@ class ObserveMoves:
     """File to write (.json)."""
     moves: int = 24
     """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
+    worlds: bool = False
+    """Let every walk drive in a world of its own, as for the method robust
+    (agent/moves/worlds.py)."""
     seed: int = 0
-    """Seed of the directions and the speed noise."""
+    """Seed of the directions, the speed noise and the worlds."""
     jobs: Jobs = -1
     json: Json = False
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
@@ -34,12 +37,15 @@ class ObserveMoves:
         workers(self.jobs)
         if self.moves < 1:
             raise ConfigError("--moves must be at least 1")
+        if self.worlds and self.physics.mu is not None:
+            raise ConfigError("--mu has no effect with --worlds, which draws it; leave one out")
 
 
 def main() -> None:
     """Command line; see `ObserveMoves`."""
     options = parse(ObserveMoves, "agent.moves")
     from agent.moves.observe import facts_of, move_rows, observe_moves
+    from agent.moves.worlds import RANGES
     from cosim.base.command import show_table
     from cosim.base.progress import progress_bars
 
@@ -50,6 +56,7 @@ def main() -> None:
             fmu,
             moves_per_kind=options.moves,
             seed=options.seed,
+            worlds=RANGES if options.worlds else None,
             jobs=workers(options.jobs),
             progress=progress,
         )

@@ -23,7 +23,7 @@ Axis = Literal[
 AXES: tuple[Axis, ...] = get_args(Axis)  # the most important ones first
 
 
-class Point(NamedTuple):
+class AxisPoint(NamedTuple):
     """A world of the table.
 
     Attributes:
@@ -64,7 +64,7 @@ def _camera(
     return World(sensor=sensor)
 
 
-def points(axis: Axis, scenario: Scenario, everything: World) -> Iterator[Point]:
+def points(axis: Axis, scenario: Scenario, everything: World) -> Iterator[AxisPoint]:
     """The worlds of an axis.
 
     Args:
@@ -96,4 +96,4 @@ def points(axis: Axis, scenario: Scenario, everything: World) -> Iterator[Point]
         "tilt": {f"{deg:g}°": World(floor_tilt_deg=deg) for deg in (0.5, 1.0, 2.0)},
     }
     for value, world in worlds[axis].items():
-        yield Point(axis, value, world)
+        yield AxisPoint(axis, value, world)

@@ -13,13 +13,13 @@ from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
 from agent.method import method_policy
-from agent.robustness.axes import AXES, Axis, Point, points
+from agent.robustness.axes import AXES, Axis, AxisPoint, points
 from agent.robustness.plot import PLOT_FILE, draw
 from agent.robustness.table import (
     MARKDOWN_FILE,
     TABLE_FILE,
+    MeasuredRow,
     RobustnessReport,
-    Row,
     markdown,
     report_of,
 )
@@ -70,7 +70,7 @@ def robustness(
     """
     end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     policies = {m: _policy(m, scenario, seed, out, progress) for m in METHODS if m in methods}
-    rows: list[Row] = []
+    rows: list[MeasuredRow] = []
     board = find_scenario(scenario)
     for point in (p for axis in AXES if axis in axes for p in points(axis, board, everything)):
         added = list(_rows(point, policies, episodes, seed, out, progress))
@@ -97,13 +97,13 @@ def _policy(method: str, scenario: str, seed: int, out: Path, progress: Progress
 
 
 def _rows(
-    point: Point,
+    point: AxisPoint,
     policies: dict[str, Policy],
     episodes: int,
     seed: int,
     out: Path,
     progress: Progress,
-) -> Iterator[Row]:
+) -> Iterator[MeasuredRow]:
     """Rows of a world: every method, where nothing is ideal also with the safety layer."""
     for method, policy in policies.items():
         scenario = policy.config.scenario
@@ -113,4 +113,4 @@ def _rows(
         for margin_m in margins:
             case = Case(policy, replace(config, safety_margin_m=margin_m), fmu, seed)
             indices = case.sample(min(episodes, len(case.starts)))
-            yield Row(point, method, indices, ResultFile(out / "results", case))
+            yield MeasuredRow(point, method, indices, ResultFile(out / "results", case))

@@ -8,7 +8,7 @@ import msgspec
 from agent.evaluation.outcomes import Failure, Measured, failures, summary
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.tables import rate_text, text
-from agent.robustness.axes import Point
+from agent.robustness.axes import AxisPoint
 from cosim.base.command import show_table
 from cosim.base.world import World
 from cosim.navigation.result import EpisodeResult
@@ -17,7 +17,7 @@ TABLE_FILE, MARKDOWN_FILE = "robustness.json", "robustness.md"
 
 
 @dataclass(frozen=True)
-class Row:
+class MeasuredRow:
     """A row: a method in a world.
 
     Attributes:
@@ -27,7 +27,7 @@ class Row:
         file: results so far.
     """
 
-    point: Point
+    point: AxisPoint
     method: str
     indices: list[int]
     file: ResultFile
@@ -46,7 +46,7 @@ class RobustnessRow(Measured, frozen=True, kw_only=True):
     """A row of robustness.json.
 
     Attributes:
-        axis, value, world: what is not ideal, see `agent.robustness.axes.Point`.
+        axis, value, world: what is not ideal, see `agent.robustness.axes.AxisPoint`.
         method: by which the policy was trained.
         safety_margin_m: of the safety layer, 0 without.
         drive_speed_m_s: that the calibration allows.
@@ -76,7 +76,7 @@ class RobustnessReport(msgspec.Struct, frozen=True, kw_only=True):
     rows: tuple[RobustnessRow, ...]
 
 
-def report_of(scenario: str, rows: list[Row]) -> RobustnessReport:
+def report_of(scenario: str, rows: list[MeasuredRow]) -> RobustnessReport:
     """The content of robustness.json.
 
     Args:
@@ -92,7 +92,7 @@ def report_of(scenario: str, rows: list[Row]) -> RobustnessReport:
     )
 
 
-def _entry(row: Row) -> RobustnessRow:
+def _entry(row: MeasuredRow) -> RobustnessRow:
     case, results = row.file.case, row.results()
     return RobustnessRow(
         axis=row.point.axis,

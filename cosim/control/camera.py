@@ -27,7 +27,7 @@ _NOW = 4  # control periods since the start
 _TAKEN, _USED = 5, 6  # frames so far
 _LAST = 7  # when the frame was taken that arrived last
 SIGHT = 8  # frames since the noise was drawn
-_ROOM = 9  # for frames under way
+_ROOM = 9  # for frames in flight
 CAMERA_SIZE = 10
 
 # Layout of a frame under way.
@@ -43,13 +43,13 @@ def camera_of(sensor: Sensor, control_period_s: float) -> np.ndarray:
     if sensor.rate_hz:
         camera[INTERVAL] = max(1.0, 1.0 / (sensor.rate_hz * control_period_s))
         camera[DELAY] = round(1e-3 * sensor.delay_ms / control_period_s)
-        camera[_ROOM] = frames_under_way(sensor)
+        camera[_ROOM] = frames_in_flight(sensor)
         camera[POSITION_VARIANCE] = (1e-3 * sensor.position_noise_mm) ** 2
         camera[HEADING_VARIANCE] = math.radians(sensor.heading_noise_deg) ** 2
     return camera
 
 
-def frames_under_way(sensor: Sensor) -> int:
+def frames_in_flight(sensor: Sensor) -> int:
     """How many frames can be under way at once."""
     return math.ceil(1e-3 * sensor.delay_ms * sensor.rate_hz) + 2 if sensor.rate_hz else 0
 
@@ -82,7 +82,7 @@ def look(
 
     Args:
         camera: (CAMERA_SIZE,) of the robot.
-        frames: (F, FRAME_SIZE), at least `frames_under_way` rows, for them.
+        frames: (F, FRAME_SIZE), at least `frames_in_flight` rows, for them.
         estimate: of the robot, layout in `cosim.control.estimation`.
         sight: (M, NOISE) of frames since it was drawn.
         pose: the true one.

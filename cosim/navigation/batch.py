@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
-from cosim.control.camera import NOISE, SIGHT, frames_under_way, frames_within
+from cosim.control.camera import NOISE, SIGHT, frames_in_flight, frames_within
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import (
     MOTOR_NAMES,
@@ -153,7 +153,7 @@ class Batch:
         for signals in (state.inputs, state.outputs, state.held, state.held_velocities):
             signals[:, columns] = 0.0  # nothing is left of who was there before
         state.boards[place] = scenario.size_m
-        self._make_room_for_frames(frames_under_way(config.world.sensor))
+        self._make_room_for_frames(frames_in_flight(config.world.sensor))
         self._put_rectangles(place, scenario, config)
         episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
         self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors)

@@ -11,7 +11,7 @@ from cosim.base.params import ESTIMATOR, EstimatorParams
 from cosim.base.world import Sensor
 from cosim.control import camera as cameras
 from cosim.control import estimation
-from cosim.control.camera import CAMERA_SIZE, FRAME_SIZE, camera_of, draw_sight, frames_under_way
+from cosim.control.camera import CAMERA_SIZE, FRAME_SIZE, camera_of, draw_sight, frames_in_flight
 from cosim.control.estimation import COVARIANCE, ESTIMATE_SIZE, ODOMETRY, POSE
 
 PERIOD_S = 1e-3
@@ -31,7 +31,7 @@ def drive(sensor: Sensor, params: EstimatorParams, noise: EstimatorParams, seed=
     """Drive a curve of 5 mm/s and 0.3 rad/s, disturbed as a filter with `noise` expects."""
     rng = np.random.default_rng(seed)
     camera, estimate = camera_of(sensor, PERIOD_S), np.zeros(ESTIMATE_SIZE)
-    frames = np.zeros((frames_under_way(sensor), FRAME_SIZE))
+    frames = np.zeros((frames_in_flight(sensor), FRAME_SIZE))
     sight = draw_sight(sensor, rng, math.ceil(sensor.rate_hz * periods * PERIOD_S) + 1)
     x, y, heading = 0.1, 0.2, 0.5
     rows = []
@@ -130,7 +130,7 @@ def test_what_no_frame_shows_grows_unsure():
 def test_frames_come_at_their_rate_whatever_the_control_period():
     sensor = Sensor(rate_hz=30.0, delay_ms=50.0)
     camera, estimate = camera_of(sensor, PERIOD_S), np.zeros(ESTIMATE_SIZE)
-    frames, sight = np.zeros((frames_under_way(sensor), FRAME_SIZE)), np.ones((91, 4))
+    frames, sight = np.zeros((frames_in_flight(sensor), FRAME_SIZE)), np.ones((91, 4))
     for _ in range(3000):
         cameras.look(camera, frames, estimate, sight, (0.0, 0.0, 0.0), PERIOD_S, ESTIMATOR)
     assert camera[cameras.SIGHT] == 90
