@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from benchmarks.prescribed import Drive, MeanMotion, mean_motion
+from benchmarks.references.prescribed import Drive, MeanMotion, mean_motion
 from cosim.base.params import TABLE_I, TABLE_II
 from cosim.physics.contact import CONTACT_TOLERANCE
 

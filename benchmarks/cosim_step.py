@@ -16,9 +16,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.prescribed import Drive, Rig, drive_wrench, rig, trace_body
 from benchmarks.recording import overheads
 from benchmarks.references.mjcf import robots_mjcf
+from benchmarks.references.prescribed import Drive, Rig, drive_wrench, rig, trace_body
 from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.prescribed import Drive, mean_motion
+from benchmarks.references.prescribed import Drive, mean_motion
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
 
 

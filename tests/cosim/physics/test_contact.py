@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.prescribed import step_body
+from benchmarks.references.prescribed import step_body
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.physics import body_state, contact, properties
 

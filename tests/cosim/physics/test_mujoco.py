@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.prescribed import Drive, Rig, drive_wrench, mean_motion, rig
 from benchmarks.references.mjcf import robots_mjcf
+from benchmarks.references.prescribed import Drive, Rig, drive_wrench, mean_motion, rig
 from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II
 from cosim.physics.contact import foot_positions

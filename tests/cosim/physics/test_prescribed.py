@@ -8,7 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.prescribed import Drive, MeanMotion, drive_body, mean_motion, rig, trace_body
+from benchmarks.references.prescribed import (
+    Drive,
+    MeanMotion,
+    drive_body,
+    mean_motion,
+    rig,
+    trace_body,
+)
 from cosim.base.params import (
     TABLE_I,
     TABLE_II,

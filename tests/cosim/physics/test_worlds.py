@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.prescribed import coast, step_body
+from benchmarks.references.prescribed import coast, step_body
 from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.base.world import World
