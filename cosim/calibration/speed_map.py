@@ -21,6 +21,9 @@ MANOEUVRES = {
     "right": (-1.0, -1.0),
 }
 DRIVES = ("forwards", "backwards")
+# Share of time without any foot on the floor from which robots with bouncing feet hop. Below it the
+# speeds are those of feet that do not bounce, within some per cent (docs/physics.md).
+BOUNCING_SHARE = 0.15
 
 
 class CalibrationError(UserError):
@@ -61,6 +64,7 @@ class Calibration:
         yaw_rate_rad_s: (T,) mean, counter-clockwise positive.
         airborne_share: (T,) share of time in which no foot touched the floor.
         lifted_share: (T,) share of time in which a foot did not.
+        restitution: () of the feet.
     """
 
     set_points_rad_s: np.ndarray
@@ -72,6 +76,7 @@ class Calibration:
     yaw_rate_rad_s: np.ndarray
     airborne_share: np.ndarray
     lifted_share: np.ndarray
+    restitution: np.ndarray
 
     def curve(self, manoeuvre: str, *, dithered: bool = True) -> Curve:
         """Speed or yaw rate over motor speed of one of `MANOEUVRES`."""
@@ -91,8 +96,13 @@ class Calibration:
 
     @property
     def hop_free_rad_s(self) -> float:
-        """Largest motor speed of a manoeuvre below which a foot was always on the floor."""
-        return min(_hop_free(self.curve(manoeuvre)) for manoeuvre in MANOEUVRES)
+        """Largest motor speed of a manoeuvre without hops.
+
+        Robots hop where no foot is on the floor, ever; for more than BOUNCING_SHARE of the time
+        where feet bounce.
+        """
+        share = BOUNCING_SHARE if self.restitution > 0.0 else 0.0
+        return min(_hop_free(self.curve(manoeuvre), share) for manoeuvre in MANOEUVRES)
 
     def largest(self, manoeuvre: str) -> float:
         """Largest speed in m/s or yaw rate in rad/s without hopping."""
@@ -155,8 +165,8 @@ class Calibration:
             np.savez_compressed(file, **asdict(self))
 
 
-def _hop_free(curve: Curve) -> float:
-    hops = curve.omega_rad_s[curve.airborne_share > 0.0].min(initial=np.inf)
+def _hop_free(curve: Curve, share: float) -> float:
+    hops = curve.omega_rad_s[curve.airborne_share > share].min(initial=np.inf)
     return float(curve.omega_rad_s[curve.omega_rad_s < hops].max())
 
 
