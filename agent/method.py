@@ -24,7 +24,7 @@ from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
 ON_MOVES = {"moves": False, "robust": True}  # and whether these are of many worlds
-MOVES_EPISODES = 1_500_000
+MOVES_EPISODES, ROBUST_EPISODES = 1_500_000, 3_000_000
 ROBUST_CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do by them
 SLIP_PROBABILITY = 0.2  # assumed
 # Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
@@ -87,9 +87,15 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
     # Chosen on the observed moves: a learning rate three times the paper's, and a collision that
     # costs more than any detour.
     features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b")
-    clearance_m = ROBUST_CLEARANCE_M if method == "robust" else ProcessConfig.clearance_m
-    process = ProcessConfig(goal_reward=300.0, features=features, clearance_m=clearance_m)
-    return process, LearningConfig(episodes=MOVES_EPISODES, eta=0.03)
+    process = ProcessConfig(goal_reward=300.0, features=features)
+    learning = LearningConfig(episodes=MOVES_EPISODES, eta=0.03)
+    if method == "robust":
+        # Robots of unequal motors drift by up to a cell while they turn: what a turn costs depends on
+        # where they face, pairs too.
+        features = features if "h" in features else (*features, "h")
+        process = replace(process, features=features, clearance_m=ROBUST_CLEARANCE_M)
+        learning = replace(learning, episodes=ROBUST_EPISODES)
+    return process, learning
 
 
 def _observed_moves(

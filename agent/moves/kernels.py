@@ -168,7 +168,7 @@ def step(
             rewards: (N,) float32, written with Eq. (8) or (11) for every robot that was moving.
 
     Returns:
-        RUNNING, SUCCESS or COLLISION.
+        RUNNING, SUCCESS, COLLISION or OUT_OF_BOARD.
     """
     n = world.shape[0]
     checks = _CHECKS if len(process.walls) > 0 or _near(model, plans) else 1
@@ -181,8 +181,15 @@ def step(
         touched = _touch(process, model, world, plans)
         if touched:
             break
+    lost = False
+    columns, rows = process.terrain.shape[1] - 2, process.terrain.shape[2] - 2
     for i in range(n):
-        world[i, X], world[i, Y] = int(plans[i, AT_X]), int(plans[i, AT_Y])
+        x, y = plans[i, AT_X], plans[i, AT_Y]
+        if not (0.0 <= x < columns and 0.0 <= y < rows):  # it drifted off while it turned
+            lost = True
+            world[i, STATUS] = LEFT
+        world[i, X] = min(max(int(x), 0), columns - 1)
+        world[i, Y] = min(max(int(y), 0), rows - 1)
     arrived = 0
     farthest = process.move_reward.shape[2] - 1
     for i in range(n):
@@ -196,7 +203,7 @@ def step(
         world[i, SIGN] = gradient_sign(nearest, world[i, SQUARED])
         at_goal = process.terrain[i, world[i, X] + 1, world[i, Y] + 1] == GOAL
         # Eq. (8), and its last case by Eq. (11)
-        if world[i, STATUS] == HIT:
+        if world[i, STATUS] in (HIT, LEFT):
             rewards[i] = -process.goal_reward
         elif at_goal and waits(plans, i):
             world[i, STATUS] = ARRIVED
@@ -205,6 +212,8 @@ def step(
         else:
             approaching = 1 if world[i, SIGN] < 0 else 0
             rewards[i] = process.move_reward[0, approaching, min(nearest, farthest)]
+    if lost:
+        return OUT_OF_BOARD
     if touched:
         return COLLISION
     return SUCCESS if arrived == n else RUNNING
