@@ -90,8 +90,8 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
     process = ProcessConfig(goal_reward=300.0, features=features)
     learning = LearningConfig(episodes=MOVES_EPISODES, eta=0.03)
     if method == "robust":
-        # Robots of unequal motors drift by up to a cell while they turn: what a turn costs depends on
-        # where they face, pairs too.
+        # Robots of unequal motors drift by up to a cell while they turn: what a turn costs depends
+        # on where they face, pairs too.
         features = features if "h" in features else (*features, "h")
         process = replace(process, features=features, clearance_m=ROBUST_CLEARANCE_M)
         learning = replace(learning, episodes=ROBUST_EPISODES)

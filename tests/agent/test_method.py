@@ -30,13 +30,17 @@ def moves():
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["1b", "4"])
 def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch):
+    moves = msgspec.structs.replace(moves, randomised=method == "robust")
     monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
     config = method_config(method, find_scenario(name), seed=3, episodes=1000)
     assert config.learning.episodes == 1000
     assert config.seed.entropy == 3
-    assert (config.moves is not None) == (method == "moves")
+    assert (config.moves is not None) == (method in methods.ON_MOVES)
     assert (config.process.slip_probability > 0.0) == (method == "slip")
-    expected = {"1b": {"h"}, "4": {"b"}}[name] if method == "moves" else set()
+    expected = {
+        "moves": {"1b": {"h"}, "4": {"b"}}[name],
+        "robust": {"1b": {"h"}, "4": {"b", "h"}}[name],
+    }.get(method, set())
     assert set(config.process.features) & {"b", "h"} == expected
     assert method_of(config) == method
     longer = msgspec.structs.replace(config, learning=replace(config.learning, greedy_points=3))

@@ -27,7 +27,7 @@ from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
-from cosim.base.outcome import COLLISION, RUNNING
+from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.base.params import TIMING
 from cosim.navigation.features import DIRECTIONS
 from cosim.scenarios.file import find_scenario
@@ -169,6 +169,19 @@ def test_a_robot_that_strays_to_an_obstacle_collides():
         outcomes.append(outcome)
     assert outcomes == [RUNNING, RUNNING, COLLISION, COLLISION]
     assert rewards.tolist() == [-100.0]
+
+
+def test_a_robot_that_drifts_off_the_board_while_it_turns_is_lost():
+    process = build_process(SMALL, ProcessConfig())
+    model = build_model(ideal_moves(3.0 * RL_STEP_S, turn_s=1.5 * RL_STEP_S, drift=2.0), 2.0, 5.0)
+    world, plans = pair_at(process, (0, 10), (10, 1))
+    rewards = np.zeros(2, dtype=np.float32)
+    kernels.begin_move(process, model, world, plans, 0, 0, seeded_state(0))
+    assert kernels.step(process, model, world, plans, rewards) == OUT_OF_BOARD
+    assert world[:, grid.STATUS].tolist() == [grid.LEFT, grid.MOVING]
+    assert world[0, : grid.Y + 1].tolist() == [0, 11]
+    assert rewards[0] == -process.goal_reward
+    assert rewards[1] > rewards[0]
 
 
 def test_training_on_moves_reaches_the_targets():
