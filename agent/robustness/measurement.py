@@ -70,17 +70,20 @@ def robustness(
     """
     end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     policies = {m: _policy(m, scenario, seed, out, progress) for m in METHODS if m in methods}
-    rows: list[MeasuredRow] = []
     board = find_scenario(scenario)
-    for point in (p for axis in AXES if axis in axes for p in points(axis, board, everything)):
-        added = list(_rows(point, policies, episodes, seed, out, progress))
-        rows += added
-        files = {row.file.case.digest: row.file for row in added}
-        missing = [Job(row.file.case, k) for row in added for k in row.missing()]
-        ended = run_jobs(missing, jobs, lambda: end is None or time.monotonic() < end)
-        what = f"{point.axis}: {point.value}"
-        for job, result in tracked(ended, len(missing), progress, what):
-            files[job.case.digest].add(job.index, result)
+    rows = [
+        row
+        for axis in AXES
+        if axis in axes
+        for point in points(axis, board, everything)
+        for row in _rows(point, policies, episodes, seed, out, progress)
+    ]
+    files = {row.file.case.digest: row.file for row in rows}
+    # all at once: episodes in different worlds share batches
+    missing = [Job(row.file.case, k) for row in rows for k in row.missing()]
+    ended = run_jobs(missing, jobs, lambda: end is None or time.monotonic() < end)
+    for job, result in tracked(ended, len(missing), progress, "episodes"):
+        files[job.case.digest].add(job.index, result)
     report = report_of(scenario, rows)
     write_json(out / TABLE_FILE, report)
     with replacing(out / MARKDOWN_FILE) as temporary:
