@@ -144,6 +144,14 @@ class Drawn(msgspec.Struct, frozen=True):
     motors: tuple[tuple[MotorParams, MotorParams], ...]
     tilt_direction_deg: float
 
+    def table(self) -> dict[str, dict[str, float]]:
+        """What summaries and recordings list: K_T, R, J and r of every motor, and the slope."""
+        return {
+            f"r{robot + 1}.{name}": {key: getattr(motor, key) for key in ("K_T", "R", "J", "r")}
+            for robot, pair in enumerate(self.motors)
+            for name, motor in zip("DE", pair, strict=True)
+        } | {"floor": {"tilt_direction_deg": self.tilt_direction_deg}}
+
 
 def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
     """Generator of a child of a seed.

@@ -4,7 +4,6 @@ import msgspec
 import numpy as np
 
 from cosim.base.outcome import Outcome
-from cosim.base.world import Drawn
 from cosim.navigation.episode import RunningEpisode
 from cosim.scenarios.scenario import Cell
 
@@ -44,7 +43,7 @@ class EpisodeResult(msgspec.Struct, frozen=True):
     energy_j: float
     energy_j_by_robot: tuple[float, ...]
     conflicts: int
-    drawn: Drawn | None = None
+    drawn: dict[str, dict[str, float]] | None = None
 
     @property
     def wall_s(self) -> float:
@@ -77,5 +76,5 @@ def result_of(episode: RunningEpisode, starts: tuple[Cell, ...], wall_s: float) 
         energy_j=round(sum(energies), _DIGITS),
         energy_j_by_robot=energies,
         conflicts=episode.conflicts,
-        drawn=episode.drawn if episode.config.world.draws else None,
+        drawn=episode.drawn.table() if episode.config.world.draws else None,
     )

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 import rerun as rr
 
@@ -80,7 +79,7 @@ class EpisodeRecorder:
         drawn: Drawn | None = None,
     ) -> None:
         if config.world.draws and drawn is not None:
-            facts = facts | {"drawn": msgspec.to_builtins(drawn)}
+            facts = facts | {"drawn": drawn.table()}
         self._names = robot_names(scenario.robots)
         self._config, self._detail = config, DETAILS[level]
         camera = config.world.sensor.rate_hz > 0.0

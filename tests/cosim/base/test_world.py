@@ -53,6 +53,8 @@ def test_draws_are_the_seeds_alone():
     world = World(motor_spread=0.1, floor_tilt_deg=1.0)
     first = draw_world(world, TABLE_II, 2, SEED)
     assert draw_world(world, TABLE_II, 2, SEED) == first
+    assert list(first.table()) == ["r1.D", "r1.E", "r2.D", "r2.E", "floor"]
+    assert first.table()["r2.D"]["K_T"] == first.motors[1][0].K_T
     assert draw_world(world, TABLE_II, 2, np.random.SeedSequence(8)) != first
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
-from cosim.base.world import Patch, World
+from cosim.base.world import Patch, Sensor, World
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import Batch
 from cosim.scenarios.scenario import Scenario
@@ -121,7 +121,8 @@ WORLDS = [
     {"mu": 0.3, "restitution": 0.3},
     {"floor_tilt_deg": 2.0, "mu_patches": (Patch((0, 0, 29, 8), 0.4), Patch((2, 6, 6, 9), 0.05))},
     {"payload_g": 20.0, "payload_offset_mm": (4.0, -3.0), "motor_spread": 0.05},
-    {"motor_speed_noise": 0.1},
+    {"motor_speed_noise": 0.1, "sensor": Sensor(30.0, 20.0, 0.5, 1.0)},
+    {"sensor": Sensor(100.0, 60.0, 1.0, 1.0, 0.2)},
 ]
 
 
