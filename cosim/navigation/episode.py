@@ -243,7 +243,10 @@ class RunningEpisode:
 
     def _positions_m(self) -> np.ndarray:
         """Where the robots think they are, (N, 2)."""
-        return self._estimates[:, POSE : POSE + 2].copy()
+        positions_m = self._estimates[:, POSE : POSE + 2].copy()
+        if self.config.world.sensor.rate_hz:  # nobody thinks to be off the board and still asked
+            positions_m = positions_m.clip(0.0, np.nextafter(self.scenario.size_m, 0.0))
+        return positions_m
 
     def _observe(self) -> Observation:
         return observe(
