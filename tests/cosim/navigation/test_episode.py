@@ -7,6 +7,7 @@ import pytest
 
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TIMING, cylinder_inertia
+from cosim.base.world import Sensor, World
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import LARGE, MEDIUM
 from cosim.navigation.observing import draw_starts
@@ -33,6 +34,21 @@ def test_robots_reach_their_targets(short):
     assert steps[-1].outcome == "success"
     assert steps[-1].after.cells.tolist() == [[15, 27], [15, 2]]
     assert system.measures.path_length_m == pytest.approx(0.02, abs=0.001)
+
+
+def test_whoever_thinks_to_be_off_the_board_is_at_its_edge(motor_fmu):
+    """A camera that is wrong by decimetres puts robots off the board; policies never see that."""
+    world = World(sensor=Sensor(rate_hz=30.0, position_noise_mm=100.0))
+    system = CoSimulation(SHORT, motor_fmu, CoSimConfig().in_world(world))
+    system.reset(tuple(cells[0] for cells in SHORT.starts), np.random.SeedSequence(0))
+    off = 0
+    for _ in range(3):
+        step = system.advance(np.array([EAST, EAST]))
+        off += (step.samples.estimate[..., :2] < 0.0).sum()
+        off += (step.samples.estimate[..., :2] > 0.3).sum()
+        assert ((step.after.cells >= 0) & (step.after.cells < 30)).all()
+    system.close()
+    assert off > 0
 
 
 def test_robots_stop_at_the_centres(short):
