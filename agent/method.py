@@ -70,7 +70,7 @@ def method_of(config: PolicyConfig) -> Method | None:
 
     None if it is none of METHODS: somebody chose readings or numbers of learning of their own.
     """
-    worlds = None if config.moves is None else config.moves.randomised
+    worlds = None if config.moves is None else bool(config.moves.walks)
     free = {name: getattr(config.learning, name) for name in _FREE}
     for method in METHODS:
         process, learning = _settings(method, config.scenario)
@@ -91,10 +91,11 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
     learning = LearningConfig(episodes=MOVES_EPISODES, eta=0.03)
     if method == "robust":
         # Robots of unequal motors drift by up to a cell while they turn: what a turn costs depends
-        # on where they face, pairs too.
-        features = features if "h" in features else (*features, "h")
+        # on where they face, pairs too. The sign of the gradient tells them nothing that helps.
+        # What moves do differs so much that only a falling learning rate tells directions apart.
+        features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "b", "h")
         process = replace(process, features=features, clearance_m=ROBUST_CLEARANCE_M)
-        learning = replace(learning, episodes=ROBUST_EPISODES)
+        learning = replace(learning, episodes=ROBUST_EPISODES, eta_end=0.002, gamma=0.995)
     return process, learning
 
 

@@ -50,7 +50,8 @@ def play(config: PolicyConfig, trained: TrainingState, episodes: int) -> np.ndar
     assert model is not None
     state = initial_state(process, learning, 1)
     state.q[:] = trained.q
-    still = build_learning(learning)._replace(eta=np.float32(0.0))
+    still = build_learning(learning)
+    still.eta[:] = 0.0
     advance_moves(process, model, still, state, episodes)
     return state.curve[0]
 

@@ -40,19 +40,22 @@ DRIFT_X, DRIFT_Y = 4, 5  # path during the turn, cells
 TURN_S, DURATION_S = 6, 7  # time of the turn, and of the whole move
 ELAPSED_S = 8  # since the move began; at least DURATION_S for a robot that waits
 AT_X, AT_Y = 9, 10  # position, cells
-PLAN_SIZE = 11
+WORLD = 11  # index of the world that its moves are drawn from
+PLAN_SIZE = 12
 
 _CHECKS = 4  # of contact per RL step: robots come closer by some 3 mm between two of them
 
 
 @inlined
-def stand(world: np.ndarray, plans: np.ndarray) -> None:
-    """Let every robot wait at the centre of its cell."""
+def stand(model: MoveModel, world: np.ndarray, plans: np.ndarray, random: np.ndarray) -> None:
+    """Let every robot wait at the centre of its cell, in a world that it draws."""
+    worlds = len(model.offsets)
     for i in range(world.shape[0]):
         plans[i, AT_X] = world[i, X] + 0.5
         plans[i, AT_Y] = world[i, Y] + 0.5
         plans[i, DURATION_S] = 0.0
         plans[i, ELAPSED_S] = 0.0
+        plans[i, WORLD] = next_index(random, worlds) if worlds > 1 else 0
 
 
 @inlined
@@ -83,8 +86,8 @@ def begin_move(
         world[i, STATUS] = LEFT if terrain == OUTSIDE else HIT
         return OUT_OF_BOARD if terrain == OUTSIDE else COLLISION
     kind = move_kind(direction, world[i, AXIS])
-    first = model.offsets[kind]
-    row = first + next_index(random, model.offsets[kind + 1] - first)
+    offsets = model.offsets[int(plans[i, WORLD])]
+    row = offsets[kind] + next_index(random, offsets[kind + 1] - offsets[kind])
     drift_x, drift_y = model.moves[row, 2], model.moves[row, 3]
     stop_x, stop_y = model.moves[row, 4], model.moves[row, 5]
     for _ in range(direction // 2):

@@ -2,7 +2,9 @@
 
 P(Δcell, duration | direction, heading, previous direction) is kept as the moves themselves, so that
 training draws whole moves (how long the turn took, when and where the robot stopped) instead of
-means. Observing them is `agent.moves`, moving robots by them `agent.moves.kernels`.
+means. Moves of many worlds are kept by world, and a robot draws its world once per episode: robots
+that draw another for every move never fall into step, and never learn not to wait for each other
+for ever. Observing moves is `agent.moves`, moving robots by them `agent.moves.kernels`.
 """
 
 import math
@@ -63,13 +65,14 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         source: digest of the co-simulation's parameters and motor FMU.
         seed: of the directions and the speed noise.
         moves: in the order of observation.
-        randomised: whether every walk had a world of its own, see `agent.moves.worlds`.
+        walks: number of moves of each walk, where every walk had a world of its own
+            (`agent.moves.worlds`); empty where all had the same.
     """
 
     source: str
     seed: int
     moves: tuple[Move, ...]
-    randomised: bool = False
+    walks: tuple[int, ...] = ()
 
     def counts(self, rl_step_s: float) -> dict[tuple[int, int, int], Counter[tuple[int, int, int]]]:
         """How often (Δcolumn, Δrow, RL steps) followed (direction, heading, previous direction)."""
@@ -111,7 +114,7 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class MoveModel(NamedTuple):
-    """Observed moves for the kernels, sorted by kind.
+    """Observed moves for the kernels, sorted by world and kind.
 
     The floor is the same in all directions: a move is turned to the first quadrant, so that its
     kind is whether it is diagonal, and the angle between the robot's axis and its direction.
@@ -119,14 +122,15 @@ class MoveModel(NamedTuple):
     Attributes:
         moves: (M, 6) float64, time of the turn and of the whole move in s, the path during the
             turn, and where the robot stopped, from the centre of the cell aimed at, in cells.
-        offsets: KINDS + 1 integers, moves of kind k are rows offsets[k] to offsets[k + 1].
+        offsets: (worlds, KINDS + 1) int64, moves of kind k in world w are rows offsets[w, k] to
+            offsets[w, k + 1].
         rl_step_s: time between two decisions.
         contact_cells: squared distance in cells² at which robots touch.
         near_cells: squared distance in cells² beyond which no robots meet within an RL step.
     """
 
     moves: np.ndarray
-    offsets: tuple[int, ...]
+    offsets: np.ndarray
     rl_step_s: float
     contact_cells: float
     near_cells: float
@@ -163,21 +167,22 @@ def build_model(moves: ObservedMoves, rl_step_s: float, contact_cells: float) ->
         ),
         default=0.0,
     )
-    kinds: list[list[tuple[float, ...]]] = [[] for _ in range(KINDS)]
-    for move in moves.moves:
+    walks = moves.walks or (len(moves.moves),)
+    worlds = np.repeat(np.arange(len(walks)), walks)
+    rows: list[list[tuple[float, ...]]] = [[] for _ in range(len(walks) * KINDS)]
+    for world, move in zip(worlds.tolist(), moves.moves, strict=True):
         quadrants = move.direction // 2
         drift = _turned_back(move.drift_x, move.drift_y, quadrants)
         stop = _turned_back(move.stop_x, move.stop_y, quadrants)
         kind = move_kind(move.direction, move.heading)
-        kinds[kind].append((move.turn_s, move.duration_s, *drift, *stop))
-    if not all(kinds):
-        raise MovesError(
-            f"there is no move of kind {[bool(k) for k in kinds].index(False)} of "
-            f"{KINDS}; observe more moves"
-        )
+        rows[world * KINDS + kind].append((move.turn_s, move.duration_s, *drift, *stop))
+    if not all(rows):
+        missing = [bool(of_kind) for of_kind in rows].index(False) % KINDS
+        raise MovesError(f"there is no move of kind {missing} of {KINDS}; observe more moves")
+    ends = np.cumsum([0, *(len(of_kind) for of_kind in rows)])
     return MoveModel(
-        np.array([row for rows in kinds for row in rows]),
-        tuple(int(v) for v in np.cumsum([0, *(len(rows) for rows in kinds)])),
+        np.array([row for of_kind in rows for row in of_kind]),
+        ends[np.arange(len(walks))[:, None] * KINDS + np.arange(KINDS + 1)],
         rl_step_s,
         contact_cells**2,
         (contact_cells + 2.0 * fastest * rl_step_s) ** 2,

@@ -30,7 +30,7 @@ from cosim.scenarios.scenario import Scenario
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
 # Each has a world of its own where worlds are drawn.
 WALKS, WALKS_OF_WORLDS = 16, 64
-MOVES_PER_KIND, MOVES_OF_WORLDS_PER_KIND = 24, 128
+MOVES_PER_KIND, MOVES_OF_WORLDS_PER_KIND = 24, 256
 _PATCHES_CELLS = 14  # patches begin so far from the middle, where walks stay
 _SIDE_CELLS = 400
 _MARGIN_CELLS = 30  # a walk stays this far from the edge: no edge is in a move's distribution
@@ -190,9 +190,13 @@ def observe_moves(
     size = max(1, min(WALKS, math.ceil(walks / jobs)))
     parts = [range(first, min(first + size, walks)) for first in range(0, walks, size)]
     with ThreadPoolExecutor(jobs) as threads:
-        walked = itertools.chain(*threads.map(walk, parts))
-    moves = tuple(itertools.chain(*walked))
-    return ObservedMoves(source_digest(config, fmu, worlds), seed, moves, worlds is not None)
+        walked = list(itertools.chain(*threads.map(walk, parts)))
+    return ObservedMoves(
+        source_digest(config, fmu, worlds),
+        seed,
+        tuple(itertools.chain(*walked)),
+        () if worlds is None else tuple(len(moves) for moves in walked),
+    )
 
 
 def moves_path(config: CoSimConfig, fmu: Path, worlds: Ranges | None = None) -> Path:

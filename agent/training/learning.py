@@ -23,7 +23,7 @@ class Learning(NamedTuple):
     """A `LearningConfig` for the kernel.
 
     Attributes:
-        eta: float32.
+        eta: float32, learning rate of each block of episodes.
         gamma: float32.
         epsilon_thresholds: uint64, exploration threshold of each block of episodes.
         epsilon_episodes: episodes per block.
@@ -32,7 +32,7 @@ class Learning(NamedTuple):
         log_window: last episodes of a point that count.
     """
 
-    eta: np.float32
+    eta: np.ndarray
     gamma: np.float32
     epsilon_thresholds: np.ndarray
     epsilon_episodes: int
@@ -100,9 +100,11 @@ def build_learning(config: LearningConfig) -> Learning:
     """
     explored = int(np.ceil(config.exploration * config.episodes))
     block = int(np.gcd(config.epsilon_episodes, explored)) if explored else config.epsilon_episodes
-    epsilon = epsilon_of_episodes(config, np.arange(0, config.episodes, block))
+    starts = np.arange(0, config.episodes, block)
+    epsilon = epsilon_of_episodes(config, starts)
+    fall = (config.eta if config.eta_end is None else config.eta_end) - config.eta
     return Learning(
-        eta=np.float32(config.eta),
+        eta=(config.eta + fall * (starts / config.episodes)).astype(np.float32),
         gamma=np.float32(config.gamma),
         epsilon_thresholds=np.array([probability_threshold(e) for e in epsilon], dtype=np.uint64),
         epsilon_episodes=block,

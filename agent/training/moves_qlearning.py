@@ -57,13 +57,14 @@ def _run_episodes(
     earned = np.empty(n, dtype=np.float32)  # since the decision, discounted to it
     discount = np.empty(n, dtype=np.float32)  # γ^k after k steps
     returns = np.empty(n, dtype=np.float64)
-    eta, gamma, penalty = learning.eta, learning.gamma, -process.goal_reward
+    gamma, penalty = learning.gamma, -process.goal_reward
     double_q = learning.double_q
     decisions = 0
     for episode in range(first, last):
-        threshold = learning.epsilon_thresholds[episode // learning.epsilon_episodes]
+        block = episode // learning.epsilon_episodes
+        threshold, eta = learning.epsilon_thresholds[block], learning.eta[block]
         place_randomly(process, world, cells, random)
-        stand(world, plans)
+        stand(model, world, plans, random)
         for i in range(n):
             returns[i] = 0.0
         moves = 0

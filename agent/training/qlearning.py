@@ -119,12 +119,13 @@ def _run_episodes(
     moved = np.empty(n, dtype=np.bool_)
     rewards = np.empty(n, dtype=np.float32)
     returns = np.empty(n, dtype=np.float64)
-    eta, gamma = learning.eta, learning.gamma
+    gamma = learning.gamma
     penalty = -process.goal_reward
     slips = process.slip_threshold > np.uint64(0)
     agent_steps = 0
     for episode in range(first, last):
-        threshold = learning.epsilon_thresholds[episode // learning.epsilon_episodes]
+        block = episode // learning.epsilon_episodes
+        threshold, eta = learning.epsilon_thresholds[block], learning.eta[block]
         explores = threshold > np.uint64(0)
         place_randomly(process, world, cells, random)
         for i in range(n):

@@ -34,6 +34,9 @@ class LearningConfig:
     """Training episodes (Section V)."""
     eta: float = 0.01
     """Learning rate of Eq. (7) (Section V; Section III says 0.001)."""
+    eta_end: float | None = None
+    """Learning rate at the end, to which eta falls linearly over the episodes (assumed: as at the
+    start)."""
     gamma: float = 0.99
     """Discount rate (Section V)."""
     epsilon: float = 0.9
@@ -59,6 +62,7 @@ class LearningConfig:
         valid = {
             "episodes": self.episodes >= 1,
             "eta": 0 < self.eta <= 1,
+            "eta_end": self.eta_end is None or 0 < self.eta_end <= 1,
             "gamma": 0 <= self.gamma <= 1,
             "epsilon": 0 <= self.epsilon <= 1,
             "epsilon_decay": 0 <= self.epsilon_decay <= 1,

@@ -59,7 +59,7 @@ def train_reference(
         _INTEGER(len(starts[0])),
         _pointer(starts[-1]),
         _INTEGER(len(starts[-1])),
-        _FLOAT(float(learning.eta)),
+        _FLOAT(float(learning.eta[0])),
         _FLOAT(float(learning.gamma)),
         _FLOAT(config.goal_reward),
         ctypes.c_double(config.approach_coefficient),

@@ -71,7 +71,7 @@ def pair_at(process, *cells):
     world = np.zeros((len(cells), grid.COLUMN_COUNT), dtype=np.int64)
     assert grid.place(process, world, np.array(cells, dtype=np.int64))
     plans = np.zeros((len(cells), kernels.PLAN_SIZE))
-    kernels.stand(world, plans)
+    kernels.stand(build_model(ideal_moves(), RL_STEP_S, 5.0), world, plans, seeded_state(0))
     return world, plans
 
 
@@ -184,6 +184,23 @@ def test_a_robot_that_drifts_off_the_board_while_it_turns_is_lost():
     assert rewards[1] > rewards[0]
 
 
+def test_a_robot_keeps_the_world_that_it_drew():
+    """All of a robot's moves are of one walk; the next episode may draw another."""
+    process = build_process(SMALL, ProcessConfig())
+    walks = [ideal_moves(duration_s=s).moves for s in (1.0, 2.0, 3.0)]
+    observed = ObservedMoves("", 0, sum(walks, ()), walks=tuple(len(walk) for walk in walks))
+    model, random = build_model(observed, RL_STEP_S, 5.0), seeded_state(0)
+    durations = np.zeros((20, 6))
+    for episode in durations:
+        world, plans = pair_at(process, (2, 2), (10, 10))
+        kernels.stand(model, world, plans, random)
+        for move in range(len(episode)):
+            kernels.begin_move(process, model, world, plans, 0, move % 3, random)
+            episode[move] = plans[0, kernels.DURATION_S]
+    assert (durations == durations[:, :1]).all()
+    assert set(durations[:, 0]) == {1.0, 2.0, 3.0}
+
+
 def test_training_on_moves_reaches_the_targets():
     config = PolicyConfig(
         SMALL,
@@ -217,7 +234,7 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
     q = np.zeros((2, process.state_count, 8))
     for _ in range(learning.episodes):
         grid.place_randomly(process, world, cells, random)
-        kernels.stand(world, plans)
+        kernels.stand(model, world, plans, random)
         outcome = RUNNING
         while outcome == RUNNING:
             state = int(grid.state_index(process, world, 0))

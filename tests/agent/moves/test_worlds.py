@@ -50,8 +50,8 @@ def test_every_walk_has_a_world_of_its_own(monkeypatch):
         for jobs in (1, 2)
     ]
     assert walked[0] == walked[1]
-    assert walked[0].randomised
-    assert len(walked[0].moves) >= 4
+    assert len(walked[0].walks) == observe.WALKS_OF_WORLDS
+    assert sum(walked[0].walks) == len(walked[0].moves) >= 4
     assert seen[0] != seen[1]
     assert seen[:2] == sorted(seen[2:], key=seen[:2].index)
     ideal = observe.source_digest(config, cached_fmu())

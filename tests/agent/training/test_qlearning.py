@@ -1,5 +1,7 @@
 """The training loop: Eq. (7) by hand, the schedule, determinism."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -56,6 +58,23 @@ def test_eq_7_on_a_corridor_by_hand():
     assert state.visits.tolist() == [[3, 3, 0]]
     assert state.curve[:, 1].tolist() == [1, 1, 1]
     assert state.agent_steps == 6
+
+
+def test_a_learning_rate_that_falls_is_that_of_its_episode():
+    learning = LearningConfig(episodes=4, eta=0.5, eta_end=0.1, epsilon_episodes=1)
+    assert build_learning(learning).eta == pytest.approx([0.5, 0.4, 0.3, 0.2])
+    assert build_learning(replace(learning, eta_end=None)).eta.tolist() == [0.5] * 4
+    corridor = replace(
+        learning, epsilon=0.0, exploration=0.0, log_episodes=1, log_window=1, gamma=0.9
+    )
+    process = build_process(corridor_of_three(), ProcessConfig(goal_reward=10.0))
+    state = initial_state(process, corridor, 0)
+    state.q[..., 1:] = -1000.0
+    advance(process, build_learning(corridor), state, 4)
+    second = 0.0
+    for eta in (0.5, 0.4, 0.3, 0.2):
+        second += eta * (10.0 - second)
+    assert state.q[0, 0, 1, 0] == pytest.approx(second, rel=1e-6)
 
 
 def test_cut_episode_bootstraps_and_counts_as_a_failure():
