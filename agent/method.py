@@ -2,11 +2,14 @@
 
 "paper" learns on the deterministic grid (Section V), "slip" on the grid where moves go astray,
 "moves" on moves observed in co-simulation, with the bearing of the other robot, "robust" on moves
-of many worlds (`agent.moves.worlds`). "moves" is what `python -m cosim.run` uses.
+of many worlds (`agent.moves.worlds`), "prompt" on moves of robots that are asked when their moves
+end and drive through cells (`--through`), for the time these take. `python -m cosim.run` uses
+"moves", with `--through` "prompt".
 """
 
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
@@ -20,11 +23,20 @@ from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.calibration.cache import calibrated_slower
+from cosim.navigation.options import Deciding
 from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
-ON_MOVES = {"moves": False, "robust": True}  # and whether these are of many worlds
-MOVES_EPISODES, ROBUST_EPISODES = 1_500_000, 3_000_000
+
+class Driven(NamedTuple):
+    """What moves a method learns on: of which worlds, and whether robots drive through cells."""
+
+    worlds: Ranges | None = None
+    through: bool = False
+
+
+ON_MOVES = {"moves": Driven(), "robust": Driven(RANGES), "prompt": Driven(through=True)}
+MOVES_EPISODES, ROBUST_EPISODES, PROMPT_EPISODES = 1_500_000, 3_000_000, 3_000_000
 ROBUST_CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do by them
 SLIP_PROBABILITY = 0.2  # assumed
 # Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
@@ -60,8 +72,7 @@ def method_config(
         learning = replace(learning, episodes=episodes)
     moves = None
     if method in ON_MOVES:
-        worlds = RANGES if ON_MOVES[method] else None
-        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), worlds, progress)
+        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), ON_MOVES[method], progress)
     return PolicyConfig(scenario, process, learning, Seed.of(seed), moves)
 
 
@@ -70,12 +81,13 @@ def method_of(config: PolicyConfig) -> Method | None:
 
     None if it is none of METHODS: somebody chose readings or numbers of learning of their own.
     """
-    worlds = None if config.moves is None else bool(config.moves.walks)
+    moves = config.moves
+    driven = None if moves is None else Driven(RANGES if moves.walks else None, moves.through)
     free = {name: getattr(config.learning, name) for name in _FREE}
     for method in METHODS:
         process, learning = _settings(method, config.scenario)
         expected = process, replace(learning, **free), ON_MOVES.get(method)
-        if (config.process, config.learning, worlds) == expected:
+        if (config.process, config.learning, driven) == expected:
             return method
     return None
 
@@ -96,15 +108,20 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
         features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "b", "h")
         process = replace(process, features=features, clearance_m=ROBUST_CLEARANCE_M)
         learning = replace(learning, episodes=ROBUST_EPISODES, eta_end=0.002, gamma=0.995)
+    elif method == "prompt":
+        features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "b", "h")
+        process = replace(process, features=features, reward_per="time")
+        learning = replace(learning, episodes=PROMPT_EPISODES, eta_end=0.002, gamma=0.995)
     return process, learning
 
 
 def _observed_moves(
-    scenario: Scenario, fmu: Path, worlds: Ranges | None, progress: Progress
+    scenario: Scenario, fmu: Path, driven: Driven, progress: Progress
 ) -> ObservedMoves:
     """Moves of the scenario's robots with the default parameters, whatever the episodes' are."""
     config = calibrated_slower(CoSimConfig().sized(scenario.robot_diameter_m), fmu, progress)
-    return cached_moves(config, fmu, progress, worlds)
+    config = Deciding(through=driven.through).deciding(config)
+    return cached_moves(config, fmu, progress, driven.worlds)
 
 
 def method_policy(

@@ -42,7 +42,8 @@ class Run:
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
     """How agents learn: on moves observed in co-simulation (moves, the default, the first time
-    some 20 s more), on moves of many worlds (robust), on the grid as in Section V (paper), or on
+    some 20 s more), on moves with --through (prompt, the default with --through), on moves of many
+    worlds (robust), on the grid as in Section V (paper), or on
     the grid with moves that go astray (slip)."""
     train_episodes: int | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves."""
@@ -168,10 +169,11 @@ def _policy(
     from agent.training.policy import Policy
     from agent.training.settings import BEST
 
+    best = "prompt" if options.physics.through else BEST
     if options.policy is not None:
         return Policy.load(options.policy, scenario), None
     policy, log, _ = method_policy(
-        options.method or BEST,
+        options.method or best,
         scenario,
         options.train_seed or 0,
         episodes=options.train_episodes,

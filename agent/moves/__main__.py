@@ -9,7 +9,7 @@ import tyro
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
-from cosim.navigation.options import Physics
+from cosim.navigation.options import Deciding, Physics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +32,7 @@ class ObserveMoves:
     jobs: Jobs = -1
     json: Json = False
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
+    deciding: Annotated[Deciding, tyro.conf.OmitArgPrefixes] = field(default_factory=Deciding)
 
     def __post_init__(self) -> None:
         workers(self.jobs)
@@ -51,6 +52,7 @@ def main() -> None:
 
     with progress_bars() as progress:
         config, fmu = options.physics.prepare(progress=progress)
+        config = options.deciding.deciding(config)
         moves = observe_moves(
             config,
             fmu,
@@ -61,7 +63,7 @@ def main() -> None:
             progress=progress,
         )
     moves.save(options.out)
-    show_table(None, *move_rows(moves, config.timing.rl_step_s))
+    show_table(None, *move_rows(moves))
     print(f"moves in {options.out}")
     if options.json:
         print_json(facts_of(moves) | {"out": str(options.out)})

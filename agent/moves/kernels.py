@@ -1,15 +1,19 @@
 """The decision process with the dynamics' time: moves that last, and robots that move at once.
 
-Robots are asked every RL step. One that waits begins a move, drawn from the moves observed in
+Robots are asked every RL step; where these are short, those in which nobody waits pass at once, up
+to 2 s. One that waits begins a move, drawn from the moves observed in
 co-simulation; the others are under way. Positions are continuous: a cell belongs to the robot
 whose centre is in it, contact is a distance of centres, or of a centre and an obstacle. The
 features are those of `agent.process.grid`, seen between cells as `cosim.navigation.observing` sees
 them. No learning here.
 """
 
+import math
+
 import numpy as np
 
 from agent.moves.model import MoveModel, move_kind
+from agent.process.config import REWARDS_PER
 from agent.process.grid import (
     ARRIVED,
     AXIS,
@@ -40,10 +44,13 @@ DRIFT_X, DRIFT_Y = 4, 5  # path during the turn, cells
 TURN_S, DURATION_S = 6, 7  # time of the turn, and of the whole move
 ELAPSED_S = 8  # since the move began; at least DURATION_S for a robot that waits
 AT_X, AT_Y = 9, 10  # position, cells
-WORLD = 11  # index of the world that its moves are drawn from
-PLAN_SIZE = 12
+LAST_X, LAST_Y = 11, 12  # position a step ago, where rewards are per distance
+WORLD = 13  # index of the world that its moves are drawn from
+PLAN_SIZE = 14
 
-_CHECKS = 4  # of contact per RL step: robots come closer by some 3 mm between two of them
+_CHECKS = 4  # of contact in up to 2 s: robots come closer by some 3 mm between two of them
+_ROUNDING = 1e-9  # of times
+_PER_TIME, _PER_DISTANCE = REWARDS_PER.index("time"), REWARDS_PER.index("distance")
 
 
 @inlined
@@ -143,7 +150,7 @@ def _touch(process: Process, model: MoveModel, world: np.ndarray, plans: np.ndar
 
 @inlined
 def _near(model: MoveModel, plans: np.ndarray) -> bool:
-    """Whether any two robots could touch within an RL step."""
+    """Whether any two robots could touch within the RL steps that pass at once."""
     for i in range(plans.shape[0]):
         for j in range(i):
             dx = plans[i, AT_X] - plans[j, AT_X]
@@ -160,8 +167,8 @@ def step(
     world: np.ndarray,
     plans: np.ndarray,
     rewards: np.ndarray,
-) -> int:
-    """Let one RL step pass.
+) -> tuple[int, int]:
+    """Let RL steps pass until a robot waits, or 2 s.
 
     Args:
         process: the decision process.
@@ -171,11 +178,19 @@ def step(
             rewards: (N,) float32, written with Eq. (8) or (11) for every robot that was moving.
 
     Returns:
-        RUNNING, SUCCESS, COLLISION or OUT_OF_BOARD.
+        RUNNING, SUCCESS, COLLISION or OUT_OF_BOARD, and how many RL steps have passed.
     """
     n = world.shape[0]
+    steps = model.most_steps
+    for i in range(n):
+        if steps > 1 and world[i, STATUS] == MOVING and not waits(plans, i):
+            left = (plans[i, DURATION_S] - plans[i, ELAPSED_S]) / model.rl_step_s
+            steps = min(steps, max(1, math.ceil(left - _ROUNDING)))
     checks = _CHECKS if len(process.walls) > 0 or _near(model, plans) else 1
-    pause = model.rl_step_s / checks
+    pause = steps * model.rl_step_s / checks
+    if process.reward_per == _PER_DISTANCE:
+        for i in range(n):
+            plans[i, LAST_X], plans[i, LAST_Y] = plans[i, AT_X], plans[i, AT_Y]
     touched = False
     for _ in range(checks):
         for i in range(n):
@@ -215,8 +230,13 @@ def step(
         else:
             approaching = 1 if world[i, SIGN] < 0 else 0
             rewards[i] = process.move_reward[0, approaching, min(nearest, farthest)]
+            if process.reward_per == _PER_TIME:
+                rewards[i] *= np.float32(steps / model.most_steps)
+            elif process.reward_per == _PER_DISTANCE:
+                dx, dy = plans[i, AT_X] - plans[i, LAST_X], plans[i, AT_Y] - plans[i, LAST_Y]
+                rewards[i] *= np.float32(np.sqrt(dx * dx + dy * dy))
     if lost:
-        return OUT_OF_BOARD
+        return OUT_OF_BOARD, steps
     if touched:
-        return COLLISION
-    return SUCCESS if arrived == n else RUNNING
+        return COLLISION, steps
+    return SUCCESS if arrived == n else RUNNING, steps

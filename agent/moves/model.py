@@ -17,6 +17,7 @@ import numpy as np
 
 from cosim.base.errors import UserError
 from cosim.base.jit import inlined
+from cosim.base.params import TIMING
 from cosim.base.reading import Kind, parsing, read_json
 from cosim.base.storage import replacing
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
@@ -67,19 +68,23 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         moves: in the order of observation.
         walks: number of moves of each walk, where every walk had a world of its own
             (`agent.moves.worlds`); empty where all had the same.
+        rl_step_s: time between two decisions.
+        through: whether robots drove on at the end of a move until they were asked.
     """
 
     source: str
     seed: int
     moves: tuple[Move, ...]
     walks: tuple[int, ...] = ()
+    rl_step_s: float = TIMING.rl_step_s
+    through: bool = False
 
-    def counts(self, rl_step_s: float) -> dict[tuple[int, int, int], Counter[tuple[int, int, int]]]:
+    def counts(self) -> dict[tuple[int, int, int], Counter[tuple[int, int, int]]]:
         """How often (Δcolumn, Δrow, RL steps) followed (direction, heading, previous direction)."""
         counts: dict[tuple[int, int, int], Counter[tuple[int, int, int]]] = {}
         for move in self.moves:
             given = counts.setdefault((move.direction, move.heading, move.previous), Counter())
-            given[move.columns, move.rows, math.ceil(move.duration_s / rl_step_s)] += 1
+            given[move.columns, move.rows, math.ceil(move.duration_s / self.rl_step_s)] += 1
         return counts
 
     def save(self, path: Path) -> None:
@@ -125,13 +130,15 @@ class MoveModel(NamedTuple):
         offsets: (worlds, KINDS + 1) int64, moves of kind k in world w are rows offsets[w, k] to
             offsets[w, k + 1].
         rl_step_s: time between two decisions.
+        most_steps: RL steps that pass at once where no robot is asked: those of 2 s.
         contact_cells: squared distance in cells² at which robots touch.
-        near_cells: squared distance in cells² beyond which no robots meet within an RL step.
+        near_cells: squared distance in cells² beyond which no robots meet within so many RL steps.
     """
 
     moves: np.ndarray
     offsets: np.ndarray
     rl_step_s: float
+    most_steps: int
     contact_cells: float
     near_cells: float
 
@@ -148,12 +155,11 @@ def _turned_back(x: float, y: float, quadrants: int) -> tuple[float, float]:
     return x, y
 
 
-def build_model(moves: ObservedMoves, rl_step_s: float, contact_cells: float) -> MoveModel:
+def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
     """Moves by kind, for the kernels.
 
     Args:
         moves: observed moves.
-        rl_step_s: time between two decisions.
         contact_cells: centre distance in cells at which training counts a contact.
 
     Raises:
@@ -179,11 +185,13 @@ def build_model(moves: ObservedMoves, rl_step_s: float, contact_cells: float) ->
     if not all(rows):
         missing = [bool(of_kind) for of_kind in rows].index(False) % KINDS
         raise MovesError(f"there is no move of kind {missing} of {KINDS}; observe more moves")
+    most_steps = max(1, round(TIMING.rl_step_s / moves.rl_step_s))
     ends = np.cumsum([0, *(len(of_kind) for of_kind in rows)])
     return MoveModel(
         np.array([row for of_kind in rows for row in of_kind]),
         ends[np.arange(len(walks))[:, None] * KINDS + np.arange(KINDS + 1)],
-        rl_step_s,
+        moves.rl_step_s,
+        most_steps,
         contact_cells**2,
-        (contact_cells + 2.0 * fastest * rl_step_s) ** 2,
+        (contact_cells + 2.0 * fastest * moves.rl_step_s * most_steps) ** 2,
     )

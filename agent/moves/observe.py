@@ -21,7 +21,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.storage import cache_dir, cached
-from cosim.control.steering import DRIVE, HOLD
+from cosim.control.steering import DRIVE, HOLD, PAST
 from cosim.navigation.batch import Batch
 from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
@@ -81,7 +81,8 @@ class _Walker:
             self._turn_s = self._elapsed_s + period_s * float(driving[0])
             self._turned = step.samples.position[driving[0], 0, :2]
         if step.completed[0] and self._begun is not None:
-            stopped_s = self._elapsed_s + period_s * float(np.flatnonzero(mode == HOLD)[0])
+            ended = np.flatnonzero((mode == HOLD) | (mode == PAST))
+            stopped_s = self._elapsed_s + period_s * float(ended[0])
             direction, _, cell = self._begun
             goal = cell + DIRECTIONS[direction] + 0.5
             stop = step.samples.position[-1, 0, :2] / self._cell_m - goal
@@ -196,6 +197,8 @@ def observe_moves(
         seed,
         tuple(itertools.chain(*walked)),
         () if worlds is None else tuple(len(moves) for moves in walked),
+        config.timing.rl_step_s,
+        config.through,
     )
 
 
@@ -239,9 +242,7 @@ def facts_of(moves: ObservedMoves) -> dict[str, Any]:
     }
 
 
-def move_rows(
-    moves: ObservedMoves, rl_step_s: float
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def move_rows(moves: ObservedMoves) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and rows of a table of the kinds of moves."""
     rows = []
     for kind in range(KINDS):
@@ -256,7 +257,7 @@ def move_rows(
                 str(len(seen)),
                 f"{np.mean([m.turn_s for m in seen]):.2f}",
                 f"{durations.mean():.2f} ± {durations.std():.2f}",
-                f"{np.ceil(durations / rl_step_s).mean():.2f}",
+                f"{np.ceil(durations / moves.rl_step_s).mean():.2f}",
                 f"{drift.mean():.2f} (at most {drift.max():.2f})",
                 f"{off.mean():.2f} (at most {off.max():.2f})",
             )

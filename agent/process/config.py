@@ -12,8 +12,10 @@ from cosim.scenarios.scenario import ScenarioError
 
 Feature = Literal["x", "y", "d", "g", "b", "h"]
 PartnerUpdate = Literal["ordinary", "penalty", "none"]
+RewardPer = Literal["step", "time", "distance"]
 FEATURES: tuple[Feature, ...] = get_args(Feature)
 PARTNER_UPDATES: tuple[PartnerUpdate, ...] = get_args(PartnerUpdate)
+REWARDS_PER: tuple[RewardPer, ...] = get_args(RewardPer)
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,9 @@ class ProcessConfig:
     """Cost of every move, Eq. (8) and (11)."""
     diagonal_cost: float = 1.0
     """Factor on the step cost of a diagonal move (assumed 1; sqrt 2 rewards centimetres)."""
+    reward_per: RewardPer = "step"
+    """What Eq. (11) is paid for, on moves: every RL step (assumed), every 2 s, or every cell of the
+    path. The discount counts RL steps, or for the other two every 2 s."""
     approach_coefficient: float = 1.5
     """c of Eq. (12), at least 1: how much closing in on the other robot costs (Section V)."""
     distance_limit_m: float = 0.1
@@ -94,7 +99,10 @@ _NOT_ON_MOVES = {
     "partner_of_failed": "a robot learns from the moves that it has ended, whoever fails",
     "slip_probability": "moves end where they were observed to end",
 }
-_NOT_ON_THE_GRID = {"clearance_m": "contact is a distance of cells"}
+_NOT_ON_THE_GRID = {
+    "clearance_m": "contact is a distance of cells",
+    "reward_per": "a move is a step; diagonal_cost = 1.414 makes it pay for its path",
+}
 
 
 def refuse_without_effect(config: ProcessConfig, *, moves: bool) -> None:

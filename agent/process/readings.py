@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.process.config import FEATURES, PARTNER_UPDATES, ProcessConfig
+from agent.process.config import FEATURES, PARTNER_UPDATES, REWARDS_PER, ProcessConfig
 from agent.process.rng import probability_threshold
 from cosim.navigation.features import (
     AXIS_COUNT,
@@ -35,6 +35,7 @@ class Process(NamedTuple):
             touches an obstacle: the middle of a diagonal move, looked at if contact is swept.
         walls: (M, 4) float64, obstacles as rectangles left, bottom, right, top in cells.
         squared_radius: of a robot, in cells².
+        cell_m: edge of a cell.
         start_cells: (K, 2) int64, start cells of all robots, one robot after the other.
         start_offsets: N + 1 integers, robot i starts in rows start_offsets[i] to [i + 1]; a tuple,
             so that the number of robots is a constant for the compiler.
@@ -50,12 +51,14 @@ class Process(NamedTuple):
         slip_threshold: `agent.process.rng.probability_threshold` of the slip probability.
         step_limit: moves after which an episode is cut.
         partner_update: index into `PARTNER_UPDATES`.
+        reward_per: index into `REWARDS_PER`.
     """
 
     terrain: np.ndarray
     corners: np.ndarray
     walls: np.ndarray
     squared_radius: float
+    cell_m: float
     start_cells: np.ndarray
     start_offsets: tuple[int, ...]
     thresholds: DistanceThresholds
@@ -68,6 +71,7 @@ class Process(NamedTuple):
     slip_threshold: np.uint64
     step_limit: int
     partner_update: int
+    reward_per: int
 
 
 def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
@@ -95,6 +99,7 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
         terrain=terrain,
         corners=_blocked(scenario, 0),
         walls=scenario.walls.astype(float),
+        cell_m=scenario.cell_m,
         squared_radius=(scenario.robot_diameter_m / scenario.cell_m / 2.0) ** 2,
         start_cells=np.array([c for cells in scenario.starts for c in cells], dtype=np.int64),
         start_offsets=tuple(int(v) for v in np.cumsum([0, *(len(c) for c in scenario.starts)])),
@@ -108,6 +113,7 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
         slip_threshold=probability_threshold(config.slip_probability),
         step_limit=config.step_limit,
         partner_update=PARTNER_UPDATES.index(config.partner_of_failed),
+        reward_per=REWARDS_PER.index(config.reward_per),
     )
 
 

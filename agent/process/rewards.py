@@ -9,8 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
+from agent.process.config import REWARDS_PER
 from agent.process.readings import Process
 from cosim.base.outcome import RUNNING
+from cosim.base.params import TIMING
 from cosim.navigation.features import Observation
 
 
@@ -25,6 +27,12 @@ class DrivenStep(Protocol):
 
     @property
     def after(self) -> Observation: ...  # noqa: D102
+
+    @property
+    def duration_s(self) -> float: ...  # noqa: D102
+
+    @property
+    def moved_m(self) -> np.ndarray: ...  # noqa: D102
 
 
 def failed(step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
@@ -53,16 +61,23 @@ def reward_parts(process: Process, step: DrivenStep, arrived: np.ndarray) -> np.
     """The same by parts, (N, 3) float64: goal or failure, step, nearness of another robot."""
     parts = np.full((len(step.action), 3), np.nan)
     goal = float(process.goal_reward)
+    share = {
+        "step": np.ones(len(parts)),
+        "time": np.full(len(parts), step.duration_s / TIMING.rl_step_s),
+        "distance": step.moved_m / process.cell_m,
+    }[REWARDS_PER[process.reward_per]]
     for robot in np.flatnonzero(step.action >= 0):
         # Eq. (8)
         parts[robot] = (
-            (goal, 0.0, 0.0) if arrived[robot] else _step_reward(process, step.after, int(robot))
+            (goal, 0.0, 0.0)
+            if arrived[robot]
+            else share[robot] * _step_reward(process, step.after, int(robot))
         )
     parts[failed(step, arrived)] = (-goal, 0.0, 0.0)
     return parts
 
 
-def _step_reward(process: Process, after: Observation, robot: int) -> tuple[float, float, float]:
+def _step_reward(process: Process, after: Observation, robot: int) -> np.ndarray:
     squared = ((after.cells - after.cells[robot]) ** 2).sum(axis=1)
     squared[robot] = np.iinfo(np.int64).max  # no robot is near itself
     limit = process.move_reward.shape[2] - 1
@@ -70,4 +85,4 @@ def _step_reward(process: Process, after: Observation, robot: int) -> tuple[floa
     # Eq. (11)
     of_step = process.move_reward[0, approaching]
     step = float(of_step[limit])  # nearness costs nothing at the limit
-    return 0.0, step, float(of_step[min(int(squared.min()), limit)]) - step
+    return np.array([0.0, step, float(of_step[min(int(squared.min()), limit)]) - step])

@@ -24,7 +24,7 @@ from agent.robustness.table import (
     report_of,
 )
 from agent.training.policy import Policy
-from agent.training.settings import METHODS
+from agent.training.settings import IN_WORLDS
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing, write_json
@@ -41,7 +41,7 @@ def robustness(
     *,
     scenario: str = "4",
     axes: Collection[Axis] = AXES,
-    methods: Collection[str] = METHODS,
+    methods: Collection[str] = IN_WORLDS,
     episodes: int = EPISODES,
     seed: int = 0,
     budget_minutes: float | None = None,
@@ -69,7 +69,7 @@ def robustness(
         UserError: see its message.
     """
     end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
-    policies = {m: _policy(m, scenario, seed, out, progress) for m in METHODS if m in methods}
+    policies = {m: _policy(m, scenario, seed, out, progress) for m in IN_WORLDS if m in methods}
     board = find_scenario(scenario)
     rows = [
         row

@@ -31,7 +31,6 @@ from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
-from cosim.base.params import TIMING
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
 
@@ -127,7 +126,7 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
         return None
     scenario = config.scenario
     contact_m = scenario.robot_diameter_m + config.process.clearance_m
-    return build_model(config.moves, TIMING.rl_step_s, contact_m / scenario.cell_m)
+    return build_model(config.moves, contact_m / scenario.cell_m)
 
 
 def run_training(

@@ -11,6 +11,7 @@ import numpy as np
 
 from agent.moves.kernels import PLAN_SIZE, begin_move, stand, step, waits
 from agent.moves.model import MoveModel
+from agent.process.config import REWARDS_PER
 from agent.process.grid import (
     ARRIVED,
     COLUMN_COUNT,
@@ -45,8 +46,13 @@ def _run_episodes(
     curve: np.ndarray,
     first: int,
     last: int,
+    discounts: np.ndarray,
 ) -> int:
-    """Train over episodes [first, last); all arrays are updated. Returns the decisions made."""
+    """Train over episodes [first, last); all arrays but `discounts` (see `_discounts`) are updated.
+
+    Returns:
+        The decisions made.
+    """
     n = len(process.start_offsets) - 1
     world = np.empty((n, COLUMN_COUNT), dtype=np.int64)
     plans = np.empty((n, PLAN_SIZE))
@@ -57,7 +63,8 @@ def _run_episodes(
     earned = np.empty(n, dtype=np.float32)  # since the decision, discounted to it
     discount = np.empty(n, dtype=np.float32)  # γ^k after k steps
     returns = np.empty(n, dtype=np.float64)
-    gamma, penalty = learning.gamma, -process.goal_reward
+    penalty = -process.goal_reward
+    step_limit = process.step_limit * model.most_steps
     double_q = learning.double_q
     decisions = 0
     for episode in range(first, last):
@@ -95,16 +102,16 @@ def _run_episodes(
                     q[k, i, s, a] += eta * (penalty - q[k, i, s, a])
             if outcome != RUNNING:
                 break
-            steps += 1
-            outcome = step(process, model, world, plans, rewards)
-            if outcome == RUNNING and steps == process.step_limit:
+            outcome, passed = step(process, model, world, plans, rewards)
+            steps += passed
+            if outcome == RUNNING and steps >= step_limit:
                 outcome = TIMEOUT  # a cut, not an end: moves that go on are not learnt from
             for i in range(n):
                 if rewards[i] == np.float32(0.0) and world[i, STATUS] == ARRIVED:
                     continue  # before this step
                 returns[i] += rewards[i]
                 earned[i] += discount[i] * rewards[i]
-                discount[i] *= gamma
+                discount[i] *= discounts[passed]
                 s, a = state[i], action[i]
                 moving = world[i, STATUS] == MOVING
                 if moving and not waits(plans, i):
@@ -126,6 +133,13 @@ def _run_episodes(
     return decisions
 
 
+def _discounts(process: Process, model: MoveModel, gamma: np.float32) -> np.ndarray:
+    """(S + 1,) float32, γ to the power of what so many RL steps count, S the most at once."""
+    steps = np.arange(model.most_steps + 1)
+    share = 1.0 if REWARDS_PER[process.reward_per] == "step" else 1.0 / model.most_steps
+    return (float(gamma) ** (steps * share)).astype(np.float32)
+
+
 def advance_moves(
     process: Process, model: MoveModel, learning: Learning, state: TrainingState, until: int
 ) -> None:
@@ -140,5 +154,6 @@ def advance_moves(
         state.curve,
         state.episode,
         until,
+        _discounts(process, model, learning.gamma),
     )
     state.episode = until

@@ -14,9 +14,10 @@ from agent.process.config import ProcessConfig, require
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 
-Method = Literal["moves", "paper", "slip", "robust"]  # see `agent.method`
+Method = Literal["moves", "paper", "slip", "robust", "prompt"]  # see `agent.method`
 METHODS: tuple[Method, ...] = get_args(Method)
 BEST: Method = "moves"
+IN_WORLDS: tuple[Method, ...] = ("moves", "paper", "slip", "robust")  # asked every 2 s
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal
 
 Backend = Literal["loky", "threading", "ray", "dask"]  # see `agent.training.sweep`

@@ -52,6 +52,8 @@ class CoSimConfig:
             pushes on.
         world: floor, motors, load and camera; `mu`, speed noise and obstacles are said elsewhere,
             see `in_world`.
+        through: whether a robot drives on at the end of a move until it is asked, and turns only
+            for another direction (the paper's stops).
         safety_margin_m: gap that the safety layer (`cosim.navigation.safety`) keeps between the
             plans of robots, and from obstacles; 0 switches it off.
 
@@ -70,6 +72,7 @@ class CoSimConfig:
     reaction: bool = False
     on_collision: OnCollision = "end"
     world: World = IDEAL
+    through: bool = False
     safety_margin_m: float = 0.0
 
     def __post_init__(self) -> None:
@@ -201,6 +204,7 @@ class CoSimConfig:
             "order": (self.order, "coupling within a communication step"),
             "reaction": (self.reaction, "whether motors feel the body's acceleration"),
             "on_collision": (self.on_collision, "what a contact with a robot or an obstacle does"),
+            "through": (self.through, "whether robots drive on at the end of a move until asked"),
             "mu_patches": (str(self.world.mu_patches), "cells with another mu"),
             "payload_offset_mm": (str(self.world.payload_offset_mm), "forwards and to the left"),
             "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),

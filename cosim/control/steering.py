@@ -3,7 +3,7 @@
 A command is a straight line: its direction and its end, the centre of the neighbouring cell. The
 robot turns on the spot until it almost faces the line (forwards or backwards, whichever needs less
 rotation), then drives along it; the speed difference of the motors holds the course. At the end of
-the line it stops and waits.
+the line it stops and waits, or drives on until it is told where to, if the command says so.
 
 Nobody controls the phase between the two motors, and at a constant phase the robot yaws and drifts
 sideways. A small speed difference that changes sign whenever the phase has gone once around (the
@@ -18,20 +18,21 @@ from cosim.base.jit import inlined
 from cosim.base.params import SteeringParams
 from cosim.physics.rotation import wrapped
 
-HOLD, START, TURN, DRIVE, DIRECT = 0.0, 1.0, 2.0, 3.0, 4.0
-MODES = ("hold", "start", "turn", "drive", "direct")
+HOLD, START, TURN, DRIVE, DIRECT, PAST = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
+MODES = ("hold", "start", "turn", "drive", "direct", "past")
 
 # Layout of one robot's command, float64: what is commanded, then what the controller remembers.
 GOAL_X, GOAL_Y = 0, 1  # end of the line, m
 OMEGA_D, OMEGA_E = 0, 1  # in mode DIRECT: the set points themselves, rad/s
 DIRECTION = 2  # of the line, rad
-MODE = 3  # HOLD, START (a fresh command), TURN, DRIVE or DIRECT
+MODE = 3  # HOLD, START (a fresh command), TURN, DRIVE, DIRECT, or PAST the end and driving on
 SENSE = 4  # 1.0 drives forwards, −1.0 backwards
 HEADING_ERROR = 5  # rad, for inspection
 DITHER_PHASE = 6  # phase between the motors that the dither has added, rad; with its sign
 DITHER_SIGN = 7
 SPEED, YAW_RATE = 8, 9  # what the robot should do by that: along its heading in m/s, and rad/s
-COMMAND_SIZE = 10
+THROUGH = 10  # 1.0 if the robot does not stop at the end of the line
+COMMAND_SIZE = 11
 
 
 @inlined
@@ -65,9 +66,10 @@ def steer(
     dx, dy = command[GOAL_X] - x, command[GOAL_Y] - y
     remaining = ux * dx + uy * dy
     if remaining <= 0.0:
-        command[MODE] = HOLD
-        command[HEADING_ERROR] = 0.0
-        return 0.0, 0.0
+        command[MODE] = PAST if command[THROUGH] > 0.0 else HOLD
+        if command[MODE] == HOLD:
+            command[HEADING_ERROR] = 0.0
+            return 0.0, 0.0
 
     left_of_line = uy * dx - ux * dy
     lookahead = min(params.lookahead_m, max(params.least_lookahead_m, remaining))

@@ -56,6 +56,7 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
         config.order,
         config.reaction,
         config.on_collision,
+        config.through,
     )
 
 

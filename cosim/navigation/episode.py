@@ -1,7 +1,8 @@
-"""One episode in RL steps of 2 s, on top of the master: observe, act, terminate.
+"""One episode in RL steps, on top of the master: observe, act, terminate.
 
 An action aims at the centre of the neighbouring cell and stays in force until the robot gets there
 or a time limit passes; policies are asked every RL step, and a robot under way ignores the answer.
+RL steps last 2 s, or so little that robots are asked when their moves end.
 A cell belongs to the robot whose centre is in it; distance class and gradient sign are those of
 the cells. Nothing here advances time (that is `cosim.navigation.batch`), learns or records.
 """
@@ -17,7 +18,17 @@ from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.world import CAMERA_CHILD, draw_world, generator, gravity
 from cosim.control.camera import camera_of, draw_sight
 from cosim.control.estimation import POSE
-from cosim.control.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START
+from cosim.control.steering import (
+    DIRECTION,
+    DRIVE,
+    GOAL_X,
+    GOAL_Y,
+    HOLD,
+    MODE,
+    PAST,
+    START,
+    THROUGH,
+)
 from cosim.coupling.assembly import draw_noise, noise_generators, robot_properties
 from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.navigation.features import (
@@ -57,6 +68,7 @@ class Step(NamedTuple):
         events: (N,) what became of each robot: RUNNING, COLLISION or OUT_OF_BOARD of
             `cosim.base.outcome`.
         outcome: of the episode, RUNNING while it goes on.
+        duration_s: simulated time.
     """
 
     number: int
@@ -70,6 +82,13 @@ class Step(NamedTuple):
     raw: RawSamples
     events: np.ndarray
     outcome: Outcome
+    duration_s: float
+
+    @property
+    def moved_m(self) -> np.ndarray:
+        """(N,) distance of each robot's centre from where it was at the start."""
+        path = self.samples.position[[0, -1], :, :2]
+        return np.hypot(*(path[1] - path[0]).T)
 
 
 class RunningEpisode:
@@ -121,6 +140,7 @@ class RunningEpisode:
         self._estimates[:] = 0.0
         state.cameras[columns] = camera_of(sensor, period_s)
         self._commands[:] = 0.0
+        self._commands[:, THROUGH] = config.through
         for robot, cell in enumerate(starts):
             x, y = scenario.centre_m(cell)
             # Assumed: robots are set down facing the middle of the board.
@@ -159,7 +179,7 @@ class RunningEpisode:
             sight: (M, N, NOISE) of `cosim.control.camera`, written.
         """
         self._decided = self._adopt(action)
-        self._was_moving = self._commands[:, MODE] != HOLD
+        self._was_moving = ~self._at_end()
         nominal_rad_s = self.config.steering.forward_speed_rad_s
         noise[:] = draw_noise(self.config, self._noise, nominal_rad_s, len(noise))
         sensor = self.config.world.sensor
@@ -180,10 +200,11 @@ class RunningEpisode:
         samples = Samples(*(signal[:periods, self._columns] for signal in samples))
         raw = RawSamples(*(signal[:ticks, self._columns] for signal in raw))
         self.measures.add(samples)
-        completed = self._was_moving & (self._commands[:, MODE] == HOLD)
+        completed = self._was_moving & self._at_end()
         self.observation = self._observe()
         where = cells_of(self._bodies[:, POSITION][:, :2].copy(), self._board.cell_m)  # really
         self._arrived |= completed & (where == self._targets).all(axis=1)
+        self._commands[self._arrived, MODE] = HOLD
         events = self._events.copy()
         self.outcome = self._judge(int(events.max()))
         step = Step(
@@ -198,6 +219,7 @@ class RunningEpisode:
             raw,
             events,
             self.outcome,
+            ticks * self.config.timing.dt_s,
         )
         self._step += 1
         return step
@@ -206,10 +228,10 @@ class RunningEpisode:
         """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
         commands, cells = self._commands, self.observation.cells
         late = self.time_s - self._moving_since >= self.config.timing.move_limit_s
-        decided = ~self._arrived & ((commands[:, MODE] == HOLD) | late)
+        decided = ~self._arrived & (self._at_end() | late)
         squared = nearest_squared(cells)
         for robot in np.flatnonzero(decided):
-            direction = self._permitted(int(robot), int(action[robot]))
+            before, direction = self._action[robot], self._permitted(int(robot), int(action[robot]))
             self._action[robot] = direction
             if direction == WAIT:
                 commands[robot, MODE] = HOLD
@@ -218,11 +240,17 @@ class RunningEpisode:
             column, row = (cells[robot] + DIRECTIONS[direction]).tolist()
             commands[robot, GOAL_X : GOAL_Y + 1] = self.scenario.centre_m((column, row))
             commands[robot, DIRECTION] = direction * 2.0 * math.pi / DIRECTION_COUNT
-            commands[robot, MODE] = START
+            on = commands[robot, MODE] == PAST and direction == before
+            commands[robot, MODE] = DRIVE if on else START
             self._moving_since[robot] = self.time_s
             self._squared_at_decision[robot] = squared[robot]
         self._action[self._arrived] = -1
         return decided
+
+    def _at_end(self) -> np.ndarray:
+        """Which robots wait to be told where to go, (N,) bool."""
+        mode = self._commands[:, MODE]
+        return (mode == HOLD) | (mode == PAST)
 
     def _permitted(self, robot: int, direction: int) -> int:
         """What the safety layer makes of a direction; without the layer it is only counted."""

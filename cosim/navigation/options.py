@@ -98,8 +98,31 @@ class Physics:
         return calibrated(config, fmu, progress), fmu
 
 
+PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0.4 mm
+
+
 @dataclass(frozen=True, kw_only=True)
-class Driving(Physics):
+class Deciding:
+    """When robots are asked, and whether they stop for it."""
+
+    rl_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    """Time between two decisions in s: by default the paper's 2, and 0.1 with --through."""
+    through: bool = False
+    """Let robots drive through the centre of a cell without stopping where the next direction is
+    the same, asked when their move ends (within 0.1 s) instead of every 2 s. Policies of the method
+    prompt have learnt on such moves."""
+
+    def deciding(self, config: CoSimConfig) -> CoSimConfig:
+        """A configuration with these decisions."""
+        rl_step_s = self.rl_step
+        if rl_step_s is None:
+            rl_step_s = PROMPT_RL_STEP_S if self.through else config.timing.rl_step_s
+        timing = config.timing._replace(rl_step_s=rl_step_s)
+        return replace(config, timing=timing, through=self.through)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driving(Physics, Deciding):
     """Robots, motors and clock, and how the robots drive with them."""
 
     world: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -119,7 +142,7 @@ class Driving(Physics):
 
     def config(self, world: World = IDEAL) -> CoSimConfig:
         """See `Physics.config`."""
-        config = super().config(world)
+        config = self.deciding(super().config(world))
         timing, steering = config.timing, config.steering
         if self.time_limit is not None:
             timing = timing._replace(episode_limit_s=self.time_limit)

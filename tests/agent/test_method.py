@@ -31,7 +31,7 @@ def moves():
 @pytest.mark.parametrize("name", ["1b", "4"])
 def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch):
     walks = (len(moves.moves),) if method == "robust" else ()
-    moves = msgspec.structs.replace(moves, walks=walks)
+    moves = msgspec.structs.replace(moves, walks=walks, through=method == "prompt")
     monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
     config = method_config(method, find_scenario(name), seed=3, episodes=1000)
     assert config.learning.episodes == 1000
@@ -41,6 +41,7 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
     expected = {
         "moves": {"1b": {"h"}, "4": {"b"}}[name],
         "robust": {"1b": {"h"}, "4": {"b", "h"}}[name],
+        "prompt": {"1b": {"h"}, "4": {"b", "h"}}[name],
     }.get(method, set())
     assert set(config.process.features) & {"b", "h"} == expected
     assert method_of(config) == method

@@ -47,7 +47,7 @@ def read_checkpoint(path, config):
 
 
 def read_moves(path):
-    return build_model(ObservedMoves.load(path), 2.0, 5.0)
+    return build_model(ObservedMoves.load(path), 5.0)
 
 
 @pytest.fixture(scope="module")

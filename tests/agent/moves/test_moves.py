@@ -71,13 +71,13 @@ def pair_at(process, *cells):
     world = np.zeros((len(cells), grid.COLUMN_COUNT), dtype=np.int64)
     assert grid.place(process, world, np.array(cells, dtype=np.int64))
     plans = np.zeros((len(cells), kernels.PLAN_SIZE))
-    kernels.stand(build_model(ideal_moves(), RL_STEP_S, 5.0), world, plans, seeded_state(0))
+    kernels.stand(build_model(ideal_moves(), 5.0), world, plans, seeded_state(0))
     return world, plans
 
 
 def test_moves_of_one_step_are_the_grid():
     process = build_process(find_scenario("4"), ProcessConfig(clearance_m=0.0))
-    model = build_model(ideal_moves(), RL_STEP_S, 5.0)
+    model = build_model(ideal_moves(), 5.0)
     rng, random = np.random.default_rng(0), seeded_state(0)
     compared = 0
     for _ in range(50):
@@ -98,7 +98,7 @@ def test_moves_of_one_step_are_the_grid():
             if begun:
                 assert outcome == begun
                 break
-            after = kernels.step(process, model, world, plans, rewards)
+            after, _ = kernels.step(process, model, world, plans, rewards)
             if grid.touched_between(on_grid, 0, 1, 25):
                 break  # the grid looks at the ends of moves only
             assert after == outcome
@@ -115,7 +115,7 @@ def test_moves_of_one_step_are_the_grid():
 
 def test_a_robot_turns_then_drives_then_waits():
     process = build_process(find_scenario("1a"), ProcessConfig())
-    model = build_model(ideal_moves(duration_s=7.0, turn_s=3.0, drift=0.1, stop=0.05), 2.0, 5.0)
+    model = build_model(ideal_moves(duration_s=7.0, turn_s=3.0, drift=0.1, stop=0.05), 5.0)
     world, plans = pair_at(process, (5, 5))
     rewards = np.zeros(1, dtype=np.float32)
     north = 2
@@ -136,12 +136,12 @@ def test_a_robot_turns_then_drives_then_waits():
 
 def test_robots_that_meet_between_cells_collide():
     process = build_process(SMALL, ProcessConfig())
-    model = build_model(ideal_moves(duration_s=4.0), 2.0, 5.0)
+    model = build_model(ideal_moves(duration_s=4.0), 5.0)
     world, plans = pair_at(process, (2, 5), (8, 5))
     random, rewards = seeded_state(0), np.zeros(2, dtype=np.float32)
     for robot, direction in enumerate((0, 4)):
         kernels.begin_move(process, model, world, plans, robot, direction, random)
-    assert kernels.step(process, model, world, plans, rewards) == COLLISION
+    assert kernels.step(process, model, world, plans, rewards)[0] == COLLISION
     assert rewards.tolist() == [-100.0, -100.0]
 
 
@@ -161,11 +161,11 @@ def test_a_robot_that_strays_to_an_obstacle_collides():
         (ideal_moves(duration_s=3.0, stop=0.6), (2, 3), 6),
         (moves[0], (2, 2), 0),  # into a blocked cell
     ]:
-        model = build_model(observed, RL_STEP_S, 5.0)
+        model = build_model(observed, 5.0)
         world, plans = pair_at(process, start)
         outcome = kernels.begin_move(process, model, world, plans, 0, direction, seeded_state(0))
         while outcome == RUNNING and not kernels.waits(plans, 0):
-            outcome = kernels.step(process, model, world, plans, rewards)
+            outcome, _ = kernels.step(process, model, world, plans, rewards)
         outcomes.append(outcome)
     assert outcomes == [RUNNING, RUNNING, COLLISION, COLLISION]
     assert rewards.tolist() == [-100.0]
@@ -173,11 +173,11 @@ def test_a_robot_that_strays_to_an_obstacle_collides():
 
 def test_a_robot_that_drifts_off_the_board_while_it_turns_is_lost():
     process = build_process(SMALL, ProcessConfig())
-    model = build_model(ideal_moves(3.0 * RL_STEP_S, turn_s=1.5 * RL_STEP_S, drift=2.0), 2.0, 5.0)
+    model = build_model(ideal_moves(3.0 * RL_STEP_S, turn_s=1.5 * RL_STEP_S, drift=2.0), 5.0)
     world, plans = pair_at(process, (0, 10), (10, 1))
     rewards = np.zeros(2, dtype=np.float32)
     kernels.begin_move(process, model, world, plans, 0, 0, seeded_state(0))
-    assert kernels.step(process, model, world, plans, rewards) == OUT_OF_BOARD
+    assert kernels.step(process, model, world, plans, rewards)[0] == OUT_OF_BOARD
     assert world[:, grid.STATUS].tolist() == [grid.LEFT, grid.MOVING]
     assert world[0, : grid.Y + 1].tolist() == [0, 11]
     assert rewards[0] == -process.goal_reward
@@ -189,7 +189,7 @@ def test_a_robot_keeps_the_world_that_it_drew():
     process = build_process(SMALL, ProcessConfig())
     walks = [ideal_moves(duration_s=s).moves for s in (1.0, 2.0, 3.0)]
     observed = ObservedMoves("", 0, sum(walks, ()), walks=tuple(len(walk) for walk in walks))
-    model, random = build_model(observed, RL_STEP_S, 5.0), seeded_state(0)
+    model, random = build_model(observed, 5.0), seeded_state(0)
     durations = np.zeros((20, 6))
     for episode in durations:
         world, plans = pair_at(process, (2, 2), (10, 10))
@@ -227,7 +227,7 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
     config = PolicyConfig(alone, ProcessConfig(features=("x", "y")), learning, Seed(1), moves)
     policy, _ = train_policy(config)
 
-    process, model = build_process(alone, config.process), build_model(moves, RL_STEP_S, 5.0)
+    process, model = build_process(alone, config.process), build_model(moves, 5.0)
     world = np.zeros((1, grid.COLUMN_COUNT), dtype=np.int64)
     plans, cells = np.zeros((1, kernels.PLAN_SIZE)), np.zeros((1, 2), dtype=np.int64)
     random, rewards = seeded_state(1), np.zeros(1, dtype=np.float32)
@@ -244,7 +244,7 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
             outcome = kernels.begin_move(process, model, world, plans, 0, action, random)
             target, steps = (0.0, 0) if outcome == RUNNING else (-100.0, 0)
             while outcome == RUNNING and not kernels.waits(plans, 0):
-                outcome = kernels.step(process, model, world, plans, rewards)
+                outcome, _ = kernels.step(process, model, world, plans, rewards)
                 target += 0.99**steps * rewards[0]
                 steps += 1
             table = int(next_word(random)) & 1
@@ -298,7 +298,7 @@ def test_moves_survive_a_file(tmp_path):
     moves = ideal_moves()
     moves.save(tmp_path / "moves.json")
     assert ObservedMoves.load(tmp_path / "moves.json") == moves
-    counts = moves.counts(RL_STEP_S)
+    counts = moves.counts()
     assert counts[1, 3, NO_DIRECTION] == {(1, 1, 1): 1}
 
 
@@ -313,7 +313,7 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, content):
 
 def test_missing_kinds_are_refused():
     with pytest.raises(MovesError, match="more moves"):
-        build_model(ObservedMoves("", 0, ideal_moves().moves[:3]), RL_STEP_S, 5.0)
+        build_model(ObservedMoves("", 0, ideal_moves().moves[:3]), 5.0)
 
 
 def test_moves_are_observed_in_the_co_simulation(monkeypatch):
@@ -328,4 +328,4 @@ def test_moves_are_observed_in_the_co_simulation(monkeypatch):
         assert (move.columns, move.rows) == tuple(DIRECTIONS[move.direction])
         assert 0.0 <= move.turn_s < move.duration_s < TIMING.move_limit_s
         assert math.hypot(move.stop_x, move.stop_y) < 0.3
-    build_model(moves, RL_STEP_S, 5.0)
+    build_model(moves, 5.0)

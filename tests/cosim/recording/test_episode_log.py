@@ -37,6 +37,7 @@ def step(
         RawSamples(*new_raw_samples(0, 2)),
         np.zeros(2, dtype=int),
         Outcome(outcome),
+        2.0,
     )
 
 
