@@ -19,6 +19,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 BEST: Method = "moves"
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal
 
+Algorithm = Literal["q", "double_q"]
 Backend = Literal["loky", "threading", "ray", "dask"]  # see `agent.training.sweep`
 
 
@@ -46,7 +47,7 @@ class LearningConfig:
     """Share of the episodes with exploration; epsilon is 0 afterwards (Section V)."""
     schedule: Literal["geometric", "linear"] = "geometric"
     """Reduction by the factor (assumed), or linear to 0 at the end of exploration."""
-    algorithm: Literal["q", "double_q"] = "q"
+    algorithm: Algorithm = "q"
     """Q-learning of Eq. (7), or double Q-learning (two tables per robot)."""
     log_episodes: int = 1000
     """Episodes between two points of the learning curves."""
