@@ -1,7 +1,7 @@
 """Intervals of rates; mean, interquartile mean and bootstrap interval over runs.
 
-The latter are recommended for reinforcement learning by Agarwal et al., "Deep Reinforcement Learning
-at the Edge of the Statistical Precipice" (2021).
+The latter are recommended for reinforcement learning by Agarwal et al., "Deep Reinforcement
+Learning at the Edge of the Statistical Precipice" (2021).
 """
 
 from collections.abc import Sequence

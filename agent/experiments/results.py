@@ -104,11 +104,14 @@ def show(result: ExperimentResult) -> None:
     rows = [(v.label, *_intervals(v.over_runs, measures)) for v in variants.values()]
     show_table(None, header, rows)
     if result.differences:
-        references = [v.label for name, v in variants.items() if name not in result.differences]
-        header = (f"minus {' or '.join(references)}, run by run", *header[1:4])
+        reference_of = {
+            v.scenario: v.label for name, v in variants.items() if name not in result.differences
+        }
+        header = ("difference, run by run", *header[1:4])
         rows = [
-            (variants[name].label, *_intervals(statistics, _COMPARED))
+            (f"{v.label} minus {reference_of[v.scenario]}", *_intervals(statistics, _COMPARED))
             for name, statistics in result.differences.items()
+            for v in (variants[name],)
         ]
         show_table(None, header, rows)
     print(f"{result.seconds:.0f} s; results in {result.out}/: {RESULTS_FILE}, runs by variant")

@@ -130,7 +130,7 @@ def joint_starts(process: Process) -> np.ndarray:
         drawn = np.empty((MAX_STARTS, len(counts), 2), dtype=np.int64)
         _draw_starts(process, drawn, seeded_state(0))
         return drawn
-    index = np.indices(counts).reshape(len(counts), -1).T
+    index = np.indices(tuple(counts.tolist())).reshape(len(counts), -1).T
     starts = process.start_cells[index + process.start_offsets[:-1]]
     apart = np.full(len(starts), fill_value=True)
     for i, j in itertools.combinations(range(len(counts)), 2):
