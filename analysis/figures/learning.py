@@ -102,7 +102,7 @@ def draw_by_scenario(variants: dict[str, VariantCurves]) -> Figure:
     for axes, name in zip(grid.T, scenarios, strict=True):
         axes[0].set_title(f"scenario {name}", loc="left")
         axes[1].set_xlabel("episodes in millions")
-    grid[0, 0].legend(loc="lower right")
+    grid[0, 0].legend(loc="upper left")
     return figure
 
 
