@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 
 from agent.robustness.axes import AXES, Axis
-from agent.training.settings import METHODS, Method
+from agent.training.settings import LEARNT, Method
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
@@ -44,7 +44,7 @@ class Robustness:
     """World in which nothing is ideal (.toml with a table [world])."""
     axes: tuple[Axis, ...] = AXES
     """What is not ideal in the worlds to measure, one thing at a time, and everything."""
-    methods: tuple[Method, ...] = METHODS
+    methods: tuple[Method, ...] = LEARNT
     """Methods to measure; see `python -m cosim.run --help`."""
     seed: int = 0
     """Seed of training, of samples of starts and of what episodes draw."""

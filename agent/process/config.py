@@ -10,7 +10,8 @@ from typing import Literal, get_args
 from cosim.base.errors import UserError
 from cosim.scenarios.scenario import ScenarioError
 
-Feature = Literal["x", "y", "d", "g", "b", "h"]
+Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
+Objective = Literal["shortest", "quickest"]  # paths of least length, or of fewest moves
 PartnerUpdate = Literal["ordinary", "penalty", "none"]
 FEATURES: tuple[Feature, ...] = get_args(Feature)
 PARTNER_UPDATES: tuple[PartnerUpdate, ...] = get_args(PartnerUpdate)
@@ -32,7 +33,7 @@ class ProcessConfig:
     """D of Eq. (11): beyond it the other robot costs nothing (Section III)."""
     features: tuple[Feature, ...] = ("x", "y", "d", "g")
     """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
-    h (the axis that the robot itself faces, forwards or backwards)."""
+    h (the axis that the robot itself faces, forwards or backwards), p (cell of the other)."""
     zone_is_obstacle: bool = False
     """Whether no robot's centre may enter the central zone, except its own target (assumed no).
     Unlike a scenario's obstacles, which exist in the dynamics too, a reading of the grid alone."""

@@ -24,7 +24,7 @@ from agent.robustness.table import (
     report_of,
 )
 from agent.training.policy import Policy
-from agent.training.settings import METHODS
+from agent.training.settings import LEARNT, METHODS
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing, write_json
@@ -41,7 +41,7 @@ def robustness(
     *,
     scenario: str = "4",
     axes: Collection[Axis] = AXES,
-    methods: Collection[str] = METHODS,
+    methods: Collection[str] = LEARNT,
     episodes: int = EPISODES,
     seed: int = 0,
     budget_minutes: float | None = None,

@@ -10,12 +10,15 @@ from typing import Any, Literal, TypeVar, get_args
 
 import msgspec
 
-from agent.process.config import ProcessConfig, require
+from agent.process.config import Objective, ProcessConfig, require
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 
-Method = Literal["moves", "paper", "slip", "robust"]  # see `agent.method`
+Learnt = Literal["moves", "paper", "slip", "robust"]
+Method = Literal[Learnt, Objective]  # see `agent.method`
 METHODS: tuple[Method, ...] = get_args(Method)
+LEARNT: tuple[Learnt, ...] = get_args(Learnt)
+COMPUTED: tuple[Objective, ...] = get_args(Objective)
 BEST: Method = "moves"
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal
 
