@@ -98,7 +98,7 @@ class Policy:
     Attributes:
         config: what it was trained with.
         q: (tables, N, states, 8) float32, Q tables; two for double Q-learning.
-        visits: (N, states) uint32, decisions made in each state; 1 of each if it was computed.
+        visits: (N, states) uint32, decisions made in each state; 1 each if computed.
         random: (1,) uint64, generator state after training.
         episodes: episodes trained.
     """
