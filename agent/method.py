@@ -1,10 +1,11 @@
-"""The methods of training that are compared in co-simulation, by name, and the policies they give.
+"""The methods that are compared in co-simulation, by name, and the policies they give.
 
 "paper" learns on the deterministic grid (Section V), "slip" on the grid where moves go astray,
 "moves" on moves observed in co-simulation, with the bearing of the other robot, "robust" on moves
 of many worlds (`agent.moves.worlds`), "prompt" on moves of robots that are asked when their moves
-end and drive through cells (`--through`), for the time these take. `python -m cosim.run` uses
-"moves", with `--through` "prompt".
+end and drive through cells (`--through`), for the time these take. "shortest" and "quickest" learn
+nothing: they are the optimal joint paths on the grid, by length or by moves, which are computed.
+`python -m cosim.run` uses "moves", with `--through` "prompt".
 """
 
 from dataclasses import replace
@@ -14,14 +15,16 @@ from typing import NamedTuple
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
 from agent.moves.worlds import RANGES, Ranges
+from agent.process import optimum
 from agent.process.config import ProcessConfig
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.policy import Policy, PolicyConfig, Seed
-from agent.training.settings import METHODS, LearningConfig, Method
-from agent.training.store import find_or_train
+from agent.training.settings import COMPUTED, METHODS, LearningConfig, Method
+from agent.training.store import find_or_compute, find_or_train
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
+from cosim.base.provenance import code_digest, with_imports
 from cosim.calibration.cache import calibrated_slower
 from cosim.navigation.options import Deciding
 from cosim.scenarios.scenario import Scenario
@@ -57,17 +60,27 @@ def method_config(
     Args:
         method: one of METHODS.
         scenario: board, starts and targets.
-        seed: of training.
+        seed: of training; a computed policy has none.
         episodes: training episodes, the method's own number by default.
         motor_fmu: whose moves are observed, the built-in one by default.
         progress: is told what is calibrated and observed.
 
     Raises:
-        UserError: the method is unknown, or moves cannot be observed.
+        UserError: the method is unknown, there are episodes and it is computed, or moves cannot be
+            observed.
     """
     if method not in METHODS:
         raise UserError(f"method {method!r} is unknown; choose one of {', '.join(METHODS)}")
     process, learning = _settings(method, scenario)
+    if method in COMPUTED:
+        if episodes is not None:
+            raise UserError(
+                f"method {method} is computed, not trained; leave out the number of episodes"
+            )
+        code = code_digest(with_imports([Path(optimum.__file__)]))
+        return PolicyConfig(
+            scenario, process, learning, Seed(0), objective=method, kernel_version=code
+        )
     if episodes is not None:
         learning = replace(learning, episodes=episodes)
     moves = None
@@ -86,13 +99,17 @@ def method_of(config: PolicyConfig) -> Method | None:
     free = {name: getattr(config.learning, name) for name in _FREE}
     for method in METHODS:
         process, learning = _settings(method, config.scenario)
-        expected = process, replace(learning, **free), ON_MOVES.get(method)
-        if (config.process, config.learning, driven) == expected:
+        objective = method if method in COMPUTED else None
+        expected = process, replace(learning, **free), ON_MOVES.get(method), objective
+        if (config.process, config.learning, driven, config.objective) == expected:
             return method
     return None
 
 
 def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
+    if method in COMPUTED:
+        features = ("x", "y") if scenario.robots == 1 else ("x", "y", "p")
+        return ProcessConfig(features=features), LearningConfig()
     if method not in ON_MOVES:
         slip = SLIP_PROBABILITY if method == "slip" else 0.0
         return ProcessConfig(slip_probability=slip), LearningConfig()
@@ -133,24 +150,27 @@ def method_policy(
     motor_fmu: Path | None = None,
     again: bool = False,
     progress: Progress = silent,
-) -> tuple[Policy, TrainingLog, Path]:
-    """The policy of a method: found in the cache, or trained and kept there.
+) -> tuple[Policy, TrainingLog | None, Path]:
+    """The policy of a method: found in the cache, or trained or computed and kept there.
 
     Args:
         method, scenario, seed, episodes, motor_fmu: see `method_config`.
-        again: train even if the policy is there.
+        again: make it even if the policy is there.
         progress: is told what is calibrated, observed and trained; nothing if the policy is found.
 
     Returns:
-        The policy, its learning curves and the path of its file.
+        The policy, its learning curves (none if it was computed) and the path of its file.
 
     Raises:
-        UserError: the scenario cannot be used, or moves cannot be observed.
+        UserError: the scenario cannot be used, see `method_config`.
         OSError: the cache cannot be written.
     """
     config = method_config(
         method, scenario, seed, episodes=episodes, motor_fmu=motor_fmu, progress=progress
     )
+    if config.objective is not None:
+        policy, path = find_or_compute(config, again=again)
+        return policy, None, path
 
     def training(now: TrainingProgress) -> None:
         state = f"success {now.success:.1%}  ε {now.epsilon:.3f}"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from agent.training.settings import Method
+from agent.training.settings import COMPUTED, Method
 from cosim.base.command import Jobs, parse, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
@@ -36,15 +36,16 @@ class Run:
     """
 
     scenario: str = "2"
-    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway) or a scenario
-    file (.toml)."""
+    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway; 4-cross,
+    4-ring, 6-swap) or a scenario file (.toml)."""
     episodes: int = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
     """How agents learn: on moves observed in co-simulation (moves, the default, the first time
     some 20 s more), on moves with --through (prompt, the default with --through), on moves of many
-    worlds (robust), on the grid as in Section V (paper), or on
-    the grid with moves that go astray (slip)."""
+    worlds (robust), on the grid as in Section V (paper), or on the grid with moves that go astray
+    (slip); or, of one or two robots, the joint paths that are optimal on the grid by length
+    (shortest) or by moves (quickest), computed without learning."""
     train_episodes: int | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves."""
     seed: int = 0
@@ -99,6 +100,11 @@ class Run:
             raise ConfigError(
                 f"{' and '.join(given)}: nothing is trained with --policy, which names a trained "
                 "policy; leave one of them out"
+            )
+        if self.method in COMPUTED and (self.train_episodes or self.train_seed is not None):
+            raise ConfigError(
+                f"--train-episodes, --train-seed: method {self.method} is computed, not trained; "
+                "leave them out"
             )
         if self.viewer != DEFAULT_VIEWER and not (self.live or self.spawn):
             raise ConfigError("--viewer has no effect without --live or --spawn; add one of them")

@@ -16,6 +16,7 @@ from agent.process.grid import (
     CLASS,
     COLUMN_COUNT,
     MOVING,
+    PARTNER,
     SIGN,
     STATUS,
     VX,
@@ -34,7 +35,7 @@ from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.navigation.features import DIRECTION_COUNT
 from cosim.scenarios.scenario import Scenario
 
-FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS}
+FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
 
 _LENGTHS = (0.0, 1.0, math.sqrt(2.0))  # of a move over so many rows and columns
 

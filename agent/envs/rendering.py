@@ -7,7 +7,8 @@ from cosim.scenarios.scenario import Scenario
 PIXELS_PER_CELL = 12
 # Colour-blind safe colours of robots and their targets (Okabe and Ito), used in turn.
 ROBOT_COLOURS = np.array(
-    [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167)], dtype=np.uint8
+    [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)],
+    dtype=np.uint8,
 )
 _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
 

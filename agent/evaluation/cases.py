@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from agent.process.exact import all_starts
+from agent.process.exact import joint_starts
 from agent.training.policy import Policy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
@@ -59,15 +59,11 @@ class Case:
 
     @cached_property
     def starts(self) -> np.ndarray:
-        """(K, N, 2) int64, all combinations of start cells in which no robots touch.
-
-        Raises:
-            UserError: there are too many.
-        """
-        return all_starts(self.policy.process)
+        """(K, N, 2) int64, see `agent.process.exact.joint_starts`."""
+        return joint_starts(self.policy.process)
 
     def sample(self, count: int | None) -> list[int]:
-        """Indices of distinct starts in an order drawn with the seed.
+        """Distinct indices of starts in an order drawn with the seed.
 
         A smaller sample is the beginning of a larger one, and whatever was simulated of a sample
         is a sample itself.

@@ -1,4 +1,4 @@
-"""What policies achieve exactly on the grid: rates, lengths and failing starts.
+"""What policies achieve on the grid: rates, lengths and failing starts.
 
 The report is data first (`report_of`, what `--json` prints) and tables second (`show`).
 """
@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from agent.evaluation.statistics import Statistics, summarise
-from agent.process.exact import evaluate
+from agent.evaluation.statistics import Statistics, rate, summarise
+from agent.process.exact import enumerable, evaluate
 from agent.process.optimum import ratios
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
@@ -20,19 +20,21 @@ from cosim.base.command import show_table
 from cosim.base.errors import UserError
 from cosim.base.outcome import BY_RANK, ENDS, SUCCESS, Outcome
 
-MAX_FAILURES = 1000  # in the report; scenarios of four robots have some 700 000 starts
+MAX_FAILURES = 1000  # in the report
 
 _LISTED_FAILURES = 10
 _MEASURES = (*ENDS, "path_length_cm", "steps", "ratio_to_bound", "steps_ratio_to_bound")
 
 
-class PolicyMeasures(msgspec.Struct, frozen=True):
-    """What a policy achieves from all starts.
+class PolicyMeasures(msgspec.Struct, frozen=True, kw_only=True):
+    """What a policy achieves from its `agent.process.exact.joint_starts`.
 
     Attributes:
         policy: its name.
         scenario: name of its scenario.
         starts: how many there are.
+        success_low, success_high: 95 % Wilson interval of `success` where starts were drawn; None
+            where it is exact.
         success, collision, out_of_board, timeout: share of the starts with that outcome.
         path_length_cm: mean over robots and successful starts; None without a success.
         steps: moves, the same mean.
@@ -53,6 +55,8 @@ class PolicyMeasures(msgspec.Struct, frozen=True):
     ratio_to_bound: float | None
     steps_ratio_to_bound: float | None
     failing_starts: int
+    success_low: float | None = None
+    success_high: float | None = None
 
 
 class GridFailure(msgspec.Struct, frozen=True):
@@ -67,7 +71,7 @@ class GridFailure(msgspec.Struct, frozen=True):
     outcome: Outcome
 
 
-class PolicyReport(PolicyMeasures, frozen=True):
+class PolicyReport(PolicyMeasures, frozen=True, kw_only=True):
     """What a policy achieves, and where it fails.
 
     Attributes:
@@ -92,11 +96,14 @@ class GridReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def measure(name: str, policy: Policy) -> PolicyReport:
-    """Evaluate a policy from all starts."""
+    """Evaluate a policy from all starts, or a sample of them."""
     result = evaluate(policy.process, policy.values)
     path_ratio, steps_ratio = ratios(policy.process, result)
     failing = np.flatnonzero(result.outcome != SUCCESS)
     scenario = policy.config.scenario
+    low = high = None
+    if not enumerable(policy.process):
+        _, low, high = rate(len(result.outcome) - len(failing), len(result.outcome))
     return PolicyReport(
         policy=name,
         scenario=scenario.name,
@@ -107,6 +114,8 @@ def measure(name: str, policy: Policy) -> PolicyReport:
         ratio_to_bound=_known(path_ratio),
         steps_ratio_to_bound=_known(steps_ratio),
         failing_starts=len(failing),
+        success_low=low,
+        success_high=high,
         failures=tuple(
             GridFailure(tuple((x, y) for x, y in starts), BY_RANK[outcome])
             for starts, outcome in zip(
@@ -157,7 +166,7 @@ def show(report: GridReport) -> None:
         (
             row.policy,
             row.scenario,
-            str(row.starts),
+            _starts(row),
             *(_text(name, getattr(row, name)) for name in _MEASURES),
         )
         for row in report.policies
@@ -190,6 +199,12 @@ def show_failures(policies: Iterable[Any]) -> None:
         more = row.failing_starts - _LISTED_FAILURES
         if more > 0:
             print(f"{row.policy}: {more} more failing starts (--json lists more)")
+
+
+def _starts(row: PolicyMeasures) -> str:
+    if row.success_low is None:
+        return str(row.starts)
+    return f"{row.starts} drawn: {row.success_low:.2%} to {row.success_high:.2%}"
 
 
 def _text(name: str, value: float | None) -> str:

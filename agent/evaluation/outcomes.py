@@ -4,37 +4,16 @@ Only numbers, with None where there is none; tables of them are drawn by the com
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from scipy.stats import binomtest
 
 from agent.evaluation.cases import Case
-from agent.evaluation.statistics import CONFIDENCE, summarise
+from agent.evaluation.statistics import rate, summarise
 from agent.process.exact import evaluate
 from cosim.base.outcome import ENDS, SUCCESS, Outcome
 from cosim.navigation.result import EpisodeResult
 from cosim.scenarios.scenario import Cell
-
-
-class Rate(NamedTuple):
-    """Share of episodes.
-
-    Attributes:
-        share: of the episodes counted.
-        low, high: ends of its 95 % Wilson score interval.
-    """
-
-    share: float
-    low: float
-    high: float
-
-
-def rate(count: int, episodes: int) -> Rate:
-    """Share of `count` among `episodes` (at least one) independent episodes."""
-    interval = binomtest(count, episodes).proportion_ci(CONFIDENCE, method="wilson")
-    return Rate(count / episodes, float(interval.low), float(interval.high))
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):

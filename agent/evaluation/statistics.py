@@ -1,13 +1,15 @@
-"""Mean, interquartile mean and bootstrap interval over runs, as for few-run evaluations.
+"""Intervals of rates; mean, interquartile mean and bootstrap interval over runs.
 
-Recommended for reinforcement learning by Agarwal et al., "Deep Reinforcement Learning at the Edge
-of the Statistical Precipice" (2021).
+The latter are recommended for reinforcement learning by Agarwal et al., "Deep Reinforcement
+Learning at the Edge of the Statistical Precipice" (2021).
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from scipy.stats import binomtest
 
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
@@ -28,6 +30,25 @@ class Statistics(msgspec.Struct, frozen=True):
     low: float | None
     high: float | None
     runs: int
+
+
+class Rate(NamedTuple):
+    """Share of episodes.
+
+    Attributes:
+        share: of the episodes counted.
+        low, high: ends of its 95 % Wilson score interval.
+    """
+
+    share: float
+    low: float
+    high: float
+
+
+def rate(count: int, episodes: int) -> Rate:
+    """Share of `count` among `episodes` (at least one) independent episodes."""
+    interval = binomtest(count, episodes).proportion_ci(CONFIDENCE, method="wilson")
+    return Rate(count / episodes, float(interval.low), float(interval.high))
 
 
 def interquartile_mean(values: np.ndarray) -> float:

@@ -14,11 +14,12 @@ from cosim.base.errors import UserError, run_command
 
 @dataclass(frozen=True, kw_only=True)
 class Experiments:
-    """Run a learning experiment of the paper over many seeds and evaluate every run exactly.
+    """Run a learning experiment of the paper over many seeds and evaluate every run.
 
     fig08: one robot, scenarios 1a and 1b. fig10: the coefficient c. fig11: pairs, scenarios 2, 3
     and 4. features: which of x, y, d, g (and the bearing b) a robot needs. readings: what each
-    assumed reading of the paper changes. The same command with --out goes on after an interrupt.
+    assumed reading of the paper changes. sequel: groups of four and six robots, by Q-learning and
+    double Q-learning. The same command with --out goes on after an interrupt.
     Draw the figures with python -m analysis.figures.
     """
 

@@ -1,13 +1,13 @@
 """Result files of trained runs, and an experiment's result as tables."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import msgspec
 import numpy as np
 
 from agent.evaluation.grid import GridReport, PolicyMeasures
 from agent.evaluation.statistics import Statistics, summarise
-from agent.experiments.variants import REFERENCES, Name
+from agent.experiments.variants import Name
 from cosim.base.command import show_table
 
 RESULTS_FILE = "results.json"
@@ -57,7 +57,7 @@ class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
         seconds: that training took, without what was there already.
         out: folder of the runs.
         variants: by name.
-        differences: of each variant from the reference, by measure; none without a reference.
+        differences: of each variant from the reference of its scenario, by measure; none without.
     """
 
     schema_version: int = 1
@@ -71,22 +71,28 @@ class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def differences(
-    variants: Mapping[str, VariantResult], reference: str | None
+    variants: Mapping[str, VariantResult], references: Collection[str]
 ) -> dict[str, dict[str, Statistics]]:
-    """Statistics of each variant's runs minus the reference's runs of the same seeds."""
-    if reference is None:
-        return {}
+    """Statistics of each variant's runs minus the runs of the same seeds of its reference.
+
+    Args:
+        variants: by name.
+        references: names of the variants that the others of their scenarios are compared with.
+    """
+    reference_of = {variants[name].scenario: name for name in references}
 
     def values(name: str, measure: str) -> np.ndarray:
         return np.array([getattr(run, measure) for run in variants[name].runs], dtype=float)
 
     return {
         name: {
-            measure: summarise(values(name, measure) - values(reference, measure))
+            measure: summarise(
+                values(name, measure) - values(reference_of[variant.scenario], measure)
+            )
             for measure in _COMPARED
         }
-        for name in variants
-        if name != reference
+        for name, variant in variants.items()
+        if references and name not in references
     }
 
 
@@ -98,11 +104,14 @@ def show(result: ExperimentResult) -> None:
     rows = [(v.label, *_intervals(v.over_runs, measures)) for v in variants.values()]
     show_table(None, header, rows)
     if result.differences:
-        reference = variants[REFERENCES[result.experiment]].label
-        header = (f"minus {reference}, run by run", *header[1:4])
+        reference_of = {
+            v.scenario: v.label for name, v in variants.items() if name not in result.differences
+        }
+        header = ("difference, run by run", *header[1:4])
         rows = [
-            (variants[name].label, *_intervals(statistics, _COMPARED))
+            (f"{v.label} minus {reference_of[v.scenario]}", *_intervals(statistics, _COMPARED))
             for name, statistics in result.differences.items()
+            for v in (variants[name],)
         ]
         show_table(None, header, rows)
     print(f"{result.seconds:.0f} s; results in {result.out}/: {RESULTS_FILE}, runs by variant")

@@ -3,9 +3,10 @@
 from typing import Literal, NamedTuple
 
 from agent.process.config import Feature, ProcessConfig
-from agent.training.settings import LearningConfig
+from agent.training.settings import Algorithm, LearningConfig
+from cosim.scenarios.built_in import IN_GROUPS
 
-Name = Literal["fig08", "fig10", "fig11", "features", "readings"]
+Name = Literal["fig08", "fig10", "fig11", "features", "readings", "sequel"]
 
 
 class Variant(NamedTuple):
@@ -37,6 +38,7 @@ _FEATURES: tuple[tuple[Feature, ...], ...] = (
     ("x", "y", "d", "g"),
     ("x", "y", "d", "g", "b"),
 )
+_ALGORITHMS: dict[Algorithm, str] = {"q": "Q-learning", "double_q": "double Q-learning"}
 
 EXPERIMENTS: dict[Name, dict[str, Variant]] = {
     "fig08": _scenarios("1a", "1b"),
@@ -74,7 +76,19 @@ EXPERIMENTS: dict[Name, dict[str, Variant]] = {
             "double Q-learning", _HARDEST, learning=LearningConfig(algorithm="double_q")
         ),
     },
+    "sequel": {
+        f"{name}-{algorithm}": Variant(
+            f"{name}, {label}", name, learning=LearningConfig(algorithm=algorithm)
+        )
+        for name in IN_GROUPS
+        for algorithm, label in _ALGORITHMS.items()
+    },
 }
 
-# The variant that the others are compared with, run by run (same seed, same run).
-REFERENCES: dict[Name, str] = {"fig10": "c1.5", "features": "xydg", "readings": "as_read"}
+# Variants that the others of the same scenario are compared with, run by run (same seed, same run).
+REFERENCES: dict[Name, tuple[str, ...]] = {
+    "fig10": ("c1.5",),
+    "features": ("xydg",),
+    "readings": ("as_read",),
+    "sequel": tuple(f"{name}-q" for name in IN_GROUPS),
+}

@@ -22,6 +22,7 @@ from agent.process.grid import (
     HIT,
     LEFT,
     MOVING,
+    PARTNER,
     SIGN,
     SQUARED,
     STATUS,
@@ -173,9 +174,10 @@ def step(
     Args:
         process: the decision process.
         model: for the length of the step and the distance of contact.
-        world: columns of `agent.process.grid`, updated; CLASS, SIGN and BEARING are what each robot
-            sees now, SQUARED stays that of its last decision. plans: (N, PLAN_SIZE), updated.
-            rewards: (N,) float32, written with Eq. (8) or (11) for every robot that was moving.
+        world: columns of `agent.process.grid`, updated; CLASS, SIGN, BEARING and PARTNER are what
+            each robot sees now, SQUARED stays that of its last decision.
+        plans: (N, PLAN_SIZE), updated.
+        rewards: (N,) float32, written with Eq. (8) or (11) for every robot that was moving.
 
     Returns:
         RUNNING, SUCCESS, COLLISION or OUT_OF_BOARD, and how many RL steps have passed.
@@ -215,7 +217,7 @@ def step(
         if world[i, STATUS] == ARRIVED:
             arrived += 1
             continue
-        nearest, world[i, BEARING] = nearest_other(process, world, i)
+        nearest, world[i, BEARING], world[i, PARTNER] = nearest_other(process, world, i)
         # Eq. (9) and (10)
         world[i, CLASS] = distance_class(nearest, process.thresholds)
         world[i, SIGN] = gradient_sign(nearest, world[i, SQUARED])

@@ -10,6 +10,7 @@ from agent.process.grid import (
     BEARING,
     CLASS,
     COLUMN_COUNT,
+    PARTNER,
     SIGN,
     X,
     Y,
@@ -31,7 +32,7 @@ def on_grid(process: Process, observation: Observation) -> tuple[np.ndarray, np.
         observation: int64, C-contiguous.
 
     Returns:
-        World (N, 10) without last moves and status, and state indices (N,); indices are −1 and the
+        World (N, 11) without last moves and status, and state indices (N,); indices are −1 and the
         world is 0 if a cell is off the board.
     """
     cells = observation.cells
@@ -48,7 +49,7 @@ def on_grid(process: Process, observation: Observation) -> tuple[np.ndarray, np.
         world[i, SIGN] = observation.gradient_sign[i]
         world[i, AXIS] = observation.direction[i] % AXIS_COUNT
     for i in range(len(cells)):
-        world[i, BEARING] = nearest_other(process, world, i)[1]
+        _, world[i, BEARING], world[i, PARTNER] = nearest_other(process, world, i)
         states[i] = state_index(process, world, i)
     return world, states
 

@@ -16,8 +16,8 @@ class BoundOptions:
     """
 
     scenario: str = "4"
-    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway) or a scenario
-    file (.toml)."""
+    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway; 4-cross,
+    4-ring, 6-swap) or a scenario file (.toml)."""
     json: Json = False
     process: ProcessConfig = field(default_factory=ProcessConfig)
 
@@ -25,7 +25,7 @@ class BoundOptions:
 def main() -> None:
     """Command line; see `BoundOptions`."""
     options = parse(BoundOptions, "agent.process.bound")
-    from agent.process.exact import all_starts
+    from agent.process.exact import enumerable, joint_starts
     from agent.process.optimum import optimum
     from agent.process.readings import build_process
     from cosim.scenarios.file import find_scenario
@@ -33,10 +33,12 @@ def main() -> None:
     scenario = find_scenario(options.scenario)
     process = build_process(scenario, options.process)
     bound = optimum(process)
-    starts = all_starts(process)
+    starts = joint_starts(process)
     path_cells, steps = (mean.mean() for mean in bound.of_starts(starts, scenario.rows))
     path_length_cm = 100.0 * scenario.cell_m * path_cells
-    print(f"scenario {scenario.name}, {len(starts)} starts" + ", relaxed" * bound.relaxed)
+    sampled = "" if enumerable(process) else " drawn"
+    relaxed = ", relaxed" * bound.relaxed
+    print(f"scenario {scenario.name}, {len(starts)}{sampled} starts{relaxed}")
     print(f"path length {path_length_cm:.2f} cm, moves {steps:.2f}")
     if options.json:
         print_json(

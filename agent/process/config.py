@@ -10,7 +10,8 @@ from typing import Literal, get_args
 from cosim.base.errors import UserError
 from cosim.scenarios.scenario import ScenarioError
 
-Feature = Literal["x", "y", "d", "g", "b", "h"]
+Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
+Objective = Literal["shortest", "quickest"]  # paths of least length, or of fewest moves
 PartnerUpdate = Literal["ordinary", "penalty", "none"]
 RewardPer = Literal["step", "time", "distance"]
 FEATURES: tuple[Feature, ...] = get_args(Feature)
@@ -37,7 +38,7 @@ class ProcessConfig:
     """D of Eq. (11): beyond it the other robot costs nothing (Section III)."""
     features: tuple[Feature, ...] = ("x", "y", "d", "g")
     """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
-    h (the axis that the robot itself faces, forwards or backwards)."""
+    h (the axis that the robot itself faces, forwards or backwards), p (cell of the other)."""
     zone_is_obstacle: bool = False
     """Whether no robot's centre may enter the central zone, except its own target (assumed no).
     Unlike a scenario's obstacles, which exist in the dynamics too, a reading of the grid alone."""
@@ -47,7 +48,8 @@ class ProcessConfig:
     """Contact after the simultaneous moves (assumed), or at any moment of the straight moves; with
     robots and with obstacles."""
     partner_of_failed: PartnerUpdate = "ordinary"
-    """Update of a robot whose partner failed: as ever (assumed), -L as well, or none."""
+    """Update of the robots that did not fail when another did: as ever (assumed), -L as well, or
+    none."""
     slip_probability: float = 0.0
     """Probability of moving 45 degrees left or right of the action while learning (assumed 0)."""
     clearance_m: float = 0.002

@@ -1,17 +1,17 @@
 """Exact greedy evaluation: a policy's outcome, path length and moves from every start.
 
-Deterministic and exhaustive, nothing is sampled: the process without slip, the greedy action with
-ties broken by the least rotation. Statistics over several policies are in
-`agent.evaluation.statistics`.
+Deterministic: the process without slip, the greedy action with ties broken by the least rotation.
+Exhaustive up to `MAX_STARTS` combinations of start cells, a sample of them beyond. Statistics over
+several policies are in `agent.evaluation.statistics`.
 """
 
 import itertools
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from agent.process.grid import (
-    ALONE,
     COLUMN_COUNT,
     MOVING,
     SQRT_2,
@@ -21,19 +21,20 @@ from agent.process.grid import (
     least_rotation_argmax,
     move,
     place,
+    place_randomly,
     state_index,
 )
 from agent.process.readings import Process
-from cosim.base.errors import UserError
+from agent.process.rng import seeded_state
 from cosim.base.jit import kernel
 from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
 
-MAX_STARTS = 5_000_000
+MAX_STARTS = 10_000
 UP, DOWN = 2, 6  # directions
 
 
 class Evaluation(NamedTuple):
-    """Greedy episodes from all K combinations of start cells in which no robots touch.
+    """Greedy episodes from K combinations of start cells in which no robots touch.
 
     Attributes:
         starts: (K, N, 2) int64, start cells.
@@ -105,42 +106,49 @@ def _evaluate(
         outcomes[row] = outcome
 
 
-def all_starts(process: Process) -> np.ndarray:
-    """(K, N, 2) int64, every combination of start cells in which no robots touch.
+@kernel
+def _draw_starts(process: Process, starts: np.ndarray, random: np.ndarray) -> None:
+    """Fill (K, N, 2) `starts` with cells drawn as in training; `random` is advanced."""
+    world = np.zeros((starts.shape[1], COLUMN_COUNT), dtype=np.int64)
+    for k in range(len(starts)):
+        place_randomly(process, world, starts[k], random)
 
-    Raises:
-        UserError: there are more combinations than `MAX_STARTS`.
+
+def enumerable(process: Process) -> bool:
+    """Whether a process has few enough combinations of start cells to evaluate all of them."""
+    return math.prod(np.diff(process.start_offsets).tolist()) <= MAX_STARTS
+
+
+def joint_starts(process: Process) -> np.ndarray:
+    """(K, N, 2) int64, combinations of start cells, free of contact, that evaluations begin from.
+
+    All of them, or if the process is not `enumerable` `MAX_STARTS` independent draws, always the
+    same ones.
     """
-    combinations = int(np.prod(np.diff(process.start_offsets)))
-    if combinations > MAX_STARTS:
-        raise UserError(
-            f"{combinations:,} combinations of starts are too many to evaluate exactly; "
-            "give the scenario fewer start cells"
-        )
-    cells = [
-        process.start_cells[first:last] for first, last in itertools.pairwise(process.start_offsets)
-    ]
-    index = np.indices([len(c) for c in cells]).reshape(len(cells), -1)
-    starts = np.stack([c[k] for c, k in zip(cells, index, strict=True)], axis=1)
-    offsets = starts[:, :, None, :] - starts[:, None, :, :]
-    squared = (offsets**2).sum(axis=-1)
-    squared[:, np.arange(len(cells)), np.arange(len(cells))] = ALONE
-    return starts[(squared > process.thresholds.contact).all(axis=(1, 2))]
+    counts = np.diff(process.start_offsets)
+    if not enumerable(process):
+        drawn = np.empty((MAX_STARTS, len(counts), 2), dtype=np.int64)
+        _draw_starts(process, drawn, seeded_state(0))
+        return drawn
+    index = np.indices(tuple(counts.tolist())).reshape(len(counts), -1).T
+    starts = process.start_cells[index + process.start_offsets[:-1]]
+    apart = np.full(len(starts), fill_value=True)
+    for i, j in itertools.combinations(range(len(counts)), 2):
+        squared = ((starts[:, i] - starts[:, j]) ** 2).sum(axis=1)
+        apart &= squared > process.thresholds.contact
+    return starts[apart]
 
 
 def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = None) -> Evaluation:
-    """Greedy episodes from every combination of start cells, or from those given.
+    """Greedy episodes from the `joint_starts` of a process, or from those given.
 
     Args:
         process: the decision process; its slip probability is ignored.
         values: (N, states, 8) float32, `Policy.values`.
-        starts: (K, N, 2) int64, out of contact; by default `all_starts`.
-
-    Raises:
-        UserError: see `all_starts`.
+        starts: (K, N, 2) int64, out of contact; by default `joint_starts`.
     """
     if starts is None:
-        starts = all_starts(process)
+        starts = joint_starts(process)
     outcome = np.empty(len(starts), dtype=np.int8)
     path_cells = np.empty(starts.shape[:2])
     steps = np.empty(starts.shape[:2], dtype=np.int64)

@@ -1,7 +1,7 @@
 """The decision process as numba kernels: N robots on a board, one simultaneous move at a time.
 
 Not a learner and not an environment class: `agent.training.qlearning`, `agent.process.exact` and
-`agent.envs` all step these kernels, so that there is one process. A `world` is an (N, 10) int64
+`agent.envs` all step these kernels, so that there is one process. A `world` is an (N, 11) int64
 array whose columns are named below; `agent.process.readings.Process` describes the board.
 """
 
@@ -22,7 +22,8 @@ CLASS = 6  # Eq. (9)
 SIGN = 7  # Eq. (10)
 BEARING = 8  # direction of the nearest other robot, index into DIRECTIONS; 0 if there is none
 AXIS = 9  # axis that the robot faces: the direction of its last move, modulo half a turn
-COLUMN_COUNT = 10
+PARTNER = 10  # cell x·rows + y of the nearest other robot; 0 if there is none
+COLUMN_COUNT = 11
 
 _STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the middle row
 
@@ -33,10 +34,13 @@ SQRT_2 = np.sqrt(2.0)  # cells that a diagonal move is long
 
 
 @inlined
-def nearest_other(process: Process, world: np.ndarray, i: int) -> tuple[int, int]:
-    """Squared distance of robot i to the nearest other one (the first, if several) and bearing."""
+def nearest_other(process: Process, world: np.ndarray, i: int) -> tuple[int, int, int]:
+    """The nearest robot to robot i (the first, if several): squared distance, bearing and cell.
+
+    Bearing and cell are 0 where no feature needs them; a robot off the board is at its edge.
+    """
     nearest = ALONE
-    bearing = 0
+    bearing = partner = 0
     for j in range(len(process.start_offsets) - 1):
         if j != i:
             dx = world[j, X] - world[i, X]
@@ -46,19 +50,24 @@ def nearest_other(process: Process, world: np.ndarray, i: int) -> tuple[int, int
                 nearest = squared
                 if process.strides[4] > 0:
                     bearing = int(process.bearings[dx, dy])
-    return nearest, bearing
+                if process.strides[6] > 0:
+                    columns, rows = process.terrain.shape[1] - 2, process.terrain.shape[2] - 2
+                    x = min(max(world[j, X], 0), columns - 1)
+                    partner = x * rows + min(max(world[j, Y], 0), rows - 1)
+    return nearest, bearing, partner
 
 
 @inlined
 def _look_around(process: Process, world: np.ndarray, i: int) -> None:
     """Update what robot i sees of the nearest other robot."""
-    nearest, bearing = nearest_other(process, world, i)
+    nearest, bearing, partner = nearest_other(process, world, i)
     # Eq. (10)
     world[i, SIGN] = gradient_sign(nearest, world[i, SQUARED])
     world[i, SQUARED] = nearest
     # Eq. (9)
     world[i, CLASS] = distance_class(nearest, process.thresholds)
     world[i, BEARING] = bearing
+    world[i, PARTNER] = partner
 
 
 @inlined
@@ -206,7 +215,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
 
 @inlined
 def state_index(process: Process, world: np.ndarray, i: int) -> np.uint64:
-    """Row of robot i's table for what it sees: cell, Eq. (9), Eq. (10), bearing, axis."""
+    """Row of robot i's table for what it sees: cell, Eq. (9), Eq. (10), bearing, axis, partner."""
     strides = process.strides
     # unsigned, so that the compiler leaves out the handling of negative indices
     return np.uint64(
@@ -216,6 +225,7 @@ def state_index(process: Process, world: np.ndarray, i: int) -> np.uint64:
         + (world[i, SIGN] + 1) * strides[3]
         + world[i, BEARING] * strides[4]
         + world[i, AXIS] * strides[5]
+        + world[i, PARTNER] * strides[6]
     )
 
 

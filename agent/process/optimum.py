@@ -1,8 +1,9 @@
 """Exact optimum of a scenario: the shortest collision-free paths that any policy could take.
 
-Value iteration over the joint process of one or two robots, for path length and for moves
-separately; no learning. Where the joint process is too large (three robots and more, two on a
-large board), each robot's own optimum, as if it were alone, is a lower bound: marked as relaxed.
+Value iteration over the joint process of one or two robots (`agent.process.joint`), for path length
+and for moves separately; no learning. Where the joint process is too large (three robots and more,
+two on a large board), each robot's own optimum, as if it were alone, is a lower bound: marked as
+relaxed.
 """
 
 from pathlib import Path
@@ -10,20 +11,26 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.process.config import Objective
 from agent.process.exact import Evaluation
-from agent.process.grid import COLUMN_COUNT, SQRT_2, VX, VY, X, Y, touched_between
-from agent.process.readings import FREE, GOAL, Process
+from agent.process.grid import SQRT_2
+from agent.process.joint import (
+    BLOCKED,
+    IMPOSSIBLE,
+    cells_after,
+    iterate,
+    iterate_alone,
+    joint_states,
+    tabulate,
+)
+from agent.process.readings import MAX_JOINT_STATES, Process
 from cosim.base.errors import UserError
-from cosim.base.jit import kernel
 from cosim.base.outcome import SUCCESS
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import cache_dir, cached, replacing
-from cosim.navigation.features import DIRECTION_COUNT, DIRECTIONS
+from cosim.navigation.features import DIRECTION_COUNT
 
-MAX_JOINT_STATES = 4_000_000  # two robots on about 45 x 45 cells, some seconds
-
-_BLOCKED = -1
 _PATH_COSTS = np.array([1.0, SQRT_2] * (DIRECTION_COUNT // 2))
 _STEP_COSTS = np.ones(DIRECTION_COUNT)
 
@@ -65,119 +72,18 @@ class Bound(NamedTuple):
         return self.path_cells[joint] / robots, self.steps[joint] / robots
 
 
-@kernel
-def _set_move(world: np.ndarray, i: int, cell: int, after: int, rows: int) -> None:
-    world[i, X] = after // rows
-    world[i, Y] = after % rows
-    world[i, VX] = after // rows - cell // rows
-    world[i, VY] = after % rows - cell % rows
-
-
-@kernel
-def _iterate(
-    process: Process, after: np.ndarray, costs: np.ndarray, free: np.ndarray, value: np.ndarray
-) -> None:
-    """Gauss–Seidel value iteration of two robots (or one, and one parked) to the fixed point.
-
-    Args:
-        process: for contact along the moves.
-        after: (2, cells, 8) int64, cell after a move or _BLOCKED; a parked robot's own cell.
-        costs: (8,) float64, cost of a move; a parked robot pays nothing.
-        free: (cells, cells) bool, joint states in which robots may be and go on.
-        value: (cells, cells) float64, 0 at the end, inf elsewhere; updated.
-    """
-    cells = after.shape[1]
-    rows = process.terrain.shape[2] - 2
-    contact = process.thresholds.contact
-    world = np.zeros((2, COLUMN_COUNT), dtype=np.int64)
-    forward = False
-    changed = True
-    while changed:
-        changed = False
-        forward = not forward  # alternating orders spread values in both directions
-        for k in range(cells * cells):
-            state = k if forward else cells * cells - 1 - k
-            p, q = state // cells, state % cells
-            if not free[p, q]:
-                continue
-            best = value[p, q]
-            for a in range(DIRECTION_COUNT):
-                p_after = after[0, p, a]
-                if p_after == _BLOCKED:
-                    continue
-                p_cost = 0.0 if p_after == p else costs[a]
-                for b in range(DIRECTION_COUNT):
-                    q_after = after[1, q, b]
-                    if q_after == _BLOCKED:
-                        continue
-                    q_cost = 0.0 if q_after == q else costs[b]
-                    cost = p_cost + q_cost + value[p_after, q_after]
-                    if cost < best:
-                        if process.swept:
-                            _set_move(world, 0, p, p_after, rows)
-                            _set_move(world, 1, q, q_after, rows)
-                            if touched_between(world, 0, 1, contact):
-                                continue
-                        best = cost
-                    if q_after == q:
-                        break  # parked: all eight entries are the same
-                if p_after == p:
-                    break
-            if best < value[p, q]:
-                value[p, q] = best
-                changed = True
-
-
-@kernel
-def _iterate_alone(after: np.ndarray, costs: np.ndarray, value: np.ndarray) -> None:
-    """The same for one robot: `after` (cells, 8), `value` (cells,)."""
-    changed = True
-    while changed:
-        changed = False
-        for p in range(after.shape[0]):
-            for a in range(DIRECTION_COUNT):
-                p_after = after[p, a]
-                if p_after not in (_BLOCKED, p):
-                    cost = costs[a] + value[p_after]
-                    if cost < value[p]:
-                        value[p] = cost
-                        changed = True
-
-
-def _moves(process: Process, robot: int) -> np.ndarray:
-    """(cells, 8) int64, cell after each move; _BLOCKED where it fails, itself at the target."""
-    columns, rows = (size - 2 for size in process.terrain.shape[1:])
-    x, y = np.divmod(np.arange(columns * rows), rows)
-    after_x, after_y = x[:, None] + DIRECTIONS[:, 0], y[:, None] + DIRECTIONS[:, 1]
-    terrain = process.terrain[robot]
-    possible = np.isin(terrain[after_x + 1, after_y + 1], (FREE, GOAL))
-    if process.swept:  # as `agent.process.grid.grazed_a_corner`
-        middle = np.maximum(x[:, None], after_x), np.maximum(y[:, None], after_y)
-        possible &= ~(process.corners[middle] & (DIRECTIONS != 0).all(axis=1))
-    after = np.where(possible, after_x * rows + after_y, _BLOCKED)
-    after[terrain[x + 1, y + 1] == GOAL] = np.flatnonzero(terrain[x + 1, y + 1] == GOAL)[:, None]
-    return after
-
-
 def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
     """Least costs, in the layout of `Bound`."""
-    after = np.stack([_moves(process, i) for i in range(len(process.terrain))])
+    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
     robots, cells = after.shape[:2]
-    parked = after[:, :, 0] == np.arange(cells)
     if relaxed or robots == 1:
-        value = np.where(parked, 0.0, np.inf)
+        value = np.where(after[:, :, 0] == np.arange(cells), 0.0, np.inf)
         for i in range(robots):
-            _iterate_alone(after[i], costs, value[i])
+            iterate_alone(after[i], costs, value[i])
         return value if relaxed else value[0]
-    rows = process.terrain.shape[2] - 2
-    x, y = np.divmod(np.arange(cells), rows)
-    squared = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
-    apart = squared > process.thresholds.contact
-    value = np.where(parked[0][:, None] & parked[1] & apart, 0.0, np.inf)
-    usable = np.stack([t[1:-1, 1:-1].ravel() for t in process.terrain])
-    usable = np.isin(usable, (FREE, GOAL))
-    free = apart & usable[0][:, None] & usable[1] & (value > 0.0)
-    _iterate(process, after, costs, free, value)
+    free, end = joint_states(process)
+    value = np.where(end, 0.0, np.inf)
+    iterate(process, after, costs, free, value)
     return value
 
 
@@ -194,6 +100,46 @@ def optimum(process: Process) -> Bound:
         return Bound(path_cells, _optimum(process, _STEP_COSTS, relaxed), relaxed)
 
     return cached(path, _load, make, _save)
+
+
+def optimal_tables(process: Process, objective: Objective) -> tuple[np.ndarray, np.ndarray]:
+    """Tables by which one robot moves optimally, or two together, from wherever they are.
+
+    Args:
+        process: of one robot with features x and y, or of two with x, y and p.
+        objective: shortest paths, or the quickest ones: the fewest moves, of all robots together.
+
+    Returns:
+        Action values (N, states, 8) float32, minus the least cost that a move leads to, and (N,
+        states) bool, whether there is anything to decide and a path to the end.
+
+    Raises:
+        UserError: the joint process is too large.
+    """
+    bound = optimum(process)
+    robots, columns, rows = process.terrain.shape
+    if bound.relaxed:
+        cells = (columns - 2) * (rows - 2)
+        raise UserError(
+            f"{objective} joint paths of {robots} robots on {cells} cells cannot be computed: "
+            f"{cells**robots:,} joint states are more than {MAX_JOINT_STATES:,}; choose another "
+            "method, or a smaller scenario of one or two robots"
+        )
+    value = bound.path_cells if objective == "shortest" else bound.steps
+    costs = _PATH_COSTS if objective == "shortest" else _STEP_COSTS
+    after = np.stack([cells_after(process, i) for i in range(robots)])
+    if robots == 1:
+        free = (value > 0.0) & (value < np.inf)
+        reached = costs + value[after[0]]
+        possible = free[:, None] & (after[0] != BLOCKED) & (reached < np.inf)
+        table = np.where(possible, -reached, IMPOSSIBLE)[None]
+        return table.astype(np.float32), free[None]
+    free, _ = joint_states(process)
+    table = np.full((2, *free.shape, DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
+    tabulate(process, after, costs, free, value, table)
+    free &= value < np.inf
+    decided = np.stack([free, free.T]).reshape(2, -1)
+    return table.reshape(2, -1, DIRECTION_COUNT), decided
 
 
 def _load(path: Path) -> Bound:

@@ -23,6 +23,8 @@ from cosim.scenarios.scenario import Cell, Scenario, ScenarioError
 
 FREE, GOAL, OUTSIDE, OBSTACLE = 0, 1, 2, 3  # terrain of a cell, as one robot sees it
 
+MAX_JOINT_STATES = 4_000_000  # of two robots on some 45 x 45 cells: 128 MB a table, some seconds
+
 
 class Process(NamedTuple):
     """The decision process of one scenario, for the kernels.
@@ -43,7 +45,7 @@ class Process(NamedTuple):
         move_reward: (2, 2, D² + 1) float32, Eq. (11): reward of a move that ends nothing, at
             [diagonal, approaching, squared distance in cells², at most D²].
         goal_reward: float32, L.
-        strides: six integers, state index = x·s₀ + y·s₁ + d·s₂ + (g + 1)·s₃ + b·s₄ + h·s₅.
+        strides: seven integers, state index = x·s₀ + y·s₁ + d·s₂ + (g + 1)·s₃ + b·s₄ + h·s₅ + p·s₆.
         state_count: number of states of one robot's table.
         bearings: (2 columns + 3, 2 rows + 3) uint8, direction of another robot at offset (dx, dy),
             negative offsets counting from the end.
@@ -78,7 +80,8 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
     """Tables of the decision process of a scenario under the given readings.
 
     Raises:
-        ScenarioError: a start cell cannot be used, or no combination of starts is free of contact.
+        ScenarioError: a start cell cannot be used, no combination of starts is free of contact, or
+            the board is too large for feature p.
     """
     thresholds = distance_thresholds(scenario)
     terrain = np.stack([_terrain(scenario, config, thresholds, i) for i in range(scenario.robots)])
@@ -95,6 +98,11 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
             "touch; move the start cells further apart"
         )
     strides, state_count = _strides(scenario, config)
+    if strides[FEATURES.index("p")] and state_count > MAX_JOINT_STATES:
+        raise ScenarioError(
+            f"scenario {scenario.name}: feature p makes a robot's table {state_count:,} states "
+            f"large, more than {MAX_JOINT_STATES:,}; leave p out or choose a smaller board"
+        )
     return Process(
         terrain=terrain,
         corners=_blocked(scenario, 0),
@@ -197,6 +205,7 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
         "g": len(GRADIENT_SIGNS),
         "b": DIRECTION_COUNT,
         "h": AXIS_COUNT,
+        "p": scenario.columns * scenario.rows,
     }
     seen = {"x", "y", "h"} if scenario.robots == 1 else set(sizes)
     return {name: sizes[name] for name in sizes if name in config.features and name in seen}

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.moves.model import MoveModel, build_model
-from agent.process.exact import all_starts, evaluate
+from agent.process.exact import evaluate, joint_starts
 from agent.process.maps import cell_map
 from agent.process.readings import build_process
 from agent.training.learning import (
@@ -34,7 +34,7 @@ from cosim.base.outcome import Outcome
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
 
-# Learning curves evaluate all starts up to this many, and evenly spaced ones if there are more.
+# Learning curves evaluate up to this many of the `joint_starts`, evenly spaced if there are more.
 MAX_CURVE_STARTS = 5_000
 CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
 
@@ -150,7 +150,7 @@ def run_training(
     process, model = build_process(task.scenario, task.process), move_model(task)
     learning = build_learning(config)
     evaluations = greedy_episodes(config)
-    starts = all_starts(process)
+    starts = joint_starts(process)
     starts = starts[:: -(-len(starts) // MAX_CURVE_STARTS)]
     while state.episode < config.episodes:
         until = min(config.episodes, (state.episode // CHUNK_EPISODES + 1) * CHUNK_EPISODES)

@@ -16,7 +16,7 @@ import numpy as np
 
 from agent.moves.model import ObservedMoves
 from agent.process.acting import greedy, on_grid
-from agent.process.config import ProcessConfig, refuse_without_effect
+from agent.process.config import Objective, ProcessConfig, refuse_without_effect
 from agent.process.maps import cell_map
 from agent.process.readings import Process, build_process
 from agent.process.rewards import DrivenStep, reward_parts
@@ -66,11 +66,12 @@ def _training_code() -> str:
 class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything that decides the bits of a policy, kept in its file.
 
-    With moves it was trained on these, without on the grid. Its kernel version is
-    the hash of the code that training runs; a number in files of earlier versions.
+    With moves it was trained on these, without on the grid, with an objective computed. Its kernel
+    version is the hash of the code that made it; a number in files of earlier versions.
 
     Raises:
         ScenarioError: a reading of the process has no effect on what it is trained on.
+        PolicyError: there is an objective, and something is said of learning.
     """
 
     scenario: Scenario
@@ -78,11 +79,16 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     learning: LearningConfig
     seed: Seed
     moves: ObservedMoves | None = None
+    objective: Objective | None = None
     schema_version: int = SCHEMA_VERSION
     kernel_version: str | int = msgspec.field(default_factory=_training_code)
 
     def __post_init__(self) -> None:
         refuse_without_effect(self.process, moves=self.moves is not None)
+        if self.objective and (self.learning, self.moves) != (LearningConfig(), None):
+            raise PolicyError(
+                f"learning and moves have no effect on {self.objective} paths; leave both out"
+            )
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,7 +98,7 @@ class Policy:
     Attributes:
         config: what it was trained with.
         q: (tables, N, states, 8) float32, Q tables; two for double Q-learning.
-        visits: (N, states) uint32, decisions made in each state.
+        visits: (N, states) uint32, decisions made in each state; 1 each if computed.
         random: (1,) uint64, generator state after training.
         episodes: episodes trained.
     """
@@ -105,7 +111,8 @@ class Policy:
 
     def __repr__(self) -> str:
         on = "on moves" if self.config.moves else "on the grid"
-        return f"Policy(scenario {self.config.scenario.name}, {self.episodes} episodes {on})"
+        made = self.config.objective or f"{self.episodes} episodes"
+        return f"Policy(scenario {self.config.scenario.name}, {made} {on})"
 
     @classmethod
     def of_training(cls, config: PolicyConfig, state: TrainingState) -> "Policy":

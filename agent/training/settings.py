@@ -10,16 +10,20 @@ from typing import Any, Literal, TypeVar, get_args
 
 import msgspec
 
-from agent.process.config import ProcessConfig, require
+from agent.process.config import Objective, ProcessConfig, require
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 
-Method = Literal["moves", "paper", "slip", "robust", "prompt"]  # see `agent.method`
+Learnt = Literal["moves", "paper", "slip", "robust", "prompt"]
+Method = Literal[Learnt, Objective]  # see `agent.method`
 METHODS: tuple[Method, ...] = get_args(Method)
+LEARNT: tuple[Learnt, ...] = get_args(Learnt)
+COMPUTED: tuple[Objective, ...] = get_args(Objective)
 BEST: Method = "moves"
 IN_WORLDS: tuple[Method, ...] = ("moves", "paper", "slip", "robust")  # asked every 2 s
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal
 
+Algorithm = Literal["q", "double_q"]
 Backend = Literal["loky", "threading", "ray", "dask"]  # see `agent.training.sweep`
 
 
@@ -50,7 +54,7 @@ class LearningConfig:
     """Share of the episodes with exploration; epsilon is 0 afterwards (Section V)."""
     schedule: Literal["geometric", "linear"] = "geometric"
     """Reduction by the factor (assumed), or linear to 0 at the end of exploration."""
-    algorithm: Literal["q", "double_q"] = "q"
+    algorithm: Algorithm = "q"
     """Q-learning of Eq. (7), or double Q-learning (two tables per robot)."""
     log_episodes: int = 1000
     """Episodes between two points of the learning curves."""

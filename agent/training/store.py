@@ -1,11 +1,15 @@
-"""Trained policies found again: train once per configuration, keep policy and learning curves.
+"""Policies found again: train or compute once per configuration, keep policy and learning curves.
 
 Only the cache; one run is `agent.training.loop`, many runs with checkpoints are `agent.train`.
 """
 
 import logging
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+
+from agent.process.optimum import optimal_tables
 from agent.process.readings import build_process
 from agent.training.learning import initial_state
 from agent.training.loop import (
@@ -17,7 +21,7 @@ from agent.training.loop import (
 )
 from agent.training.policy import Policy, PolicyConfig, PolicyError
 from cosim.base.provenance import digest_of
-from cosim.base.storage import cache_dir, found_or_made, require_no_folder
+from cosim.base.storage import cache_dir, cached, found_or_made, require_no_folder
 
 POLICY_FILE = "policy.npz"
 LOG_FILE = "training.npz"
@@ -97,3 +101,31 @@ def find_or_train(
 
     found = train() if again else found_or_made(folder, lambda: load_run(folder, config), train)
     return *found, folder / POLICY_FILE
+
+
+def find_or_compute(config: PolicyConfig, *, again: bool = False) -> tuple[Policy, Path]:
+    """The policy of a configuration with an objective: found in the cache, or computed and kept.
+
+    Args:
+        config: everything that decides the policy's bits.
+        again: compute even if the policy is there.
+
+    Returns:
+        The policy and the path of its file.
+
+    Raises:
+        UserError: the scenario is too large to compute optimal paths.
+        StorageError: a folder is where a file of the cache goes.
+        OSError: the cache cannot be written.
+    """
+    path = policy_folder(config) / POLICY_FILE
+    make = partial(_computed, config)
+    return cached(path, Policy.load, make, Policy.save, again=again), path
+
+
+def _computed(config: PolicyConfig) -> Policy:
+    assert config.objective is not None
+    process = build_process(config.scenario, config.process)
+    tables, decided = optimal_tables(process, config.objective)
+    unused = np.zeros(1, dtype=np.uint64)
+    return Policy(config, tables[None], decided.astype(np.uint32), unused, episodes=0)

@@ -15,13 +15,14 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class Figures:
-    """Draw figures of the paper, and three that it lacks, from a folder of results.
+    """Draw figures of the paper, and some that it lacks, from a folder of results.
 
     Each figure becomes a PNG and a PDF of the same name, and a .json with its caption: the paper's
     claim and our numbers. fig03 platform, fig05 scenarios, fig07 motor, fig08 learning of one
     robot, fig09 its paths, fig10 coefficient c, fig11 learning of pairs, fig12 their paths,
-    motor_cycle forces over a turn, path_ratio paths beside the optimum, transfer success in
-    co-simulation by training method. A figure whose results are missing is left out, with the
+    motor_cycle forces over a turn, obstacles and groups scenarios of this project, path_ratio paths
+    beside the optimum, sequel learning of groups, transfer success in co-simulation by training
+    method. A figure whose results are missing is left out, with the
     command that makes them.
     """
 

@@ -27,9 +27,11 @@ DRAWN_BY: dict[str, Callable[[Path], Drawing]] = {
     "fig10": learning_figures.fig10,
     "fig11": learning_figures.fig11,
     "fig12": paths.fig12,
+    "groups": fig05.in_groups,
     "motor_cycle": motor_cycle.make,
     "obstacles": fig05.among_obstacles,
     "path_ratio": learning_figures.path_ratio,
+    "sequel": learning_figures.sequel,
     "transfer": transfer_figure.make,
 }
 # Of a page of the docs; such a picture takes well under 150 kB.

@@ -1,5 +1,6 @@
-"""Fig. 5 and its like with obstacles, from the scenarios; boards as other figures draw them too."""
+"""Fig. 5 and its like with obstacles and groups; boards as other figures draw them too."""
 
+import math
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -7,11 +8,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from analysis.figures.style import BLUE, GREEN, GREY, PURPLE, VERMILION, WIDTH_IN, Caption, Drawing
-from cosim.scenarios.built_in import AMONG_OBSTACLES, PAPER
+from analysis.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    WIDTH_IN,
+    Caption,
+    Drawing,
+)
+from cosim.scenarios.built_in import AMONG_OBSTACLES, IN_GROUPS, PAPER
 from cosim.scenarios.scenario import Scenario
 
-ROBOT_COLOURS = (BLUE, VERMILION, GREEN, PURPLE)
+ROBOT_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 
 
 def draw_board(axes: Axes, scenario: Scenario) -> None:
@@ -97,3 +109,15 @@ def among_obstacles(results: Path) -> Drawing:
     ours = tuple(f"{s.name}: {s.title}, obstacles on {closed[s.name]} cells." for s in scenarios)
     title = "Scenarios with obstacles (dark), start cells (light), targets (full colour)"
     return Drawing(draw(scenarios), Caption("obstacles", title, "", ours, {"closed_cells": closed}))
+
+
+def in_groups(results: Path) -> Drawing:
+    """Draw the built-in scenarios of four and six robots; no result is needed."""
+    scenarios = list(IN_GROUPS.values())
+    combinations = {s.name: math.prod(map(len, s.starts)) for s in scenarios}
+    ours = tuple(
+        f"{s.name}: {s.title}, {combinations[s.name]:,} combinations of starts." for s in scenarios
+    )
+    title = "Scenarios of groups: start cells (light) and target (full colour) of each robot"
+    numbers = {"combinations_of_starts": combinations}
+    return Drawing(draw(scenarios), Caption("groups", title, "", ours, numbers))

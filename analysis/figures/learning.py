@@ -86,6 +86,26 @@ def plot_band(axes: Axes, episodes: np.ndarray, curves: np.ndarray, label: str) 
     axes.fill_between(episodes, low, high, color=line.get_color(), alpha=0.25, linewidth=0)
 
 
+def draw_by_scenario(variants: dict[str, VariantCurves]) -> Figure:
+    """Success rate and path length of the greedy policy over episodes, a scenario per column."""
+    scenarios = list(dict.fromkeys(v.scenario for v in variants.values()))
+    rows = (("greedy_success", 100.0, "success in %"), ("greedy_path_length_cm", 1.0, "path in cm"))
+    figure, grid = plt.subplots(
+        2, len(scenarios), figsize=(WIDTH_IN, 4.0), sharex=True, sharey="row", squeeze=False
+    )
+    for axes, (curve, factor, label) in zip(grid, rows, strict=True):
+        for variant in variants.values():
+            place = axes[scenarios.index(variant.scenario)]
+            episodes, curves = variant.logs[0].greedy_episode, factor * variant.curves(curve)
+            plot_band(place, episodes, curves, variant.label.removeprefix(f"{variant.scenario}, "))
+        axes[0].set_ylabel(label)
+    for axes, name in zip(grid.T, scenarios, strict=True):
+        axes[0].set_title(f"scenario {name}", loc="left")
+        axes[1].set_xlabel("episodes in millions")
+    grid[0, 0].legend(loc="upper left")
+    return figure
+
+
 def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
     """Success rate and path length over episodes: while exploring, and of the greedy policy."""
     figure, grid = plt.subplots(2, 2, figsize=(WIDTH_IN, 4.6), sharex=True)

@@ -1,9 +1,10 @@
-"""Figures 8, 10 and 11: learning curves of the paper's experiments, and path lengths beside bounds.
+"""Figures 8, 10, 11 and `sequel`: learning curves of experiments; path lengths beside bounds.
 
 Curves are drawn by `analysis.figures.learning`; here is which experiment each figure shows, and
 what its caption says.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from matplotlib.figure import Figure
 from agent.experiments.results import VariantResult
 from analysis.figures.learning import (
     VariantCurves,
+    draw_by_scenario,
     draw_learning_curves,
     load_variants,
     settled_after,
@@ -73,23 +75,49 @@ def fig10(results: Path) -> Drawing:
         f"{_CURVES}",
         "better results are obtained when c = 1.5.",
     )
-    differences = read_experiment("fig10", results).differences
-    numbers = dict(drawing.caption.numbers)
-    parts = []
-    for name, measures in differences.items():
-        difference = measures["path_length_cm"]
-        numbers[f"{name}_path_minus_c1.5_cm"] = difference
-        if difference.mean is not None:
-            parts.append(
-                f"{name.replace('c', 'c = ', 1)} {difference.mean:+.2f} "
-                f"[{difference.low:+.2f}, {difference.high:+.2f}] cm"
-            )
-    text = f"Path length minus that of c = 1.5, run by run: {'; '.join(parts) or 'not known'}."
+    return _with_differences(drawing, results, "path_length_cm", 1.0, " cm")
+
+
+def sequel(results: Path) -> Drawing:
+    """Learning curves of groups of four and six robots, by both algorithms of the paper's sequel.
+
+    Raises:
+        ResultError: there are no such results.
+    """
+    drawing = _learning_figure(
+        results,
+        "sequel",
+        "Success rate and path length of groups of robots over episodes: the greedy policy at that "
+        "time from drawn starts; bands: 95 % intervals of the mean over runs",
+        "double Q-learning offers a more stable and reliable learning process (the sequel, "
+        "doi 10.1080/01691864.2020.1757507).",
+        draw_by_scenario,
+    )
+    return _with_differences(drawing, results, "success", 100.0, " %")
+
+
+def _with_differences(
+    drawing: Drawing, results: Path, measure: str, factor: float, unit: str
+) -> Drawing:
+    """Have the caption say how the variants differ from their references in a measure."""
+    content = read_experiment(drawing.caption.figure, results)
+    numbers, parts = dict(drawing.caption.numbers), []
+    for name, measures in content.differences.items():
+        numbers[f"{name}_{measure}_difference"] = difference = measures[measure]
+        parts.append(f"{content.variants[name].label} {interval(difference, factor, unit=unit)}")
+    what = measure.removesuffix("_cm").replace("_", " ")
+    text = f"Difference in {what} from the reference, run by run: {'; '.join(parts)}."
     ours = (*drawing.caption.ours, text)
     return drawing._replace(caption=replace(drawing.caption, ours=ours, numbers=numbers))
 
 
-def _learning_figure(results: Path, figure: str, title: str, claim: str) -> Drawing:
+def _learning_figure(
+    results: Path,
+    figure: str,
+    title: str,
+    claim: str,
+    draw: Callable[[dict[str, VariantCurves]], Figure] = draw_learning_curves,
+) -> Drawing:
     content = read_experiment(figure, results)
     variants = load_variants(RESULTS[figure].location(results), content)
     numbers: dict[str, Any] = {"episodes": content.episodes}
@@ -100,7 +128,7 @@ def _learning_figure(results: Path, figure: str, title: str, claim: str) -> Draw
         numbers[name]["learnt_after_episodes"] = settled_after(variant, LEARNT)
         ours.append(_sentence(variant, numbers[name]))
     caption = Caption(figure, title, claim, tuple(ours), numbers, FIGURES[figure])
-    return Drawing(draw_learning_curves(variants), caption)
+    return Drawing(draw(variants), caption)
 
 
 def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:

@@ -105,6 +105,7 @@ RESULTS: dict[str, Result] = {
             "transfer/transfer.json",
             "cosim.transfer",
         ),
+        _experiment("sequel", "training of groups, as in the paper's sequel"),
     )
 }
 
@@ -118,9 +119,11 @@ FIGURES: dict[str, tuple[str, ...]] = {
     "fig10": ("fig10",),
     "fig11": ("fig11",),
     "fig12": ("episodes_2", "episodes_3", "episodes_4"),
+    "groups": (),
     "motor_cycle": ("episodes_2",),
     "obstacles": (),  # scenarios as well
     "path_ratio": ("fig08", "fig11"),
+    "sequel": ("sequel",),
     "transfer": ("transfer",),
 }
 

@@ -52,6 +52,7 @@ def learning_tables(results: Path) -> list[ReportTable]:
         "fig08": "One robot, greedy policies after training",
         "fig11": "Two robots, greedy policies after training",
         "fig10": "The coefficient c of Eq. (12), scenario 4",
+        "sequel": "Four and six robots, Q-learning and double Q-learning",
     }
     tables = []
     for name, title in titles.items():
@@ -75,8 +76,8 @@ def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
         header.append("difference in cm, same seeds")
     runs = len(next(iter(content.variants.values())).runs)
     note = (
-        f"Every start, evaluated exactly, for each of {_runs(runs)} of {content.episodes:,} "
-        "training episodes: mean and 95 % bootstrap interval over the runs."
+        f"Every start, or 10 000 draws where there are more, for each of {_runs(runs)} of "
+        f"{content.episodes:,} training episodes: mean and 95 % bootstrap interval over the runs."
     )
     command = (
         f"python -m agent.experiments {content.experiment} --runs {runs} "

@@ -16,7 +16,9 @@ from cosim.recording.policy_map import PolicyMap
 from cosim.scenarios.scenario import Scenario
 
 # Okabe–Ito, safe for colour-blind readers; one per robot.
-ROBOT_COLOURS = np.array([0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF], dtype=np.uint32)
+ROBOT_COLOURS = np.array(
+    [0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF, 0xE69F00FF, 0x56B4E9FF], dtype=np.uint32
+)
 GREY, LIGHT, INK, WHITE = 0x888888FF, 0x88888840, 0x222222FF, 0xFFFFFFFF
 SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of the signals within one plot
 EIGHT = [

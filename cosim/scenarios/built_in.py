@@ -1,4 +1,4 @@
-"""Scenarios of the paper (Fig. 5), and those of this project."""
+"""Scenarios of the paper (Fig. 5), and those of this project: obstacles, groups of robots."""
 
 from cosim.base.world import Rectangle
 from cosim.scenarios.scenario import Cell, Scenario
@@ -69,4 +69,25 @@ AMONG_OBSTACLES = _named(
         obstacles=filled((0, 14, 9, 15), (20, 14, 29, 15)),
     ),
 )
-BUILT_IN = PAPER | AMONG_OBSTACLES
+# Not the paper's either: groups, of four as in its sequel and of six, see docs/scenarios.md.
+IN_GROUPS = _named(
+    Scenario(
+        "4-cross",
+        "four robots, one from each side, whose targets are beyond the centre",
+        ((15, 11), (15, 19), (19, 15), (11, 15)),
+        (_TOP, _BOTTOM, _LEFT, _RIGHT),
+    ),
+    Scenario(
+        "4-ring",
+        "four robots from any border cell, targets around the zone",
+        ((11, 11), (19, 11), (19, 19), (11, 19)),
+        (_BORDER, _BORDER, _BORDER, _BORDER),
+    ),
+    Scenario(
+        "6-swap",
+        "three robots from the upper side and three from the lower one change sides",
+        ((9, 9), (15, 9), (21, 9), (9, 21), (15, 21), (21, 21)),
+        (_TOP[:10], _TOP[10:20], _TOP[20:], _BOTTOM[:10], _BOTTOM[10:20], _BOTTOM[20:]),
+    ),
+)
+BUILT_IN = PAPER | AMONG_OBSTACLES | IN_GROUPS

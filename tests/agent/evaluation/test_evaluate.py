@@ -8,8 +8,9 @@ import pytest
 import cosim.evaluate
 from agent.evaluation.cases import Case
 from agent.evaluation.dynamics import EvaluationReport, evaluate, report_of
-from agent.evaluation.outcomes import rate, summary
+from agent.evaluation.outcomes import summary
 from agent.evaluation.result_file import ResultFile, ResultFileError
+from agent.evaluation.statistics import rate
 from agent.process.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig

@@ -145,6 +145,22 @@ def test_robots_that_meet_between_cells_collide():
     assert rewards.tolist() == [-100.0, -100.0]
 
 
+def test_a_bystander_of_a_collision_earns_the_reward_of_its_step():
+    starts = (((2, 5),), ((8, 5),), ((5, 14),))
+    three = Scenario("three", "", ((2, 25), (9, 25), (16, 25)), starts)
+    process = build_process(three, ProcessConfig())
+    model = build_model(ideal_moves(duration_s=4.0), 5.0)
+    world, plans = pair_at(process, *(cells[0] for cells in starts))
+    random, rewards = seeded_state(0), np.zeros(3, dtype=np.float32)
+    for robot, direction in enumerate((0, 4, 6)):
+        kernels.begin_move(process, model, world, plans, robot, direction, random)
+    assert kernels.step(process, model, world, plans, rewards)[0] == COLLISION
+    assert world[:, grid.STATUS].tolist() == [grid.HIT, grid.HIT, grid.MOVING]
+    # closing in: from cell (5, 14) to (2, 5) when it decided, to (3, 5) now
+    nearest = math.hypot(2, 9)
+    assert rewards.tolist() == pytest.approx([-100.0, -100.0, -1.5 * (1 - nearest / 10) - 1])
+
+
 def test_a_robot_that_strays_to_an_obstacle_collides():
     """From a cell that is free to one that is free, along a path or to an end that is not."""
     moves = [ideal_moves(duration_s=3.0), ideal_moves(duration_s=3.0, stop=0.3)]

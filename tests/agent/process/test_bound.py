@@ -11,7 +11,7 @@ import pytest
 from agent.process import grid
 from agent.process import optimum as optimum_module
 from agent.process.config import ProcessConfig
-from agent.process.exact import all_starts, evaluate
+from agent.process.exact import evaluate, joint_starts
 from agent.process.optimum import optimum, ratios
 from agent.process.readings import build_process
 from agent.training.policy import PolicyConfig, Seed
@@ -24,7 +24,7 @@ from cosim.scenarios.scenario import Scenario
 
 def mean_bounds(scenario, **readings):
     process = build_process(scenario, ProcessConfig(**readings))
-    path, steps = optimum(process).of_starts(all_starts(process), scenario.rows)
+    path, steps = optimum(process).of_starts(joint_starts(process), scenario.rows)
     return 100.0 * scenario.cell_m * path.mean(), steps.mean()
 
 
@@ -87,7 +87,7 @@ def dijkstra(process, starts, diagonal):
 def test_pair_agrees_with_dijkstra_over_the_learning_process(collision, diameter_m):
     scenario = crossing(diameter_m=diameter_m)
     process = build_process(scenario, ProcessConfig(collision=collision))
-    starts = all_starts(process)[[0, 3]]
+    starts = joint_starts(process)[[0, 3]]
     path, steps = optimum(process).of_starts(starts, scenario.rows)
     for k, start in enumerate(starts):
         assert 2.0 * path[k] == pytest.approx(dijkstra(process, start, math.sqrt(2.0)))

@@ -77,7 +77,8 @@ def test_captions_state_the_numbers_of_the_results(results):
     caption = fig10(results).caption
     over_runs = content.variants["c2"].over_runs
     assert caption.numbers["c2"]["success"] == over_runs["success"]
-    assert caption.numbers["c5_path_minus_c1.5_cm"] == content.differences["c5"]["path_length_cm"]
+    difference = content.differences["c5"]["path_length_cm"]
+    assert caption.numbers["c5_path_length_cm_difference"] == difference
     assert len(caption.ours) == len(content.variants) + 1
 
 
@@ -144,7 +145,7 @@ def test_variants_are_compared_run_by_run(results, capsys):
     assert content.differences["c5"]["success"].mean == pytest.approx(expected)
     assert "c1.5" not in content.differences
     show(content)
-    assert "minus c = 1.5, run by run" in capsys.readouterr().out
+    assert "c = 5 minus c = 1.5" in capsys.readouterr().out
 
 
 def test_every_experiment_changes_one_thing_of_the_default():

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import label
 
-from cosim.scenarios.built_in import AMONG_OBSTACLES, BUILT_IN, PAPER
+from cosim.scenarios.built_in import AMONG_OBSTACLES, BUILT_IN, IN_GROUPS, PAPER
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Cell, Scenario, ScenarioError
 
@@ -54,6 +55,20 @@ def test_obstacles_stand_between_most_starts_and_their_targets(name):
         for start in starts
     ]
     assert np.mean(blocked) > 0.5
+
+
+@pytest.mark.parametrize("name", IN_GROUPS)
+def test_every_robot_of_a_group_finds_home_when_all_others_have_parked(name):
+    scenario = IN_GROUPS[name]
+    x, y = np.indices((scenario.columns, scenario.rows))
+    for robot, (target, starts) in enumerate(zip(scenario.targets, scenario.starts, strict=True)):
+        free = np.full((scenario.columns, scenario.rows), fill_value=True)
+        for u, v in scenario.targets[:robot] + scenario.targets[robot + 1 :]:
+            free &= (x - u) ** 2 + (y - v) ** 2 > scenario.squared_contact
+        regions = np.zeros(free.shape, dtype=np.int64)
+        label(free, np.ones((3, 3)), output=regions)
+        assert regions[target] > 0
+        assert all(regions[start] == regions[target] for start in starts)
 
 
 def test_digest_tells_geometry_and_not_names():

@@ -1,0 +1,93 @@
+"""Optimal joint paths as policies: they reach the bound from every start, alone and in pairs."""
+
+import numpy as np
+import pytest
+
+import cosim.run
+from agent.method import method_config, method_of, method_policy
+from agent.process import grid
+from agent.process.config import ProcessConfig
+from agent.process.exact import evaluate
+from agent.process.optimum import optimum
+from agent.process.readings import build_process
+from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
+from agent.training.settings import COMPUTED, LearningConfig
+from agent.training.store import find_or_compute
+from cosim.base.errors import UserError
+from cosim.base.outcome import SUCCESS
+from cosim.navigation.features import Observation
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario, ScenarioError
+
+CROSSING = Scenario(
+    "crossing", "", ((2, 1), (2, 4)), (((1, 5), (2, 5)), ((2, 0), (3, 0))),
+    columns=5, rows=6, zone=(2, 2, 2, 2), obstacles=((0, 3),), robot_diameter_m=0.02,
+)  # fmt: skip
+PAIR = ("x", "y", "p")
+
+
+def require_bound(policy, objective):
+    result = evaluate(policy.process, policy.values)
+    assert (result.outcome == SUCCESS).all()
+    path_cells, steps = optimum(policy.process).of_starts(
+        result.starts, policy.config.scenario.rows
+    )
+    reached, bound = {
+        "shortest": (result.path_cells.mean(axis=1), path_cells),
+        "quickest": (result.steps.mean(axis=1), steps),
+    }[objective]
+    np.testing.assert_allclose(reached, bound, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", COMPUTED)
+@pytest.mark.parametrize(
+    "name", ["1b", "2", *(pytest.param(n, marks=pytest.mark.slow) for n in ("3", "4", "5-doorway"))]
+)
+def test_computed_policies_reach_the_bound_from_every_start(name, method):
+    policy, log, path = method_policy(method, find_scenario(name))
+    require_bound(policy, method)
+    assert log is None
+    assert method_of(Policy.load(path).config) == method
+    assert path.stat().st_size < 6_000_000  # the tables of a pair take 52 MB
+
+
+@pytest.mark.parametrize("objective", COMPUTED)
+@pytest.mark.parametrize("collision", ["cells", "swept"])
+def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision, objective):
+    process = ProcessConfig(features=PAIR, collision=collision)
+    config = PolicyConfig(CROSSING, process, LearningConfig(), Seed(0), objective=objective)
+    policy, _ = find_or_compute(config)
+    require_bound(policy, objective)
+    # in every joint state one move of each robot is better than its others, by a grain at least
+    best = np.sort(policy.values[policy.visits > 0], axis=1)
+    assert (best[:, -1] - best[:, -2] >= 2.0**-10).all()
+    seen = Observation(*(np.array(v) for v in (((1, 5), (3, 0)), (2, 2), (0, 0), (2, 2))))
+    rows = [(1 * 6 + 5) * 30 + 3 * 6 + 0, (3 * 6 + 0) * 30 + 1 * 6 + 5]
+    assert policy.states(seen).tolist() == rows
+
+
+def test_the_cell_of_a_partner_off_the_board_is_one_at_its_edge():
+    process = build_process(CROSSING, ProcessConfig(features=PAIR))
+    world = np.zeros((2, grid.COLUMN_COUNT), dtype=np.int64)
+    assert grid.place(process, world, np.array([(0, 5), (4, 0)]))
+    assert world[:, grid.PARTNER].tolist() == [4 * 6, 5]
+    rewards = np.empty(2, dtype=np.float32)
+    grid.move(process, world, np.array([3, 7]), rewards)  # off the corners
+    assert world[:, grid.PARTNER].tolist() == [4 * 6, 5]
+
+
+def test_what_cannot_be_computed_is_refused(command):
+    with pytest.raises(UserError, match="4 robots on 900 cells cannot be computed"):
+        method_policy("quickest", find_scenario("4-cross"))
+    with pytest.raises(UserError, match="shortest is computed, not trained"):
+        method_config("shortest", CROSSING, episodes=5)
+    with pytest.raises(PolicyError, match="learning and moves have no effect"):
+        PolicyConfig(
+            CROSSING, ProcessConfig(), LearningConfig(eta=0.5), Seed(0), objective="shortest"
+        )
+    with pytest.raises(ScenarioError, match="feature p makes a robot's table"):
+        large = Scenario("l", "", ((9, 9), (40, 40)), (((0, 0),), ((59, 59),)), 60, 60)
+        build_process(large, ProcessConfig(features=PAIR))
+    ended = command(cosim.run, "--method", "shortest", "--train-seed", "3")
+    assert ended.returncode == 2
+    assert "method shortest is computed, not trained; leave them out" in ended.stderr
