@@ -5,13 +5,14 @@ observations, infos = env.reset(seed=0)
 observations["robot_1"]  # (1024, 4)
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike
 
 from agent.envs.boards import Boards, board_seeds
 from agent.envs.grid_episode import ActionError, direction_error
@@ -49,8 +50,8 @@ class ParallelVectorEnv:
     @property
     def agents(self) -> list[str]:
         """Agents that are active on any board."""
-        active = self._boards.arrays.active.any(axis=0)
-        return [agent for i, agent in enumerate(self.possible_agents) if active[i]]
+        active = np.flatnonzero(self._boards.arrays.active.any(axis=0))
+        return [self.possible_agents[i] for i in active]
 
     def observation_space(self, agent: str) -> spaces.Space:
         """Of (num_envs, features) observations, the same for all agents."""
@@ -73,7 +74,7 @@ class ParallelVectorEnv:
         return self._by_agent(self._boards.arrays.observations), self._infos()
 
     def step(
-        self, actions: dict[str, np.ndarray]
+        self, actions: Mapping[str, ArrayLike]
     ) -> tuple[
         dict[str, np.ndarray],
         dict[str, np.ndarray],
@@ -95,7 +96,7 @@ class ParallelVectorEnv:
         )
         return observations, rewards, terminations, truncations, self._infos()
 
-    def _joint(self, actions: dict[str, np.ndarray]) -> np.ndarray:
+    def _joint(self, actions: Mapping[str, ArrayLike]) -> np.ndarray:
         """(boards, robots) int64; 0 where a robot is not active."""
         active = self._boards.arrays.active
         agents = self.agents
