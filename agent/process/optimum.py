@@ -144,7 +144,7 @@ def _iterate_alone(after: np.ndarray, costs: np.ndarray, value: np.ndarray) -> N
                         changed = True
 
 
-def _moves(process: Process, robot: int) -> np.ndarray:
+def moves(process: Process, robot: int) -> np.ndarray:
     """(cells, 8) int64, cell after each move; _BLOCKED where it fails, itself at the target."""
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
     x, y = np.divmod(np.arange(columns * rows), rows)
@@ -161,7 +161,7 @@ def _moves(process: Process, robot: int) -> np.ndarray:
 
 def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
     """Least costs, in the layout of `Bound`."""
-    after = np.stack([_moves(process, i) for i in range(len(process.terrain))])
+    after = np.stack([moves(process, i) for i in range(len(process.terrain))])
     robots, cells = after.shape[:2]
     parked = after[:, :, 0] == np.arange(cells)
     if relaxed or robots == 1:
@@ -179,6 +179,11 @@ def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
     free = apart & usable[0][:, None] & usable[1] & (value > 0.0)
     _iterate(process, after, costs, free, value)
     return value
+
+
+def distances_alone(process: Process) -> np.ndarray:
+    """(N, columns · rows) float64, each robot's least path to its target in cells, as if alone."""
+    return _optimum(process, _PATH_COSTS, relaxed=True)
 
 
 def optimum(process: Process) -> Bound:

@@ -7,6 +7,7 @@ import logging
 from pathlib import Path
 
 from agent.process.readings import build_process
+from agent.training.greedy import PolicyError
 from agent.training.learning import initial_state
 from agent.training.loop import (
     ProgressCallback,
@@ -15,7 +16,7 @@ from agent.training.loop import (
     run_training,
     training_log,
 )
-from agent.training.policy import Policy, PolicyConfig, PolicyError
+from agent.training.policy import Policy, PolicyConfig
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, found_or_made, require_no_folder
 
