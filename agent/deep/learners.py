@@ -35,11 +35,12 @@ from cosim.scenarios.scenario import Scenario
 
 Algorithm = Literal["ddqn", "ippo", "mappo"]
 
-BOARDS = 256
 GAMMA = 0.98
-ROUND = 320  # steps of all boards between two evaluations
+ROUND = 80_000  # rows stepped between two evaluations, at least
+# DDQN learns by the number of its updates, of which there are four a step; PPO by that of moves.
+BOARDS: dict[Algorithm, int] = {"ddqn": 64, "ippo": 256, "mappo": 256}
 _ROLLOUT = 32  # steps between two updates of PPO
-_REPLAY = 400  # steps of all boards that DDQN draws from
+_REPLAY = 1000  # steps of all boards that DDQN draws from
 _EXPLORING = (1.0, 0.05)  # DDQN's share of random moves, from the first to half of the steps
 
 _QUIET = {"experiment": {"write_interval": 0, "checkpoint_interval": 0}}
@@ -56,11 +57,12 @@ _PPO = _QUIET | {
     "time_limit_bootstrap": True,
 }
 _DDQN = _QUIET | {
-    "batch_size": 2048,
+    "batch_size": 512,
+    "gradient_steps": 4,
     "discount_factor": GAMMA,
-    "learning_rate": 5e-4,
+    "learning_rate": 1e-3,
     "learning_starts": 20,
-    "polyak": 0.01,
+    "polyak": 0.05,
     "target_update_interval": 1,
 }
 
@@ -135,14 +137,14 @@ def train(
     skrl.logger.setLevel("ERROR")
     set_seed(seed)
     config = NetworkConfig(scenario, ProcessConfig(), algorithm, steps, Seed(seed))
-    world = World(scenario, BOARDS, seed, GAMMA, config.process)
+    world = World(scenario, BOARDS[algorithm], seed, GAMMA, config.process)
     agent, model = _agent(algorithm, world, scenario)
     random = np.random.default_rng(seed)
     began = time.perf_counter()
     best: NetworkPolicy | None = None
     most, done, step = -1.0, 0, 0
     while done < steps:
-        for _ in range(ROUND):
+        for _ in range(-(-ROUND // (BOARDS[algorithm] * scenario.robots))):
             explore = 0.0
             if algorithm == "ddqn":
                 first, last = _EXPLORING
