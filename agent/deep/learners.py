@@ -167,7 +167,7 @@ def _advance(
     """One step of all boards and what the learner makes of it; the moves of robots in it."""
     moves, observations = world.active(), world.observations()
     central = agent.state_space is not None
-    states = jnp.asarray(world.cells()) if central else None
+    states: Any = jnp.asarray(world.cells()) if central else None
     when = {"timestep": step, "timesteps": 0}
     actions, _ = agent.act(jnp.asarray(observations), states, **when)
     actions = np.array(actions)
@@ -178,13 +178,14 @@ def _advance(
         chosen = random.random(len(actions)) < explore
         actions[chosen, 0] = drawn[chosen]
     now = world.step(actions[:, 0])
+    after: Any = jnp.asarray(world.cells()) if central else None
     agent.record_transition(
         observations=jnp.asarray(observations),
         states=states,
         actions=jnp.asarray(actions),
         rewards=jnp.asarray(now.rewards[:, None]),
         next_observations=jnp.asarray(now.after),
-        next_states=jnp.asarray(world.cells()) if central else None,
+        next_states=after,
         terminated=jnp.asarray(now.terminated[:, None]),
         truncated=jnp.asarray(now.truncated[:, None]),
         infos={},

@@ -28,8 +28,12 @@ def _layers(rows: jax.Array, width: int, outputs: int) -> jax.Array:
     return nn.Dense(outputs)(hidden)
 
 
+def _sizes(space: Any) -> np.ndarray:
+    return space.high.astype(int) + 1
+
+
 def _width(model: Model) -> int:
-    return int(model.observation_space.high[0]) + 1
+    return int(_sizes(model.observation_space)[0])
 
 
 def _of_moves(model: Model, inputs: dict[str, Any]) -> Outputs:
@@ -81,8 +85,7 @@ class Critic(DeterministicMixin, Model):
         """(R, 1) float32."""
         rows, width = inputs["observations"][..., :GROUPS], _width(self)
         if self.state_space is not None:
-            sizes = self.state_space.high.astype(int) + 1
-            first = width + np.cumsum([0, *sizes])
+            first = width + np.cumsum([0, *_sizes(self.state_space)])
             rows = jnp.concatenate([rows, inputs["states"] + first[:-1]], axis=-1)
             width = int(first[-1])
         return _layers(rows, width, 1), {}

@@ -1,6 +1,7 @@
 """What all trained policies have in common: they act greedily, on the process that they know."""
 
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,14 @@ class GreedyPolicy:
 
     def digest(self) -> str:
         """Hash (16 hex digits) of the readings of the process and of all action values."""
+        raise NotImplementedError
+
+    def save(self, path: Path | str) -> None:
+        """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
         raise NotImplementedError
 
     def maps(self) -> list[PolicyMap]:
