@@ -15,7 +15,7 @@ from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
-    from agent.training.greedy import GreedyPolicy
+    from agent.process.greedy import GreedyPolicy
     from agent.training.policy import Policy
 
 __all__ = ["Policy", "load", "methods", "train"]

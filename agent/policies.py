@@ -5,7 +5,7 @@ from pathlib import Path
 
 from agent.deep.policy import NetworkPolicy
 from agent.method import method_of
-from agent.training.greedy import GreedyPolicy
+from agent.process.greedy import GreedyPolicy
 from agent.training.policy import FILE, Policy
 from cosim.base.reading import parsing, read_arrays
 from cosim.scenarios.scenario import Scenario

@@ -19,7 +19,7 @@ from cosim.recording.live import DEFAULT_VIEWER
 
 if TYPE_CHECKING:
     from agent.evaluation.series import RunFacts
-    from agent.training.greedy import GreedyPolicy
+    from agent.process.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
     from cosim.navigation.result import EpisodeResult
     from cosim.scenarios.scenario import Scenario

@@ -47,7 +47,7 @@ class Deep:
             raise UserError("--seed must be from 0 to 4294967295")
 
 
-class Report(msgspec.Struct, frozen=True, kw_only=True):
+class DeepReport(msgspec.Struct, frozen=True, kw_only=True):
     """What training achieved.
 
     Attributes:
@@ -73,7 +73,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     curve: tuple[Any, ...]
 
 
-def run(options: Deep) -> Report:
+def run(options: Deep) -> DeepReport:
     """Train, and write `policy.npz` and `deep.json`.
 
     Raises:
@@ -100,7 +100,7 @@ def run(options: Deep) -> Report:
             scenario, options.algorithm, options.steps, options.seed, progress, curve.append
         )
     policy.save(out / "policy.npz")
-    report = Report(
+    report = DeepReport(
         scenario=scenario.name,
         algorithm=options.algorithm,
         seed=options.seed,

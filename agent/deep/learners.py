@@ -25,7 +25,7 @@ from skrl.utils import set_seed
 from agent.deep.inputs import GROUPS, NOTHING
 from agent.deep.models import ActionValues, Actor, Critic, network_of
 from agent.deep.policy import NetworkConfig, NetworkPolicy
-from agent.deep.world import WIDTH, World
+from agent.deep.world import WIDTH, LearningGrid
 from agent.process.config import ProcessConfig
 from agent.training.policy import Seed
 from cosim.base.outcome import Outcome
@@ -39,13 +39,13 @@ GAMMA = 0.98
 ROUND = 80_000  # rows stepped between two evaluations, at least
 # DDQN learns by the number of its updates, of which there are four a step; PPO by that of moves.
 BOARDS: dict[Algorithm, int] = {"ddqn": 64, "ippo": 256, "mappo": 256}
-_ROLLOUT = 32  # steps between two updates of PPO
+_PPO_STEPS = 32  # steps between two updates of PPO
 _REPLAY = 1000  # steps of all boards that DDQN draws from
 _EXPLORING = (1.0, 0.05)  # DDQN's share of random moves, from the first to half of the steps
 
 _QUIET = {"experiment": {"write_interval": 0, "checkpoint_interval": 0}}
 _PPO = _QUIET | {
-    "rollouts": _ROLLOUT,
+    "rollouts": _PPO_STEPS,
     "learning_epochs": 4,
     "mini_batches": 4,
     "discount_factor": GAMMA,
@@ -67,7 +67,7 @@ _DDQN = _QUIET | {
 }
 
 
-class Point(NamedTuple):
+class Milestone(NamedTuple):
     """What greedy robots achieve on the grid after so much training.
 
     Attributes:
@@ -81,7 +81,7 @@ class Point(NamedTuple):
     success: float
 
 
-def _agent(algorithm: Algorithm, world: World, scenario: Scenario) -> tuple[Agent, Model]:
+def _agent(algorithm: Algorithm, world: LearningGrid, scenario: Scenario) -> tuple[Agent, Model]:
     """A learner, and its model of moves."""
     high = np.ones(WIDTH, dtype=np.float32)
     high[:GROUPS] = world.inputs.first[-1] - 1
@@ -102,7 +102,7 @@ def _agent(algorithm: Algorithm, world: World, scenario: Scenario) -> tuple[Agen
         learner, config, kept = DDQN, _DDQN, _REPLAY
     else:
         models = {"policy": Actor(**shape), "value": Critic(**shape)}
-        learner, config, kept = PPO, _PPO, _ROLLOUT
+        learner, config, kept = PPO, _PPO, _PPO_STEPS
     for role, model in models.items():
         model.init_state_dict(dict(inputs), role=role)
     memory = RandomMemory(memory_size=kept, num_envs=rows, replacement=algorithm == "ddqn")
@@ -112,7 +112,7 @@ def _agent(algorithm: Algorithm, world: World, scenario: Scenario) -> tuple[Agen
     return agent, next(iter(models.values()))
 
 
-def _states(world: World, shape: dict[str, Any]) -> jax.Array | None:
+def _states(world: LearningGrid, shape: dict[str, Any]) -> jax.Array | None:
     return None if shape["state_space"] is None else jnp.asarray(world.cells())
 
 
@@ -122,7 +122,7 @@ def train(
     steps: int,
     seed: int,
     progress: Progress,
-    watch: Callable[[Point], None],
+    watch: Callable[[Milestone], None],
 ) -> NetworkPolicy:
     """Train a network on the grid; the best of the evaluated ones is kept.
 
@@ -137,7 +137,7 @@ def train(
     skrl.logger.setLevel("ERROR")
     set_seed(seed)
     config = NetworkConfig(scenario, ProcessConfig(), algorithm, steps, Seed(seed))
-    world = World(scenario, BOARDS[algorithm], seed, GAMMA, config.process)
+    world = LearningGrid(scenario, BOARDS[algorithm], seed, GAMMA, config.process)
     agent, model = _agent(algorithm, world, scenario)
     random = np.random.default_rng(seed)
     began = time.perf_counter()
@@ -153,7 +153,7 @@ def train(
             step += 1
         policy = NetworkPolicy(config, network_of(model), world.episodes)
         success = policy.evaluate().rate(Outcome.SUCCESS)
-        watch(Point(done, time.perf_counter() - began, success))
+        watch(Milestone(done, time.perf_counter() - began, success))
         progress("training", min(done, steps), steps, f"success {100.0 * success:.1f} %")
         if success > most:
             best, most = policy, success
@@ -162,7 +162,7 @@ def train(
 
 
 def _advance(
-    agent: Agent, world: World, random: np.random.Generator, step: int, explore: float
+    agent: Agent, world: LearningGrid, random: np.random.Generator, step: int, explore: float
 ) -> int:
     """One step of all boards and what the learner makes of it; the moves of robots in it."""
     moves, observations = world.active(), world.observations()

@@ -17,8 +17,8 @@ from agent.deep.inputs import GROUPS, Inputs, look
 from agent.envs.boards import Boards
 from agent.process.config import ProcessConfig
 from agent.process.exact import Evaluation, all_starts
+from agent.process.greedy import GreedyPolicy, PolicyError
 from agent.process.grid import X, Y
-from agent.training.greedy import GreedyPolicy, PolicyError
 from agent.training.policy import Seed
 from cosim.base.jit import inlined, kernel
 from cosim.base.outcome import RUNNING

@@ -19,7 +19,7 @@ _SCALE = 0.1  # of rewards, so that values are some 10 at most
 _STEP_LIMIT = 150  # moves after which an episode is cut, and still has a value
 
 
-class Transition(NamedTuple):
+class Gained(NamedTuple):
     """What one step gave the R rows.
 
     Attributes:
@@ -35,7 +35,7 @@ class Transition(NamedTuple):
     truncated: np.ndarray
 
 
-class World:
+class LearningGrid:
     """Boards whose episodes begin in any free cells out of contact.
 
     Rewards get γ φ(s') − φ(s) more, where −φ is the robot's shortest path to its target as if it
@@ -80,7 +80,7 @@ class World:
         """Robots that take the next step."""
         return int(np.count_nonzero(self._boards.arrays.active))
 
-    def step(self, actions: np.ndarray) -> Transition:
+    def step(self, actions: np.ndarray) -> Gained:
         """Let robots take their (R,) actions."""
         active, before = self._active().copy(), self._height
         self._boards.step(actions.reshape(self._cells.shape[:2]).astype(np.int64))
@@ -90,7 +90,7 @@ class World:
         terminated = arrays.terminated.ravel() | ~active
         after = np.where(terminated, 0.0, self._gamma * self._height)
         rewards = np.where(active, arrays.rewards.ravel() + after - before, 0.0)
-        return Transition(
+        return Gained(
             (_SCALE * rewards).astype(np.float32),
             self._seen,
             terminated,

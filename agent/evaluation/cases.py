@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from agent.process.exact import all_starts
-from agent.training.greedy import GreedyPolicy
+from agent.process.greedy import GreedyPolicy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports

@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 
 from agent.evaluation.statistics import Statistics, summarise
+from agent.process.greedy import GreedyPolicy
 from agent.process.optimum import ratios
-from agent.training.greedy import GreedyPolicy
 from agent.training.runs import policy_paths
 from cosim.base.command import show_table
 from cosim.base.errors import UserError

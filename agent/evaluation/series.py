@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from agent.training.greedy import GreedyPolicy
+from agent.process.greedy import GreedyPolicy
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json

@@ -6,8 +6,8 @@ Only the cache; one run is `agent.training.loop`, many runs with checkpoints are
 import logging
 from pathlib import Path
 
+from agent.process.greedy import PolicyError
 from agent.process.readings import build_process
-from agent.training.greedy import PolicyError
 from agent.training.learning import initial_state
 from agent.training.loop import (
     ProgressCallback,

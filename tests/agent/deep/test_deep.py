@@ -9,11 +9,11 @@ import agent
 from agent.deep import __main__ as deep
 from agent.deep.inputs import GROUPS, NOTHING, REACH, Inputs, look_at_boards
 from agent.deep.policy import Network, NetworkConfig, NetworkPolicy
-from agent.deep.world import World
+from agent.deep.world import LearningGrid
 from agent.envs import parallel_env
 from agent.process.config import ProcessConfig
+from agent.process.greedy import PolicyError
 from agent.process.readings import FREE, GOAL, build_process
-from agent.training.greedy import PolicyError
 from agent.training.policy import Seed
 from cosim import run as cosim_run
 from cosim.base.outcome import BY_RANK, Outcome
@@ -97,7 +97,7 @@ def test_a_network_in_numpy_is_the_network_in_jax():
     from agent.deep.models import network_of
 
     scenario = find_scenario("4")
-    world = World(scenario, 64, 0, 0.98, ProcessConfig())
+    world = LearningGrid(scenario, 64, 0, 0.98, ProcessConfig())
     learner, model = _agent("mappo", world, scenario)
     config = NetworkConfig(scenario, ProcessConfig(), "mappo", 0, Seed(0))
     policy = NetworkPolicy(config, network_of(model), 0)
@@ -153,7 +153,7 @@ def test_moves_off_the_board_and_into_obstacles_are_never_chosen():
 
 
 def test_shaping_adds_what_the_path_gets_shorter():
-    plain = World(WALLED, 1, 0, 1.0, ProcessConfig())
+    plain = LearningGrid(WALLED, 1, 0, 1.0, ProcessConfig())
     cells = plain.cells()[0, :2].astype(int)
     distance = plain._height[0]
     possible = np.flatnonzero(plain.observations()[0, GROUPS:])
