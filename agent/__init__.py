@@ -15,6 +15,7 @@ from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
+    from agent.process.greedy import GreedyPolicy
     from agent.training.policy import Policy
 
 __all__ = ["Policy", "load", "methods", "train"]
@@ -76,19 +77,19 @@ def train(
     return policy
 
 
-def load(path: str | Path, scenario: Scenario | None = None) -> "Policy":
+def load(path: str | Path, scenario: Scenario | None = None) -> "GreedyPolicy":
     """A policy from its file.
 
     Args:
-        path: of the .npz file that `Policy.save` or a run has written.
+        path: of the .npz file that a policy's `save` or a run has written.
         scenario: if given, only a policy trained on that geometry is accepted.
 
     Raises:
         PolicyError: there is no such file, it is no policy, or one of another scenario.
     """
-    from agent.training.policy import Policy  # noqa: PLC0415 - numba is slow to import
+    from agent.policies import load_policy  # noqa: PLC0415 - numba is slow to import
 
-    return Policy.load(path, scenario)
+    return load_policy(path, scenario)
 
 
 def __getattr__(name: str) -> Any:

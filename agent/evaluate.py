@@ -29,10 +29,10 @@ def main() -> None:
     """Command line; see `EvaluateOnGrid`."""
     options = parse(EvaluateOnGrid, "agent.evaluate")
     from agent.evaluation.grid import policy_files, report_of, show
-    from agent.training.policy import Policy
+    from agent.policies import load_policy
 
     paths = policy_files(options.policies)
-    report = report_of((str(path), Policy.load(path)) for path in paths)
+    report = report_of((str(path), load_policy(path)) for path in paths)
     show(report)
     if options.json:
         print_json(report)

@@ -1,6 +1,6 @@
 """`python -m benchmarks NAME`: what things cost, how they converge, and what helps.
 
-`python -m benchmarks.NAME` is the same.
+A module can be run alone, too: `python -m benchmarks.steering`.
 
 A benchmark is a module with `measure`, whose arguments are the options here, and `show`.
 """
@@ -18,7 +18,7 @@ from cosim.base.errors import UserError, run_command
 from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars, under_way
 
-COUNTS = {"exchanges", "phases", "repeats", "rounds", "scalar_starts", "seeds", "starts"}
+COUNTS = {"boards", "exchanges", "phases", "repeats", "rounds", "scalar_starts", "seeds", "starts"}
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 
 
@@ -91,6 +91,21 @@ class DriveMap(Benchmark):
         super().__post_init__()
         if not self.omega or min(self.omega) <= 0.0:
             raise UserError("--omega: name motor speeds above 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Envs(Benchmark):
+    """Time the environments of many boards on the grid, and PettingZoo's of one.
+
+    With the same random actions, on one core.
+    """
+
+    scenario: str = "2"
+    """Scenario, of any number of robots."""
+    boards: int = 4096
+    """Boards that are stepped together."""
+    repeats: int = 10
+    """Rounds of both, in turn; the best of each counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,14 +215,15 @@ MODULES: dict[type[Benchmark], str] = {
     Convergence: "convergence",
     CosimStep: "cosim_step",
     DriveMap: "drive_map",
+    Envs: "learning.envs",
     Evaluation: "evaluation",
     FmuStep: "fmu_step",
-    MovesLearning: "moves_learning",
+    MovesLearning: "learning.moves_learning",
     Reaction: "reaction",
     Recording: "recording",
     Sensitivity: "sensitivity",
     Steering: "steering",
-    Training: "training",
+    Training: "learning.training",
 }
 
 
@@ -220,7 +236,7 @@ def main() -> None:
     as_json = arguments.pop("json")
     name = MODULES[type(options)]
     module = import_module(f"benchmarks.{name}")
-    with progress_bars() as progress, under_way(progress, f"benchmark {name}"):
+    with progress_bars() as progress, under_way(progress, f"benchmark {name.rpartition('.')[2]}"):
         found = module.measure(**arguments)
     module.show(found)
     if as_json:

@@ -31,6 +31,7 @@ COMMANDS = {
     "experiments": Command(
         "agent.experiments.__main__", "Experiments", "the paper's learning experiments"
     ),
+    "deep": Command("agent.deep.__main__", "Deep", "train one network for all robots"),
     "moves": Command("agent.moves.__main__", "ObserveMoves", "observe what moves really do"),
     "calibrate": Command("cosim.calibrate", "Calibrate", "motor speeds to speed and yaw rate"),
     "platform": Command(

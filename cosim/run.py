@@ -19,8 +19,8 @@ from cosim.recording.live import DEFAULT_VIEWER
 
 if TYPE_CHECKING:
     from agent.evaluation.series import RunFacts
+    from agent.process.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
-    from agent.training.policy import Policy
     from cosim.navigation.result import EpisodeResult
     from cosim.scenarios.scenario import Scenario
 
@@ -170,14 +170,14 @@ def run(options: Run, progress: Progress) -> Iterator["tuple[Path, EpisodeResult
 
 def _policy(
     options: Run, scenario: "Scenario", progress: Progress
-) -> "tuple[Policy, TrainingLog | None]":
+) -> "tuple[GreedyPolicy, TrainingLog | None]":
     from agent.method import method_policy
-    from agent.training.policy import Policy
+    from agent.policies import load_policy
     from agent.training.settings import BEST
 
     best = "prompt" if options.physics.through else BEST
     if options.policy is not None:
-        return Policy.load(options.policy, scenario), None
+        return load_policy(options.policy, scenario), None
     policy, log, _ = method_policy(
         options.method or best,
         scenario,
@@ -190,9 +190,9 @@ def _policy(
     return policy, log
 
 
-def _facts(options: Run, scenario: "Scenario", policy: "Policy", fmu: Path) -> "RunFacts":
+def _facts(options: Run, scenario: "Scenario", policy: "GreedyPolicy", fmu: Path) -> "RunFacts":
     from agent.evaluation.series import RunFacts
-    from agent.method import method_of
+    from agent.policies import method_name
     from cosim.base.provenance import versions
 
     seed = policy.config.seed
@@ -203,7 +203,7 @@ def _facts(options: Run, scenario: "Scenario", policy: "Policy", fmu: Path) -> "
         train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
         driver=options.driver,
         motor_fmu=fmu.name,
-        method=method_of(policy.config) or "other",
+        method=method_name(policy),
         versions=versions(),
     )
 

@@ -22,7 +22,8 @@ PRODUCT = ("fmus", "cosim", "agent", "analysis")
 FORBIDDEN = re.compile(
     r"(^|_)(identif(y|ied)|transitions?|roll_?outs?|ways?)(_|$)|^_*timed_", re.IGNORECASE
 )
-NO_PATHS = {"under_way"}  # identifiers with another "way"
+# Identifiers with another "way", or of a library.
+NO_PATHS = {"record_transition", "under_way"}
 HOMONYMS: set[str] = set()  # class names that more than one module may have
 LARGEST_FOLDER = 12  # Python files
 TAG = re.compile(r"^ *(?:#|//|/\*|\*) ?(.*)$")

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from agent.envs.cosim_episode import CoSimPlace, new_batch
-from agent.envs.vector import LoneRobotVectorEnv
+from agent.envs.vector import RobotRowsVectorEnv, lone
 from agent.process.config import ProcessConfig
 from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.scenarios.scenario import Scenario
 
 
-class CoSimVectorEnv(LoneRobotVectorEnv):
+class CoSimVectorEnv(RobotRowsVectorEnv):
     """Environments in the co-simulation; a step is 2 s."""
 
     def __init__(
@@ -35,7 +35,7 @@ class CoSimVectorEnv(LoneRobotVectorEnv):
                 be built.
         """
         process = process or ProcessConfig()
-        super().__init__(num_envs, scenario, process, render_mode)
+        super().__init__(num_envs, lone(scenario), process, render_mode)
         self._batch = new_batch(self.scenario, num_envs)
         self._places = [
             CoSimPlace(self.scenario, process, self._batch, place) for place in range(num_envs)
@@ -59,7 +59,7 @@ class CoSimVectorEnv(LoneRobotVectorEnv):
                 place.seed(value)
         options = options or {}
         starts = options.get("starts", [None] * self.num_envs)
-        for m in np.flatnonzero(self._begun(options)):
+        for m in np.flatnonzero(options.get("reset_mask", self._everywhere)):
             self._places[m].reset(starts[m])
         return self._observations(), self._infos()
 
@@ -74,7 +74,7 @@ class CoSimVectorEnv(LoneRobotVectorEnv):
         """
         actions = self._checked(actions)
         going_on = [m for m, place in enumerate(self._places) if place.outcome == RUNNING]
-        steps = self._batch.advance({m: actions[m : m + 1] for m in going_on})
+        steps = self._batch.advance({m: actions[m] for m in going_on})
         for m, place in enumerate(self._places):
             if m in steps:
                 place.take(steps[m])
@@ -93,7 +93,7 @@ class CoSimVectorEnv(LoneRobotVectorEnv):
         return np.stack([place.observation()[0] for place in self._places])
 
     def _infos(self) -> dict[str, Any]:
-        path_cm = np.array([place.path_length_cm()[0] for place in self._places])
+        path_cm = np.stack([place.path_length_cm() for place in self._places])
         return self._infos_of(self._outcomes(), path_cm)
 
     def render(self) -> tuple[Any, ...] | None:

@@ -108,13 +108,8 @@ class GridEpisode:
         config = config or ProcessConfig()
         self.scenario = scenario
         self.process = build_process(scenario, config)
-        sizes = feature_sizes(scenario, config)
-        self.sizes = tuple(sizes.values())
-        # column of a world, what is added to count from 0, and the largest value
-        self._features = [
-            (FEATURE_COLUMNS[name], 1 if name == "g" else 0, size - 1)
-            for name, size in sizes.items()
-        ]
+        self.sizes = tuple(feature_sizes(scenario, config).values())
+        self._features = observed_columns(scenario, config)
         n = scenario.robots
         self.world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
         self.rewards = np.zeros(n)
@@ -182,6 +177,14 @@ class GridEpisode:
 
     def close(self) -> None:
         """Nothing to free."""
+
+
+def observed_columns(scenario: Scenario, config: ProcessConfig) -> list[tuple[int, int, int]]:
+    """Of each feature its column of a world, what is added to count from 0, the largest value."""
+    return [
+        (FEATURE_COLUMNS[name], 1 if name == "g" else 0, size - 1)
+        for name, size in feature_sizes(scenario, config).items()
+    ]
 
 
 def direction_error(action: Any, whose: str = "") -> ActionError:

@@ -1,5 +1,6 @@
 """PettingZoo environment for pairs of robots and more; made by `agent.envs.parallel_env`."""
 
+from collections.abc import Collection
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +13,26 @@ from agent.envs.rendering import board_pixels, board_text
 from agent.process.grid import MOVING
 from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.navigation.features import DIRECTION_COUNT
+from cosim.scenarios.scenario import Scenario
+
+
+def agent_names(scenario: Scenario) -> list[str]:
+    """Names of the robots, `robot_1` first."""
+    return [f"robot_{k + 1}" for k in range(scenario.robots)]
+
+
+def require_actions(actions: Collection[str], active: list[str], possible: list[str]) -> None:
+    """Refuse actions of unknown agents, and no action of an active one.
+
+    Raises:
+        ActionError: names the agent.
+    """
+    for agent in actions:
+        if agent not in possible:
+            raise ActionError(f"{agent} is no agent; choose from {', '.join(possible)}")
+    for agent in active:
+        if agent not in actions:
+            raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
 
 
 def episode_info(episode: EnvEpisode, robot: int) -> dict[str, Any]:
@@ -52,7 +73,7 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
     def __init__(self, episode: EnvEpisode, render_mode: str | None = None) -> None:
         self.episode = episode
         self.render_mode = render_mode
-        self.possible_agents = [f"robot_{k + 1}" for k in range(episode.scenario.robots)]
+        self.possible_agents = agent_names(episode.scenario)
         self.agents = []
         self.observation_spaces: dict[str, spaces.Space] = {
             agent: spaces.MultiDiscrete(list(episode.sizes)) for agent in self.possible_agents
@@ -114,15 +135,9 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
 
     def _joint(self, actions: dict[str, int]) -> np.ndarray:
         """(N,) int64, action of each robot; 0 for those that have ended."""
-        for agent in actions:
-            if agent not in self.possible_agents:
-                raise ActionError(
-                    f"{agent} is no agent; choose from {', '.join(self.possible_agents)}"
-                )
+        require_actions(actions, self.agents, self.possible_agents)
         joint = np.zeros(len(self.possible_agents), dtype=np.int64)
         for agent in self.agents:
-            if agent not in actions:
-                raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
             if not self.action_spaces[agent].contains(actions[agent]):
                 raise direction_error(actions[agent], f" of {agent}")
             joint[self.possible_agents.index(agent)] = actions[agent]

@@ -8,11 +8,12 @@ from gymnasium import spaces
 
 from agent.envs.grid_episode import EnvEpisode, GridEpisode, direction_error
 from agent.envs.parallel import NavigationParallelEnv, episode_info, render_episode
+from agent.envs.parallel_vector import ParallelVectorEnv
+from agent.envs.vector import found
 from agent.process.config import ProcessConfig
 from cosim.base.errors import UserError
 from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
 
@@ -136,12 +137,18 @@ def parallel_env(
     return NavigationParallelEnv(episode, render_mode=render_mode)
 
 
+def parallel_vector_env(
+    scenario: str | Scenario = "2", process: ProcessConfig | None = None, *, num_envs: int = 1
+) -> ParallelVectorEnv:
+    """Boards of `parallel_env` on the grid, `num_envs` of them stepped together."""
+    return ParallelVectorEnv(num_envs, found(scenario), process or ProcessConfig())
+
+
 def make_episode(
     scenario: str | Scenario, process: ProcessConfig | None, *, cosim: bool
 ) -> EnvEpisode:
     """The world of an environment: on the grid, or the full co-simulation."""
-    if not isinstance(scenario, Scenario):
-        scenario = find_scenario(scenario)
+    scenario = found(scenario)
     if cosim:
         from agent.envs.cosim_episode import CoSimEpisode  # noqa: PLC0415 - loads FMUs, not needed else
 

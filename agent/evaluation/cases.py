@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from agent.process.exact import joint_starts
-from agent.training.policy import Policy
+from agent.process.greedy import GreedyPolicy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
@@ -52,7 +52,7 @@ class Case:
         seed: of samples of starts and of the speed noise.
     """
 
-    policy: Policy
+    policy: GreedyPolicy
     config: CoSimConfig
     fmu: Path
     seed: int
@@ -93,7 +93,7 @@ class Case:
         return CaseIdentity(
             scenario=policy.config.scenario.name,
             scenario_digest=policy.config.scenario.digest(),
-            policy_digest=digest_of(policy.config.process, policy.values),
+            policy_digest=policy.digest(),
             seed=self.seed,
             motor_fmu_digest=digest_of(self.fmu),
             parameters={name: row["value"] for name, row in self.config.table().items()},

@@ -13,7 +13,7 @@ from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.grid import policy_files
 from agent.evaluation.outcomes import Failure, Measured, failures, summary
 from agent.evaluation.result_file import ResultFile
-from agent.training.policy import Policy
+from agent.policies import load_policy
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent, under_way
@@ -100,7 +100,7 @@ def evaluate(
     only, world = None, IDEAL if physics.world is None else read_world(physics.world)
     if scenario is not None:
         only, world = find_in_world(scenario, physics.world)
-    named = [(path, Policy.load(path, only)) for path in policy_files(tuple(policies))]
+    named = [(path, load_policy(path, only)) for path in policy_files(tuple(policies))]
     for path, policy in named:
         policy.require_scenario(in_world(policy.config.scenario, world), f"{path}: the policy")
     diameters = {policy.config.scenario.robot_diameter_m for _, policy in named}

@@ -12,9 +12,9 @@ import msgspec
 import numpy as np
 
 from agent.evaluation.statistics import Statistics, rate, summarise
-from agent.process.exact import enumerable, evaluate
+from agent.process.exact import enumerable
+from agent.process.greedy import GreedyPolicy
 from agent.process.optimum import ratios
-from agent.training.policy import Policy
 from agent.training.runs import policy_paths
 from cosim.base.command import show_table
 from cosim.base.errors import UserError
@@ -95,9 +95,9 @@ class GridReport(msgspec.Struct, frozen=True, kw_only=True):
     over_policies: dict[str, dict[str, Statistics]]
 
 
-def measure(name: str, policy: Policy) -> PolicyReport:
+def measure(name: str, policy: GreedyPolicy) -> PolicyReport:
     """Evaluate a policy from all starts, or a sample of them."""
-    result = evaluate(policy.process, policy.values)
+    result = policy.evaluate()
     path_ratio, steps_ratio = ratios(policy.process, result)
     failing = np.flatnonzero(result.outcome != SUCCESS)
     scenario = policy.config.scenario
@@ -148,7 +148,7 @@ def policy_files(paths: tuple[Path, ...]) -> list[Path]:
     return found
 
 
-def report_of(policies: Iterable[tuple[str, Policy]]) -> GridReport:
+def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
     """Evaluate named policies."""
     rows = tuple(measure(name, policy) for name, policy in policies)
     over_policies = {}

@@ -10,7 +10,6 @@ import numpy as np
 
 from agent.evaluation.cases import Case
 from agent.evaluation.statistics import rate, summarise
-from agent.process.exact import evaluate
 from cosim.base.outcome import ENDS, SUCCESS, Outcome
 from cosim.navigation.result import EpisodeResult
 from cosim.scenarios.scenario import Cell
@@ -98,7 +97,7 @@ def _ratios_to_grid(case: Case, successes: Mapping[int, EpisodeResult]) -> np.nd
     if not successes:
         return np.empty(0)
     policy = case.policy
-    grid = evaluate(policy.process, policy.values, case.starts[list(successes)])
+    grid = policy.evaluate(case.starts[list(successes)])
     cell_cm = 100.0 * policy.config.scenario.cell_m
     expected = cell_cm * grid.path_cells.mean(axis=1)
     expected[grid.outcome != SUCCESS] = np.nan

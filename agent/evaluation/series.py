@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from agent.training.policy import Policy
+from agent.process.greedy import GreedyPolicy
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
@@ -76,7 +76,7 @@ class Series:
     config: CoSimConfig
     driver: str
     seed: int
-    policy: Policy
+    policy: GreedyPolicy
     out: Path
     facts: RunFacts
     viewer: str | None = None

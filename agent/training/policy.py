@@ -15,15 +15,14 @@ import msgspec
 import numpy as np
 
 from agent.moves.model import ObservedMoves
-from agent.process.acting import greedy, on_grid
+from agent.process.acting import on_grid
 from agent.process.config import Objective, ProcessConfig, refuse_without_effect
+from agent.process.exact import Evaluation, evaluate
+from agent.process.greedy import GreedyPolicy, PolicyError
 from agent.process.maps import cell_map
-from agent.process.readings import Process, build_process
-from agent.process.rewards import DrivenStep, reward_parts
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
-from cosim.base.errors import UserError
-from cosim.base.provenance import code_digest, with_imports
+from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.base.storage import replacing
 from cosim.navigation.features import DIRECTION_COUNT, Observation
@@ -33,11 +32,7 @@ from cosim.scenarios.scenario import Scenario
 SCHEMA_VERSION = 1
 
 
-class PolicyError(UserError):
-    """A policy file that cannot be used; the message says what to do instead."""
-
-
-_FILE = Kind("policy file", "name a policy.npz that training has saved", PolicyError)
+FILE = Kind("policy file", "name a policy.npz that training has saved", PolicyError)
 _CONFIG = Kind("policy's configuration", "train it again", PolicyError)
 
 
@@ -92,7 +87,7 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True, repr=False)
-class Policy:
+class Policy(GreedyPolicy):
     """Greedy policy over one table per robot.
 
     Attributes:
@@ -121,11 +116,6 @@ class Policy:
         return cls(config, *arrays, episodes=state.episode)
 
     @cached_property
-    def process(self) -> Process:
-        """The decision process that it was trained on."""
-        return build_process(self.config.scenario, self.config.process)
-
-    @cached_property
     def values(self) -> np.ndarray:
         """(N, states, 8) float32, action values; the mean of the two tables of double Q."""
         return self.q.mean(axis=0) if len(self.q) > 1 else self.q[0]
@@ -136,10 +126,7 @@ class Policy:
         Raises:
             ValueError: a cell is off the board, or the number of robots differs.
         """
-        robots = self.config.scenario.robots
-        seen = Observation(*(np.ascontiguousarray(part, np.int64) for part in observation))
-        if seen.cells.shape != (robots, 2):
-            raise ValueError(f"observation of shape {seen.cells.shape} for {robots} robots")
+        seen = self.seen(observation)
         _, states = on_grid(self.process, seen)
         if states[0] < 0:
             raise ValueError(f"cells {seen.cells.tolist()} are off the board")
@@ -149,32 +136,17 @@ class Policy:
         """(N, 8) float32, action values of each robot."""
         return self.values[np.arange(len(self.values)), self.states(observation)]
 
-    def act(self, observation: Observation) -> np.ndarray:
-        """(N,) int64, greedy direction of each robot; ties go to the least rotation.
+    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+        """Greedy episodes on the grid, see `agent.process.exact.evaluate`.
 
         Raises:
-            ValueError: see `states`.
+            UserError: there are too many starts.
         """
-        facing = np.ascontiguousarray(observation.direction, np.int64)
-        return greedy(self.q_values(observation), facing)
+        return evaluate(self.process, self.values, starts)
 
-    def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
-        """(N, 3) float64, reward of a co-simulated step by parts, see `agent.process.rewards`."""
-        return reward_parts(self.process, step, arrived)
-
-    def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:
-        """Refuse any geometry but that of training.
-
-        Raises:
-            PolicyError: the policy was trained on another scenario.
-        """
-        trained = self.config.scenario
-        if scenario.digest() != trained.digest():
-            raise PolicyError(
-                f"{name} was trained on scenario {trained.name} (digest {trained.digest()}), not "
-                f"on scenario {scenario.name} (digest {scenario.digest()}); choose that scenario "
-                "or train a new policy"
-            )
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the readings of the process and of all action values."""
+        return digest_of(self.config.process, self.values)
 
     def maps(self) -> list[PolicyMap]:
         """What each robot's table says of the cells of the board, for pictures."""
@@ -246,6 +218,6 @@ class Policy:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    arrays = read_arrays(path, _FILE, ("q", "visits", "random", "config"))
+    arrays = read_arrays(path, FILE, ("q", "visits", "random", "config"))
     with parsing(path, _CONFIG):
         return dict(json.loads(arrays.pop("config").tobytes())), arrays

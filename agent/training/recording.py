@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from agent.process.greedy import GreedyPolicy
 from agent.training.loop import TrainingLog
-from agent.training.policy import Policy
 from cosim.recording.blueprint import robot_names, training_blueprint
 from cosim.recording.file import Recording, properties, scalars
 from cosim.recording.policy_map import PolicyMap
@@ -29,7 +29,9 @@ _CURVES = (
 )
 
 
-def write_training(path: Path, policy: Policy, log: TrainingLog, facts: dict[str, Any]) -> None:
+def write_training(
+    path: Path, policy: GreedyPolicy, log: TrainingLog, facts: dict[str, Any]
+) -> None:
     """Write one run: curves and, at several moments, maps on the timeline `episode`.
 
     Args:

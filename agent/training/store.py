@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from agent.process.greedy import PolicyError
 from agent.process.optimum import optimal_tables
 from agent.process.readings import build_process
 from agent.training.learning import initial_state
@@ -19,7 +20,7 @@ from agent.training.loop import (
     run_training,
     training_log,
 )
-from agent.training.policy import Policy, PolicyConfig, PolicyError
+from agent.training.policy import Policy, PolicyConfig
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, found_or_made, require_no_folder
 

@@ -6,7 +6,7 @@ import pytest
 
 from agent.training.settings import LearningConfig
 from benchmarks import __main__ as benchmarks
-from benchmarks import training
+from benchmarks.learning import training
 
 
 @pytest.fixture

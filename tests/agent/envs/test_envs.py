@@ -134,7 +134,7 @@ def row(env, seen):
     return np.ravel_multi_index(tuple(seen), env.episode.sizes)
 
 
-@pytest.mark.parametrize("scenario", ["2", "4"])
+@pytest.mark.parametrize("scenario", ["1a", "1b", "2", "3", "4", "5-doorway"])
 def test_pettingzoo_accepts_the_environment(scenario):
     parallel_api_test(envs.parallel_env(scenario), num_cycles=300)
     parallel_seed_test(lambda: envs.parallel_env(scenario), num_cycles=100)

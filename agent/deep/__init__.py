@@ -1,0 +1,1 @@
+"""Networks that all robots share: what they see, how they act, and how they are trained."""

@@ -1,0 +1,135 @@
+"""`python -m agent.deep`: train one network for all robots of a scenario."""
+
+import time
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import tyro
+
+from cosim.base.command import Json, parse, print_json
+from cosim.base.errors import UserError, run_command
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deep:
+    """Train one network that all robots of a scenario share, on the grid.
+
+    The network sees a robot's cell and target, the nearest other robot and whether that one has
+    arrived. Episodes begin in any free cells of the board, moves off the board and into obstacles
+    cannot be chosen, and rewards are shaped by the shortest path to the robot's target. After every
+    round the greedy policy is evaluated from all starts; the best one is kept as policy.npz, which
+    cosim.run --policy, cosim.evaluate and agent.evaluate take. Needs the extra deep
+    (uv sync --extra deep).
+    """
+
+    scenario: str = "2"
+    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway) or a scenario
+    file (.toml)."""
+    algorithm: Literal["ddqn", "ippo", "mappo"] = "ippo"
+    """Learner of skrl: PPO whose critic sees what the robot sees (ippo) or the cells of all robots
+    too (mappo), or double Q-learning with a network (ddqn)."""
+    steps: int = 1_500_000
+    """Moves of all robots together to train on."""
+    seed: int = 0
+    """Seed of networks, start cells and exploration."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Output folder; by default runs/deep-<scenario>-<time>."""
+    json: Json = False
+
+    def __post_init__(self) -> None:
+        if self.steps < 1:
+            raise UserError("--steps must be at least 1")
+        if not 0 <= self.seed < 2**32:
+            raise UserError("--seed must be from 0 to 4294967295")
+
+
+class DeepReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What training achieved.
+
+    Attributes:
+        schema_version: of the report.
+        scenario: name.
+        algorithm: of learning.
+        seed: of training.
+        policy: file of the best policy.
+        success: share of all starts from which it succeeds on the grid.
+        agent_steps: moves of all robots.
+        seconds: wall-clock time of training, evaluations included.
+        curve: (agent steps, seconds, success) after every round.
+    """
+
+    schema_version: int = 1
+    scenario: str
+    algorithm: str
+    seed: int
+    policy: str
+    success: float
+    agent_steps: int
+    seconds: float
+    curve: tuple[Any, ...]
+
+
+def run(options: Deep) -> DeepReport:
+    """Train, and write `policy.npz` and `deep.json`.
+
+    Raises:
+        UserError: the scenario cannot be used, or the extra is missing.
+    """
+    from cosim.base.progress import progress_bars
+    from cosim.base.storage import write_json
+    from cosim.scenarios.file import find_scenario
+
+    scenario = find_scenario(options.scenario)
+    if find_spec("skrl") is None or find_spec("jax") is None:
+        raise UserError(
+            "agent.deep needs the extra deep; install it with `uv sync --extra deep` or `pip "
+            "install minirobots[deep]`"
+        )
+    from agent.deep.learners import train
+
+    out = options.out or Path("runs") / f"deep-{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
+    out.mkdir(parents=True, exist_ok=True)
+    began = time.perf_counter()
+    curve = []
+    with progress_bars() as progress:
+        policy = train(
+            scenario, options.algorithm, options.steps, options.seed, progress, curve.append
+        )
+    policy.save(out / "policy.npz")
+    report = DeepReport(
+        scenario=scenario.name,
+        algorithm=options.algorithm,
+        seed=options.seed,
+        policy=str(out / "policy.npz"),
+        success=max(point.success for point in curve),
+        agent_steps=curve[-1].agent_steps,
+        seconds=time.perf_counter() - began,
+        curve=tuple(curve),
+    )
+    write_json(out / "deep.json", report)
+    return report
+
+
+def main() -> None:
+    """Command line; see `Deep`."""
+    options = parse(Deep, "agent.deep")
+    report = run(options)
+    print(
+        f"success from {100.0 * report.success:.1f} % of all starts on the grid, after "
+        f"{report.agent_steps:,} moves in {report.seconds:.0f} s"
+    )
+    print(f"results in {Path(report.policy).parent}/: policy.npz, deep.json")
+    print(
+        f"try it with: uv run python -m cosim.run --scenario {options.scenario} --policy "
+        f"{report.policy}"
+    )
+    if options.json:
+        print_json(report)
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,127 @@
+"""The grid as learners see it: robots are rows, rewards are shaped, episodes begin anywhere."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.deep.inputs import GROUPS, NOTHING, Inputs, look_at_boards
+from agent.envs.boards import Boards, board_seeds
+from agent.process.config import ProcessConfig
+from agent.process.grid import X, Y
+from agent.process.optimum import distances_alone
+from agent.process.readings import FREE, Process, build_process
+from cosim.navigation.features import DIRECTION_COUNT
+from cosim.scenarios.scenario import Scenario
+
+WIDTH = GROUPS + DIRECTION_COUNT  # of an observation: rows of the first layer, possible moves
+_SCALE = 0.1  # of rewards, so that values are some 10 at most
+_STEP_LIMIT = 150  # moves after which an episode is cut, and still has a value
+
+
+class Gained(NamedTuple):
+    """What one step gave the R rows.
+
+    Attributes:
+        rewards: (R,) float32, shaped and scaled.
+        after: (R, WIDTH) float32, what was observed after it.
+        terminated: (R,) bool; also true for robots that took no part in the step.
+        truncated: (R,) bool.
+    """
+
+    rewards: np.ndarray
+    after: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+
+
+class LearningGrid:
+    """Boards whose episodes begin in any free cells out of contact.
+
+    Rewards get γ φ(s') − φ(s) more, where −φ is the robot's shortest path to its target as if it
+    were alone, and φ = 0 at the end: best policies stay the best (Ng, Harada and Russell 1999).
+    A robot that has ended observes nothing until its board begins anew.
+
+    Attributes:
+        inputs: how what robots see is numbered.
+        episodes: ended so far.
+    """
+
+    def __init__(
+        self, scenario: Scenario, boards: int, seed: int, gamma: float, config: ProcessConfig
+    ) -> None:
+        process = build_process(scenario, config)
+        self._boards = Boards(boards, exploring(scenario, process), _limited(config))
+        self._boards.seed(board_seeds(seed, boards))
+        self.inputs = Inputs.of(scenario, process)
+        distances = distances_alone(process)
+        reachable = np.isfinite(distances)
+        self._potential = -np.where(reachable, distances, distances[reachable].max())
+        self._limits = np.array((scenario.columns - 1, scenario.rows - 1))
+        self._gamma = gamma
+        shape = (boards, scenario.robots)
+        self._rows = np.zeros((*shape, GROUPS), dtype=np.float32)
+        self._possible = np.zeros((*shape, DIRECTION_COUNT), dtype=np.float32)
+        self.episodes = 0
+        self._boards.reset(None)
+        self._look()
+
+    def observations(self) -> np.ndarray:
+        """(R, WIDTH) float32; nothing, and every move possible, for robots that have ended."""
+        return np.where(self._active()[:, None], self._seen, _ENDED)
+
+    def cells(self) -> np.ndarray:
+        """(R, 2N) float32, cells of a row's robot and of the others of its board."""
+        n = self._cells.shape[1]
+        order = (np.arange(n)[:, None] + np.arange(n)) % n
+        return self._cells[:, order].reshape(len(self._seen), 2 * n).astype(np.float32)
+
+    def active(self) -> int:
+        """Robots that take the next step."""
+        return int(np.count_nonzero(self._boards.arrays.active))
+
+    def step(self, actions: np.ndarray) -> Gained:
+        """Let robots take their (R,) actions."""
+        active, before = self._active().copy(), self._height
+        self._boards.step(actions.reshape(self._cells.shape[:2]).astype(np.int64))
+        self._look()
+        arrays = self._boards.arrays
+        self.episodes += int(np.count_nonzero(arrays.outcomes))
+        terminated = arrays.terminated.ravel() | ~active
+        after = np.where(terminated, 0.0, self._gamma * self._height)
+        rewards = np.where(active, arrays.rewards.ravel() + after - before, 0.0)
+        return Gained(
+            (_SCALE * rewards).astype(np.float32),
+            self._seen,
+            terminated,
+            arrays.truncated.ravel().copy(),
+        )
+
+    def _active(self) -> np.ndarray:
+        return self._boards.arrays.active.ravel()
+
+    def _look(self) -> None:
+        # a robot that left the board has ended, and is taken to be at its edge
+        cells = np.clip(self._boards.arrays.worlds[:, :, [X, Y]], 0, self._limits)
+        rows = int(self._limits[1]) + 1
+        look_at_boards(self.inputs, cells, self._rows, self._possible, rows)
+        self._cells = cells
+        self._seen = np.concatenate([self._rows, self._possible], axis=2).reshape(-1, WIDTH)
+        robots = np.arange(cells.shape[1])
+        self._height = self._potential[robots, cells[..., 0] * rows + cells[..., 1]].ravel()
+
+
+_ENDED = np.array([NOTHING] * GROUPS + [1] * DIRECTION_COUNT, dtype=np.float32)
+
+
+def _limited(config: ProcessConfig) -> ProcessConfig:
+    return replace(config, step_limit=min(config.step_limit, _STEP_LIMIT))
+
+
+def exploring(scenario: Scenario, process: Process) -> Scenario:
+    """The scenario with every free cell of the board as a start cell of every robot."""
+    starts = tuple(
+        tuple((int(x), int(y)) for x, y in np.argwhere(terrain[1:-1, 1:-1] == FREE))
+        for terrain in process.terrain
+    )
+    return replace(scenario, starts=starts)

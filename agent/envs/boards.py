@@ -1,0 +1,206 @@
+"""Many boards of the decision process, stepped by one compiled loop into arrays that are kept.
+
+What `agent.envs.vector` and `agent.envs.parallel_vector` share; neither adds anything to the
+process. Every board has the bits of an `agent.envs.grid_episode.GridEpisode` with the same seed.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agent.envs.grid_episode import StartsError, observed_columns, place_checked
+from agent.process.config import ProcessConfig
+from agent.process.grid import (
+    COLUMN_COUNT,
+    MOVING,
+    STATUS,
+    VX,
+    VY,
+    X,
+    Y,
+    move,
+    place_randomly,
+    slipped,
+)
+from agent.process.readings import Process, build_process
+from agent.process.rng import seeded_state
+from cosim.base.jit import inlined, kernel
+from cosim.base.outcome import RUNNING, TIMEOUT
+from cosim.scenarios.scenario import Scenario
+
+
+class Arrays(NamedTuple):
+    """State of K boards with N robots each, and what their last step gave.
+
+    Attributes:
+        worlds: (K, N, 10) int64, see `agent.process.grid`.
+        random: (K, 1) uint64, generator states.
+        steps: (K,) int64, of the episode.
+        outcomes: (K,) int64, ranks of `cosim.base.outcome`.
+        path_cells: (K, N) float64, path since the start in cells.
+        observations: (K, N, F) int64, features counted from 0; a robot that left the board seems to
+            be at its edge.
+        rewards: (K, N) float64.
+        terminated: (K, N) bool, robots that arrived or failed in the step.
+        truncated: (K, N) bool, robots still on their move when the episode ended in the step.
+        active: (K, N) bool, robots that take an action in the next step.
+    """
+
+    worlds: np.ndarray
+    random: np.ndarray
+    steps: np.ndarray
+    outcomes: np.ndarray
+    path_cells: np.ndarray
+    observations: np.ndarray
+    rewards: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    active: np.ndarray
+
+
+@inlined
+def _observe(features: np.ndarray, arrays: Arrays, m: int) -> None:
+    for i in range(arrays.worlds.shape[1]):
+        for k in range(features.shape[0]):
+            value = arrays.worlds[m, i, features[k, 0]] + features[k, 1]
+            arrays.observations[m, i, k] = min(max(value, 0), features[k, 2])
+
+
+@inlined
+def _begin(features: np.ndarray, arrays: Arrays, m: int) -> None:
+    """Begin an episode on board m, whose robots have been placed."""
+    arrays.steps[m] = 0
+    arrays.outcomes[m] = RUNNING
+    arrays.path_cells[m] = 0.0
+    arrays.rewards[m] = 0.0
+    arrays.terminated[m] = False
+    arrays.truncated[m] = False
+    arrays.active[m] = True
+    _observe(features, arrays, m)
+
+
+@kernel
+def _begin_some(
+    process: Process, features: np.ndarray, arrays: Arrays, which: np.ndarray, draw: bool
+) -> None:
+    """Begin episodes on boards in `which`, (K,) bool, from drawn start cells or as placed."""
+    cells = np.empty((arrays.worlds.shape[1], 2), dtype=np.int64)
+    for m in range(len(which)):
+        if which[m]:
+            if draw:
+                place_randomly(process, arrays.worlds[m], cells, arrays.random[m])
+            _begin(features, arrays, m)
+
+
+@kernel
+def _step(process: Process, features: np.ndarray, arrays: Arrays, actions: np.ndarray) -> None:
+    """Step every board by (K, N) int64 actions; one whose episode has ended begins anew instead."""
+    n = len(process.start_offsets) - 1
+    cells = np.empty((n, 2), dtype=np.int64)
+    executed = np.empty(n, dtype=np.int64)
+    rewards = np.empty(n, dtype=np.float32)
+    slips = process.slip_threshold > np.uint64(0)
+    for m in range(len(actions)):
+        world = arrays.worlds[m]
+        if arrays.outcomes[m] != RUNNING:
+            place_randomly(process, world, cells, arrays.random[m])
+            _begin(features, arrays, m)
+            continue
+        for i in range(n):
+            executed[i] = actions[m, i]
+            if slips and arrays.active[m, i]:
+                executed[i] = slipped(process, executed[i], arrays.random[m])
+        outcome = move(process, world, executed, rewards)
+        arrays.steps[m] += 1
+        if outcome == RUNNING and arrays.steps[m] == process.step_limit:
+            outcome = TIMEOUT
+        arrays.outcomes[m] = outcome
+        for i in range(n):
+            moved, moving = arrays.active[m, i], world[i, STATUS] == MOVING
+            arrays.path_cells[m, i] += np.sqrt(float(world[i, VX] ** 2 + world[i, VY] ** 2))
+            arrays.rewards[m, i] = rewards[i]
+            arrays.terminated[m, i] = moved and not moving
+            arrays.truncated[m, i] = moved and moving and outcome != RUNNING
+            arrays.active[m, i] = moving and outcome == RUNNING
+        _observe(features, arrays, m)
+
+
+class Boards:
+    """K boards of a scenario; `arrays` is overwritten by every step.
+
+    A robot that has ended before the others of its board stays there, inactive: its actions are
+    ignored, its rewards 0. The step after the end of a board's episode begins another one with all
+    its robots, as the first step does without a reset.
+
+    Raises:
+        ScenarioError: the scenario cannot be used with these readings.
+    """
+
+    def __init__(self, count: int, scenario: Scenario, config: ProcessConfig) -> None:
+        self.scenario = scenario
+        self.process = build_process(scenario, config)
+        self._features = np.array(observed_columns(scenario, config))
+        rows = (count, scenario.robots)
+        self.arrays = Arrays(
+            worlds=np.zeros((*rows, COLUMN_COUNT), dtype=np.int64),
+            random=np.zeros((count, 1), dtype=np.uint64),
+            steps=np.zeros(count, dtype=np.int64),
+            outcomes=np.full(count, TIMEOUT),
+            path_cells=np.zeros(rows),
+            observations=np.zeros((*rows, len(self._features)), dtype=np.int64),
+            rewards=np.zeros(rows),
+            terminated=np.zeros(rows, dtype=bool),
+            truncated=np.zeros(rows, dtype=bool),
+            active=np.zeros(rows, dtype=bool),
+        )
+
+    def seed(self, seeds: Sequence[int | None]) -> None:
+        """Seed the generators of the K boards; None leaves one as it is."""
+        for m, seed in enumerate(seeds):
+            if seed is not None:
+                self.arrays.random[m] = seeded_state(seed)
+
+    def reset(self, options: dict[str, Any] | None) -> None:
+        """Begin episodes.
+
+        Args:
+            options: "starts", (K, N, 2) start cells, drawn without; "reset_mask", (K,) bool, boards
+                to begin anew, all without.
+
+        Raises:
+            StartsError: start cells cannot be used.
+        """
+        options = options or {}
+        which = np.asarray(options.get("reset_mask", np.ones(len(self.arrays.random), dtype=bool)))
+        starts = options.get("starts")
+        if starts is not None:
+            shape = (*self.arrays.active.shape, 2)
+            if np.shape(starts) != shape:
+                raise StartsError(
+                    f"starts of shape {np.shape(starts)}; give cells of shape {shape}"
+                )
+            for m in np.flatnonzero(which):
+                place_checked(self.process, self.arrays.worlds[m], starts[m])
+        _begin_some(self.process, self._features, self.arrays, which, starts is None)
+
+    def step(self, actions: np.ndarray) -> None:
+        """Let every active robot take its (K, N) int64 action."""
+        _step(self.process, self._features, self.arrays, actions)
+
+    def path_length_cm(self) -> np.ndarray:
+        """(K, N) float64."""
+        return 100.0 * self.scenario.cell_m * self.arrays.path_cells
+
+    def positions_m(self) -> np.ndarray:
+        """(K, N, 2) float64, centres of the robots' cells."""
+        return (self.arrays.worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
+
+
+def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
+    """One seed of each board; one for all counts up, None leaves them as they are."""
+    if seed is None:
+        return [None] * count
+    if isinstance(seed, int | np.integer):
+        return [int(seed) + m for m in range(count)]
+    return seed

@@ -1,0 +1,36 @@
+"""Policies by their files, whatever trained them."""
+
+import json
+from pathlib import Path
+
+from agent.deep.policy import NetworkPolicy
+from agent.method import method_of
+from agent.process.greedy import GreedyPolicy
+from agent.training.policy import FILE, Policy
+from cosim.base.reading import parsing, read_arrays
+from cosim.scenarios.scenario import Scenario
+
+
+def load_policy(path: Path | str, scenario: Scenario | None = None) -> Policy | NetworkPolicy:
+    """Read a policy; with `scenario`, only if it was trained on that geometry.
+
+    Raises:
+        PolicyError: no such file, not a policy, another schema, or another scenario.
+    """
+    path = Path(path)
+    config = read_arrays(path, FILE, ("config",))["config"]
+    with parsing(path, FILE):
+        of_network = "network" in json.loads(config.tobytes())
+    if not of_network:
+        return Policy.load(path, scenario)
+    policy = NetworkPolicy.load(path)
+    if scenario is not None:
+        policy.require_scenario(scenario, f"{path}: the policy")
+    return policy
+
+
+def method_name(policy: GreedyPolicy) -> str:
+    """The method that a policy was trained by, or a network's algorithm; "other" if it is none."""
+    if isinstance(policy, NetworkPolicy):
+        return policy.config.algorithm
+    return method_of(policy.config) or "other"

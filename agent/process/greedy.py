@@ -1,0 +1,108 @@
+"""What all trained policies have in common: they act greedily, on the process that they know."""
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agent.process.acting import greedy
+from agent.process.exact import Evaluation
+from agent.process.readings import Process, build_process
+from agent.process.rewards import DrivenStep, reward_parts
+from cosim.base.errors import UserError
+from cosim.navigation.features import Observation
+from cosim.recording.policy_map import PolicyMap
+from cosim.scenarios.scenario import Scenario
+
+
+class PolicyError(UserError):
+    """A policy file that cannot be used; the message says what to do instead."""
+
+
+class GreedyPolicy:
+    """Robots choose the largest of their action values.
+
+    Attributes:
+        config: what it was trained with; has `scenario`, `process` and `seed`.
+        episodes: episodes trained.
+    """
+
+    config: Any
+    episodes: int
+
+    @cached_property
+    def process(self) -> Process:
+        """The decision process that it was trained on."""
+        return build_process(self.config.scenario, self.config.process)
+
+    def q_values(self, observation: Observation) -> np.ndarray:
+        """(N, 8) float32, action values of each robot.
+
+        Raises:
+            ValueError: a cell is off the board, or the number of robots differs.
+        """
+        raise NotImplementedError
+
+    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+        """Greedy episodes on the grid, see `agent.process.exact.evaluate`.
+
+        Raises:
+            UserError: there are too many starts.
+        """
+        raise NotImplementedError
+
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the readings of the process and of all action values."""
+        raise NotImplementedError
+
+    def save(self, path: Path | str) -> None:
+        """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        raise NotImplementedError
+
+    def maps(self) -> list[PolicyMap]:
+        """What each robot thinks of the cells of the board, for pictures."""
+        raise NotImplementedError
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """(N,) int64, greedy direction of each robot; ties go to the least rotation.
+
+        Raises:
+            ValueError: see `q_values`.
+        """
+        facing = np.ascontiguousarray(observation.direction, np.int64)
+        return greedy(self.q_values(observation), facing)
+
+    def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
+        """(N, 3) float64, reward of a co-simulated step by parts, see `agent.process.rewards`."""
+        return reward_parts(self.process, step, arrived)
+
+    def seen(self, observation: Observation) -> Observation:
+        """An observation as kernels take it: int64, C-contiguous.
+
+        Raises:
+            ValueError: the number of robots differs from that of training.
+        """
+        robots = self.config.scenario.robots
+        seen = Observation(*(np.ascontiguousarray(part, np.int64) for part in observation))
+        if seen.cells.shape != (robots, 2):
+            raise ValueError(f"observation of shape {seen.cells.shape} for {robots} robots")
+        return seen
+
+    def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:
+        """Refuse any geometry but that of training.
+
+        Raises:
+            PolicyError: the policy was trained on another scenario.
+        """
+        trained = self.config.scenario
+        if scenario.digest() != trained.digest():
+            raise PolicyError(
+                f"{name} was trained on scenario {trained.name} (digest {trained.digest()}), not "
+                f"on scenario {scenario.name} (digest {scenario.digest()}); choose that scenario "
+                "or train a new policy"
+            )

@@ -1,0 +1,211 @@
+"""Networks for all robots: what they see, how they are trained, and their policies in commands."""
+
+import json
+
+import numpy as np
+import pytest
+
+import agent
+from agent.deep import __main__ as deep
+from agent.deep.inputs import GROUPS, NOTHING, REACH, Inputs, look_at_boards
+from agent.deep.policy import Network, NetworkConfig, NetworkPolicy
+from agent.deep.world import LearningGrid
+from agent.envs import parallel_env
+from agent.process.config import ProcessConfig
+from agent.process.greedy import PolicyError
+from agent.process.readings import FREE, GOAL, build_process
+from agent.training.policy import Seed
+from cosim import run as cosim_run
+from cosim.base.outcome import BY_RANK, Outcome
+from cosim.navigation.features import DIRECTIONS, Observation
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
+
+TINY = """
+title = "two robots on a small board"
+columns = 6
+rows = 6
+cell_m = 0.05
+zone = [2, 2, 3, 3]
+
+[[robots]]
+target = [2, 1]
+starts = "top"
+
+[[robots]]
+target = [3, 4]
+starts = "bottom"
+"""
+WALLED = Scenario(
+    "walled", "", ((5, 25), (25, 5)), (((5, 5),), ((25, 25),)), obstacles=((15, 15), (15, 16))
+)
+
+
+def network(scenario, seed=0):
+    """A policy of a network with random weights."""
+    config = NetworkConfig(scenario, ProcessConfig(step_limit=60), "ippo", 0, Seed(seed))
+    inputs = Inputs.of(scenario, build_process(scenario, config.process))
+    random = np.random.default_rng(seed)
+    shapes = [(inputs.first[-1], 16), 16, (16, 16), 16, (16, 8), 8]
+    parts = (random.normal(size=shape).astype(np.float32) for shape in shapes)
+    return NetworkPolicy(config, Network(*parts), 0)
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tiny") / "tiny.toml"
+    path.write_text(TINY)
+    return path
+
+
+def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_path, command):
+    options = ("--scenario", tiny, "--algorithm", "ippo", "--steps", 110_000, "--json")
+    done = command(deep, *options, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout.splitlines()[-1])
+    assert report["success"] > 0.9
+    policy = agent.load(report["policy"])
+    assert isinstance(policy, NetworkPolicy)
+    assert policy.evaluate().rate(Outcome.SUCCESS) == report["success"]
+    assert policy.episodes > 1000
+    ran = command(
+        cosim_run,
+        *("--scenario", tiny, "--policy", report["policy"], "--time-limit", 4),
+        *("--out", tmp_path / "run"),
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["method"] == "ippo"
+
+
+@pytest.mark.parametrize("algorithm", ["mappo", "ddqn"])
+def test_other_learners_change_what_robots_do(algorithm, tiny, tmp_path, command, monkeypatch):
+    from agent.deep import learners
+
+    monkeypatch.setattr(learners, "ROUND", 16_384)
+    options = ("--scenario", tiny, "--algorithm", algorithm, "--steps", 20_000, "--json")
+    done = command(deep, *options, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout.splitlines()[-1])
+    assert len(report["curve"]) > 1
+    assert max(success for *_, success in report["curve"]) == report["success"] > 0.0
+
+
+def test_a_network_in_numpy_is_the_network_in_jax():
+    import jax.numpy as jnp
+
+    from agent.deep.learners import _agent
+    from agent.deep.models import network_of
+
+    scenario = find_scenario("4")
+    world = LearningGrid(scenario, 64, 0, 0.98, ProcessConfig())
+    learner, model = _agent("mappo", world, scenario)
+    config = NetworkConfig(scenario, ProcessConfig(), "mappo", 0, Seed(0))
+    policy = NetworkPolicy(config, network_of(model), 0)
+    observations = world.observations()
+    theirs, _ = model.apply(
+        model.state_dict.params, {"observations": jnp.asarray(observations)}, "policy"
+    )
+    cells = world.cells().reshape(64, 2, 2, 2)[:, 0].astype(np.int64)
+    ours = np.concatenate([policy.q_values(seen(both)) for both in cells])
+    possible = observations[:, GROUPS:] > 0
+    assert possible.sum() > 900
+    assert np.abs(ours - np.asarray(theirs))[possible].max() < 1e-4
+    assert learner.training
+
+
+def seen(cells):
+    n = len(cells)
+    nothing = np.zeros(n, dtype=np.int64)
+    return Observation(
+        cells=cells, distance_class=nothing, gradient_sign=nothing, direction=nothing
+    )
+
+
+def test_inputs_are_offsets_from_target_and_nearest_robot():
+    inputs = Inputs.of(WALLED, build_process(WALLED, ProcessConfig()))
+    rows, possible = np.zeros((1, 2, GROUPS), np.float32), np.zeros((1, 2, 8), np.float32)
+    look_at_boards(inputs, np.array([[[0, 24], [7, 20]]]), rows, possible, 30)
+    numbers = (rows[0] - inputs.first[:GROUPS]).astype(int)
+    own = [0, 0, 24, REACH - 5, REACH - 1]
+    assert numbers[0].tolist() == [*own, REACH + 7, REACH - 4, 0, 4]
+    other = [1, 7, 20, 0, 2 * REACH]
+    assert numbers[1].tolist() == [*other, REACH - 7, REACH + 4, 0, 1]
+    assert possible[0].astype(int).tolist() == [[1, 1, 1, 0, 0, 0, 1, 1], [1] * 8]
+    alone = find_scenario("1a")
+    inputs = Inputs.of(alone, build_process(alone, ProcessConfig()))
+    look_at_boards(inputs, np.array([[[3, 4]]]), rows[:, :1], possible[:, :1], 30)
+    assert rows[0, 0, 5:].tolist() == [NOTHING] * 4
+
+
+def test_moves_off_the_board_and_into_obstacles_are_never_chosen():
+    policy = network(WALLED)
+    terrain = policy.process.terrain[0]
+    best, forbidden = [], 0
+    for x, y in np.argwhere(terrain[1:-1, 1:-1] == FREE).tolist():
+        values = policy.q_values(seen(np.array([[x, y], [25, 25]])))[0]
+        after = DIRECTIONS + np.array([x, y])
+        allowed = np.isin(terrain[after[:, 0] + 1, after[:, 1] + 1], (FREE, GOAL))
+        assert values[allowed].min() > values[~allowed].max(initial=-np.inf)
+        best.append(values.argmax())
+        forbidden += np.count_nonzero(~allowed)
+    assert len(set(best)) > 2
+    assert forbidden > 400  # the rim alone has 356
+
+
+def test_shaping_adds_what_the_path_gets_shorter():
+    plain = LearningGrid(WALLED, 1, 0, 1.0, ProcessConfig())
+    cells = plain.cells()[0, :2].astype(int)
+    distance = plain._height[0]
+    possible = np.flatnonzero(plain.observations()[0, GROUPS:])
+    now = plain.step(np.array([possible[0], np.flatnonzero(plain.observations()[1, GROUPS:])[0]]))
+    assert (plain.cells()[0, :2].astype(int) != cells).any()
+    gain = plain._height[0] - distance
+    assert now.rewards[0] == pytest.approx(0.1 * (plain._boards.arrays.rewards[0, 0] + gain))
+    assert abs(gain) > 0.3
+
+
+def test_evaluation_is_what_the_environment_says():
+    policy = network(find_scenario("2"), seed=3)
+    result = policy.evaluate()
+    env = parallel_env("2", policy.config.process)
+    for k in range(0, 900, 100):
+        env.reset(options={"starts": result.starts[k]})
+        cells, info = result.starts[k].copy(), {}
+        while env.agents:
+            actions = policy.act(seen(cells))
+            observations, *_, infos = env.step(
+                {agent: int(a) for agent, a in zip(env.possible_agents, actions, strict=True)}
+            )
+            info |= infos
+            for name, row in observations.items():
+                cells[int(name[-1]) - 1] = row[:2]
+        outcomes = [entry["outcome"] for entry in info.values()]
+        assert BY_RANK[result.outcome[k]] in outcomes
+        paths = [info[name]["path_length"] for name in env.possible_agents]
+        assert paths == pytest.approx(result.path_cells[k].tolist())
+
+
+def test_policies_are_saved_and_read_back_and_others_are_refused(tmp_path):
+    policy, path = network(find_scenario("2")), tmp_path / "policy.npz"
+    policy.save(path)
+    again = agent.load(path)
+    assert isinstance(again, NetworkPolicy)
+    assert again.config == policy.config
+    assert all(np.array_equal(a, b) for a, b in zip(again.network, policy.network, strict=True))
+    with pytest.raises(PolicyError, match="was trained on scenario 2"):
+        agent.load(path, find_scenario("4"))
+    with pytest.raises(ValueError, match="off the board"):
+        again.q_values(seen(np.array([[0, 30], [3, 3]])))
+    smaller = NetworkPolicy(policy.config, policy.network._replace(b3=np.zeros(7, np.float32)), 0)
+    smaller.save(path)
+    with pytest.raises(PolicyError, match="do not fit"):
+        agent.load(path)
+    assert [picture.value.shape for picture in policy.maps()] == [(30, 30)] * 2
+
+
+def test_a_missing_extra_is_named(monkeypatch, command, tmp_path):
+    monkeypatch.setattr(deep, "find_spec", lambda name: None)
+    done = command(deep, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert "uv sync --extra deep" in done.stderr
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,227 @@
+"""Many boards with several robots: the process of single environments, by rows and by agents."""
+
+import json
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from agent import envs
+from agent.envs.grid_episode import ActionError, StartsError
+from agent.envs.vector import RobotsVectorEnv
+from agent.process.config import ProcessConfig
+from benchmarks import __main__ as benchmarks
+from benchmarks.learning import envs as benchmark
+from cosim.base.errors import UserError
+from cosim.scenarios.scenario import Scenario
+
+FOUR = Scenario(
+    "four",
+    "",
+    ((5, 5), (24, 5), (5, 24), (24, 24)),
+    (((10, 10), (12, 8)), ((19, 10), (17, 8)), ((10, 19), (12, 21)), ((19, 19), (17, 21))),
+)
+BOARDS = 5
+
+
+class Singles:
+    """K parallel environments, one after the other: rows of arrays as many boards give them."""
+
+    def __init__(self, scenario, config, seed, starts):
+        self.envs = [envs.parallel_env(scenario, config) for _ in range(BOARDS)]
+        for m, env in enumerate(self.envs):
+            env.reset(seed=seed + m)
+        if starts is not None:
+            for env, cells in zip(self.envs, starts, strict=True):
+                env.reset(options={"starts": cells})
+
+    def step(self, actions):
+        """Observation, reward, ends and info of every robot that takes part; else None."""
+        rows = []
+        for env, joint in zip(self.envs, actions, strict=True):
+            begins = not env.agents
+            live = list(env.agents) or env.possible_agents
+            if begins:
+                seen, infos = env.reset()
+                results = (seen, dict.fromkeys(live, 0.0), *[dict.fromkeys(live, False)] * 2, infos)
+            else:
+                results = env.step(dict(zip(env.possible_agents, joint, strict=True)))
+            for agent in env.possible_agents:
+                row = tuple(part[agent] for part in results) if agent in live else None
+                rows.append((row, agent in env.agents))
+        return rows
+
+
+def starts_of(name):
+    """Beside the targets on some boards, so that robots wait for others; drawn for the rest."""
+    near = {"2": [[15, 20], [3, 3]], "four": [[5, 7], [24, 7], [9, 24], [20, 20]]}.get(name)
+    return None if near is None else [near] * BOARDS
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.3])
+@pytest.mark.parametrize("scenario", ["1b", "2", "4", "5-doorway", FOUR])
+def test_boards_are_single_environments_bit_for_bit(scenario, slip):
+    config = ProcessConfig(slip_probability=slip, step_limit=25, features=("x", "y", "d", "g", "b"))
+    name = getattr(scenario, "name", scenario)
+    starts = starts_of(name)
+    rows = gym.make_vec("MiniRobots/Pair-v0", num_envs=BOARDS, scenario=scenario, process=config)
+    agents = envs.parallel_vector_env(scenario, config, num_envs=BOARDS)
+    singles = Singles(scenario, config, 3, starts)
+    robots = len(agents.possible_agents)
+    for env in (rows, agents):
+        env.reset(seed=3)
+        if starts is not None:
+            env.reset(options={"starts": np.array(starts)})
+    random = np.random.default_rng(0)
+    ends = set()
+    for step in range(150):
+        # towards the targets that are near, and then at random
+        joint = np.full((BOARDS, robots), 6) if step < 2 else random.integers(8, size=(5, robots))
+        by_row = rows.step(joint.ravel())
+        actions = {agent: joint[:, i] for i, agent in enumerate(agents.possible_agents)}
+        by_agent: Any = agents.step(actions)
+        for k, (single, active) in enumerate(singles.step(joint)):
+            m, agent = k // robots, agents.possible_agents[k % robots]
+            seen, reward, terminated, truncated, _ = by_row
+            infos = {key: values[k] for key, values in by_row[4].items() if key[0] != "_"}
+            assert infos == {key: values[m] for key, values in by_agent[4][agent].items()}
+            ours = (seen[k].tolist(), reward[k], terminated[k], truncated[k])
+            assert ours == (by_agent[0][agent][m].tolist(), *(p[agent][m] for p in by_agent[1:4]))
+            assert infos["active"] == active
+            if single is None:
+                assert ours[1:] == (0.0, False, False)
+                ends.add("waits")
+                continue
+            assert ours == (single[0].tolist(), *single[1:4])
+            assert infos == single[4] | {"active": active}
+            ends.add(infos["outcome"])
+    assert ends >= {"", "out_of_board", "timeout"} | ({"waits"} if starts else set())
+
+
+def test_rows_are_robots_as_gymnasium_expects_them():
+    env = gym.make_vec("MiniRobots/Pair-v0", num_envs=3)
+    assert isinstance(env.unwrapped, RobotsVectorEnv)
+    assert env.num_envs == 6
+    assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    assert env.single_observation_space == gym.spaces.MultiDiscrete([30, 30, 3, 3])
+    seen, infos = env.reset(seed=0)
+    assert seen in env.observation_space
+    assert infos["active"].all()
+    wrapped = gym.wrappers.vector.RecordEpisodeStatistics(env)
+    wrapped.reset(seed=0)
+    returns = np.zeros(6)
+    wrapped.action_space.seed(0)
+    for _ in range(200):
+        seen, rewards, terminated, truncated, infos = wrapped.step(wrapped.action_space.sample())
+        assert seen in env.observation_space
+        returns += rewards
+        ended = terminated | truncated
+        if ended.any():
+            assert infos["episode"]["r"][ended].tolist() == pytest.approx(returns[ended].tolist())
+            break
+    else:
+        raise AssertionError("no episode ended")
+
+
+def test_a_robot_that_has_arrived_waits_for_its_board():
+    env = RobotsVectorEnv(2, "2", ProcessConfig(step_limit=3))
+    starts = np.array([[[15, 19], [5, 5]], [[3, 3], [25, 25]]])
+    env.reset(seed=0, options={"starts": starts})
+    down_and_right = np.array([6, 0, 0, 0])
+    seen, rewards, terminated, truncated, infos = env.step(down_and_right)
+    assert rewards.tolist() == [100.0, -1.0, -1.0, -1.0]
+    assert terminated.tolist() == [True, False, False, False]
+    assert infos["active"].tolist() == [False, True, True, True]
+    seen, rewards, terminated, truncated, infos = env.step(down_and_right)
+    assert rewards.tolist() == [0.0, -1.0, -1.0, -1.0]
+    assert not (terminated | truncated).any()
+    assert seen[0, :2].tolist() == [15, 18]
+    *_, terminated, truncated, infos = env.step(down_and_right)
+    assert truncated.tolist() == [False, True, True, True]
+    assert not infos["active"].any()
+    assert set(infos["outcome"]) == {"timeout"}
+    seen, rewards, terminated, truncated, infos = env.step(down_and_right)
+    assert infos["active"].all()
+    assert not (terminated | truncated).any()
+    assert rewards.tolist() == infos["path_length"].tolist() == [0.0] * 4
+    assert {seen[0, 1], seen[1, 1]} == {0, 29}
+
+
+def test_observations_are_copied_unless_asked_otherwise():
+    for copy in (True, False):
+        env = RobotsVectorEnv(2, "2", copy=copy)
+        first, _ = env.reset(seed=0)
+        second = env.step(np.zeros(4, dtype=int))[0]
+        assert (first is second) == (not copy)
+        assert np.array_equal(first, second) == (not copy)
+
+
+def test_boards_never_seeded_differ_and_seeds_count_up():
+    for _ in range(3):
+        rows = RobotsVectorEnv(8, "4").reset()[0].reshape(8, -1)
+        by_agent = envs.parallel_vector_env("4", num_envs=8).reset()[0]
+        assert len(np.unique(rows, axis=0)) > 4
+        assert len(np.unique(by_agent["robot_1"], axis=0)) > 4
+        assert not np.array_equal(rows[:, :4], by_agent["robot_1"])
+    seen = RobotsVectorEnv(3, "4").reset(seed=5)[0]
+    assert np.array_equal(RobotsVectorEnv(3, "4").reset(seed=[5, 6, 7])[0], seen)
+    assert np.array_equal(RobotsVectorEnv(2, "4").reset(seed=6)[0], seen[2:])
+    env, again = RobotsVectorEnv(4, "4"), RobotsVectorEnv(4, "4")
+    seen = env.reset()[0]
+    assert np.array_equal(again.reset(seed=env.np_random_seed)[0], seen)
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        ({"robot_1": [0, 0]}, "robot_2 has no action"),
+        ({"robot_1": [0, 0], "robot_2": [0, 0], "bob": [0, 0]}, "bob is no agent; choose from"),
+        ({"robot_1": [0, 0], "robot_2": [0, 8]}, "action 8 of robot_2 on board 1 is no direction"),
+        ({"robot_1": [0, 0], "robot_2": [0]}, "each of the 2 boards"),
+        ({"robot_1": [0, 0], "robot_2": [0.0, 1.0]}, "robot_2 of shape .* type float64"),
+    ],
+)
+def test_agents_need_actions_on_all_boards(actions, message):
+    env = envs.parallel_vector_env("2", num_envs=2)
+    env.reset(options={"starts": [[[15, 19], [5, 5]], [[3, 3], [25, 25]]]})
+    with pytest.raises(ActionError, match=message):
+        env.step(actions)
+
+
+def test_agents_that_have_ended_on_all_boards_need_no_action():
+    env = envs.parallel_vector_env("2", num_envs=1)
+    env.reset(seed=0, options={"starts": [[[15, 19], [15, 10]]]})
+    env.step({"robot_1": [6], "robot_2": [0]})
+    assert env.agents == ["robot_2"]
+    *_, truncations, infos = env.step({"robot_2": [4]})
+    assert not truncations["robot_2"].any()
+    env.step({"robot_1": [-1], "robot_2": [2]})
+    *_, infos = env.step({"robot_2": [2]})
+    assert infos["robot_1"]["outcome"].tolist() == ["success"]
+    assert env.agents == []
+    observations, *_ = env.step({})
+    assert env.agents == ["robot_1", "robot_2"]
+    assert observations["robot_1"] in env.observation_space("robot_1")
+    assert observations["robot_1"][0, 1] == 29
+
+
+def test_starts_of_another_shape_are_refused():
+    with pytest.raises(StartsError, match=r"give cells of shape \(3, 2, 2\)"):
+        RobotsVectorEnv(3, "2").reset(options={"starts": [[[3, 3], [20, 20]]]})
+
+
+def test_a_single_environment_of_a_pair_names_the_one_to_use():
+    with pytest.raises(UserError, match="parallel_env"):
+        gym.make("MiniRobots/Pair-v0")
+
+
+def test_benchmark_prints_the_ratio_of_its_two_rates(monkeypatch, command):
+    monkeypatch.setattr(benchmark, "STEPS", 20)
+    done = command(benchmarks, "envs", "--json", "--repeats", 1, "--boards", 64)
+    figures = json.loads(done.stdout.splitlines()[-1])
+    assert figures["ratio_to_parallel_env"] == pytest.approx(
+        figures["agent_steps_per_s"] / figures["parallel_agent_steps_per_s"]
+    )
+    assert figures["ratio_to_parallel_env"] > 5.0
