@@ -1,8 +1,9 @@
 """Exact greedy evaluation: a policy's outcome, path length and moves from every start.
 
 Deterministic: the process without slip, the greedy action with ties broken by the least rotation.
-Exhaustive up to `MAX_STARTS` combinations of start cells, a sample of them beyond. Statistics over
-several policies are in `agent.evaluation.statistics`.
+Exhaustive up to `MAX_STARTS` combinations of start cells, a sample of them beyond. And what a table
+says of each cell, for pictures. Statistics over several policies are in
+`agent.evaluation.statistics`.
 """
 
 import itertools
@@ -28,6 +29,7 @@ from agent.process.readings import Process
 from agent.process.rng import seeded_state
 from cosim.base.jit import kernel
 from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
+from cosim.recording.policy_map import PolicyMap
 
 MAX_STARTS = 10_000
 UP, DOWN = 2, 6  # directions
@@ -154,3 +156,27 @@ def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = N
     steps = np.empty(starts.shape[:2], dtype=np.int64)
     _evaluate(process, values, starts, outcome, path_cells, steps)
     return Evaluation(starts, outcome, path_cells, steps)
+
+
+def cell_map(process: Process, values: np.ndarray, visits: np.ndarray) -> PolicyMap:
+    """A robot's table over cells, over the other features weighted by visits.
+
+    Args:
+        process: the decision process, for the layout of the table.
+        values: (states, 8) action values.
+        visits: (states,) decisions made in each state.
+    """
+    columns, rows = (size - 2 for size in process.terrain.shape[1:])
+    strides, cells = process.strides, columns * rows
+    x, y = np.divmod(np.arange(cells), rows)
+    base = x * strides[0] + y * strides[1]
+    # The other features have the smallest strides: a cell's states follow one another.
+    told_apart = (columns if strides[0] else 1) * (rows if strides[1] else 1)
+    states = base[:, None] + np.arange(process.state_count // told_apart)
+    weights = visits[states].astype(np.float64)
+    total = weights.sum(axis=1)
+    value = (values.max(axis=1)[states] * weights).sum(axis=1) / np.maximum(total, 1.0)
+    usual = states[np.arange(cells), weights.argmax(axis=1)]
+    action = values[usual].argmax(axis=1)
+    shape = (columns, rows)
+    return PolicyMap(value.reshape(shape), action.reshape(shape), total.reshape(shape))

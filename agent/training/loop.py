@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.moves.model import MoveModel, build_model
-from agent.process.exact import evaluate, joint_starts
-from agent.process.maps import cell_map
+from agent.process.exact import cell_map, evaluate, joint_starts
 from agent.process.readings import build_process
 from agent.training.learning import (
     EPISODES,

@@ -17,9 +17,8 @@ import numpy as np
 from agent.moves.model import ObservedMoves
 from agent.process.acting import on_grid
 from agent.process.config import Objective, ProcessConfig, refuse_without_effect
-from agent.process.exact import Evaluation, evaluate
+from agent.process.exact import Evaluation, cell_map, evaluate
 from agent.process.greedy import GreedyPolicy, PolicyError
-from agent.process.maps import cell_map
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
 from cosim.base.provenance import code_digest, digest_of, with_imports

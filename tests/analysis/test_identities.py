@@ -98,7 +98,7 @@ MATTER = {
     """,
     "policy": """
         agent.moves.kernels agent.moves.model agent.process.config agent.process.exact
-        agent.process.grid agent.process.maps agent.process.readings agent.process.rng
+        agent.process.grid agent.process.readings agent.process.rng
         agent.training.learning agent.training.loop agent.training.moves_qlearning
         agent.training.qlearning agent.training.settings cosim.base.params
         cosim.scenarios.scenario cosim.navigation.features
@@ -106,7 +106,7 @@ MATTER = {
     "reproduced experiment": """
         agent.experiments.results agent.experiments.run agent.experiments.variants
         agent.moves.kernels agent.moves.model agent.process.config agent.process.exact
-        agent.process.grid agent.process.maps agent.process.optimum agent.process.readings
+        agent.process.grid agent.process.optimum agent.process.readings
         agent.process.rng agent.training.learning agent.training.loop
         agent.training.moves_qlearning agent.training.qlearning agent.training.settings
         cosim.scenarios.scenario
@@ -118,7 +118,7 @@ MATTER = {
         agent.evaluation.outcomes agent.evaluation.transfer
         agent.evaluation.transfer_table agent.method agent.moves.kernels
         agent.moves.model agent.moves.observe agent.process.config agent.process.exact
-        agent.process.grid agent.process.maps agent.process.readings agent.process.rng
+        agent.process.grid agent.process.readings agent.process.rng
         agent.training.learning agent.training.loop agent.training.moves_qlearning
         agent.training.qlearning agent.training.settings cosim.base.config
         cosim.base.params cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master
