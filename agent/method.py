@@ -127,8 +127,14 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
         learning = replace(learning, episodes=ROBUST_EPISODES, eta_end=0.002, gamma=0.995)
     elif method == "prompt":
         features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "b", "h")
-        process = replace(process, features=features, reward_per="time")
-        learning = replace(learning, episodes=PROMPT_EPISODES, eta_end=0.002, gamma=0.995)
+        process = replace(
+            process,
+            features=features,
+            reward_per="time",
+            approach_coefficient=1.0,
+            distance_limit_m=0.06,  # nearness costs where it is near: paths are shorter
+        )
+        learning = replace(learning, episodes=PROMPT_EPISODES, eta_end=0.002, gamma=0.998)
     return process, learning
 
 

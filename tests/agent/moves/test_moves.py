@@ -23,6 +23,7 @@ from agent.process import grid
 from agent.process.config import ProcessConfig
 from agent.process.readings import build_process
 from agent.process.rng import next_word, seeded_state
+from agent.training.moves_qlearning import _discounts
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
@@ -215,6 +216,44 @@ def test_a_robot_keeps_the_world_that_it_drew():
             episode[move] = plans[0, kernels.DURATION_S]
     assert (durations == durations[:, :1]).all()
     assert set(durations[:, 0]) == {1.0, 2.0, 3.0}
+
+
+def test_steps_in_which_nobody_is_asked_pass_at_once():
+    """What they pay for is time, so that twenty short ones pay as one of 2 s does."""
+    process = build_process(SMALL, ProcessConfig(reward_per="time"))
+    lasting = ideal_moves(duration_s=3.05)
+    short = ObservedMoves("", 0, lasting.moves, rl_step_s=0.1)
+    earned, passed = [], []
+    for observed in (lasting, short):
+        model = build_model(observed, 5.0)
+        world, plans = pair_at(process, (2, 10), (10, 2))
+        random, rewards = seeded_state(0), np.zeros(2, dtype=np.float32)
+        kernels.begin_move(process, model, world, plans, 0, 0, random)
+        kernels.begin_move(process, model, world, plans, 1, 4, random)
+        for _ in range(2):
+            outcome, steps = kernels.step(process, model, world, plans, rewards)
+            assert outcome == RUNNING
+            earned.append(float(rewards[0]))
+            passed.append(steps)
+        assert kernels.waits(plans, 0)
+    assert passed == [1, 1, 20, 11]
+    assert earned[2] == earned[0]
+    assert earned[3] == pytest.approx(0.55 * earned[1])
+    assert _discounts(process, model, np.float32(0.9)) == pytest.approx(
+        0.9 ** (np.arange(21) / 20.0), rel=1e-6
+    )
+
+
+def test_rewards_per_distance_pay_for_the_path():
+    process = build_process(SMALL, ProcessConfig(reward_per="distance"))
+    model = build_model(ideal_moves(duration_s=4.0, turn_s=2.0), 5.0)
+    world, plans = pair_at(process, (1, 10), (10, 1))  # too far apart to be near
+    random, rewards = seeded_state(0), np.zeros(2, dtype=np.float32)
+    kernels.begin_move(process, model, world, plans, 0, 1, random)
+    kernels.begin_move(process, model, world, plans, 1, 4, random)
+    for expected in ([0.0, 0.0], [-math.sqrt(2.0), -1.0]):
+        kernels.step(process, model, world, plans, rewards)
+        assert rewards.tolist() == pytest.approx(expected, abs=1e-6)
 
 
 def test_training_on_moves_reaches_the_targets():

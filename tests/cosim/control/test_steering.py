@@ -15,8 +15,10 @@ from cosim.control.steering import (
     MODE,
     OMEGA_D,
     OMEGA_E,
+    PAST,
     SENSE,
     START,
+    THROUGH,
     TURN,
 )
 
@@ -42,6 +44,19 @@ def test_direct_mode_hands_set_points_through():
     row = np.zeros(COMMAND_SIZE)
     row[[OMEGA_D, OMEGA_E, MODE]] = -900.0, 910.0, DIRECT
     assert steer(row, 0.0, 0.0, 1.0, STEERING) == (-900.0, 910.0)
+
+
+def test_drives_on_past_the_end_if_it_is_not_to_stop():
+    row = command(x=0.01)
+    row[THROUGH] = 1.0
+    steer(row, 0.0, 0.0, 0.0)
+    speeds = steer(row, 0.0101, 0.0, 0.0)
+    assert speeds == (-STEERING.forward_speed_rad_s, STEERING.forward_speed_rad_s)
+    assert row[MODE] == PAST
+    stopping = command(x=0.01)
+    steer(stopping, 0.0, 0.0, 0.0)
+    assert steer(stopping, 0.0101, 0.0, 0.0) == (0.0, 0.0)
+    assert stopping[MODE] == HOLD
 
 
 def test_drives_straight_when_it_faces_the_line():

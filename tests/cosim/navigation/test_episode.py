@@ -8,9 +8,11 @@ import pytest
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TIMING, cylinder_inertia
 from cosim.base.world import Sensor, World
+from cosim.control.steering import DRIVE, HOLD, MODE, PAST
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import LARGE, MEDIUM
 from cosim.navigation.observing import draw_starts
+from cosim.navigation.options import PROMPT_RL_STEP_S, Deciding
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
@@ -56,6 +58,26 @@ def test_robots_stop_at_the_centres(short):
     for robot, target in enumerate(SHORT.targets):
         final = steps[-1].samples.position[-1, robot, :2]
         assert final == pytest.approx(SHORT.centre_m(target), abs=2e-3)
+
+
+def test_robots_drive_through_centres_and_stop_at_their_targets(motor_fmu, straight_policy, short):
+    """Asked when their moves end, robots are sooner there, and stop only to stay or to turn."""
+    config = Deciding(through=True).deciding(CoSimConfig())
+    system, steps = CoSimulation(SHORT, motor_fmu, config), []
+    starts = tuple(cells[0] for cells in SHORT.starts)
+    policy = straight_policy(SHORT.targets)
+    run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
+    assert system.outcome == "success"
+    assert [step.duration_s for step in steps] == pytest.approx([PROMPT_RL_STEP_S] * len(steps))
+    assert system.time_s < short[0].time_s
+    modes = np.concatenate([step.samples.mode for step in steps])
+    passed = np.concatenate([step.completed[None] for step in steps]).sum(axis=0)
+    assert passed.tolist() == [2, 2]
+    for robot in range(2):
+        first, last = np.flatnonzero(modes[:, robot] == DRIVE)[[0, -1]]
+        assert not (modes[first:last, robot] == HOLD).any()
+    assert (modes[-1] == PAST).any()
+    assert (system.episode._commands[:, MODE] == HOLD).all()
 
 
 def test_action_stays_in_force_until_the_centre(short):
