@@ -14,6 +14,7 @@ import numpy as np
 import rerun as rr
 
 from cosim.base.config import CoSimConfig
+from cosim.base.params import TIMING
 from cosim.base.world import Drawn
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.navigation.episode import Step
@@ -36,7 +37,9 @@ from cosim.recording.series import (
 )
 from cosim.scenarios.scenario import Scenario
 
-_BATCH_STEPS = 5  # RL steps written together: what a killed process can lose
+_BATCH_S = 10.0  # simulated time that is written together: what a killed process can lose
+_ROUNDING_S = 1e-9
+_BURSTS_S = TIMING.rl_step_s  # least time between two bursts, however short RL steps are
 
 
 class _Decided(NamedTuple):
@@ -87,6 +90,7 @@ class EpisodeRecorder:
         self._return = np.zeros(scenario.robots)
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
         self._batch: list[_Decided] = []
+        self._next_burst_s = 0.0
         self._log = EpisodeLog(scenario, config)
         blueprint = episode_blueprint(
             scenario.robots,
@@ -143,7 +147,7 @@ class EpisodeRecorder:
         if reward_parts is None:
             reward_parts = np.full((robots, len(REWARD_PARTS)), np.nan)
         self._batch.append(_Decided(step, q_values, reward_parts))
-        if len(self._batch) == _BATCH_STEPS:
+        if sum(decided.step.duration_s for decided in self._batch) > _BATCH_S - _ROUNDING_S:
             self._write_batch()
 
     def _write_batch(self) -> None:
@@ -151,13 +155,11 @@ class EpisodeRecorder:
             return
         steps = [decided.step for decided in self._batch]
         samples = Samples(*map(np.concatenate, zip(*(s.samples for s in steps), strict=True)))
-        raw = RawSamples(*map(np.concatenate, zip(*(s.raw for s in steps), strict=True)))
         dt, ticks = self._config.timing.dt_s, self._config.ticks_per_period
         times = [s.first_tick + ticks * np.arange(1, len(s.samples.omega) + 1) for s in steps]
         time_s = dt * np.concatenate(times)
-        bursts = [s.first_tick + np.arange(1, len(s.raw.omega) + 1) for s in steps]
         self._write_signals(samples, time_s)
-        self._write_bursts(raw, dt * np.concatenate(bursts))
+        self._write_bursts([step for step in steps if self._burst_is_due(step)])
         for robot, (name, scene) in enumerate(zip(self._names, self._scenes, strict=True)):
             scene.write(steps, samples, time_s)
             self._write_decisions(name, robot)
@@ -187,10 +189,19 @@ class EpisodeRecorder:
                 rows = scalars(values[:, robot])
                 self.file.columns(f"/sim/{name}/{signal.path}", times[every], rows)
 
-    def _write_bursts(self, raw: RawSamples, time_s: np.ndarray) -> None:
-        if not len(time_s):
+    def _burst_is_due(self, step: Step) -> bool:
+        time_s = step.first_tick * self._config.timing.dt_s
+        due = len(step.raw.omega) > 0 and time_s > self._next_burst_s - _ROUNDING_S
+        if due:
+            self._next_burst_s = time_s + _BURSTS_S
+        return due
+
+    def _write_bursts(self, steps: list[Step]) -> None:
+        if not steps:
             return
-        times = simulated(time_s)
+        raw = RawSamples(*map(np.concatenate, zip(*(s.raw for s in steps), strict=True)))
+        ticks = [s.first_tick + np.arange(1, len(s.raw.omega) + 1) for s in steps]
+        times = simulated(self._config.timing.dt_s * np.concatenate(ticks))
         for path in self._detail.burst_signals:
             for robot, name in enumerate(self._names):
                 rows = scalars(getattr(raw, path)[:, robot])

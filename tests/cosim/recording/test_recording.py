@@ -16,6 +16,7 @@ from cosim.base.params import TIMING
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.signals import RawSamples
 from cosim.navigation.cosimulation import CoSimulation
+from cosim.navigation.options import Deciding
 from cosim.reading.rrd import read_rrd
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
@@ -66,6 +67,21 @@ def recorded(motor_fmu, tmp_path_factory):
                 reward[0] = 0.0, -1.0, -0.5
             recorder.write(steps[-1], np.arange(16.0).reshape(2, 8), reward)
     return path, steps
+
+
+def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
+    """One in 2 s, however often robots are asked."""
+    config = Deciding(rl_step=0.1).deciding(CoSimConfig())
+    system = CoSimulation(SCENARIO, motor_fmu, config)
+    system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
+    path = tmp_path / "episode.rrd"
+    with EpisodeRecorder(path, SCENARIO, config, "test", {}) as recorder:
+        for _ in range(22):
+            recorder.write(system.advance(np.array([SOUTH, NORTH])))
+    time_s, _ = rows(path, "/raw/r1/normal")
+    assert len(time_s) == 2 * round(config.timing.burst_s / config.timing.dt_s)
+    assert time_s[[0, len(time_s) // 2]] == pytest.approx([1e-5, 2.0 + 1e-5])
+    assert len(rows(path, "/sim/r1/motors/omega")[0]) == 2200
 
 
 def test_file_is_complete(recorded):
