@@ -123,7 +123,8 @@ def test_policy_may_only_act(episode):
 
 def test_methods_are_told_and_train_however_often_they_are_asked_for(policy):
     assert agent.methods()[0] == "moves"
-    assert set(agent.methods()) == {"moves", "paper", "slip", "robust"}
+    learnt = {"moves", "paper", "slip", "robust", "prompt"}
+    assert set(agent.methods()) == learnt | {"shortest", "quickest"}
     again = agent.train("1a", method="paper", episodes=20_000)
     assert np.array_equal(again.q, policy.q)
 

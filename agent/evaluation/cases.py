@@ -5,6 +5,7 @@ index, whatever else runs, in whatever order. Results are kept by `agent.evaluat
 statistics are `agent.evaluation.outcomes`, the command lines `cosim.evaluate` and `cosim.transfer`.
 """
 
+import inspect
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -90,6 +91,7 @@ class Case:
         policy = self.policy
         # what is recorded of an episode does not change it
         records = [ROOT / "cosim" / folder / "episode.py" for folder in ("recording", "reading")]
+        acts = Path(inspect.getfile(type(policy)))
         return CaseIdentity(
             scenario=policy.config.scenario.name,
             scenario_digest=policy.config.scenario.digest(),
@@ -97,7 +99,7 @@ class Case:
             seed=self.seed,
             motor_fmu_digest=digest_of(self.fmu),
             parameters={name: row["value"] for name, row in self.config.table().items()},
-            code_digest=code_digest(with_imports([Path(__file__)], but=records)),
+            code_digest=code_digest(with_imports([Path(__file__), acts], but=records)),
         )
 
     @cached_property

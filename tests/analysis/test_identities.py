@@ -58,8 +58,8 @@ IDENTITIES = {
 # Modules that matter, and modules that do not.
 MATTER = {
     "bound": """
-        agent.process.config agent.process.exact agent.process.grid agent.process.optimum
-        agent.process.readings agent.process.rng cosim.scenarios.scenario
+        agent.process.config agent.process.exact agent.process.grid agent.process.joint
+        agent.process.optimum agent.process.readings agent.process.rng cosim.scenarios.scenario
         cosim.navigation.features
     """,
     "calibration": """
@@ -81,8 +81,8 @@ MATTER = {
         cosim.physics.rotation
     """,
     "kernels": """
-        agent.envs.vector agent.moves.kernels agent.process.acting agent.process.config
-        agent.process.exact agent.process.grid agent.process.optimum agent.process.readings
+        agent.envs.boards agent.moves.kernels agent.process.acting agent.process.config
+        agent.process.exact agent.process.grid agent.process.joint agent.process.readings
         agent.process.rng agent.training.moves_qlearning agent.training.qlearning
         cosim.base.params cosim.coupling.plant cosim.control.steering cosim.navigation.features
         cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
