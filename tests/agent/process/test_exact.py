@@ -46,9 +46,9 @@ def test_drawn_starts_have_an_interval_and_all_starts_have_none():
         process = build_process(config.scenario, config.process)
         return Policy.of_training(config, initial_state(process, config.learning, 0))
 
-    drawn, exact = measure("drawn", untrained("4-cross")), measure("all", untrained("4"))
+    drawn, exact = measure("drawn", untrained("4-cross")), measure("all", untrained("1b"))
     assert (drawn.starts, drawn.success, drawn.success_low) == (10_000, 0.0, 0.0)
     # Wilson: z²/(n + z²)
     assert drawn.success_high is not None
     assert math.isclose(drawn.success_high, 1.96**2 / (10_000 + 1.96**2), rel_tol=1e-3)
-    assert (exact.starts, exact.success_low, exact.success_high) == (900, None, None)
+    assert (exact.starts, exact.success_low, exact.success_high) == (116, None, None)
