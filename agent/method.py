@@ -39,7 +39,7 @@ class Driven(NamedTuple):
 
 
 ON_MOVES = {"moves": Driven(), "robust": Driven(RANGES), "prompt": Driven(through=True)}
-MOVES_EPISODES, ROBUST_EPISODES, PROMPT_EPISODES = 1_500_000, 3_000_000, 3_000_000
+MOVES_EPISODES, LONG_EPISODES = 1_500_000, 3_000_000
 ROBUST_CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do by them
 SLIP_PROBABILITY = 0.2  # assumed
 # Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
@@ -118,24 +118,21 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
     features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b")
     process = ProcessConfig(goal_reward=300.0, features=features)
     learning = LearningConfig(episodes=MOVES_EPISODES, eta=0.03)
+    if method == "moves":
+        return process, learning
+    # Robots of unequal motors drift by up to a cell while they turn, and turns take time: what a
+    # move costs depends on where they face, pairs too. The gradient's sign tells them nothing that
+    # helps. What moves do differs so much that only a falling rate tells directions apart.
+    if scenario.robots > 1:
+        features = ("x", "y", "d", "b", "h")
+    process = replace(process, features=features)
+    learning = replace(learning, episodes=LONG_EPISODES, eta_end=0.002)
     if method == "robust":
-        # Robots of unequal motors drift by up to a cell while they turn: what a turn costs depends
-        # on where they face, pairs too. The sign of the gradient tells them nothing that helps.
-        # What moves do differs so much that only a falling learning rate tells directions apart.
-        features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "b", "h")
-        process = replace(process, features=features, clearance_m=ROBUST_CLEARANCE_M)
-        learning = replace(learning, episodes=ROBUST_EPISODES, eta_end=0.002, gamma=0.995)
-    elif method == "prompt":
-        features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "b", "h")
-        process = replace(
-            process,
-            features=features,
-            reward_per="time",
-            approach_coefficient=1.0,
-            distance_limit_m=0.06,  # nearness costs where it is near: paths are shorter
-        )
-        learning = replace(learning, episodes=PROMPT_EPISODES, eta_end=0.002, gamma=0.998)
-    return process, learning
+        process = replace(process, clearance_m=ROBUST_CLEARANCE_M)
+        return process, replace(learning, gamma=0.995)
+    # Nearness costs only where it is near: paths are shorter.
+    process = replace(process, reward_per="time", approach_coefficient=1.0, distance_limit_m=0.06)
+    return process, replace(learning, gamma=0.998)
 
 
 def _observed_moves(

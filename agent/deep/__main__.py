@@ -27,8 +27,8 @@ class Deep:
     """
 
     scenario: str = "2"
-    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway) or a scenario
-    file (.toml)."""
+    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway; 4-cross,
+    4-ring, 6-swap) or a scenario file (.toml)."""
     algorithm: Literal["ddqn", "ippo", "mappo"] = "ippo"
     """Learner of skrl: PPO whose critic sees what the robot sees (ippo) or the cells of all robots
     too (mappo), or double Q-learning with a network (ddqn)."""

@@ -16,9 +16,7 @@ from cosim.navigation.features import DIRECTION_COUNT
 from cosim.scenarios.scenario import Scenario
 
 REACH = 10  # cells; robots touch at 5
-_NEAR = (
-    2  # of the nearest other robot's offset from its target: whether it has arrived, or where to
-)
+_NEAR = 2  # cells; of the nearest other robot's offset from its target: whether it has arrived
 GROUPS = 9
 NOTHING = -1  # the group has no row: there is no other robot
 

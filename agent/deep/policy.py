@@ -24,7 +24,6 @@ from cosim.base.jit import inlined, kernel
 from cosim.base.outcome import RUNNING
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, parsing, read_arrays
-from cosim.base.storage import replacing
 from cosim.navigation.features import DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
 from cosim.scenarios.scenario import Scenario
@@ -152,8 +151,8 @@ class NetworkPolicy(GreedyPolicy):
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
         """Greedy episodes on the grid, see `agent.process.exact.evaluate`.
 
-        Raises:
-            UserError: there are too many starts.
+        Of moves that are worth exactly the same, the first is chosen, not that of the least
+        rotation: here nobody faces anywhere.
         """
         starts = joint_starts(self.process) if starts is None else starts
         boards = Boards(len(starts), self.config.scenario, self.config.process)
@@ -192,21 +191,9 @@ class NetworkPolicy(GreedyPolicy):
             found.append(PolicyMap(*(layer.reshape(columns, rows) for layer in layers)))
         return found
 
-    def save(self, path: Path | str) -> None:
-        """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
-
-        Raises:
-            OSError: the folder cannot be written.
-        """
-        path = Path(path)
-        facts = {"scenario_digest": self.config.scenario.digest(), "episodes": self.episodes}
-        description = msgspec.to_builtins(self.config) | facts
-        text = msgspec.json.format(msgspec.json.encode(description), indent=1)
-        with replacing(path.with_suffix(".json")) as temporary:
-            temporary.write_bytes(text + b"\n")
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            config = np.frombuffer(text, dtype=np.uint8)
-            np.savez_compressed(file, **self.network._asdict(), config=config)
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Weights and biases."""
+        return self.network._asdict()
 
     @classmethod
     def load(cls, path: Path | str) -> "NetworkPolicy":

@@ -51,7 +51,8 @@ class LearningGrid:
         self, scenario: Scenario, boards: int, seed: int, gamma: float, config: ProcessConfig
     ) -> None:
         process = build_process(scenario, config)
-        self._boards = Boards(boards, exploring(scenario, process), _limited(config))
+        limited = replace(config, step_limit=min(config.step_limit, _STEP_LIMIT))
+        self._boards = Boards(boards, exploring(scenario, process), limited)
         self._boards.seed(board_seeds(seed, boards))
         self.inputs = Inputs.of(scenario, process)
         distances = distances_alone(process)
@@ -112,10 +113,6 @@ class LearningGrid:
 
 
 _ENDED = np.array([NOTHING] * GROUPS + [1] * DIRECTION_COUNT, dtype=np.float32)
-
-
-def _limited(config: ProcessConfig) -> ProcessConfig:
-    return replace(config, step_limit=min(config.step_limit, _STEP_LIMIT))
 
 
 def exploring(scenario: Scenario, process: Process) -> Scenario:

@@ -1,9 +1,11 @@
 """What all trained policies have in common: they act greedily, on the process that they know."""
 
+from abc import ABC, abstractmethod
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from agent.process.acting import greedy
@@ -11,6 +13,7 @@ from agent.process.exact import Evaluation
 from agent.process.readings import Process, build_process
 from agent.process.rewards import DrivenStep, reward_parts
 from cosim.base.errors import UserError
+from cosim.base.storage import replacing
 from cosim.navigation.features import Observation
 from cosim.recording.policy_map import PolicyMap
 from cosim.scenarios.scenario import Scenario
@@ -20,7 +23,7 @@ class PolicyError(UserError):
     """A policy file that cannot be used; the message says what to do instead."""
 
 
-class GreedyPolicy:
+class GreedyPolicy(ABC):
     """Robots choose the largest of their action values.
 
     Attributes:
@@ -36,25 +39,29 @@ class GreedyPolicy:
         """The decision process that it was trained on."""
         return build_process(self.config.scenario, self.config.process)
 
+    @abstractmethod
     def q_values(self, observation: Observation) -> np.ndarray:
         """(N, 8) float32, action values of each robot.
 
         Raises:
             ValueError: a cell is off the board, or the number of robots differs.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """Greedy episodes on the grid, see `agent.process.exact.evaluate`.
+        """Greedy episodes on the grid, see `agent.process.exact.evaluate`."""
 
-        Raises:
-            UserError: there are too many starts.
-        """
-        raise NotImplementedError
-
+    @abstractmethod
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings of the process and of all action values."""
-        raise NotImplementedError
+        """Hash (16 hex digits) of the readings of the process and of all that decides actions."""
+
+    @abstractmethod
+    def maps(self) -> list[PolicyMap]:
+        """What each robot thinks of the cells of the board, for pictures."""
+
+    @abstractmethod
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What its file holds beside the configuration, by name."""
 
     def save(self, path: Path | str) -> None:
         """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
@@ -62,11 +69,15 @@ class GreedyPolicy:
         Raises:
             OSError: the folder cannot be written.
         """
-        raise NotImplementedError
-
-    def maps(self) -> list[PolicyMap]:
-        """What each robot thinks of the cells of the board, for pictures."""
-        raise NotImplementedError
+        path = Path(path)
+        facts = {"scenario_digest": self.config.scenario.digest(), "episodes": self.episodes}
+        description = msgspec.to_builtins(self.config) | facts
+        text = msgspec.json.format(msgspec.json.encode(description), indent=1)
+        with replacing(path.with_suffix(".json")) as temporary:
+            temporary.write_bytes(text + b"\n")
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            arrays: dict[str, Any] = self.arrays()
+            np.savez_compressed(file, **arrays, config=np.frombuffer(text, dtype=np.uint8))
 
     def act(self, observation: Observation) -> np.ndarray:
         """(N,) int64, greedy direction of each robot; ties go to the least rotation.

@@ -23,7 +23,6 @@ from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
-from cosim.base.storage import replacing
 from cosim.navigation.features import DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
 from cosim.scenarios.scenario import Scenario
@@ -136,11 +135,7 @@ class Policy(GreedyPolicy):
         return self.values[np.arange(len(self.values)), self.states(observation)]
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """Greedy episodes on the grid, see `agent.process.exact.evaluate`.
-
-        Raises:
-            UserError: there are too many starts.
-        """
+        """Greedy episodes on the grid, see `agent.process.exact.evaluate`."""
         return evaluate(self.process, self.values, starts)
 
     def digest(self) -> str:
@@ -152,31 +147,9 @@ class Policy(GreedyPolicy):
         tables = zip(self.values, self.visits, strict=True)
         return [cell_map(self.process, values, visits) for values, visits in tables]
 
-    def save(self, path: Path | str) -> None:
-        """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
-
-        Raises:
-            OSError: the folder cannot be written.
-        """
-        path = Path(path)
-        text = msgspec.json.format(msgspec.json.encode(self._description()), indent=1)
-        with replacing(path.with_suffix(".json")) as temporary:
-            temporary.write_bytes(text + b"\n")
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(
-                file,
-                q=self.q,
-                visits=self.visits,
-                random=self.random,
-                config=np.frombuffer(text, dtype=np.uint8),
-            )
-
-    def _description(self) -> dict[str, Any]:
-        builtins = msgspec.to_builtins(self.config)
-        return builtins | {
-            "scenario_digest": self.config.scenario.digest(),
-            "episodes": self.episodes,
-        }
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Tables, visits and generator state."""
+        return {"q": self.q, "visits": self.visits, "random": self.random}
 
     @classmethod
     def load(cls, path: Path | str, scenario: Scenario | None = None) -> "Policy":

@@ -14,14 +14,13 @@ from agent.process.config import Objective, ProcessConfig, require
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 
-Learnt = Literal["moves", "paper", "slip", "robust", "prompt"]
-Method = Literal[Learnt, Objective]  # see `agent.method`
+# See `agent.method`.
+Method = Literal["moves", "paper", "slip", "robust", "prompt", Objective]
 METHODS: tuple[Method, ...] = get_args(Method)
-LEARNT: tuple[Learnt, ...] = get_args(Learnt)
 COMPUTED: tuple[Objective, ...] = get_args(Objective)
 BEST: Method = "moves"
-IN_WORLDS: tuple[Method, ...] = ("moves", "paper", "slip", "robust")  # asked every 2 s
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal
+IN_WORLDS: tuple[Method, ...] = (*COMPARED, "robust")  # where they are not
 
 Algorithm = Literal["q", "double_q"]
 Backend = Literal["loky", "threading", "ray", "dask"]  # see `agent.training.sweep`
