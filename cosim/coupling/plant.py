@@ -81,14 +81,14 @@ class Plant(NamedTuple):
 
 
 @inlined
-def begin_period(plant: Plant, state: State, noise: np.ndarray, width: Width) -> None:
+def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> None:
     """Steer every robot and put the motors' inputs in place; those of ended episodes stop.
 
     Args:
         plant: constants.
         state: variables; commands and inputs change.
         noise: (B, 2) speed measurement noise of this period, rad/s.
-        width: of the vectors.
+        lanes: of the vectors.
     """
     period_s = plant.ticks_per_period * plant.body.dt
     robots, columns = plant.robots, state.bodies.shape[1]
@@ -109,7 +109,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, width: Width) ->
             omega_d, omega_e = _steer(plant, state, column, period_s)
             state.inputs[0, column], state.inputs[1, column] = omega_d, omega_e
             state.inputs[2, column], state.inputs[3, column] = noise[column, 0], noise[column, 1]
-            state.busy[column - column % len(width)] = 1
+            state.busy[column - column % lanes] = 1
             walls = find_near_obstacles(
                 state.bodies, column, state.obstacles[episode], plant.pair, state.near_walls, walls
             )
