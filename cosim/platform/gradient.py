@@ -64,10 +64,9 @@ def stroke_gradient(platform: Platform, omega_rad_s: float) -> Gradient:
 
 def speed_gradient(platform: Platform, omega_rad_s: float) -> Gradient:
     """Mean speed in m/s along +Y; arguments and errors as of `stroke_gradient`."""
-    stroke = stroke_gradient(platform, omega_rad_s)
     turns_1_s = omega_rad_s / (2.0 * math.pi)
-    value, *rest, omega = (turns_1_s * part for part in stroke)
-    return Gradient(value, *rest, omega + value / omega_rad_s)
+    part = Gradient(*(turns_1_s * each for each in stroke_gradient(platform, omega_rad_s)))
+    return part._replace(omega=part.omega + part.value / omega_rad_s)
 
 
 def _cycle(alpha: float, s: float) -> tuple[float, float, float]:
