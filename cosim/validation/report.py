@@ -1,7 +1,7 @@
 """The tables of docs/validation.md: ours beside theirs, as records and as text."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import msgspec
 import numpy as np
@@ -41,6 +41,15 @@ class SpeedRow(msgspec.Struct, frozen=True, kw_only=True):
     source: str
 
 
+class ReversalRow(msgspec.Struct, frozen=True, kw_only=True):
+    """Speed backwards over that forwards at one motor speed; theirs is derived from two speeds."""
+
+    preset: str
+    motor_speed_rad_s: float
+    ours: float
+    theirs: float | None
+
+
 class SensitivityRow(msgspec.Struct, frozen=True, kw_only=True):
     """A derivative d ln v / d ln p; `explains` is the value of p that gives theirs, first order."""
 
@@ -76,6 +85,7 @@ class ValidationReport(msgspec.Struct, frozen=True, kw_only=True):
     phases: int
     seed: int
     speeds: tuple[SpeedRow, ...]
+    reversals: tuple[ReversalRow, ...]
     sensitivities: tuple[SensitivityRow, ...]
     paths: tuple[PathRow, ...]
 
@@ -87,6 +97,7 @@ def report_of(found: Validation, effort: Effort, seed: int) -> ValidationReport:
         phases=effort.phases,
         seed=seed,
         speeds=speeds,
+        reversals=tuple(_reversals(speeds)),
         sensitivities=tuple(
             row
             for each in found.sensitivities
@@ -116,6 +127,23 @@ def _speed_row(point: PublishedSpeed, measured: MeasuredSpeed) -> SpeedRow:
         sure=point.sure,
         source=point.source,
     )
+
+
+def _reversals(speeds: Sequence[SpeedRow]) -> Iterator[ReversalRow]:
+    """Of every machine and motor speed with both directions."""
+    rows = {(row.preset, row.motor_speed_rad_s, row.manoeuvre): row for row in speeds}
+    for (preset, omega, manoeuvre), back in rows.items():
+        ahead = rows.get((preset, omega, "forwards"))
+        if manoeuvre == "backwards" and ahead is not None:
+            theirs = None
+            if back.theirs is not None and ahead.theirs is not None:
+                theirs = back.theirs / ahead.theirs
+            yield ReversalRow(
+                preset=preset,
+                motor_speed_rad_s=omega,
+                ours=back.ours / ahead.ours,
+                theirs=theirs,
+            )
 
 
 def _sensitivity_rows(found: Sensitivity, measured: MeasuredSpeed) -> list[SensitivityRow]:
@@ -181,7 +209,17 @@ SPEED_HEADER = (
     "sure",
 )
 SENSITIVITY_HEADER = ("preset", "rad/s", "parameter", "value", "dynamics", "platform", "explains")
-PATH_HEADER = ("path", "dither", "off, ours", "largest", "turned, ours", "off, theirs", "turned")
+REVERSAL_HEADER = ("preset", "rad/s", "backwards over forwards, ours", "theirs")
+PATH_HEADER = (
+    "path",
+    "dither",
+    "off, ours",
+    "largest",
+    "to the left",
+    "turned, ours",
+    "off, theirs",
+    "turned",
+)
 
 
 def speed_cells(row: SpeedRow) -> tuple[str, ...]:
@@ -199,6 +237,12 @@ def speed_cells(row: SpeedRow) -> tuple[str, ...]:
         "–" if row.their_step_um is None else f"{row.their_step_um:.1f} µm (derived)",
         row.sure if published else "–",
     )
+
+
+def reversal_cells(row: ReversalRow) -> tuple[str, ...]:
+    """A row as text."""
+    theirs = "–" if row.theirs is None else f"{row.theirs:.2f} (derived)"
+    return row.preset, f"{row.motor_speed_rad_s:.0f}", f"{row.ours:.2f}", theirs
 
 
 def sensitivity_cells(row: SensitivityRow) -> tuple[str, ...]:
@@ -221,6 +265,7 @@ def path_cells(row: PathRow) -> tuple[str, ...]:
         "on" if row.dithered else "off",
         f"{row.off_mm:.1f} mm",
         f"{row.off_largest_mm:.1f} mm",
+        f"{row.sideways_mm:+.1f} mm",
         f"{row.turned_deg:+.1f} ± {row.turned_scatter_deg:.1f}°",
         " and ".join(f"{off:g} mm" for off in row.theirs_mm) or "–",
         _text(row.theirs_deg, "g") + ("" if row.theirs_deg is None else "°"),
@@ -234,6 +279,7 @@ def tables(report: ValidationReport) -> list[Table]:
     """Title, header and rows of every table."""
     return [
         ("Speeds", SPEED_HEADER, [speed_cells(row) for row in report.speeds]),
+        ("Backwards", REVERSAL_HEADER, [reversal_cells(row) for row in report.reversals]),
         (
             "What a speed depends on",
             SENSITIVITY_HEADER,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from cosim.base.config import CoSimConfig
 from cosim.coupling.fmu import MotorFmu
 from cosim.platform.gradient import speed_gradient
-from cosim.platform.motion import lift_off_speed, robot_platform
+from cosim.platform.motion import drift_speed, lift_off_speed, robot_platform
 from cosim.validation.driving import measured_speed
 
 STEP = 0.05  # of central differences, relative
@@ -79,9 +79,9 @@ def sensitivities(
 
 
 def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
-    """The same of the 1-DOF platform, where it has the parameter and stays on the floor."""
+    """The same of the 1-DOF platform, where it has the parameter, moves on, and on the floor."""
     platform = robot_platform(config.robot, config.motor)
-    if omega_rad_s >= lift_off_speed(platform):
+    if not drift_speed(platform) < omega_rad_s < lift_off_speed(platform):
         return {}
     gradient = speed_gradient(platform, omega_rad_s)
     values = {
@@ -90,6 +90,4 @@ def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
         "mass_kg": (platform.mass, gradient.mass),
         "motor speed": (omega_rad_s, gradient.omega),
     }
-    if gradient.value <= 0.0:
-        return {}
     return {name: value * slope / gradient.value for name, (value, slope) in values.items()}
