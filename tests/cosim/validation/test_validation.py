@@ -111,13 +111,13 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, caps
     monkeypatch.setattr(measurement, "SPEEDS", (SPEEDS[-1],))
     monkeypatch.setattr(measurement, "PATHS", (small,))
     monkeypatch.setattr(measurement, "sideways", lambda *_: [Leg("forwards", 1e-3)])
-    done: list[float] = []
+    counts: list[float] = []
 
-    def told(task: str, so_far: float, total: float | None, state: str = "") -> None:
-        done.append(so_far)
+    def told(task: str, done: float, total: float | None, state: str = "") -> None:
+        counts.append(done)
 
     first = validate(motor_fmu, QUICK, progress=told)
-    assert done[-1] == len(first.speeds) + len(first.paths)
+    assert counts[-1] == len(first.speeds) + len(first.paths)
 
     def refused(*_: object, **__: object):
         raise AssertionError("measured again")
