@@ -1,15 +1,20 @@
 """Robots without feedback: what their motors get, what it costs, where it is refused."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from cosim.base.config import ConfigError, CoSimConfig
+import cosim
+from benchmarks.steering import drive_line
+from cosim.base.config import ConfigError, CoSimConfig, Loop
 from cosim.calibration.trial import Trial
 from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.navigation.options import Driving
 
 SPEED = 900.0
+OPEN_LOOPS: tuple[tuple[Loop, ...], ...] = ((), ("heading",))
 
 
 def samples(motor_fmu, **options):
@@ -48,3 +53,28 @@ def test_a_motor_without_voltage_input_is_refused(edited_fmu):
     MotorFmu(path)
     with pytest.raises(FmuError, match=r"has no 'V_in', which --open-loop motors needs"):
         MotorFmu(path, open_loop=True)
+
+
+def test_a_robot_without_course_keeps_the_heading_error_that_its_turn_left(motor_fmu):
+    kept, straight = (
+        drive_line(MotorFmu(motor_fmu), CoSimConfig(open_loop=loops), 0.02, 0.14, 2, seed=1)
+        for loops in OPEN_LOOPS
+    )
+    assert kept.final_error_m.max() < 0.7e-3
+    assert straight.final_error_m.min() > 2e-3
+    assert np.abs(straight.heading_error_rad - 0.14).max() < 0.03
+
+
+def test_runs_say_their_preset_and_what_goes_without_feedback(straight_policy):
+    driving: dict[str, Any] = {
+        "preset": "icra2006",
+        "open_loop": ("motors",),
+        "time_limit": 2.0,
+        "speed": 0.5,
+    }
+    episode = cosim.simulate("1a", straight_policy(((15, 18),)), record="summary", **driving)
+    assert episode.parameters["preset"].value == "icra2006"
+    assert episode.parameters["open_loop"].value == "motors"
+    assert episode.parameter("mu") == 0.4
+    # feet and motors in proportion to the board's robots of 5 cm
+    assert episode.parameter("foot_radius_m") == pytest.approx(0.0231, abs=1e-4)
