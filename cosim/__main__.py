@@ -37,6 +37,10 @@ COMMANDS = {
     "platform": Command(
         "cosim.platform.__main__", "MovePlatform", "the 1-DOF platform of Eq. (1), Fig. 3"
     ),
+    "design": Command("cosim.design", "DesignRobot", "what gives a robot a wanted speed"),
+    "validate": Command(
+        "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
+    ),
     "fmu": Command("fmus.build", "Build", "build the motor FMU for other tools"),
     "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
     "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),

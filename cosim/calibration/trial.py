@@ -5,9 +5,12 @@ array (layout in `cosim.control.steering`); the dynamics, the FMUs and the noise
 episode.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cosim.base.config import CoSimConfig
+from cosim.base.params import MotorParams
 from cosim.coupling.assembly import (
     Motors,
     check_motors,
@@ -45,6 +48,7 @@ class Trial:
         headings_rad: np.ndarray,
         seed: np.random.SeedSequence,
         nominal_rad_s: np.ndarray | float | None = None,
+        motors: Sequence[tuple[MotorParams, MotorParams]] | None = None,
     ) -> None:
         """Put the robots on the floor.
 
@@ -55,6 +59,7 @@ class Trial:
             seed: of the speed noise; every motor gets a child of its own.
             nominal_rad_s: motor speed that the noise is relative to, of all or (N,) of each robot;
                 default that of driving forwards.
+            motors: (N,) D and E of each robot; default the configuration's.
 
         Raises:
             FmuError: the FMU lacks a capability, refuses to load or to be initialised.
@@ -74,7 +79,9 @@ class Trial:
         self._motors = Motors(motor_fmu, config, columns)
         for robot, (x, y) in enumerate(self.origins_m):
             self._state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
-            self._motors.restart([robot], ((config.motor, config.motor),))
+            pair = motors[robot] if motors else (config.motor, config.motor)
+            self._state.properties[:, robot] = robot_properties(config, motors=pair)
+            self._motors.restart([robot], (pair,))
         self._state.running[:] = 1
         self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]
         self._noise = noise_generators(seed, n)
