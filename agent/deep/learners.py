@@ -8,7 +8,7 @@ trainer is left out: it knows no robots that wait for others.
 
 import time
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,18 +22,16 @@ from skrl.memories.jax import RandomMemory
 from skrl.models.jax import Model
 from skrl.utils import set_seed
 
+from agent.deep import Algorithm
 from agent.deep.inputs import GROUPS, NOTHING
 from agent.deep.models import ActionValues, Actor, Critic, network_of
 from agent.deep.policy import NetworkConfig, NetworkPolicy
 from agent.deep.world import WIDTH, LearningGrid
-from agent.process.config import ProcessConfig
-from agent.training.policy import Seed
+from agent.process.exact import Milestone
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress
 from cosim.navigation.features import DIRECTION_COUNT
 from cosim.scenarios.scenario import Scenario
-
-Algorithm = Literal["ddqn", "ippo", "mappo"]
 
 GAMMA = 0.98
 ROUND = 80_000  # rows stepped between two evaluations, at least
@@ -65,20 +63,6 @@ _DDQN = _QUIET | {
     "polyak": 0.05,
     "target_update_interval": 1,
 }
-
-
-class Milestone(NamedTuple):
-    """What greedy robots achieve on the grid after so much training.
-
-    Attributes:
-        agent_steps: moves of all robots so far.
-        seconds: since training began.
-        success: share of all starts.
-    """
-
-    agent_steps: int
-    seconds: float
-    success: float
 
 
 def _agent(algorithm: Algorithm, world: LearningGrid, scenario: Scenario) -> tuple[Agent, Model]:
@@ -117,26 +101,23 @@ def _states(world: LearningGrid, shape: dict[str, Any]) -> jax.Array | None:
 
 
 def train(
-    scenario: Scenario,
-    algorithm: Algorithm,
-    steps: int,
-    seed: int,
+    config: NetworkConfig,
     progress: Progress,
     watch: Callable[[Milestone], None],
+    enough: float | None = None,
 ) -> NetworkPolicy:
     """Train a network on the grid; the best of the evaluated ones is kept.
 
     Args:
-        scenario: board, targets and start cells.
-        algorithm: of learning.
-        steps: moves of all robots together, at least.
-        seed: of networks, start cells and exploration.
+        config: what it is trained with; `steps` are those of all robots together, at least.
         progress: is told the moves made.
-        watch: is told every evaluation, which are exact and over all starts.
+        watch: is told every evaluation, over `agent.process.exact.joint_starts`.
+        enough: success at which training ends before its last step, if at any.
     """
+    scenario, algorithm, steps = config.scenario, config.algorithm, config.steps
+    seed = config.seed.entropy
     skrl.logger.setLevel("ERROR")
     set_seed(seed)
-    config = NetworkConfig(scenario, ProcessConfig(), algorithm, steps, Seed(seed))
     world = LearningGrid(scenario, BOARDS[algorithm], seed, GAMMA, config.process)
     agent, model = _agent(algorithm, world, scenario)
     random = np.random.default_rng(seed)
@@ -157,6 +138,8 @@ def train(
         progress("training", min(done, steps), steps, f"success {100.0 * success:.1f} %")
         if success > most:
             best, most = policy, success
+        if enough is not None and success >= enough:
+            break
     assert best is not None
     return best
 
