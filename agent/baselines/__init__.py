@@ -7,6 +7,5 @@ from agent.process.config import Objective
 
 Table = Literal["paper", "double_q", "moves", "prompt", Objective]
 Learner = Literal[Table, Algorithm]
-TABLES: tuple[Table, ...] = get_args(Table)
 NETWORKS: tuple[Algorithm, ...] = get_args(Algorithm)
 LEARNERS: tuple[Learner, ...] = get_args(Learner)

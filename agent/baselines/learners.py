@@ -15,8 +15,8 @@ import numpy as np
 import agent.deep
 from agent.baselines import NETWORKS, Learner
 from agent.deep.policy import NetworkConfig
+from agent.deep.world import PROCESS
 from agent.method import method_config, method_policy
-from agent.process.config import ProcessConfig
 from agent.process.exact import Milestone
 from agent.process.greedy import GreedyPolicy
 from agent.process.readings import build_process
@@ -29,7 +29,7 @@ from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.scenarios.scenario import Scenario
 
 # Moves of all robots after which a network is given up, by the number of robots.
-NETWORK_STEPS = {1: 400_000, 2: 1_000_000, 4: 1_500_000}
+NETWORK_STEPS = {1: 300_000, 2: 800_000, 4: 1_000_000}
 QUICK_EPISODES, QUICK_STEPS = 100_000, 60_000
 
 Config = PolicyConfig | NetworkConfig
@@ -54,7 +54,7 @@ def config_of(
         steps = NETWORK_STEPS.get(scenario.robots, max(NETWORK_STEPS.values()))
         if quick:
             steps = QUICK_STEPS
-        return NetworkConfig(scenario, ProcessConfig(), learner, steps, Seed(seed))
+        return NetworkConfig(scenario, PROCESS, learner, steps, Seed(seed))
     method = "paper" if learner == "double_q" else learner
     episodes = QUICK_EPISODES if quick and learner not in COMPUTED else None
     config = method_config(method, scenario, seed, episodes=episodes, progress=progress)

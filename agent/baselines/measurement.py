@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from agent.baselines import LEARNERS, NETWORKS, TABLES, Learner
+from agent.baselines import LEARNERS, Learner
 from agent.baselines.learners import config_of, digest, train
 from agent.baselines.table import (
     MARKDOWN_FILE,
@@ -172,8 +172,7 @@ def baselines(
 ) -> BaselinesReport:
     """Train and simulate what is missing, and write the table.
 
-    Tables come first, with all seeds, then networks seed by seed: a budget that is used up leaves
-    out seeds of networks, not learners.
+    Seed by seed: a budget that is used up leaves out seeds, not learners.
 
     Args:
         out: folder of the table (baselines.json, baselines.md), trainings and episodes.
@@ -205,18 +204,17 @@ def baselines(
         (board, learner) for board in boards for learner in LEARNERS if learner in learners
     ]
     reasons = {(board.name, learner): left_out(board, learner) for board, learner in asked}
-    for group in (TABLES, NETWORKS):
-        for number in numbers:
-            keys: list[tuple[Scenario, Learner, int]] = [
-                (board, learner, number)
-                for board, learner in asked
-                if learner in group and reasons[board.name, learner] is None
-            ]
-            for key in keys:
-                if in_time() and not runs.path(*key).exists():
-                    runs.train(*key)
-            if in_time():
-                runs.drive(keys, episodes, jobs, in_time)
+    for number in numbers:
+        keys: list[tuple[Scenario, Learner, int]] = [
+            (board, learner, number)
+            for board, learner in asked
+            if reasons[board.name, learner] is None
+        ]
+        for key in keys:
+            if in_time() and not runs.path(*key).exists():
+                runs.train(*key)
+        if in_time():
+            runs.drive(keys, episodes, jobs, in_time)
     rows = []
     for board, learner in asked:
         reason = reasons[board.name, learner]
