@@ -54,12 +54,13 @@ def network(scenario, seed=0):
 
 @pytest.fixture(scope="module", autouse=True)
 def small_rounds():
-    """Few boards and evaluations after few steps: compiled once, for all tests."""
-    from agent.deep import learners
+    """Few boards and moves, and evaluations after few steps."""
+    from agent.deep import ddqn, learners
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(learners, "BOARDS", 32)
         patch.setattr(learners, "ROUND", 3000)
+        patch.setattr(ddqn, "_BATCH", 128)
         yield
 
 
@@ -76,7 +77,8 @@ def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout.splitlines()[-1])
     assert report["success"] > 0.9
-    assert report["curve"][0][2] < 0.9
+    untrained = network(find_scenario(str(tiny))).evaluate()
+    assert untrained.rate(Outcome.SUCCESS) < 0.5
     policy = agent.load(report["policy"])
     assert isinstance(policy, NetworkPolicy)
     assert policy.evaluate().rate(Outcome.SUCCESS) == report["success"]
@@ -90,6 +92,7 @@ def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["method"] == "ddqn"
 
 
+@pytest.mark.slow
 def test_a_critic_that_sees_all_robots_teaches_too(tiny, tmp_path, command):
     options = ("--scenario", tiny, "--algorithm", "mappo", "--steps", 12_000, "--json")
     done = command(deep, *options, "--out", tmp_path)
@@ -106,7 +109,7 @@ def test_the_same_seed_gives_the_same_bits(algorithm, tiny):
     scenario = find_scenario(str(tiny))
 
     def trained(seed):
-        config = NetworkConfig(scenario, PROCESS, algorithm, 6000, Seed(seed))
+        config = NetworkConfig(scenario, PROCESS, algorithm, 3000, Seed(seed))
         return train(config, silent, lambda _: None)
 
     first, again, other = trained(3), trained(3), trained(4)
