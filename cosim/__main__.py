@@ -32,6 +32,9 @@ COMMANDS = {
         "agent.experiments.__main__", "Experiments", "the paper's learning experiments"
     ),
     "deep": Command("agent.deep.__main__", "Deep", "train one network for all robots"),
+    "baselines": Command(
+        "agent.baselines.__main__", "Baselines", "what learners achieve, and at what price"
+    ),
     "moves": Command("agent.moves.__main__", "ObserveMoves", "observe what moves really do"),
     "calibrate": Command("cosim.calibrate", "Calibrate", "motor speeds to speed and yaw rate"),
     "platform": Command(

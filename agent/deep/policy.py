@@ -13,6 +13,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from agent.deep import Algorithm
 from agent.deep.inputs import GROUPS, Inputs, look
 from agent.envs.boards import Boards
 from agent.process.config import ProcessConfig
@@ -105,7 +106,7 @@ class NetworkConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     scenario: Scenario
     process: ProcessConfig
-    algorithm: str
+    algorithm: Algorithm
     steps: int
     seed: Seed
     network: int = SCHEMA_VERSION
