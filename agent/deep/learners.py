@@ -27,6 +27,8 @@ from agent.deep.models import ActionValues, Actor, Critic, network_of
 from agent.deep.policy import NetworkConfig, NetworkPolicy
 from agent.deep.world import WIDTH, LearningGrid
 from agent.process.config import ProcessConfig
+from agent.process.exact import joint_starts
+from agent.process.readings import build_process
 from agent.training.policy import Seed
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress
@@ -37,6 +39,7 @@ Algorithm = Literal["ddqn", "ippo", "mappo"]
 
 GAMMA = 0.98
 ROUND = 80_000  # rows stepped between two evaluations, at least
+WATCHED = 1000  # starts of an evaluation, at most: all of a pair, a sample of a group's
 # DDQN learns by the number of its updates, of which there are four a step; PPO by that of moves.
 BOARDS: dict[Algorithm, int] = {"ddqn": 64, "ippo": 256, "mappo": 256}
 _PPO_STEPS = 32  # steps between two updates of PPO
@@ -132,7 +135,7 @@ def train(
         steps: moves of all robots together, at least.
         seed: of networks, start cells and exploration.
         progress: is told the moves made.
-        watch: is told every evaluation, which are exact and over all starts.
+        watch: is told every evaluation, from all starts, or from `WATCHED` drawn ones of a group.
     """
     skrl.logger.setLevel("ERROR")
     set_seed(seed)
@@ -140,6 +143,7 @@ def train(
     world = LearningGrid(scenario, BOARDS[algorithm], seed, GAMMA, config.process)
     agent, model = _agent(algorithm, world, scenario)
     random = np.random.default_rng(seed)
+    starts = joint_starts(build_process(scenario, config.process))[:WATCHED]
     began = time.perf_counter()
     best: NetworkPolicy | None = None
     most, done, step = -1.0, 0, 0
@@ -152,7 +156,7 @@ def train(
             done += _advance(agent, world, random, step, explore)
             step += 1
         policy = NetworkPolicy(config, network_of(model), world.episodes)
-        success = policy.evaluate().rate(Outcome.SUCCESS)
+        success = policy.evaluate(starts).rate(Outcome.SUCCESS)
         watch(Milestone(done, time.perf_counter() - began, success))
         progress("training", min(done, steps), steps, f"success {100.0 * success:.1f} %")
         if success > most:
