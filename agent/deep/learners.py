@@ -10,12 +10,14 @@ from agent.deep.ddqn import DoubleQ
 from agent.deep.policy import NetworkConfig, NetworkPolicy
 from agent.deep.ppo import Ppo
 from agent.deep.world import LearningGrid
-from agent.process.exact import Milestone
+from agent.process.exact import Milestone, joint_starts
+from agent.process.readings import build_process
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress
 
 BOARDS = 256
 ROUND = 40_000  # rows stepped between two evaluations, at least
+WATCHED = 1000  # starts of an evaluation, at most: all of a pair, a sample of a group's
 
 
 def train(
@@ -29,7 +31,7 @@ def train(
     Args:
         config: what it is trained with; `steps` are those of all robots together, at least.
         progress: is told the moves made.
-        watch: is told every evaluation, over `agent.process.exact.joint_starts`.
+        watch: is told every evaluation, over the first `WATCHED` of `joint_starts`.
         enough: success at which training ends before its last step, if at any.
     """
     scenario, steps, seed = config.scenario, config.steps, config.seed.entropy
@@ -38,6 +40,7 @@ def train(
         learner = DoubleQ(world, seed, steps)
     else:
         learner = Ppo(world, scenario, seed, central=config.algorithm == "mappo")
+    starts = joint_starts(build_process(scenario, config.process))[:WATCHED]
     began = time.perf_counter()
     best: NetworkPolicy | None = None
     most, done = -1.0, 0
@@ -45,7 +48,7 @@ def train(
         for _ in range(-(-ROUND // (BOARDS * scenario.robots))):
             done += learner.advance(world)
         policy = NetworkPolicy(config, learner.network(), world.episodes)
-        success = policy.evaluate().rate(Outcome.SUCCESS)
+        success = policy.evaluate(starts).rate(Outcome.SUCCESS)
         watch(Milestone(done, time.perf_counter() - began, success))
         progress("training", min(done, steps), steps, f"success {100.0 * success:.1f} %")
         if success > most:
