@@ -52,6 +52,7 @@ def imported_by_syntax(path: Path) -> set[Path]:
             parts = name.split(".")
             if parts[0] in OWN:
                 places = [ROOT.joinpath(*parts[:n]).with_suffix(".py") for n in (len(parts), -1)]
+                places.append(ROOT.joinpath(*parts[:-1], "__init__.py"))
                 found.add(next(place for place in places if place.is_file()))
     return found
 
