@@ -102,7 +102,7 @@ def _make(
     match result.module:
         case "cosim.platform":
             platform = MovePlatform()
-            move_platforms(platform.cycles, platform.omega, platform.mu).save(out)
+            move_platforms(platform.cycles, platform.omega).save(out)
         case "analysis.motor_test":
             record(out, cached_fmu("VibrationMotor"), StepTest())
         case "cosim.calibrate":

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from cosim.base.outcome import Outcome
     from cosim.navigation.cosimulation import CoSimulation
     from cosim.navigation.features import Observation
+    from cosim.presets.preset import Preset, find_preset
     from cosim.reading.episode import Episode
     from cosim.scenarios.file import find_scenario
     from cosim.scenarios.scenario import Scenario
@@ -22,7 +23,9 @@ __all__ = [
     "Episode",
     "Observation",
     "Outcome",
+    "Preset",
     "Scenario",
+    "find_preset",
     "find_scenario",
     "simulate",
 ]
@@ -33,7 +36,9 @@ _MODULES = {
     "Episode": "cosim.reading.episode",
     "Observation": "cosim.navigation.features",
     "Outcome": "cosim.base.outcome",
+    "Preset": "cosim.presets.preset",
     "Scenario": "cosim.scenarios.scenario",
+    "find_preset": "cosim.presets.preset",
     "find_scenario": "cosim.scenarios.file",
     "simulate": "cosim.simulation",
 }

@@ -59,6 +59,8 @@ class CoSimConfig:
             for another direction (the paper's stops).
         safety_margin_m: gap that the safety layer (`cosim.navigation.safety`) keeps between the
             plans of robots, and from obstacles; 0 switches it off.
+        preset: name of the machine, see `cosim.presets`.
+        sources: of parameters that the machine has for itself, as (name, text).
 
     Raises:
         ConfigError: a parameter is out of range or unknown, the robot's parts do not fit into its
@@ -77,6 +79,8 @@ class CoSimConfig:
     world: World = IDEAL
     through: bool = False
     safety_margin_m: float = 0.0
+    preset: str = "paper"
+    sources: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         require_one_of("order", self.order, get_args(Order))
@@ -91,7 +95,7 @@ class CoSimConfig:
             )
         for record, names in (
             (self.robot, ("mass_kg", "diameter_m", "height_m", "com_height_m", "foot_radius_m")),
-            (self.motor, ("J", "R", "g")),
+            (self.motor, ("m", "r", "K_T", "J", "R", "g")),
             (self.timing, ("dt_s", "communication_step_s", "control_period_s", "rl_step_s")),
             (self.steering, ("lookahead_m", "least_lookahead_m")),
         ):
@@ -173,13 +177,23 @@ class CoSimConfig:
         Raises:
             ConfigError: see the class.
         """
-        robot, noise = self.robot, self.noise
-        if world.mu is not None:
-            robot = robot._replace(mu=world.mu)
-        if world.motor_speed_noise is not None:
-            noise = noise._replace(relative_amplitude=world.motor_speed_noise)
         rest = msgspec.structs.replace(world, mu=None, motor_speed_noise=None, obstacles=())
-        return replace(self, robot=robot, noise=noise, world=rest)
+        return replace(self.having(world.mu, world.motor_speed_noise), world=rest)
+
+    def having(self, mu: float | None = None, noise: float | None = None) -> "CoSimConfig":
+        """These parameters with another friction coefficient or relative speed noise, if given.
+
+        Raises:
+            ConfigError: see the class.
+        """
+        robot, relative, sources = self.robot, self.noise, dict(self.sources)
+        if mu is not None:
+            robot = robot._replace(mu=mu)
+            sources.pop("mu", None)
+        if noise is not None:
+            relative = relative._replace(relative_amplitude=noise)
+            sources.pop("relative_amplitude", None)
+        return replace(self, robot=robot, noise=relative, sources=tuple(sources.items()))
 
     @property
     def lift_off_rad_s(self) -> float:
@@ -216,13 +230,15 @@ class CoSimConfig:
             "through": (self.through, "whether robots drive on at the end of a move until asked"),
             "mu_patches": (str(self.world.mu_patches), "cells with another mu"),
             "payload_offset_mm": (str(self.world.payload_offset_mm), "forwards and to the left"),
+            "preset": (self.preset, "machine that the parameters are of"),
             "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),
         }
         parts = (*self._records, self.world)
+        sources = {name: {"source": text} for name, text in self.sources}
         camera = {f"sensor_{name}": row for name, row in describe(self.world.sensor).items()}
         described = {k: row for part in parts for k, row in describe(part).items()} | camera
         return {
-            name: {"value": value} | quantity._asdict()
+            name: {"value": value} | quantity._asdict() | sources.get(name, {})
             for name, (value, quantity) in described.items()
         } | {
             name: {"value": value, "unit": "", "source": "option", "description": text}

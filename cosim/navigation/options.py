@@ -9,17 +9,23 @@ import tyro
 
 from cosim.base.command import MotorFmuFile
 from cosim.base.config import ConfigError, CoSimConfig, OnCollision, Order
-from cosim.base.params import SAFETY_MARGIN_HELP, SPEED_NOISE, STEERING, TABLE_I, TIMING
+from cosim.base.params import SAFETY_MARGIN_HELP, STEERING, TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.world import IDEAL, World
+from cosim.presets.preset import PAPER, find_preset
 
 
 @dataclass(frozen=True, kw_only=True)
 class Physics:
     """Robots, motors and clock: what a calibration depends on."""
 
+    preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
+    """Machine: paper (Tables I and II), icra2006, thesis, or a file (.toml, see
+    docs/validation.md). What a world says holds before what the machine brings along, and --mu and
+    --noise before both; on a board robots have the diameter of the scenario."""
     mu: float | None = None
-    """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature), 0.15 by default."""
+    """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature), 0.15 by default or
+    as the preset says."""
     noise: float | None = None
     """Half width of the uniform noise on measured motor speeds, relative to the drive speed; 0.05
     by default."""
@@ -35,13 +41,14 @@ class Physics:
     motor_fmu: MotorFmuFile = None
 
     def config(self, world: World = IDEAL) -> CoSimConfig:
-        """Parameters of the co-simulation, of robots of 5 cm and not yet calibrated.
+        """Parameters of the co-simulation, of robots of the preset's size and not yet calibrated.
 
         Args:
             world: of the robots.
 
         Raises:
             ConfigError: they do not fit together, or one is said here and by the world.
+            PresetError: there is no such preset.
         """
         said = {"mu": "mu", "noise": "motor_speed_noise"}
         for option, field in said.items():
@@ -49,20 +56,15 @@ class Physics:
                 raise ConfigError(
                     f"--{option} is given beside {field} of the world; leave one of them out"
                 )
-        robot, noise = TABLE_I, SPEED_NOISE
-        if self.mu is not None:
-            robot = robot._replace(mu=self.mu)
-        if self.noise is not None:
-            noise = noise._replace(relative_amplitude=self.noise)
-        return CoSimConfig(
-            robot=robot,
-            noise=noise,
+        preset = find_preset(self.preset)
+        return replace(
+            preset.config().in_world(preset.in_world(world)).having(self.mu, self.noise),
             timing=TIMING._replace(
                 dt_s=self.dt, communication_step_s=self.communication_step or self.dt
             ),
             order=self.order,
             reaction=self.reaction,
-        ).in_world(world)
+        )
 
     def fmu(self, progress: Progress = silent) -> Path:
         """The motor FMU: the one named, or the built-in one, which is compiled the first time.
@@ -78,24 +80,33 @@ class Physics:
 
     def prepare(
         self,
-        diameter_m: float = TABLE_I.diameter_m,
+        diameter_m: float | None = None,
         progress: Progress = silent,
         world: World = IDEAL,
     ) -> tuple[CoSimConfig, Path]:
-        """Calibrated parameters for robots of a diameter in a world, and the motor FMU.
+        """Calibrated parameters for robots in a world, and the motor FMU.
 
         The built-in FMU is compiled the first time, a calibration measured (some seconds each).
+
+        Args:
+            diameter_m: of the robots; by default that of the preset.
+            progress: is told what is prepared.
+            world: of the robots.
 
         Raises:
             ConfigError: the parameters do not fit together.
             CalibrationError: the drive speed needs hopping.
             FmuError: the FMU cannot be used, or failed.
         """
-        config = self.config(world).sized(diameter_m)
+        config = self._sized(world, diameter_m)
         from cosim.calibration.cache import calibrated  # noqa: PLC0415 - as above
 
         fmu = self.fmu(progress)
         return calibrated(config, fmu, progress), fmu
+
+    def _sized(self, world: World, diameter_m: float | None) -> CoSimConfig:
+        config = self.config(world)
+        return config if diameter_m is None else config.sized(diameter_m)
 
 
 PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0.4 mm
@@ -158,7 +169,7 @@ class Driving(Physics, Deciding):
 
     def prepare(
         self,
-        diameter_m: float = TABLE_I.diameter_m,
+        diameter_m: float | None = None,
         progress: Progress = silent,
         world: World = IDEAL,
     ) -> tuple[CoSimConfig, Path]:
@@ -168,7 +179,7 @@ class Driving(Physics, Deciding):
         from cosim.calibration.cache import calibrated_slower  # noqa: PLC0415 - as above
 
         fmu = self.fmu(progress)
-        config = calibrated_slower(self.config(world).sized(diameter_m), fmu, progress)
+        config = calibrated_slower(self._sized(world, diameter_m), fmu, progress)
         if self.time_limit is None:
             slower = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
             limit_s = math.ceil(slower * config.timing.episode_limit_s)

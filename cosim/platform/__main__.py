@@ -8,7 +8,7 @@ import tyro
 
 from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import UserError, run_command
-from cosim.base.params import TABLE_I
+from cosim.presets.preset import PAPER, find_preset
 
 MAX_CYCLES = 100
 
@@ -17,8 +17,8 @@ MAX_CYCLES = 100
 class MovePlatform:
     """Move the 1-DOF platform of Eq. (1) and write its motion: the data of Fig. 3.
 
-    Two platforms: one that looks like the printed figure, and the robot of Tables I and II. The
-    result file also holds a table of net speeds over friction and motor speed.
+    Two platforms: one that looks like the printed figure, and the robot of Tables I and II, or of
+    another machine. The result file also holds a table of net speeds over friction and motor speed.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("runs/platform.npz")
@@ -27,14 +27,16 @@ class MovePlatform:
     """Turns of the motor to show."""
     omega: Annotated[float, tyro.conf.arg(metavar="RAD_S")] = 900.0
     """Motor speed of the platform of Tables I and II, in rad/s."""
-    mu: float = TABLE_I.mu
-    """Friction coefficient of that platform."""
+    preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
+    """Machine of that platform and of the table: paper, icra2006, thesis, or a file (.toml)."""
+    mu: float | None = None
+    """Friction coefficient of that platform; by default the preset's, 0.15 for the paper."""
     json: Json = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.cycles <= MAX_CYCLES:
             raise UserError(f"--cycles {self.cycles}: choose 1 to {MAX_CYCLES}")
-        if self.mu <= 0.0:
+        if self.mu is not None and self.mu <= 0.0:
             raise UserError(f"--mu {self.mu:g}: choose a friction coefficient above 0")
 
 
@@ -43,7 +45,9 @@ def main() -> None:
     options = parse(MovePlatform, "cosim.platform")
     from cosim.platform.result import move_platforms
 
-    result = move_platforms(options.cycles, options.omega, options.mu)
+    preset = find_preset(options.preset)
+    robot = preset.robot if options.mu is None else preset.robot._replace(mu=options.mu)
+    result = move_platforms(options.cycles, options.omega, robot, preset.motor)
     result.save(options.out)
     table = result.table
     print("net speed in mm/s (motor speed in rad/s)")

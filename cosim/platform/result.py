@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.params import FIG_3, TABLE_I
+from cosim.base.params import FIG_3, TABLE_I, TABLE_II, MotorParams, RobotParams
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
 from cosim.platform.motion import (
@@ -51,7 +51,7 @@ class Motion(NamedTuple):
 
 
 class SpeedTable(NamedTuple):
-    """Robots of Tables I and II as platforms, m friction coefficients at n motor speeds.
+    """Robots as platforms, m friction coefficients at n motor speeds.
 
     Attributes:
         mu: (m,).
@@ -71,7 +71,7 @@ class PlatformResult(NamedTuple):
 
     Attributes:
         paper: the platform whose motion looks like the printed Fig. 3.
-        table_ii: the robot of Tables I and II.
+        table_ii: the robot of Tables I and II, or of another machine.
         table: net speeds over friction and motor speed.
     """
 
@@ -119,21 +119,26 @@ def _motion(platform: Platform, omega: float, cycles: int) -> Motion:
     )
 
 
-def move_platforms(cycles: int, omega_rad_s: float, mu: float) -> PlatformResult:
+def move_platforms(
+    cycles: int,
+    omega_rad_s: float,
+    robot: RobotParams = TABLE_I,
+    motor: MotorParams = TABLE_II,
+) -> PlatformResult:
     """Motion of both platforms, and the table of net speeds.
 
     Args:
         cycles: turns of the motor.
-        omega_rad_s: motor speed of the platform of Tables I and II.
-        mu: friction coefficient of that platform.
+        omega_rad_s: motor speed of the robot's platform.
+        robot, motor: of that platform; the table is of it too, but for the friction.
 
     Raises:
         PlatformError: the platform would leave the floor, or the motor stands still.
     """
-    platforms = [robot_platform(TABLE_I._replace(mu=each)) for each in TABLE_MU]
+    platforms = [robot_platform(robot._replace(mu=each), motor) for each in TABLE_MU]
     return PlatformResult(
         _motion(fig_3_platform(), FIG_3.omega, cycles),
-        _motion(robot_platform(TABLE_I._replace(mu=mu)), omega_rad_s, cycles),
+        _motion(robot_platform(robot, motor), omega_rad_s, cycles),
         SpeedTable(
             np.array(TABLE_MU),
             np.array(TABLE_OMEGA),

@@ -1,0 +1,1 @@
+"""Machines by name: parameters that were published together, as files, and those of users."""
