@@ -1,78 +1,28 @@
 """Parameters of a robot from a track: nonlinear least squares over simulations, and intervals."""
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
-from cosim.identification.motion import tracks
 from cosim.identification.noise import FIRST_NOISE, Noise, likeliest_noise, residuals
 from cosim.identification.parameters import (
-    DELAY,
     HIGH,
     LOW,
     PARAMETERS,
     SPREADS,
     STEPS,
-    machine,
     usual_values,
 )
+from cosim.identification.simulated import Simulated
 from cosim.identification.track import Track
 
-LOOKS_S = 0.005  # between simulated poses, which are interpolated
-ROUNDS = 3  # of parameters with the noise fixed, and noise with the parameters fixed
+ROUNDS = 8  # at most, of parameters with the noise fixed, and noise with the parameters fixed
+STILL = 0.02  # of a parameter's spread: a smaller change ends the rounds
 QUANTILE = 1.959964  # of the normal distribution, for intervals of 95 %
 UNKNOWN = 0.5  # share of the spread before from which on data are said to tell nothing
-
-
-@dataclass(frozen=True)
-class Simulated:
-    """Simulations of one drive with any parameters.
-
-    Attributes:
-        speeds: (P + 1, 2) of the motors, see `cosim.identification.excitation.motor_speeds`.
-        times: (n,) of the frames in s.
-        config: clock, and what of robot and motors is not identified.
-    """
-
-    speeds: np.ndarray
-    times: np.ndarray
-    config: CoSimConfig
-
-    def frames(self, values: np.ndarray) -> np.ndarray:
-        """What the camera would see without noise, from the origin, heading along +x.
-
-        Args:
-            values: (C, 8) parameters, see `cosim.identification.parameters`.
-
-        Returns:
-            (n, C, 3) x and y in m, heading in rad.
-        """
-        config = self.config
-        machines = [machine(row, config.robot, config.motor) for row in values]
-        # the delay alone asks for no simulation of its own
-        distinct = list(dict.fromkeys(machines))
-        every = round(LOOKS_S / config.timing.control_period_s)
-        seen = tracks(
-            distinct, self.speeds, config.ticks_per_period, config.timing.dt_s, every
-        )
-        looks = LOOKS_S * np.arange(len(seen))
-        return np.stack(
-            [
-                np.column_stack(
-                    [
-                        np.interp(self.times - row[DELAY], looks, signal)
-                        for signal in seen[:, distinct.index(own)].T
-                    ]
-                )
-                for own, row in zip(machines, values, strict=True)
-            ],
-            axis=1,
-        )
 
 
 class Fit(NamedTuple):
@@ -80,9 +30,10 @@ class Fit(NamedTuple):
 
     Attributes:
         values: (8,) in SI units, see `cosim.identification.parameters`.
-        covariance: (8, 8) of them.
+        covariance: (8, 8) of them, of Gauss and Newton: the inverse of JᵀJ.
         noise: of the track.
         residuals: (n − 1, 3) of x, y and heading, of variance 1.
+        frames: (n, 3) the simulated track, from the origin.
         evaluations: batches of simulations.
     """
 
@@ -90,7 +41,13 @@ class Fit(NamedTuple):
     covariance: np.ndarray
     noise: Noise
     residuals: np.ndarray
+    frames: np.ndarray
     evaluations: int
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """Standard deviations of the values, shape (8,)."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def fit(track: Track, simulated: Simulated, progress: Progress = silent) -> Fit:
@@ -112,25 +69,73 @@ def fit(track: Track, simulated: Simulated, progress: Progress = silent) -> Fit:
         found = least_squares(
             linear.residuals, scaled, linear.jacobian,
             bounds=((LOW - usual) / SPREADS, (HIGH - usual) / SPREADS),
-            xtol=1e-3, ftol=1e-4, gtol=None, max_nfev=12,
+            xtol=5e-3, ftol=5e-4, gtol=None, max_nfev=8,
         )  # fmt: skip
-        scaled = found.x
+        moved, scaled = np.abs(found.x - scaled).max(), found.x
         evaluations += found.nfev
+        linear.residuals(scaled)  # the last trial may have been another one
         noise = likeliest_noise(track.times, track.poses, linear.frames[:, 0])
+        # A track of a minute tells little of its drifts: they are not smaller than simulated ones,
+        # of the robot and of the simulation that it is compared with.
+        least = 2.0 * simulated.drifts(usual + SPREADS * scaled)
+        noise = noise._replace(
+            position_drift_m2_s=max(noise.position_drift_m2_s, float(least[0])),
+            heading_drift_rad2_s=max(noise.heading_drift_rad2_s, float(least[1])),
+        )
+        if moved < STILL:
+            break
     progress("identifying", ROUNDS, ROUNDS)
     linear = _Linearised(track, simulated, usual, noise)
     jacobian, errors = linear.jacobian(scaled), linear.residuals(scaled)
     covariance = np.linalg.inv(jacobian.T @ jacobian) * np.outer(SPREADS, SPREADS)
     own = errors[len(PARAMETERS) :].reshape(-1, 3)
-    return Fit(usual + SPREADS * scaled, covariance, noise, own, evaluations + 1)
+    values = usual + SPREADS * scaled
+    return Fit(values, covariance, noise, own, linear.frames[:, 0], evaluations + 1)
+
+
+def rises(track: Track, simulated: Simulated, found: Fit) -> np.ndarray:
+    """Profile likelihood at the ends of the intervals: what the sum of squares rises by there.
+
+    At each end of each interval the other values are those that fit best by the linear model; the
+    sum is simulated. If the model were linear, every rise would be `QUANTILE`² = 3.84.
+
+    Args:
+        track: seen.
+        simulated: simulations of its drive.
+        found: for the track.
+
+    Returns:
+        (8, 2) at the lower and upper ends; NaN where an end is out of bounds.
+    """
+    usual = usual_values(simulated.config.robot)
+    along = found.covariance / found.deviations  # a column for each parameter
+    ends = found.values + QUANTILE * np.concatenate([-along.T, along.T])
+    points = np.vstack([found.values, np.clip(ends, LOW, HIGH)])
+    frames = simulated.frames(points)
+    errors = residuals(track.times, track.poses, frames, found.noise)
+    squares = (errors**2).sum(axis=(0, 1)) + (((points - usual) / SPREADS) ** 2).sum(axis=1)
+    rise = np.where((ends == points[1:]).all(axis=1), squares[1:] - squares[0], math.nan)
+    return rise.reshape(2, -1).T
+
+
+def untold(found: Fit) -> list[str]:
+    """What the track says nothing of, in words: directions hardly better known than before."""
+    shares, directions = np.linalg.eigh(found.covariance / np.outer(SPREADS, SPREADS))
+    said = []
+    for share, direction in zip(np.sqrt(shares), directions.T, strict=True):
+        if share > UNKNOWN:
+            names = [
+                p.name for p, part in zip(PARAMETERS, direction, strict=True) if abs(part) > 0.4
+            ]
+            together = " and ".join(names) + (" together" if len(names) > 1 else "")
+            said.append(f"{together}: still {share:.0%} of the spread assumed before")
+    return said
 
 
 class _Linearised:
     """Residuals and their derivatives with respect to scaled values, of one batch together."""
 
-    def __init__(
-        self, track: Track, simulated: Simulated, usual: np.ndarray, noise: Noise
-    ) -> None:
+    def __init__(self, track: Track, simulated: Simulated, usual: np.ndarray, noise: Noise) -> None:
         self._track, self._simulated, self._usual, self._noise = track, simulated, usual, noise
         self._at = np.full(len(usual), math.nan)
         self._errors = self._slopes = self.frames = np.empty(0)

@@ -7,7 +7,7 @@ deviations, are the residuals: independent, of variance 1, if the parameters are
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -93,7 +93,7 @@ def residuals(
     places = measured[:, 0] + 1j * measured[:, 1]
     moved, _ = _followed(places, _turned_steps(simulated, headings), gains)
     moved /= noise.position_m * np.sqrt(variances)[:, None]
-    return np.stack([moved.real, moved.imag, turned], axis=1)
+    return np.stack([np.real(moved), np.imag(moved), turned], axis=1)
 
 
 def likeliest_noise(times: np.ndarray, measured: np.ndarray, simulated: np.ndarray) -> Noise:
@@ -118,10 +118,10 @@ def _likeliest(
         gains, variances = _gains(times, 10.0**decades)
         innovations, _ = _followed(measured, steps, gains)
         of_frames = np.mean(np.abs(innovations[:, 0]) ** 2 / variances) / components
-        of_frames = max(of_frames, _LEAST_VARIANCE)
-        return of_frames, math.log(of_frames) + np.mean(np.log(variances))
+        of_frames = max(float(of_frames), _LEAST_VARIANCE)
+        return of_frames, math.log(of_frames) + float(np.mean(np.log(variances)))
 
-    found = minimize_scalar(
+    found: Any = minimize_scalar(
         lambda decades: variance_at(decades)[1], bounds=_RATIOS, method="bounded"
     )
     variance, _ = variance_at(found.x)

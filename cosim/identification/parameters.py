@@ -41,7 +41,7 @@ PARAMETERS = (
     Parameter("foot_radius_m", "circle of the feet", "mm", 1e3, 0.003, 3e-4, 0.014, 0.0249),
     Parameter("motor_d", "unbalance of motor 1 (D) over its usual one", "", 1.0, 0.3, 0.01, 0.4, 2),
     Parameter("motor_e", "unbalance of motor 2 (E) over its usual one", "", 1.0, 0.3, 0.01, 0.4, 2),
-    Parameter("camera_delay_s", "delay of the camera", "ms", 1e3, 0.1, 0.01, 0.0, 1.0),
+    Parameter("camera_delay_s", "delay of the camera", "ms", 1e3, 0.1, 0.03, 0.0, 1.0),
 )
 NAMES = tuple(parameter.name for parameter in PARAMETERS)
 SPREADS, STEPS, LOW, HIGH = np.array([p[4:] for p in PARAMETERS], dtype=float).T

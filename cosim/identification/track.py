@@ -61,9 +61,7 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> Track:
         rows = csv.DictReader(content.decode("utf-8-sig").splitlines())
         missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
         if missing:
-            raise TrackError(
-                f"{path}: line 1 has no column {missing[0]}; give {','.join(COLUMNS)}"
-            )
+            raise TrackError(f"{path}: line 1 has no column {missing[0]}; give {','.join(COLUMNS)}")
         lines, numbers = [], []
         for row in rows:
             lines.append(rows.line_num)
@@ -113,5 +111,7 @@ def _number(text: str | None, name: str, path: Path, line: int) -> float:
         value = math.nan
     if not math.isfinite(value):
         said = f"{text!r} is" if text else "what is missing is"
-        raise TrackError(f"{path}: line {line}: {name}: {said} no number; mend or leave out the line")
+        raise TrackError(
+            f"{path}: line {line}: {name}: {said} no number; mend or leave out the line"
+        )
     return value
