@@ -144,7 +144,8 @@ def measure(machines: int, seed: int, jobs: int, out: Path) -> dict[str, Any]:
     with progress_bars() as progress:
         done = machines - len(missing)
         progress("identifying machines", done, machines)
-        for number, found in joblib.Parallel(workers(jobs), return_as="generator_unordered")(tasks):
+        parallel = joblib.Parallel(workers(jobs), return_as="generator_unordered")
+        for number, found in parallel(tasks):  # pyright: ignore[reportGeneralTypeIssues]
             write_json(files[number], found)
             done += 1
             progress("identifying machines", done, machines)

@@ -67,20 +67,25 @@ def fit(track: Track, simulated: Simulated, progress: Progress = silent) -> Fit:
         progress("identifying", done, ROUNDS)
         linear = _Linearised(track, simulated, usual, noise)
         found = least_squares(
-            linear.residuals, scaled, linear.jacobian,
+            linear.residuals,
+            scaled,
+            linear.jacobian,  # pyright: ignore[reportArgumentType]
             bounds=((LOW - usual) / SPREADS, (HIGH - usual) / SPREADS),
-            xtol=5e-3, ftol=5e-4, gtol=None, max_nfev=8,
-        )  # fmt: skip
+            xtol=5e-3,
+            ftol=5e-4,
+            gtol=1e-12,
+            max_nfev=8,
+        )
         moved, scaled = np.abs(found.x - scaled).max(), found.x
         evaluations += found.nfev
         linear.residuals(scaled)  # the last trial may have been another one
         noise = likeliest_noise(track.times, track.poses, linear.frames[:, 0])
         # A track of a minute tells little of its drifts: they are not smaller than simulated ones,
         # of the robot and of the simulation that it is compared with.
-        least = 2.0 * simulated.drifts(usual + SPREADS * scaled)
+        place, turn = 2.0 * simulated.drifts(usual + SPREADS * scaled)
         noise = noise._replace(
-            position_drift_m2_s=max(noise.position_drift_m2_s, float(least[0])),
-            heading_drift_rad2_s=max(noise.heading_drift_rad2_s, float(least[1])),
+            position_drift_m2_s=max(noise.position_drift_m2_s, float(place)),
+            heading_drift_rad2_s=max(noise.heading_drift_rad2_s, float(turn)),
         )
         if moved < STILL:
             break
