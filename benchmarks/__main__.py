@@ -226,6 +226,8 @@ class Steering(Benchmark):
     """Coulomb friction coefficient of the feet."""
     controllers: tuple[str, ...] = ()
     """Controllers to compare, by default all."""
+    motor_spread: float = 0.0
+    """Relative standard deviation of K_T, R, J and m r of every motor."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -86,7 +86,7 @@ def observed(
     """
     config = replace(CoSimConfig(), robot=machine(truth.values).robot)
     period_s = config.timing.control_period_s
-    with Trial(MotorFmu(cached_fmu()), config, np.zeros(1), seed, motors=truth.motors) as trial:
+    with Trial(MotorFmu(cached_fmu()), config, np.zeros(1), seed, motors=[truth.motors]) as trial:
         trial.commands[:, MODE] = DIRECT
         places, turned = [trial.bodies[:2].T - trial.origins_m], [trial.bodies[3:7].T]
         for omega_d, omega_e in sequence:

@@ -1,7 +1,7 @@
 """How straight and how fast controllers of the steering drive.
 
 Every controller is the kernel of `cosim.control.steering` with other parameters, so that one code
-is compared with itself. FMUs, noise and friction are those of an episode.
+is compared with itself; some go without feedback. FMUs, noise and friction are those of an episode.
 """
 
 import math
@@ -13,7 +13,8 @@ import numpy as np
 from cosim.base.command import show_table
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.params import STEERING, TABLE_I, SteeringParams
+from cosim.base.params import STEERING
+from cosim.base.world import World, draw_world
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.control.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
 from cosim.coupling.fmu import MotorFmu
@@ -23,18 +24,23 @@ LINE_M, CELL_M = 0.2, 0.01
 LIMIT_S = 150.0
 PERIODS = 200  # simulated at a time
 
-CONTROLLERS: dict[str, SteeringParams] = {
-    "kept": STEERING,
-    "without dither": STEERING._replace(dither_rad_s=0.0),
+
+def _with(**changes: float) -> CoSimConfig:
+    return CoSimConfig(steering=STEERING._replace(**changes))
+
+
+CONTROLLERS: dict[str, CoSimConfig] = {
+    "kept": CoSimConfig(),
+    "without dither": _with(dither_rad_s=0.0),
     # Faces the line, then holds the heading; what goes aside stays aside.
-    "turn, then drive": STEERING._replace(lookahead_m=1e9, least_lookahead_m=1e9),
+    "turn, then drive": _with(lookahead_m=1e9, least_lookahead_m=1e9),
     # Never turns on the spot: the slower motor may stop, the robot drives arcs.
-    "line following only": STEERING._replace(
+    "line following only": _with(
         turned_rad=math.pi,
         turn_again_rad=math.pi,
         max_difference_rad_s=STEERING.max_speed_rad_s / 2.0,
     ),
-    "first version": STEERING._replace(
+    "first version": _with(
         forward_speed_rad_s=950.0,
         backward_speed_rad_s=950.0,
         turn_speed_rad_s=950.0,
@@ -45,6 +51,10 @@ CONTROLLERS: dict[str, SteeringParams] = {
         max_difference_rad_s=150.0,
         least_lookahead_m=STEERING.lookahead_m,
     ),
+    # What the feedback is worth, see docs/validation.md.
+    "no course": CoSimConfig(open_loop=("heading",)),
+    "motors in open loop": CoSimConfig(open_loop=("motors",)),
+    "neither": CoSimConfig(open_loop=("motors", "heading")),
 }
 # Single moves: length in cells, and angle between the robot's axis and the line in degrees.
 MOVES = {
@@ -84,16 +94,18 @@ def drive_line(
 
     Args:
         fmu: of the motors.
-        config: of the co-simulation.
+        config: of the co-simulation; its world's motor spread is drawn.
         length_m: of the line.
         angle_rad: between line and robot at the start, below a right angle.
         robots: how many; every second one looks backwards.
-        seed: of the noise.
+        seed: of the noise, and of the motors.
     """
     sides = np.where(np.arange(robots) // 2 % 2 == 0, 1.0, -1.0)
     headings = np.where(np.arange(robots) % 2 == 0, 0.0, math.pi) + sides * angle_rad
     period_s = config.timing.control_period_s
-    with Trial(fmu, config, headings, np.random.SeedSequence(seed)) as trial:
+    sequence = np.random.SeedSequence(seed)
+    motors = draw_world(config.world, config.motor, robots, sequence).motors
+    with Trial(fmu, config, headings, sequence, motors=motors) as trial:
         commands = trial.commands
         commands[:, GOAL_X] = trial.origins_m[:, 0] + length_m
         commands[:, GOAL_Y] = trial.origins_m[:, 1]
@@ -143,7 +155,9 @@ def figures(runs: Runs) -> dict[str, float]:
     }
 
 
-def measure(seeds: int, mu: float, controllers: Sequence[str]) -> dict[str, Any]:
+def measure(
+    seeds: int, mu: float, controllers: Sequence[str], motor_spread: float = 0.0
+) -> dict[str, Any]:
     """A row per case and controller.
 
     Raises:
@@ -153,17 +167,17 @@ def measure(seeds: int, mu: float, controllers: Sequence[str]) -> dict[str, Any]
     unknown = set(chosen) - set(CONTROLLERS)
     if unknown:
         raise UserError(f"no controller {unknown.pop()!r}; choose from {', '.join(CONTROLLERS)}")
-    fmu, robot = MotorFmu(cached_fmu()), TABLE_I._replace(mu=mu)
+    fmu, world = MotorFmu(cached_fmu()), World(mu=mu, motor_spread=motor_spread)
     cases = {"line of 20 cm": (LINE_M, 0.0)} | {
         name: (cells * CELL_M, math.radians(angle)) for name, (cells, angle) in MOVES.items()
     }
     rows: list[dict[str, Any]] = []
     for case, (length_m, angle_rad) in cases.items():
         for name in chosen:
-            config = CoSimConfig(robot=robot, steering=CONTROLLERS[name])
+            config = CONTROLLERS[name].in_world(world)
             runs = drive_line(fmu, config, length_m, angle_rad, seeds, seed=0)
             rows.append({"case": case, "controller": name, **figures(runs)})
-    return {"seeds": seeds, "mu": mu, "rows": rows}
+    return {"seeds": seeds, "mu": mu, "motor_spread": motor_spread, "rows": rows}
 
 
 def show(found: dict[str, Any]) -> None:

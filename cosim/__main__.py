@@ -32,6 +32,9 @@ COMMANDS = {
         "agent.experiments.__main__", "Experiments", "the paper's learning experiments"
     ),
     "deep": Command("agent.deep.__main__", "Deep", "train one network for all robots"),
+    "baselines": Command(
+        "agent.baselines.__main__", "Baselines", "what learners achieve, and at what price"
+    ),
     "moves": Command("agent.moves.__main__", "ObserveMoves", "observe what moves really do"),
     "calibrate": Command("cosim.calibrate", "Calibrate", "motor speeds to speed and yaw rate"),
     "identify-robot": Command(
@@ -39,6 +42,10 @@ COMMANDS = {
     ),
     "platform": Command(
         "cosim.platform.__main__", "MovePlatform", "the 1-DOF platform of Eq. (1), Fig. 3"
+    ),
+    "design": Command("cosim.design", "DesignRobot", "what gives a robot a wanted speed"),
+    "validate": Command(
+        "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
     "fmu": Command("fmus.build", "Build", "build the motor FMU for other tools"),
     "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),

@@ -23,7 +23,12 @@ def test_api_page_runs_as_written(tmp_path, monkeypatch, capsys):
     for block in blocks:
         exec(compile(block, "docs/api.md", "exec"), names)
     assert "rad/s 20.0 ('D', 'E')" in capsys.readouterr().out
-    assert {path.name for path in tmp_path.iterdir()} == {"policy.npz", "policy.json", "ep.rrd"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "policy.npz",
+        "policy.json",
+        "ep.rrd",
+        "lighter.toml",
+    }
 
 
 def test_examples_of_docstrings_hold():

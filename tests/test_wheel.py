@@ -17,6 +17,7 @@ DATA = {
     "fmus/vibration_motor/icon.png",
     "analysis/report/templates/report.html.j2",
     "analysis/report/templates/report.css",
+    "cosim/presets/icra2006.toml",
 }
 SESSION = """
 import agent, analysis, cosim

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 import tyro
 
+from agent.deep import Algorithm
 from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import UserError, run_command
 
@@ -20,7 +21,8 @@ class Deep:
 
     The network sees a robot's cell and target, the nearest other robot and whether that one has
     arrived. Episodes begin in any free cells of the board, moves off the board and into obstacles
-    cannot be chosen, and rewards are shaped by the shortest path to the robot's target. After every
+    cannot be chosen, and rewards are shaped by what
+    the robot would earn if it were alone. After every
     round the greedy policy is evaluated from all starts; the best one is kept as policy.npz, which
     cosim.run --policy, cosim.evaluate and agent.evaluate take. Needs the extra deep
     (uv sync --extra deep).
@@ -29,7 +31,7 @@ class Deep:
     scenario: str = "2"
     """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway; 4-cross,
     4-ring, 6-swap) or a scenario file (.toml)."""
-    algorithm: Literal["ddqn", "ippo", "mappo"] = "ippo"
+    algorithm: Algorithm = "ippo"
     """Learner of skrl: PPO whose critic sees what the robot sees (ippo) or the cells of all robots
     too (mappo), or double Q-learning with a network (ddqn)."""
     steps: int = 1_500_000
@@ -73,6 +75,19 @@ class DeepReport(msgspec.Struct, frozen=True, kw_only=True):
     curve: tuple[Any, ...]
 
 
+def require_learners() -> None:
+    """Refuse to go on without the extra.
+
+    Raises:
+        UserError: it is missing.
+    """
+    if find_spec("skrl") is None or find_spec("jax") is None:
+        raise UserError(
+            "networks need the extra deep; install it with `uv sync --extra deep` or `pip install "
+            "minirobots[deep]`"
+        )
+
+
 def run(options: Deep) -> DeepReport:
     """Train, and write `policy.npz` and `deep.json`.
 
@@ -84,21 +99,21 @@ def run(options: Deep) -> DeepReport:
     from cosim.scenarios.file import find_scenario
 
     scenario = find_scenario(options.scenario)
-    if find_spec("skrl") is None or find_spec("jax") is None:
-        raise UserError(
-            "agent.deep needs the extra deep; install it with `uv sync --extra deep` or `pip "
-            "install minirobots[deep]`"
-        )
+    require_learners()
     from agent.deep.learners import train
+    from agent.deep.policy import NetworkConfig
+    from agent.deep.world import PROCESS
+    from agent.training.policy import Seed
+
+    seed = Seed(options.seed)
+    config = NetworkConfig(scenario, PROCESS, options.algorithm, options.steps, seed)
 
     out = options.out or Path("runs") / f"deep-{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
     out.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
     curve = []
     with progress_bars() as progress:
-        policy = train(
-            scenario, options.algorithm, options.steps, options.seed, progress, curve.append
-        )
+        policy = train(config, progress, curve.append)
     policy.save(out / "policy.npz")
     report = DeepReport(
         scenario=scenario.name,

@@ -36,23 +36,15 @@ def _width(model: Model) -> int:
     return int(_sizes(model.observation_space)[0])
 
 
-def _of_moves(model: Model, inputs: dict[str, Any]) -> Outputs:
-    rows, possible = jnp.split(inputs["observations"], [GROUPS], axis=-1)
-    values = _layers(rows, _width(model), DIRECTION_COUNT)
-    return jnp.where(possible > 0, values, _IMPOSSIBLE), {}
+def values_of_moves(observations: jax.Array, width: int) -> jax.Array:
+    """(R, 8) float32, values or logits by (R, GROUPS + 8) observations.
 
-
-class ActionValues(DeterministicMixin, Model):
-    """Values of moves."""
-
-    def __init__(self, **options: Any) -> None:
-        Model.__init__(self, **options)
-        DeterministicMixin.__init__(self)
-
-    @nn.compact
-    def __call__(self, inputs: dict[str, Any], role: str) -> Outputs:
-        """(R, 8) float32."""
-        return _of_moves(self, inputs)
+    Args:
+        observations: rows of the first layer, and which moves are possible.
+        width: of the first layer.
+    """
+    rows, possible = jnp.split(observations, [GROUPS], axis=-1)
+    return jnp.where(possible > 0, _layers(rows, width, DIRECTION_COUNT), _IMPOSSIBLE)
 
 
 class Actor(CategoricalMixin, Model):
@@ -65,7 +57,7 @@ class Actor(CategoricalMixin, Model):
     @nn.compact
     def __call__(self, inputs: dict[str, Any], role: str) -> Outputs:
         """(R, 8) float32."""
-        return _of_moves(self, inputs)
+        return values_of_moves(inputs["observations"], _width(self)), {}
 
     def act(self, inputs: dict[str, Any], **options: Any) -> Outputs:
         """Draw moves; their logits go where skrl looks for what it takes the entropy of."""
@@ -91,8 +83,8 @@ class Critic(DeterministicMixin, Model):
         return _layers(rows, width, 1), {}
 
 
-def network_of(model: Model) -> Network:
-    """Weights and biases of a model's three layers."""
-    layers = model.state_dict.params["params"]
+def network_of(params: Any) -> Network:
+    """Weights and biases of a model's three layers, by its parameters."""
+    layers = params["params"]
     parts = (layers[f"Dense_{k}"][part] for k in range(3) for part in ("kernel", "bias"))
     return Network(*(np.array(part, dtype=np.float32) for part in parts))

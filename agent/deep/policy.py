@@ -13,15 +13,16 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from agent.deep import Algorithm
 from agent.deep.inputs import GROUPS, Inputs, look
 from agent.envs.boards import Boards
 from agent.process.config import ProcessConfig
 from agent.process.exact import Evaluation, joint_starts
 from agent.process.greedy import GreedyPolicy, PolicyError
-from agent.process.grid import X, Y
+from agent.process.grid import STATUS, X, Y
 from agent.training.policy import Seed
 from cosim.base.jit import inlined, kernel
-from cosim.base.outcome import RUNNING
+from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.navigation.features import DIRECTION_COUNT, Observation
@@ -29,6 +30,7 @@ from cosim.recording.policy_map import PolicyMap
 from cosim.scenarios.scenario import Scenario
 
 SCHEMA_VERSION = 1
+_WHERE = [X, Y, STATUS]
 _MEND = "train it again with `python -m agent.deep`"
 _FILE = Kind("network policy", _MEND, PolicyError)
 
@@ -105,7 +107,7 @@ class NetworkConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     scenario: Scenario
     process: ProcessConfig
-    algorithm: str
+    algorithm: Algorithm
     steps: int
     seed: Seed
     network: int = SCHEMA_VERSION
@@ -152,7 +154,8 @@ class NetworkPolicy(GreedyPolicy):
         """Greedy episodes on the grid, see `agent.process.exact.evaluate`.
 
         Of moves that are worth exactly the same, the first is chosen, not that of the least
-        rotation: here nobody faces anywhere.
+        rotation: here nobody faces anywhere. Robots that come back to where they all were circle
+        for ever: such an episode has timed out, and its path goes on at the pace of the circle.
         """
         starts = joint_starts(self.process) if starts is None else starts
         boards = Boards(len(starts), self.config.scenario, self.config.process)
@@ -161,13 +164,24 @@ class NetworkPolicy(GreedyPolicy):
         outcome = np.zeros(len(starts), dtype=np.int8)
         path_cells, steps = np.zeros(starts.shape[:2]), np.zeros(starts.shape[:2], dtype=np.int64)
         actions = np.zeros(starts.shape[:2], dtype=np.int64)
+        limit, step, kept = self.config.process.step_limit, 0, 0
+        where, paths = arrays.worlds[:, :, _WHERE], path_cells.copy()  # at step `kept`
         while (going := np.flatnonzero(outcome == RUNNING)).size:
             cells = arrays.worlds[going][:, :, [X, Y]]
             actions[going] = self._values(cells).argmax(axis=2)
             steps[going] += arrays.active[going]
             boards.step(actions)
+            step += 1
             outcome[going] = arrays.outcomes[going]
             path_cells[going] = arrays.path_cells[going]
+            now = arrays.worlds[:, :, _WHERE]
+            circling = (outcome == RUNNING) & (now == where).all(axis=(1, 2))
+            outcome[circling] = TIMEOUT
+            left = limit - step
+            steps[circling] += left * arrays.active[circling]
+            path_cells[circling] += (path_cells - paths)[circling] * left / (step - kept)
+            if step == 2 * kept or step == 1:  # Brent's method finds circles of any length
+                where, paths, kept = now, path_cells.copy(), step
         return Evaluation(starts, outcome, path_cells, steps)
 
     def digest(self) -> str:

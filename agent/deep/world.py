@@ -9,13 +9,16 @@ from agent.deep.inputs import GROUPS, NOTHING, Inputs, look_at_boards
 from agent.envs.boards import Boards, board_seeds
 from agent.process.config import ProcessConfig
 from agent.process.grid import X, Y
-from agent.process.optimum import distances_alone
+from agent.process.optimum import steps_alone
 from agent.process.readings import FREE, Process, build_process
 from cosim.navigation.features import DIRECTION_COUNT
 from cosim.scenarios.scenario import Scenario
 
 WIDTH = GROUPS + DIRECTION_COUNT  # of an observation: rows of the first layer, possible moves
-_SCALE = 0.1  # of rewards, so that values are some 10 at most
+GAMMA = 0.95
+# Moves differ by some tenths in what they earn: next to the paper's 100 a network would not see it.
+PROCESS = ProcessConfig(goal_reward=10.0)
+_SCALE = 0.1  # of rewards
 _STEP_LIMIT = 150  # moves after which an episode is cut, and still has a value
 
 
@@ -38,8 +41,9 @@ class Gained(NamedTuple):
 class LearningGrid:
     """Boards whose episodes begin in any free cells out of contact.
 
-    Rewards get γ φ(s') − φ(s) more, where −φ is the robot's shortest path to its target as if it
-    were alone, and φ = 0 at the end: best policies stay the best (Ng, Harada and Russell 1999).
+    Rewards get γ φ(s') − φ(s) more, where φ is what the robot would earn if it were alone and took
+    the fewest moves, and φ = 0 at the end: best policies stay the best (Ng, Harada and Russell
+    1999), and what is left to learn is what other robots change.
     A robot that has ended observes nothing until its board begins anew.
 
     Attributes:
@@ -47,19 +51,14 @@ class LearningGrid:
         episodes: ended so far.
     """
 
-    def __init__(
-        self, scenario: Scenario, boards: int, seed: int, gamma: float, config: ProcessConfig
-    ) -> None:
+    def __init__(self, scenario: Scenario, boards: int, seed: int, config: ProcessConfig) -> None:
         process = build_process(scenario, config)
         limited = replace(config, step_limit=min(config.step_limit, _STEP_LIMIT))
         self._boards = Boards(boards, exploring(scenario, process), limited)
         self._boards.seed(board_seeds(seed, boards))
         self.inputs = Inputs.of(scenario, process)
-        distances = distances_alone(process)
-        reachable = np.isfinite(distances)
-        self._potential = -np.where(reachable, distances, distances[reachable].max())
+        self._potential = values_alone(process)
         self._limits = np.array((scenario.columns - 1, scenario.rows - 1))
-        self._gamma = gamma
         shape = (boards, scenario.robots)
         self._rows = np.zeros((*shape, GROUPS), dtype=np.float32)
         self._possible = np.zeros((*shape, DIRECTION_COUNT), dtype=np.float32)
@@ -77,9 +76,9 @@ class LearningGrid:
         order = (np.arange(n)[:, None] + np.arange(n)) % n
         return self._cells[:, order].reshape(len(self._seen), 2 * n).astype(np.float32)
 
-    def active(self) -> int:
-        """Robots that take the next step."""
-        return int(np.count_nonzero(self._boards.arrays.active))
+    def moving(self) -> np.ndarray:
+        """(M,) int64, rows of the robots that take the next step."""
+        return np.flatnonzero(self._active())
 
     def step(self, actions: np.ndarray) -> Gained:
         """Let robots take their (R,) actions."""
@@ -89,7 +88,7 @@ class LearningGrid:
         arrays = self._boards.arrays
         self.episodes += int(np.count_nonzero(arrays.outcomes))
         terminated = arrays.terminated.ravel() | ~active
-        after = np.where(terminated, 0.0, self._gamma * self._height)
+        after = np.where(terminated, 0.0, GAMMA * self._height)
         rewards = np.where(active, arrays.rewards.ravel() + after - before, 0.0)
         return Gained(
             (_SCALE * rewards).astype(np.float32),
@@ -110,6 +109,19 @@ class LearningGrid:
         self._seen = np.concatenate([self._rows, self._possible], axis=2).reshape(-1, WIDTH)
         robots = np.arange(cells.shape[1])
         self._height = self._potential[robots, cells[..., 0] * rows + cells[..., 1]].ravel()
+
+
+def values_alone(process: Process) -> np.ndarray:
+    """(N, columns · rows) float64, what Eq. (8) gives a robot that moves optimally as if alone.
+
+    Cells without a path are worth as much as the farthest one.
+    """
+    steps = steps_alone(process)
+    steps = np.where(np.isfinite(steps), steps, steps[np.isfinite(steps)].max()).astype(int)
+    values = np.zeros(steps.max() + 1)
+    for k in range(1, len(values)):
+        values[k] = float(process.goal_reward) if k == 1 else GAMMA * values[k - 1] - 1.0
+    return values[steps]
 
 
 _ENDED = np.array([NOTHING] * GROUPS + [1] * DIRECTION_COUNT, dtype=np.float32)

@@ -63,6 +63,20 @@ class Evaluation(NamedTuple):
         return _mean(self.steps[self.outcome == SUCCESS])
 
 
+class Milestone(NamedTuple):
+    """What greedy robots achieve on the grid after so much training.
+
+    Attributes:
+        agent_steps: moves of all robots so far.
+        seconds: since training began.
+        success: share of all starts.
+    """
+
+    agent_steps: int
+    seconds: float
+    success: float
+
+
 def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if values.size else float("nan")
 

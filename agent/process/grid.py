@@ -25,7 +25,7 @@ AXIS = 9  # axis that the robot faces: the direction of its last move, modulo ha
 PARTNER = 10  # cell x·rows + y of the nearest other robot; 0 if there is none
 COLUMN_COUNT = 11
 
-_STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the middle row
+STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the middle row
 
 MOVING, ARRIVED, LEFT, HIT = 0, 1, 2, 3  # status of a robot
 
@@ -80,7 +80,7 @@ def place(process: Process, world: np.ndarray, cells: np.ndarray) -> bool:
         world[i, VX] = 0
         world[i, VY] = 0
         world[i, STATUS] = MOVING
-        world[i, AXIS] = _STARTING_AXIS
+        world[i, AXIS] = STARTING_AXIS
     free = True
     for i in range(n):
         _look_around(process, world, i)

@@ -29,6 +29,7 @@ from cosim.base.world import IDEAL, World
 
 Order = Literal["gauss-seidel", "jacobi"]
 OnCollision = Literal["end", "continue"]
+Loop = Literal["motors", "heading"]
 
 _SIGNED = ("com_x_m", "com_y_m")
 
@@ -59,6 +60,8 @@ class CoSimConfig:
             for another direction (the paper's stops).
         safety_margin_m: gap that the safety layer (`cosim.navigation.safety`) keeps between the
             plans of robots, and from obstacles; 0 switches it off.
+        open_loop: what goes without feedback: motors get the voltage that gives their set point in
+            the mean instead of the loop of Eq. (14), and robots keep no course while they drive.
         preset: name of the machine, see `cosim.presets`.
         sources: of parameters that the machine has for itself, as (name, text).
 
@@ -79,12 +82,15 @@ class CoSimConfig:
     world: World = IDEAL
     through: bool = False
     safety_margin_m: float = 0.0
+    open_loop: tuple[Loop, ...] = ()
     preset: str = "paper"
     sources: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         require_one_of("order", self.order, get_args(Order))
         require_one_of("on_collision", self.on_collision, get_args(OnCollision))
+        for loop in self.open_loop:
+            require_one_of("open_loop", loop, get_args(Loop))
         for record in self._records:
             for name, value in record._asdict().items():
                 if name not in _SIGNED and not 0.0 <= value < float("inf"):
@@ -230,6 +236,7 @@ class CoSimConfig:
             "through": (self.through, "whether robots drive on at the end of a move until asked"),
             "mu_patches": (str(self.world.mu_patches), "cells with another mu"),
             "payload_offset_mm": (str(self.world.payload_offset_mm), "forwards and to the left"),
+            "open_loop": (" ".join(self.open_loop), "what goes without feedback"),
             "preset": (self.preset, "machine that the parameters are of"),
             "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),
         }

@@ -9,14 +9,17 @@ machine code: they get checksums here, and what is damaged is compiled again.
 """
 
 import contextlib
+import functools
 import hashlib
 import io
 import logging
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager as ContextManager
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba import types
 from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 from numba.core.compiler_lock import global_compiler_lock
@@ -39,29 +42,32 @@ def _kernel_sources() -> list[Path]:
 _DIGEST = source_digest(_kernel_sources(), numba.__version__)
 _FOLDER = cache_dir("kernels") / _DIGEST
 config.CACHE_DIR = str(_FOLDER)  # pyright: ignore[reportAttributeAccessIssue]
+_PLAIN: bool = config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def _compiled(function: Callable, *, forceinline: bool = False) -> Any:
-    options: Any = {"cache": True, "nogil": True, "forceinline": forceinline}
-    dispatcher: Any = numba.njit(error_model="numpy", **options)(function)
-    if dispatcher is function:  # NUMBA_DISABLE_JIT
-        return dispatcher
-    dispatcher._cache._cache_file.__class__ = _CheckedFiles  # pyright: ignore
+def _compiled(function: Callable, lock: ContextManager, **options: bool) -> Any:
+    """A dispatcher of numba: IEEE arithmetic, no fastmath, releasing the interpreter's lock."""
+    dispatcher: Any = numba.njit(error_model="numpy", nogil=True, **cast(Any, options))(function)
     compile_one = dispatcher.compile
-    lock = lock_of(_FOLDER / f"{function.__module__}.{function.__qualname__}")
 
-    def compile_once(signature: Any) -> Any:
-        # The compiler's own lock first: threads hold it while they compile what a kernel calls.
+    def compile_once(signature: tuple) -> Any:
+        # numba would compile a function again for every constant that it is given. The compiler's
+        # own lock first: threads hold it while they compile what a kernel calls.
         with global_compiler_lock, lock:
-            return compile_one(signature)
+            return compile_one(tuple(map(types.unliteral, signature)))
 
     dispatcher.compile = compile_once
     return dispatcher
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compile a function with numba: IEEE arithmetic, no fastmath, releasing the lock."""
-    return cast(Kernel, _compiled(function))
+    """Compile a function with numba, for Python and for other kernels, and keep it on disk."""
+    if _PLAIN:
+        return function
+    lock = lock_of(_FOLDER / f"{function.__module__}.{function.__qualname__}")
+    dispatcher = _compiled(function, lock, cache=True)
+    dispatcher._cache._cache_file.__class__ = _CheckedFiles
+    return cast(Kernel, dispatcher)
 
 
 def inlined(function: Kernel) -> Kernel:
@@ -70,7 +76,31 @@ def inlined(function: Kernel) -> Kernel:
     For inner functions: numba passes a record of arrays field by field, and a call that is not
     inlined costs more than most of the work in it.
     """
-    return cast(Kernel, _compiled(function, forceinline=True))
+    return function if _PLAIN else cast(Kernel, _Inlined(function))
+
+
+class _Inlined:
+    """A function that kernels take in; called from Python it is a kernel, made at the first call.
+
+    Few ever are, and what would unpack their arguments then is half of what there is to compile.
+
+    Attributes:
+        py_func: the function.
+    """
+
+    def __init__(self, function: Callable) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func = function
+        wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        self._inner = _compiled(function, contextlib.nullcontext(), forceinline=True, **wrappers)
+        self._numba_type_ = self._inner._numba_type_  # what numba takes this object for
+
+    @functools.cached_property
+    def _kernel(self) -> Callable:
+        return kernel(self.py_func)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._kernel(*arguments)
 
 
 class _CheckedFiles(IndexDataCacheFile):

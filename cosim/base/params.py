@@ -279,6 +279,14 @@ def motor_gain(motor: MotorParams) -> float:
     return motor.K_T / (motor.b * motor.R + motor.K_T**2)
 
 
+def open_loop_voltage(motor: MotorParams) -> tuple[float, float]:
+    """Voltage that keeps a speed in the mean (Eq. 13): V per rad/s, and V against Coulomb friction.
+
+    The torque of the eccentric mass's weight is left out: it averages to zero over a turn.
+    """
+    return 1.0 / motor_gain(motor), motor.c * motor.R / motor.K_T
+
+
 def motor_time_constant(motor: MotorParams) -> float:
     """Time constant τ = JR/(bR + K_T²) of Eq. (13) without Coulomb friction, in s."""
     return motor.J * motor.R / (motor.b * motor.R + motor.K_T**2)

@@ -54,6 +54,7 @@ def find_calibration(
     Raises:
         FmuError: the FMU cannot be used, or failed.
     """
+    config = replace(config, open_loop=())  # speeds are those of motors under control
     MotorFmu(motor_fmu)  # a missing or foreign file is named before anything is hashed
     path = cache_dir("calibrations") / f"{digest(config, motor_fmu)}.npz"
 

@@ -89,7 +89,7 @@ def measure(
         seeds = (np.random.SeedSequence(0, spawn_key=(k,)) for k in range(len(batches)))
         try:
             for result in threads.map(
-                lambda b, s: _measure_batch(config, fmu, b, s), batches, seeds
+                lambda b, s: measure_batch(config, fmu, b, s), batches, seeds
             ):
                 rows += list(result)
                 progress(task, len(rows), len(todo))
@@ -107,10 +107,24 @@ def measure(
     )
 
 
-def _measure_batch(
+def measure_batch(
     config: CoSimConfig, fmu: MotorFmu, batch: list[Point], seed: np.random.SeedSequence
 ) -> np.ndarray:
-    """Columns ω_D, ω_E, forward, lateral, yaw rate, shares airborne and lifted; a row per trial."""
+    """Trials co-simulated together.
+
+    Args:
+        config: of the co-simulation.
+        fmu: of every motor.
+        batch: what the trials command.
+        seed: of the noise.
+
+    Returns:
+        (trials, 7): mean ω_D and ω_E in rad/s, speed along the heading and to its left in m/s, yaw
+        rate in rad/s, shares of the time without any foot on the floor and with a foot off it.
+
+    Raises:
+        FmuError: the FMU failed.
+    """
     set_points = np.array([(p.omega_d, p.omega_e) for p in batch])
     dither = config.steering.dither_rad_s * np.array([p.dithered for p in batch])
     # A difference of both magnitudes: opposite signs while turning, equal ones while driving.

@@ -5,6 +5,8 @@ array (layout in `cosim.control.steering`); the dynamics, the FMUs and the noise
 episode.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cosim.base.config import CoSimConfig
@@ -46,7 +48,7 @@ class Trial:
         headings_rad: np.ndarray,
         seed: np.random.SeedSequence,
         nominal_rad_s: np.ndarray | float | None = None,
-        motors: tuple[MotorParams, MotorParams] | None = None,
+        motors: Sequence[tuple[MotorParams, MotorParams]] | None = None,
     ) -> None:
         """Put the robots on the floor.
 
@@ -57,7 +59,7 @@ class Trial:
             seed: of the speed noise; every motor gets a child of its own.
             nominal_rad_s: motor speed that the noise is relative to, of all or (N,) of each robot;
                 default that of driving forwards.
-            motors: D and E of every robot; by default the configuration's.
+            motors: (N,) D and E of each robot; default the configuration's.
 
         Raises:
             FmuError: the FMU lacks a capability, refuses to load or to be initialised.
@@ -72,12 +74,14 @@ class Trial:
         )
         self._tick = 0
         self._state = new_state(n, 1, columns)
-        self._state.properties[:] = robot_properties(config, motors=motors)[:, None]
+        self._state.properties[:] = robot_properties(config)[:, None]
         self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])
         self._motors = Motors(motor_fmu, config, columns)
         for robot, (x, y) in enumerate(self.origins_m):
             self._state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
-            self._motors.restart([robot], (motors or (config.motor, config.motor),))
+            pair = motors[robot] if motors else (config.motor, config.motor)
+            self._state.properties[:, robot] = robot_properties(config, motors=pair)
+            self._motors.restart([robot], (pair,))
         self._state.running[:] = 1
         self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]
         self._noise = noise_generators(seed, n)

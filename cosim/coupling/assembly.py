@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from cosim.base.config import CoSimConfig
-from cosim.base.params import TABLE_II, MotorParams
+from cosim.base.params import TABLE_II, MotorParams, open_loop_voltage
 from cosim.base.world import generator
 from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu
@@ -26,11 +26,14 @@ MOTOR_NAMES = ("D", "E")
 
 def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Plant:
     """Constants of the coupled system for episodes of some robots each."""
+    steering = config.steering
+    if "heading" in config.open_loop:
+        steering = steering._replace(max_difference_rad_s=0.0, turn_again_rad=math.inf)
     return Plant(
         robots,
         body_params(config.robot, config.motor, config.timing.dt_s),
         *motor_mounts(config.robot, config.motor),
-        config.steering,
+        steering,
         config.estimator,
         PairParams(config.robot.diameter_m, config.robot.mu_robots),
         end_on_collision,
@@ -38,6 +41,8 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         config.ticks_per_step,
         config.order == "jacobi",
         config.reaction,
+        "motors" in config.open_loop,
+        *open_loop_voltage(config.motor),
         config.timing.exchange_tolerance_rad,
     )
 
@@ -96,7 +101,13 @@ class Motors:
     """
 
     def __init__(self, fmu: MotorFmu, config: CoSimConfig, columns: int) -> None:
-        """Prepare the motors of so many columns, with the parameters of a configuration."""
+        """Prepare the motors of so many columns, with the parameters of a configuration.
+
+        Raises:
+            FmuError: they are to be in open loop, and the FMU cannot be.
+        """
+        if "motors" in config.open_loop:
+            fmu = MotorFmu(fmu.path, open_loop=True)
         self._fmu = fmu
         self._usual = config.motor
         self._parameters = _differences(config.motor, TABLE_II)

@@ -22,8 +22,10 @@ from fmpy.model_description import CoSimulation, ModelDescription
 
 from cosim.coupling.archive import unpack
 from cosim.coupling.interface import (
+    CLOSED_LOOP,
     ELECTRICAL,
     INPUTS,
+    OPEN_INPUTS,
     OUTPUTS,
     RESTART,
     FmuError,
@@ -56,7 +58,9 @@ class MotorFmu:
         folder: where it is unpacked.
         description: fmpy's model description.
         interface: fmpy's description of its Co-Simulation capabilities.
-        inputs, outputs, electrical: value references (uint32) of INPUTS, OUTPUTS, ELECTRICAL.
+        inputs, outputs, electrical: value references (uint32) of INPUTS (OPEN_INPUTS in open loop),
+            OUTPUTS, ELECTRICAL.
+        closed_loop: value reference of the parameter that instances in open loop get, else None.
         arrays: whether an instance has any number of motors.
 
     Raises:
@@ -64,7 +68,7 @@ class MotorFmu:
         OSError: the file cannot be read, or the cache cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, open_loop: bool = False) -> None:
         self.path = path
         if not path.is_file():
             raise FmuError(f"motor FMU {path} does not exist; check the path given by --motor-fmu")
@@ -89,7 +93,16 @@ class MotorFmu:
         self._variables = {v.name: v for v in self.description.modelVariables}
         self._size = array_size(path, self._variables)
         self.arrays = self._size is not None
-        self.inputs = self._references(INPUTS, "input")
+        self.closed_loop: int | None = None
+        if open_loop:
+            for name in (OPEN_INPUTS[0], CLOSED_LOOP):
+                if name not in self._variables:
+                    raise FmuError(
+                        f"motor FMU {path} has no '{name}', which --open-loop motors needs; export "
+                        "it with one"
+                    )
+            self.closed_loop = self._variables[CLOSED_LOOP].valueReference
+        self.inputs = self._references(OPEN_INPUTS if open_loop else INPUTS, "input")
         self.outputs = self._references(OUTPUTS, "output")
         self.electrical = self._references(ELECTRICAL, "output")
 
@@ -181,6 +194,8 @@ class Motor:
                 )
                 self.slave.instantiate(loggingOn=True, logMessage=self._append_log)
             fmu.configure(self.slave, motors)
+            if fmu.closed_loop is not None:
+                self.slave.setBoolean([fmu.closed_loop], [False])
             for reference, value in values.items():
                 self.slave.setFloat64([reference], [value] * motors)
             self.slave.enterInitializationMode()

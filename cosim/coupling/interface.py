@@ -20,6 +20,8 @@ from cosim.base.errors import UserError
 from fmus.variables import Unit, load_table
 
 INPUTS = ("omega_des", "omega_noise", "d")
+# The same in open loop: a voltage instead of a set point, and the parameter that says so.
+OPEN_INPUTS, CLOSED_LOOP = ("V_in", *INPUTS[1:]), "closed_loop"
 OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
 RESTART = "restart"

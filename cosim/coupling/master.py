@@ -68,7 +68,7 @@ class ReferenceDriver:
         """See `Driver.advance`."""
         tick, dt = 0, plant.body.dt
         for period in range(len(noise)):
-            begin_period(plant, state, noise[period], _ONE)
+            begin_period(plant, state, noise[period], 1)
             self.motors.set_inputs(state.inputs, dt)
             end = tick + plant.ticks_per_period
             while tick < end:
@@ -137,7 +137,7 @@ def run_periods(
     instances, lanes = calls.instances.shape[0], len(width)
     tick = 0
     for period in range(noise.shape[0]):
-        begin_period(plant, state, noise[period], width)
+        begin_period(plant, state, noise[period], lanes)
         fresh_inputs = True
         for _ in range(plant.ticks_per_period // count):
             begin_step(plant, state)

@@ -6,6 +6,7 @@ reach the FMUs, so that their signals are the same bits. What happens every tick
 robots in the lanes of a vector at once, whichever episodes they belong to; the rest robot by robot.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,8 @@ class Plant(NamedTuple):
         jacobi: bodies see the motors' outputs of the start of a step (extrapolated), not of its
             end (interpolated).
         reaction: whether the motors feel the acceleration of the body.
+        open_loop: whether the motors' input is a voltage instead of a set point.
+        volts_per_speed, friction_volts: that voltage, see `cosim.base.params.open_loop_voltage`.
         exchange_tolerance: bound on the error of interpolated motor angles in rad, for drivers
             that choose the communication step.
     """
@@ -77,18 +80,21 @@ class Plant(NamedTuple):
     ticks_per_step: int
     jacobi: bool
     reaction: bool
+    open_loop: bool
+    volts_per_speed: float
+    friction_volts: float
     exchange_tolerance: float
 
 
 @inlined
-def begin_period(plant: Plant, state: State, noise: np.ndarray, width: Width) -> None:
+def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> None:
     """Steer every robot and put the motors' inputs in place; those of ended episodes stop.
 
     Args:
         plant: constants.
         state: variables; commands and inputs change.
         noise: (B, 2) speed measurement noise of this period, rad/s.
-        width: of the vectors.
+        lanes: of the vectors.
     """
     period_s = plant.ticks_per_period * plant.body.dt
     robots, columns = plant.robots, state.bodies.shape[1]
@@ -105,11 +111,15 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, width: Width) ->
             if not state.running[episode]:
                 for row in range(2 * MOTORS):
                     state.inputs[row, column] = 0.0
+                for motor in range(MOTORS):
+                    state.set_points[motor, column] = 0.0
                 continue
             omega_d, omega_e = _steer(plant, state, column, period_s)
-            state.inputs[0, column], state.inputs[1, column] = omega_d, omega_e
+            state.set_points[0, column], state.set_points[1, column] = omega_d, omega_e
+            state.inputs[0, column] = _motor_input(plant, omega_d)
+            state.inputs[1, column] = _motor_input(plant, omega_e)
             state.inputs[2, column], state.inputs[3, column] = noise[column, 0], noise[column, 1]
-            state.busy[column - column % len(width)] = 1
+            state.busy[column - column % lanes] = 1
             walls = find_near_obstacles(
                 state.bodies, column, state.obstacles[episode], plant.pair, state.near_walls, walls
             )
@@ -120,6 +130,14 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, width: Width) ->
         if state.running[episode]:
             near = find_near_pairs(state.bodies, first, robots, plant.pair, state.near, near)
     state.near_count[0], state.near_count[1] = near, walls
+
+
+@inlined
+def _motor_input(plant: Plant, omega: float) -> float:
+    """What a motor is told for a set point in rad/s: the set point itself, or a voltage."""
+    if not plant.open_loop or omega == 0.0:
+        return omega
+    return plant.volts_per_speed * omega + math.copysign(plant.friction_volts, omega)
 
 
 @inlined

@@ -95,7 +95,7 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     for motor in range(MOTORS):
         samples.theta[row, column, motor] = state.outputs[motor, column]
         samples.omega[row, column, motor] = state.outputs[MOTORS + motor, column]
-        samples.omega_des[row, column, motor] = state.inputs[motor, column]
+        samples.omega_des[row, column, motor] = state.set_points[motor, column]
         samples.disturbance[row, column, motor] = state.inputs[2 * MOTORS + motor, column]
         samples.voltage[row, column, motor] = state.electrical[motor, column]
         samples.current[row, column, motor] = state.electrical[MOTORS + motor, column]

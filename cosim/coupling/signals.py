@@ -38,7 +38,8 @@ class State(NamedTuple):
         bodies: (STATE_SIZE, B), layout in cosim.physics.body_state.
         properties: (PROPERTIES, B), layout in cosim.physics.properties.
         commands: (B, COMMAND_SIZE), layout in cosim.control.steering.
-        inputs: (6, B) omega_des, omega_noise, d.
+        set_points: (2, B) motor speeds that the steering asks for.
+        inputs: (6, B) omega_des (or V_in where motors are in open loop), omega_noise, d.
         outputs: (6, B) theta, omega, omega_dot.
         held: (6, B) the outputs at the start of the communication step.
         held_velocities: (6, B) velocity (world) and angular velocity (body) at that time.
@@ -71,6 +72,7 @@ class State(NamedTuple):
     bodies: np.ndarray
     properties: np.ndarray
     commands: np.ndarray
+    set_points: np.ndarray
     inputs: np.ndarray
     outputs: np.ndarray
     held: np.ndarray
@@ -169,7 +171,7 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
     def whole(*shape: int) -> np.ndarray:
         return np.zeros(shape, dtype=np.int64)
 
-    rows = [2 * 3, 2 * 3, 2 * 3, 6, 2 * 2, STATISTICS]
+    rows = [2, 2 * 3, 2 * 3, 2 * 3, 6, 2 * 2, STATISTICS]
     bodies = _aligned(STATE_SIZE, columns)
     bodies[QUATERNION.start] = 1.0
     return State(

@@ -57,6 +57,7 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
         config.reaction,
         config.on_collision,
         config.through,
+        config.open_loop,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from cosim.base.command import MotorFmuFile
-from cosim.base.config import ConfigError, CoSimConfig, OnCollision, Order
+from cosim.base.config import ConfigError, CoSimConfig, Loop, OnCollision, Order
 from cosim.base.params import SAFETY_MARGIN_HELP, STEERING, TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.world import IDEAL, World
@@ -147,6 +147,9 @@ class Driving(Physics, Deciding):
     """What happens when a robot touches another one or an obstacle: the episode ends, or they push
     each other on."""
     safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
+    open_loop: tuple[Loop, ...] = ()
+    """What goes without feedback: motors, which then get a constant voltage for every set point
+    instead of the loop of Eq. (14), and heading, the course that robots keep while they drive."""
     time_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Simulated time in s after which an episode ends as a time-out; by default 600, and longer in
     proportion where robots are slower than by default."""
@@ -154,6 +157,11 @@ class Driving(Physics, Deciding):
     def config(self, world: World = IDEAL) -> CoSimConfig:
         """See `Physics.config`."""
         config = self.deciding(super().config(world))
+        if self.noise is not None and "motors" in self.open_loop:
+            raise ConfigError(
+                "--noise has no effect with --open-loop motors, whose speed nobody measures; "
+                "leave it out"
+            )
         timing, steering = config.timing, config.steering
         if self.time_limit is not None:
             timing = timing._replace(episode_limit_s=self.time_limit)
@@ -165,6 +173,7 @@ class Driving(Physics, Deciding):
             steering=steering,
             on_collision=self.on_collision,
             safety_margin_m=self.safety_margin,
+            open_loop=self.open_loop,
         )
 
     def prepare(

@@ -83,7 +83,7 @@ def drift_speed(platform: Platform) -> float:
     )
 
 
-def _slip_ratio(platform: Platform, omega_rad_s: float) -> float:
+def slip_ratio(platform: Platform, omega_rad_s: float) -> float:
     """The ratio s = (ω_c/ω)².
 
     Raises:
@@ -97,7 +97,7 @@ def _slip_ratio(platform: Platform, omega_rad_s: float) -> float:
     return (slip_speed(platform) / omega_rad_s) ** 2
 
 
-def _strokes(alpha: float, s: float) -> Iterator[Stroke]:
+def dimensionless_strokes(alpha: float, s: float) -> Iterator[Stroke]:
     """Strokes from rest at θ = 0, without end unless nothing slips."""
     theta = 0.0
     while s < 1.0:
@@ -112,12 +112,14 @@ def strokes(platform: Platform, omega_rad_s: float, cycles: int) -> list[Stroke]
     Raises:
         PlatformError: see `net_speed`.
     """
-    s, alpha = _slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
+    s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
     end = 2.0 * math.pi * cycles
-    return list(itertools.takewhile(lambda stroke: stroke.start < end, _strokes(alpha, s)))
+    return list(
+        itertools.takewhile(lambda stroke: stroke.start < end, dimensionless_strokes(alpha, s))
+    )
 
 
-def _length(platform: Platform) -> float:
+def length_unit(platform: Platform) -> float:
     """Unit of distance u √(1+μ²)/M in m."""
     return platform.m * platform.r * math.hypot(1.0, platform.mu) / platform.mass
 
@@ -128,13 +130,13 @@ def trajectory(platform: Platform, omega_rad_s: float, theta: np.ndarray) -> np.
     Raises:
         PlatformError: see `net_speed`.
     """
-    s, alpha = _slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
+    s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
     position = np.zeros_like(theta)
     for stroke in strokes(platform, omega_rad_s, math.ceil(theta[-1] / (2.0 * math.pi))):
         for i in np.flatnonzero(theta > stroke.start):
             end = min(theta[i], stroke.stop)
             position[i] += distance(stroke.direction, alpha, s, stroke.start, end)
-    return position * _length(platform)
+    return position * length_unit(platform)
 
 
 def net_displacement(platform: Platform, omega_rad_s: float) -> float:
@@ -143,14 +145,14 @@ def net_displacement(platform: Platform, omega_rad_s: float) -> float:
     Raises:
         PlatformError: see `net_speed`.
     """
-    s, alpha = _slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
+    s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
     turn = 2.0 * math.pi
     found: list[Stroke] = []
-    for stroke in _strokes(alpha, s):
+    for stroke in dimensionless_strokes(alpha, s):
         # A stroke that begins a turn after another closes the cycle of those between.
         for i, before in enumerate(found):
             if abs(stroke.start - turn - before.start) < REPEAT_TOLERANCE:
-                return _length(platform) * sum(
+                return length_unit(platform) * sum(
                     distance(one.direction, alpha, s, one.start, one.stop) for one in found[i:]
                 )
         found = [*found[-CYCLE_STROKES:], stroke]

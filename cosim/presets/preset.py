@@ -90,13 +90,13 @@ class Preset(NamedTuple):
         }
         return msgspec.structs.replace(world, **brought)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write a file that `find_preset` reads: what differs from Tables I and II, with sources.
 
         Raises:
             StorageError, OSError: it cannot be written.
         """
-        with replacing(path) as temporary:
+        with replacing(Path(path)) as temporary:
             temporary.write_text("\n".join(self._lines()) + "\n", encoding="utf-8")
 
     def _lines(self) -> Iterator[str]:

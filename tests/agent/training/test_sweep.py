@@ -73,8 +73,15 @@ def patient_ray(monkeypatch):
     monkeypatch.setattr(services, "get_node", get_node_in_time)
 
 
-@pytest.mark.usefixtures("patient_ray")
-@pytest.mark.parametrize("backend", ["loky", "dask", "ray"])
+@pytest.fixture(
+    params=["loky", *(pytest.param(b, marks=pytest.mark.cluster) for b in ("dask", "ray"))]
+)
+def backend(request):
+    if request.param == "ray":
+        request.getfixturevalue("patient_ray")
+    return request.param
+
+
 def test_killed_worker_is_replaced_and_no_bit_changes(backend, expected, tmp_path):
     results = dict(sweep(die_once_and_train, fragile_tasks(tmp_path), jobs=2, backend=backend))
     assert (tmp_path / "marker").exists()

@@ -47,6 +47,9 @@ def plant_with(**changes) -> Plant:
         ticks_per_step=1,
         jacobi=False,
         reaction=False,
+        open_loop=False,
+        volts_per_speed=0.0,
+        friction_volts=0.0,
         exchange_tolerance=TIMING.exchange_tolerance_rad,
     )
     return plant._replace(**changes)

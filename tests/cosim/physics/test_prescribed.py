@@ -25,8 +25,8 @@ from cosim.base.params import (
     lift_off_speed,
 )
 from cosim.physics.body_state import NORMAL_IMPULSE, STATE_SIZE, standing_state
-from cosim.physics.forces import motor_mounts, motor_wrench
 from cosim.platform import motion as platform
+from cosim.platform.feet import least_foot_force
 
 DT = TIMING.dt_s
 RIG = rig(TABLE_I, TABLE_II, DT)
@@ -112,40 +112,14 @@ def test_turning_in_phase_is_the_1_dof_platform(omega):
     assert found.yaw_rate_rad_s == pytest.approx(expected, rel=0.01)
 
 
-def least_foot_force(omega: float) -> float:
-    """Smallest normal force of a foot over one turn, from the platform and moments about y.
-
-    Friction follows from the platform's strokes: μ N against the slide, or what holds it. Feet A
-    and C stand at R/2, B at −R; the body does not pitch while all three carry.
-    """
-    mounts, like = motor_mounts(TABLE_I, TABLE_II), platform.robot_platform()
-    turns = 10
-    found = platform.strokes(like, abs(omega), turns + 2)
-    weight = TABLE_I.mass_kg * TABLE_II.g
-    radius, height = TABLE_I.foot_radius_m, TABLE_I.com_height_m
-    least = math.inf
-    for theta in 2.0 * math.pi * (turns + np.linspace(0.0, 1.0, 4_000)):
-        sense = math.copysign(1.0, omega)
-        d = motor_wrench(mounts[0], -sense * theta, -omega, 0.0)
-        e = motor_wrench(mounts[1], sense * theta, omega, 0.0)
-        normal = weight - d[1] - e[1]
-        slide = next((s.direction for s in found if s.start < theta < s.stop), 0.0)
-        friction = -sense * slide * TABLE_I.mu * normal if slide else -(d[0] + e[0])
-        pitching = d[3] + e[3] - height * friction
-        rear = (0.5 * radius * normal - pitching) / (1.5 * radius)
-        least = min(least, rear, (normal - rear) / 2.0)
-    return least
-
-
-@pytest.mark.parametrize("sense", [1.0, -1.0])
-def test_a_foot_lifts_at_the_predicted_motor_speed(sense):
-    low, high = 600.0, 1140.0
-    while high - low > 0.5:
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if least_foot_force(sense * middle) > 0.0 else (low, middle)
+@pytest.mark.parametrize(("sense", "low"), [(1.0, 899.7), (-1.0, 999.3)])
+def test_a_foot_lifts_at_the_predicted_motor_speed(sense, low):
+    assert least_foot_force(TABLE_I, TABLE_II, sense * low) == pytest.approx(0.0, abs=1e-4)
     below = motion(Drive(-sense * 0.99 * low, sense * 0.99 * low))
     above = motion(Drive(-sense * 1.01 * low, sense * 1.01 * low))
-    assert below.least_normal_n == pytest.approx(least_foot_force(sense * 0.99 * low), abs=1e-3)
+    assert below.least_normal_n == pytest.approx(
+        least_foot_force(TABLE_I, TABLE_II, sense * 0.99 * low), abs=1e-3
+    )
     assert below.least_normal_n > 0.0
     assert above.least_normal_n == 0.0
 

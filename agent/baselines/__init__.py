@@ -1,0 +1,11 @@
+"""What learners achieve on the same boards, and at what price: the table of docs/baselines.md."""
+
+from typing import Literal, get_args
+
+from agent.deep import Algorithm
+from agent.process.config import Objective
+
+Table = Literal["paper", "double_q", "moves", "prompt", Objective]
+Learner = Literal[Table, Algorithm]
+NETWORKS: tuple[Algorithm, ...] = get_args(Algorithm)
+LEARNERS: tuple[Learner, ...] = get_args(Learner)

@@ -1,0 +1,199 @@
+"""The table of docs/baselines.md: its rows, their statistics over seeds, and its text."""
+
+import msgspec
+import numpy as np
+
+from agent.evaluation.grid import PolicyMeasures
+from agent.evaluation.statistics import Rate, Statistics, rate, summarise
+from agent.process.exact import Milestone
+from cosim.base.command import show_table
+from cosim.base.outcome import Outcome
+
+TABLE_FILE, MARKDOWN_FILE = "baselines.json", "baselines.md"
+ENOUGH = 0.99  # success that learners are timed to
+
+
+class Drive(msgspec.Struct, frozen=True):
+    """An episode in the dynamics.
+
+    Attributes:
+        index: of the start.
+        outcome: how it ended.
+        sim_time_s: how long it took.
+        least_s: least mean time from that start on observed moves, see `agent.moves.bound`.
+    """
+
+    index: int
+    outcome: Outcome
+    sim_time_s: float
+    least_s: float
+
+
+class LearnerRun(msgspec.Struct, frozen=True, kw_only=True):
+    """A training, as its file has it.
+
+    Attributes:
+        scenario, learner, seed: what was trained.
+        seconds: wall-clock time, evaluations included.
+        curve: what greedy robots achieved meanwhile; empty if nothing was learnt.
+        grid: what its policy achieves on the grid.
+        drives: and in the dynamics.
+    """
+
+    scenario: str
+    learner: str
+    seed: int
+    seconds: float
+    curve: tuple[Milestone, ...]
+    grid: PolicyMeasures
+    drives: tuple[Drive, ...] = ()
+
+    def first_enough(self) -> Milestone | None:
+        """The first evaluation with a success of ENOUGH."""
+        return next((point for point in self.curve if point.success >= ENOUGH), None)
+
+    def succeeded(self) -> list[Drive]:
+        """Episodes in the dynamics that did."""
+        return [drive for drive in self.drives if drive.outcome == Outcome.SUCCESS]
+
+
+class BaselineRow(msgspec.Struct, frozen=True, kw_only=True):
+    """A row of baselines.json: a learner in a scenario, statistics over its seeds.
+
+    Attributes:
+        scenario, learner: what is measured.
+        left_out: why it is not, if so.
+        seeds: trainings that are there.
+        success: on the grid, from all starts or a sample of them.
+        path_ratio, moves_ratio: over the optimum (`agent.process.optimum.ratios`), of successes.
+        reached: trainings that had a success of ENOUGH at some evaluation.
+        steps_to_enough, seconds_to_enough: moves of all robots and time until then.
+        episodes: in the dynamics, of all seeds.
+        driven: success there, with its Wilson interval.
+        time_s, time_ratio: simulated time of successes, and over the least time.
+    """
+
+    scenario: str
+    learner: str
+    left_out: str | None
+    seeds: int
+    success: Statistics
+    path_ratio: Statistics
+    moves_ratio: Statistics
+    reached: int
+    steps_to_enough: Statistics
+    seconds_to_enough: Statistics
+    episodes: int
+    driven: Rate | None
+    time_s: Statistics
+    time_ratio: Statistics
+
+
+class BaselinesReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of baselines.json."""
+
+    schema_version: int = 1
+    complete: bool
+    rows: tuple[BaselineRow, ...]
+
+
+def report_of(
+    rows: list[tuple[str, str, list[LearnerRun], str | None]], seeds: int
+) -> BaselinesReport:
+    """The content of baselines.json.
+
+    Args:
+        rows: scenario, learner, its trainings, and why there are none, if so.
+        seeds: asked for.
+    """
+    table = tuple(_row(*row) for row in rows)
+    complete = all(row.left_out or (row.seeds == seeds and row.episodes) for row in table)
+    return BaselinesReport(complete=complete, rows=table)
+
+
+def _row(scenario: str, learner: str, runs: list[LearnerRun], left_out: str | None) -> BaselineRow:
+    reached = [point for run in runs if (point := run.first_enough()) is not None]
+    drives = [drive for run in runs for drive in run.drives]
+    driven = None
+    if drives:
+        driven = rate(sum(len(run.succeeded()) for run in runs), len(drives))
+    means = [
+        np.mean([(d.sim_time_s, d.least_s) for d in run.succeeded()], axis=0)
+        for run in runs
+        if run.succeeded()
+    ]
+    return BaselineRow(
+        scenario=scenario,
+        learner=learner,
+        left_out=left_out,
+        seeds=len(runs),
+        success=summarise([run.grid.success for run in runs]),
+        path_ratio=summarise([run.grid.ratio_to_bound for run in runs]),
+        moves_ratio=summarise([run.grid.steps_ratio_to_bound for run in runs]),
+        reached=len(reached),
+        steps_to_enough=summarise([point.agent_steps for point in reached]),
+        seconds_to_enough=summarise([point.seconds for point in reached]),
+        episodes=len(drives),
+        driven=driven,
+        time_s=summarise([time for time, _ in means]),
+        time_ratio=summarise([time / least for time, least in means]),
+    )
+
+
+_HEADINGS = (
+    "scenario",
+    "learner",
+    "seeds",
+    "success on the grid",
+    "path × optimum",
+    "moves × optimum",
+    "agent steps to 99 %",
+    "time to 99 %",
+    "episodes",
+    "success in the dynamics",
+    "simulated",
+    "× least time",
+)
+
+
+def _text(statistics: Statistics, digits: int, factor: float = 1.0, unit: str = "") -> str:
+    """Mean, and its interval where there are several seeds that differ."""
+    s = statistics
+    if s.mean is None or s.low is None or s.high is None:
+        return "–"
+    mean, low, high = (f"{factor * value:.{digits}f}" for value in (s.mean, s.low, s.high))
+    return f"{mean}{unit}" if low == high else f"{mean}{unit} [{low}, {high}]"
+
+
+def _cells(row: BaselineRow) -> list[str]:
+    if row.left_out:
+        return [row.scenario, row.learner, row.left_out, *["–"] * (len(_HEADINGS) - 3)]
+    some = "" if row.reached == row.seeds or not row.reached else f" ({row.reached} seeds)"
+    driven = row.driven
+    return [
+        row.scenario,
+        row.learner,
+        str(row.seeds),
+        _text(row.success, 1, 100.0, " %"),
+        _text(row.path_ratio, 3),
+        _text(row.moves_ratio, 3),
+        _text(row.steps_to_enough, 2, 1e-6, " million") + some,
+        _text(row.seconds_to_enough, 1, 1.0, " s"),
+        str(row.episodes),
+        "–"
+        if driven is None
+        else f"{driven.share:.1%} [{100 * driven.low:.1f}, {100 * driven.high:.1f}]",
+        _text(row.time_s, 0, 1.0, " s"),
+        _text(row.time_ratio, 2),
+    ]
+
+
+def markdown(report: BaselinesReport) -> str:
+    """The table as Markdown."""
+    rows = [_HEADINGS, ["---"] * len(_HEADINGS), *map(_cells, report.rows)]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def show(report: BaselinesReport) -> None:
+    """Print the table, in as many parts as the console is wide for."""
+    show_table(None, _HEADINGS, [_cells(row) for row in report.rows], names=2)

@@ -1,0 +1,103 @@
+"""The least time in which robots reach their targets if each were alone: exact, on observed moves.
+
+A robot alone ends every move in the cell that it was sent to, asked again at the next RL step, and
+what a move takes depends on its kind only. So where it is and which axis it faces are all there is
+to know: value iteration over both, with mean times of moves, is the optimum of every policy. Others
+can only delay it: the slowest robot's time bounds that of an episode of several from below. Beside
+obstacles it is a bound too: diagonal moves that would graze a corner are counted as possible.
+"""
+
+import math
+
+import numpy as np
+
+from agent.moves.model import KINDS, MovesError, ObservedMoves, move_kind
+from agent.process.grid import STARTING_AXIS
+from agent.process.joint import BLOCKED, cells_after
+from agent.process.readings import Process
+from cosim.base.jit import kernel
+from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
+
+_ROUNDING = 1e-9  # of times, in RL steps
+_MOST_OFF = 0.5  # cells; a robot that stops further off the centre is in another cell
+
+
+@kernel
+def _iterate(after: np.ndarray, seconds: np.ndarray, value: np.ndarray) -> None:
+    """Value iteration of one robot to the fixed point.
+
+    Args:
+        after: (cells, 8) int64, see `agent.process.joint.cells_after`.
+        seconds: (KINDS,) float64, mean time of moves.
+        value: (cells, AXIS_COUNT) float64, 0 at the target, inf elsewhere; updated.
+    """
+    changed = True
+    while changed:
+        changed = False
+        for p in range(after.shape[0]):
+            for a in range(DIRECTION_COUNT):
+                reached = after[p, a]
+                if reached in (BLOCKED, p):
+                    continue
+                rest = value[reached, a % AXIS_COUNT]
+                for axis in range(AXIS_COUNT):
+                    time = seconds[move_kind(a, axis)] + rest
+                    if time < value[p, axis]:
+                        value[p, axis] = time
+                        changed = True
+
+
+def mean_seconds(moves: ObservedMoves) -> np.ndarray:
+    """(KINDS,) float64, mean time in s from a move of each kind to the next decision.
+
+    Raises:
+        MovesError: a kind of move was never observed, or a robot stopped in another cell than the
+            one it was sent to.
+    """
+    steps: list[list[int]] = [[] for _ in range(KINDS)]
+    for move in moves.moves:
+        if max(abs(move.stop_x), abs(move.stop_y)) >= _MOST_OFF:
+            raise MovesError("moves end in other cells than commanded; check the parameters")
+        lasted = math.ceil(move.duration_s / moves.rl_step_s - _ROUNDING)
+        steps[move_kind(move.direction, move.heading)].append(lasted)
+    if not all(steps):
+        raise MovesError("not every kind of move was observed; observe more moves")
+    return np.array([moves.rl_step_s * np.mean(of_kind) for of_kind in steps])
+
+
+def least_times(process: Process, moves: ObservedMoves) -> np.ndarray:
+    """(N, cells, AXIS_COUNT) float64, least mean time in s of each robot as if it were alone.
+
+    By cell x·rows + y and the axis that it faces; inf where no path leads to the target.
+
+    Args:
+        process: the board.
+        moves: of one world.
+
+    Raises:
+        MovesError: see `mean_seconds`.
+    """
+    seconds = mean_seconds(moves)
+    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
+    robots, cells = after.shape[:2]
+    parked = after[:, :, 0] == np.arange(cells)
+    value = np.repeat(np.where(parked, 0.0, np.inf)[..., None], AXIS_COUNT, axis=2)
+    for i in range(robots):
+        _iterate(after[i], seconds, value[i])
+    return value
+
+
+def least_times_of_starts(process: Process, moves: ObservedMoves, starts: np.ndarray) -> np.ndarray:
+    """(K,) float64, lower bound in s of the mean time until all robots have arrived.
+
+    Args:
+        process: the board.
+        moves: of one world.
+        starts: (K, N, 2) int64 cells; robots face the middle of the board.
+
+    Raises:
+        MovesError: see `mean_seconds`.
+    """
+    value = least_times(process, moves)[..., STARTING_AXIS]
+    index = starts[..., 0] * (process.terrain.shape[2] - 2) + starts[..., 1]
+    return value[np.arange(index.shape[1]), index].max(axis=1)

@@ -1,0 +1,82 @@
+"""Numbers that were published of robots of this family: what, by whom, and how sure.
+
+Figures only; which of ours each stands beside is said here too. *seen* is read in the source or its
+stored text, *recalled* is from memory, *derived* is computed here from numbers that were seen.
+"""
+
+import math
+from typing import Literal, NamedTuple
+
+Sure = Literal["seen", "recalled", "derived"]
+Manoeuvre = Literal["forwards", "backwards", "left"]
+
+
+class PublishedSpeed(NamedTuple):
+    """A speed, or a yaw rate, at a motor speed.
+
+    Attributes:
+        preset: machine that stands for it.
+        manoeuvre: of the robot.
+        omega_rad_s: of both motors.
+        value: in mm/s, or °/s; None where only ours is of interest.
+        sure: of the value.
+        source: of it.
+    """
+
+    preset: str
+    manoeuvre: Manoeuvre
+    omega_rad_s: float
+    value: float | None
+    sure: Sure
+    source: str
+
+
+class PublishedPath(NamedTuple):
+    """A closed path driven without looking, as often as there were numbers of it.
+
+    Attributes:
+        sides: of the regular polygon.
+        side_mm: length of each.
+        off_mm: distance from start to end, of each that was driven.
+        turned_deg: heading at the end beside that at the start, likewise; None if not published.
+        source: of the numbers, which were all seen.
+    """
+
+    sides: int
+    side_mm: float
+    off_mm: tuple[float, ...]
+    turned_deg: float | None
+    source: str
+
+
+_ICRA = "ICRA 2006, prototype: 0.5 to 1.5 mm/s at 1050 to 1200 rad/s"
+_THESIS = "thesis, Gazebo: 1.4 to 3.9 mm/s forwards, 1.4 to 2.8 backwards, at 1400 to 1800 rad/s"
+_KILOBOT = "Kilobot, two vibration motors on three legs: another machine, for the order"
+_DROPLET = "Droplet, three vibration motors: another machine, for the order"
+
+# That the ends of the ranges of speeds and motor speeds belong to each other is assumed.
+SPEEDS = (
+    PublishedSpeed("icra2006", "forwards", 1050.0, 0.5, "seen", _ICRA),
+    PublishedSpeed("icra2006", "forwards", 1125.0, None, "seen", _ICRA),
+    PublishedSpeed("icra2006", "forwards", 1200.0, 1.5, "seen", _ICRA),
+    PublishedSpeed("icra2006", "backwards", 1050.0, None, "seen", _ICRA),
+    PublishedSpeed("icra2006", "backwards", 1200.0, None, "seen", _ICRA),
+    PublishedSpeed("thesis", "forwards", 1400.0, 1.4, "seen", _THESIS),
+    PublishedSpeed("thesis", "forwards", 1600.0, None, "seen", _THESIS),
+    PublishedSpeed("thesis", "forwards", 1800.0, 3.9, "seen", _THESIS),
+    PublishedSpeed("thesis", "backwards", 1400.0, 1.4, "seen", _THESIS),
+    PublishedSpeed("thesis", "backwards", 1800.0, 2.8, "seen", _THESIS),
+    PublishedSpeed("paper", "forwards", 1083.0, 10.0, "recalled", _KILOBOT),
+    PublishedSpeed("paper", "left", 1083.0, 45.0, "recalled", _KILOBOT),
+)
+
+PATHS = (
+    PublishedPath(4, 80.0, (27.5,), 27.0, _DROPLET),
+    PublishedPath(4, 65.0, (14.0,), 39.0, _DROPLET),
+    PublishedPath(3, 60.0, (32.8, 27.7), None, _DROPLET),
+)
+
+
+def step_um(speed_mm_s: float, omega_rad_s: float) -> float:
+    """Step in µm per turn of the motors."""
+    return 1e3 * speed_mm_s * 2.0 * math.pi / omega_rad_s

@@ -1,0 +1,299 @@
+"""The tables of docs/validation.md: ours beside theirs, as records and as text."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import msgspec
+import numpy as np
+
+from cosim.presets.preset import find_preset
+from cosim.validation.driving import MeasuredSpeed
+from cosim.validation.measurement import (
+    DrivenPath,
+    Effort,
+    Sensitivity,
+    Validation,
+    v_meant_m,
+)
+from cosim.validation.published import PublishedSpeed, step_um
+from cosim.validation.sensitivity import PARAMETERS, value_of
+
+# A parameter explains a difference if no more than this factor of it does, at first order.
+_MOST_FACTOR = 2.0
+
+
+class SpeedRow(msgspec.Struct, frozen=True, kw_only=True):
+    """A speed in mm/s or a yaw rate in °/s, over phases between the motors; None: not published."""
+
+    preset: str
+    manoeuvre: str
+    motor_speed_rad_s: float
+    unit: str
+    ours: float
+    least: float
+    largest: float
+    airborne_share: float
+    theirs: float | None
+    ratio: float | None
+    step_um: float | None
+    their_step_um: float | None
+    sure: str
+    source: str
+
+
+class ReversalRow(msgspec.Struct, frozen=True, kw_only=True):
+    """Speed backwards over that forwards at one motor speed; theirs is derived from two speeds."""
+
+    preset: str
+    motor_speed_rad_s: float
+    ours: float
+    theirs: float | None
+
+
+class SensitivityRow(msgspec.Struct, frozen=True, kw_only=True):
+    """A derivative d ln v / d ln p; `explains` is the value of p that gives theirs, first order."""
+
+    preset: str
+    motor_speed_rad_s: float
+    parameter: str
+    value: float
+    dynamics: float | None
+    platform: float | None
+    explains: float | None
+
+
+class PathRow(msgspec.Struct, frozen=True, kw_only=True):
+    """Ends of a path driven by the clock: distance and angle off where it should have ended."""
+
+    path: str
+    dithered: bool
+    robots: int
+    off_mm: float
+    off_largest_mm: float
+    sideways_mm: float
+    turned_deg: float
+    turned_scatter_deg: float
+    theirs_mm: tuple[float, ...]
+    theirs_deg: float | None
+    source: str
+
+
+class ValidationReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of validation.json."""
+
+    schema_version: int = 1
+    phases: int
+    seed: int
+    speeds: tuple[SpeedRow, ...]
+    reversals: tuple[ReversalRow, ...]
+    sensitivities: tuple[SensitivityRow, ...]
+    paths: tuple[PathRow, ...]
+
+
+def report_of(found: Validation, effort: Effort, seed: int) -> ValidationReport:
+    """What was measured, beside what was published."""
+    speeds = tuple(_speed_row(*pair) for pair in found.speeds)
+    return ValidationReport(
+        phases=effort.phases,
+        seed=seed,
+        speeds=speeds,
+        reversals=tuple(_reversals(speeds)),
+        sensitivities=tuple(
+            row
+            for each in found.sensitivities
+            for row in _sensitivity_rows(each, dict(found.speeds)[each.point])
+        ),
+        paths=tuple(map(_path_row, found.paths)),
+    )
+
+
+def _speed_row(point: PublishedSpeed, measured: MeasuredSpeed) -> SpeedRow:
+    turning = point.manoeuvre == "left"
+    factor = math.degrees(1.0) if turning else 1e3
+    ours, omega = factor * measured.mean, point.omega_rad_s
+    return SpeedRow(
+        preset=point.preset,
+        manoeuvre=point.manoeuvre,
+        motor_speed_rad_s=omega,
+        unit="°/s" if turning else "mm/s",
+        ours=ours,
+        least=factor * measured.least,
+        largest=factor * measured.largest,
+        airborne_share=measured.airborne_share,
+        theirs=point.value,
+        ratio=None if point.value is None else ours / point.value,
+        step_um=None if turning else step_um(ours, omega),
+        their_step_um=None if turning or point.value is None else step_um(point.value, omega),
+        sure=point.sure,
+        source=point.source,
+    )
+
+
+def _reversals(speeds: Sequence[SpeedRow]) -> Iterator[ReversalRow]:
+    """Of every machine and motor speed with both directions."""
+    rows = {(row.preset, row.motor_speed_rad_s, row.manoeuvre): row for row in speeds}
+    for (preset, omega, manoeuvre), back in rows.items():
+        ahead = rows.get((preset, omega, "forwards"))
+        if manoeuvre == "backwards" and ahead is not None:
+            theirs = None
+            if back.theirs is not None and ahead.theirs is not None:
+                theirs = back.theirs / ahead.theirs
+            yield ReversalRow(
+                preset=preset,
+                motor_speed_rad_s=omega,
+                ours=back.ours / ahead.ours,
+                theirs=theirs,
+            )
+
+
+def _sensitivity_rows(found: Sensitivity, measured: MeasuredSpeed) -> list[SensitivityRow]:
+    config, point = find_preset(found.point.preset).config(), found.point
+    assert point.value is not None
+    wanted = math.log(1e-3 * point.value / measured.mean) if measured.mean > 0.0 else math.nan
+    rows = []
+    for name, slope in found.dynamics.items():
+        value = value_of(config, name) if name in PARAMETERS else point.omega_rad_s
+        change = wanted / slope if slope else math.nan
+        explains = abs(change) <= math.log(_MOST_FACTOR)
+        rows.append(
+            SensitivityRow(
+                preset=point.preset,
+                motor_speed_rad_s=point.omega_rad_s,
+                parameter=name,
+                value=value,
+                dynamics=slope,
+                platform=found.platform.get(name),
+                explains=value * math.exp(change) if explains else None,
+            )
+        )
+    return rows
+
+
+def _path_row(driven: DrivenPath) -> PathRow:
+    ends, path = np.array(driven.ends), driven.path
+    off_mm = 1e3 * np.hypot(ends[:, 0], ends[:, 1])
+    turned = np.degrees(ends[:, 2])
+    if path is None:
+        name = f"V-shaped steps, {1e3 * v_meant_m():.1f} mm to the left"
+    else:
+        name = f"{'triangle' if path.sides == 3 else 'square'} of {path.side_mm / 10.0:g} cm"
+    return PathRow(
+        path=name,
+        dithered=driven.dithered,
+        robots=len(ends),
+        off_mm=float(off_mm.mean()),
+        off_largest_mm=float(off_mm.max()),
+        sideways_mm=float(1e3 * ends[:, 1].mean()),
+        turned_deg=float(turned.mean()),
+        turned_scatter_deg=float(turned.std()),
+        theirs_mm=() if path is None else path.off_mm,
+        theirs_deg=None if path is None else path.turned_deg,
+        source="not at hand" if path is None else path.source,
+    )
+
+
+def _text(value: float | None, form: str = ".2f") -> str:
+    return "–" if value is None else format(value, form)
+
+
+SPEED_HEADER = (
+    "preset",
+    "manoeuvre",
+    "rad/s",
+    "ours (range over phases)",
+    "in the air",
+    "theirs",
+    "ratio",
+    "step, ours",
+    "theirs",
+    "sure",
+)
+SENSITIVITY_HEADER = ("preset", "rad/s", "parameter", "value", "dynamics", "platform", "explains")
+REVERSAL_HEADER = ("preset", "rad/s", "backwards over forwards, ours", "theirs")
+PATH_HEADER = (
+    "path",
+    "dither",
+    "off, ours",
+    "largest",
+    "to the left",
+    "turned, ours",
+    "off, theirs",
+    "turned",
+)
+
+
+def speed_cells(row: SpeedRow) -> tuple[str, ...]:
+    """A row as text."""
+    published = row.theirs is not None
+    return (
+        row.preset,
+        row.manoeuvre,
+        f"{row.motor_speed_rad_s:.0f}",
+        f"{row.ours:.2f} ({row.least:.2f} to {row.largest:.2f}) {row.unit}",
+        f"{row.airborne_share:.0%}",
+        _text(row.theirs, "g"),
+        _text(row.ratio),
+        "–" if row.step_um is None else f"{row.step_um:.1f} µm",
+        "–" if row.their_step_um is None else f"{row.their_step_um:.1f} µm (derived)",
+        row.sure if published else "–",
+    )
+
+
+def reversal_cells(row: ReversalRow) -> tuple[str, ...]:
+    """A row as text."""
+    theirs = "–" if row.theirs is None else f"{row.theirs:.2f} (derived)"
+    return row.preset, f"{row.motor_speed_rad_s:.0f}", f"{row.ours:.2f}", theirs
+
+
+def sensitivity_cells(row: SensitivityRow) -> tuple[str, ...]:
+    """A row as text."""
+    return (
+        row.preset,
+        f"{row.motor_speed_rad_s:.0f}",
+        row.parameter,
+        f"{row.value:.3g}",
+        _text(row.dynamics, "+.2f"),
+        _text(row.platform, "+.2f"),
+        _text(row.explains, ".3g"),
+    )
+
+
+def path_cells(row: PathRow) -> tuple[str, ...]:
+    """A row as text."""
+    return (
+        row.path,
+        "on" if row.dithered else "off",
+        f"{row.off_mm:.1f} mm",
+        f"{row.off_largest_mm:.1f} mm",
+        f"{row.sideways_mm:+.1f} mm",
+        f"{row.turned_deg:+.1f} ± {row.turned_scatter_deg:.1f}°",
+        " and ".join(f"{off:g} mm" for off in row.theirs_mm) or "–",
+        _text(row.theirs_deg, "g") + ("" if row.theirs_deg is None else "°"),
+    )
+
+
+Table = tuple[str, Sequence[str], list[tuple[str, ...]]]
+
+
+def tables(report: ValidationReport) -> list[Table]:
+    """Title, header and rows of every table."""
+    return [
+        ("Speeds", SPEED_HEADER, [speed_cells(row) for row in report.speeds]),
+        ("Backwards", REVERSAL_HEADER, [reversal_cells(row) for row in report.reversals]),
+        (
+            "What a speed depends on",
+            SENSITIVITY_HEADER,
+            [sensitivity_cells(row) for row in report.sensitivities],
+        ),
+        ("Paths by the clock", PATH_HEADER, [path_cells(row) for row in report.paths]),
+    ]
+
+
+def markdown(report: ValidationReport) -> str:
+    """The tables as Markdown, with the sources of their numbers."""
+    parts = []
+    for title, header, rows in tables(report):
+        lines = [header, ["---"] * len(header), *rows]
+        parts.append(f"## {title}\n\n" + "\n".join(f"| {' | '.join(row)} |" for row in lines))
+    sources = dict.fromkeys(f"- {row.source}" for row in (*report.speeds, *report.paths))
+    return "\n\n".join([*parts, "\n".join(sources)]) + "\n"

@@ -1,0 +1,147 @@
+"""The table of learners: how it is made, goes on and is written, and what it says."""
+
+import json
+
+import pytest
+
+from agent.baselines import __main__ as command_module
+from agent.baselines import measurement
+from agent.baselines.__main__ import Baselines
+from agent.baselines.learners import config_of, digest
+from agent.baselines.table import Drive, LearnerRun, markdown, report_of
+from agent.deep.policy import NetworkConfig
+from agent.evaluation.grid import PolicyMeasures
+from agent.process.exact import Milestone
+from cosim.base.errors import UserError
+from cosim.base.outcome import Outcome
+from cosim.base.progress import silent
+from cosim.scenarios.file import find_scenario
+
+BOARD = """
+columns = 14
+rows = 14
+[[robots]]
+target = [3, 6]
+starts = [[3, 7], [3, 8]]
+"""
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    path = tmp_path_factory.mktemp("baselines") / "near.toml"
+    path.write_text(BOARD)
+    return path
+
+
+@pytest.fixture(scope="module")
+def done(board, command):
+    options = ("--quick", "--scenarios", board, "--learners", "shortest", "double_q", "--json")
+    ended = command(command_module, *options, "--out", board.parent / "out")
+    assert ended.returncode == 0, ended.stderr
+    return ended
+
+
+def test_learners_are_trained_and_drive(done, board):
+    report = json.loads(done.stdout.splitlines()[-1])
+    assert report["complete"]
+    rows = {row["learner"]: row for row in report["rows"]}
+    assert list(rows) == ["double_q", "shortest"]
+    assert rows["shortest"]["path_ratio"]["mean"] == 1.0
+    assert rows["shortest"]["steps_to_enough"]["mean"] is None
+    for row in rows.values():
+        assert row["success"]["mean"] == 1.0
+        assert (row["seeds"], row["episodes"]) == (1, 2)
+        assert 0.8 < row["time_ratio"]["mean"] < 3.0
+    assert rows["double_q"]["reached"] == 1
+    table = (board.parent / "out" / "baselines.md").read_text().splitlines()
+    assert len(table) == 2 + len(rows)
+
+
+def test_it_goes_on_where_it_ended(done, board, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("trained again")
+
+    monkeypatch.setattr(measurement, "train", refuse)
+    monkeypatch.setattr(measurement, "run_jobs", lambda jobs, *_: iter(jobs))
+    report = measurement.baselines(
+        board.parent / "out",
+        scenarios=[str(board)],
+        learners=["double_q", "shortest"],
+        seed=0,
+        seeds=1,
+        episodes=2,
+        quick=True,
+    )
+    assert json.loads(done.stdout.splitlines()[-1])["rows"][0]["time_s"]["mean"] == (
+        report.rows[0].time_s.mean
+    )
+    late = measurement.baselines(
+        board.parent / "out",
+        scenarios=[str(board)],
+        learners=["shortest"],
+        seed=0,
+        seeds=2,
+        episodes=2,
+        quick=True,
+        budget_minutes=0.0,
+    )
+    assert not late.complete
+    assert late.rows[0].seeds == 1
+
+
+def run(seed, success, seconds, drives=()):
+    grid = PolicyMeasures(
+        policy="", scenario="2", starts=10, success=success, collision=1.0 - success,
+        out_of_board=0.0, timeout=0.0, path_length_cm=1.0, steps=1.0, ratio_to_bound=1.2,
+        steps_ratio_to_bound=1.1, failing_starts=0,
+    )  # fmt: skip
+    curve = (Milestone(1000, 1.0, 0.5), Milestone(2000, seconds, success))
+    return LearnerRun(
+        scenario="2", learner="ippo", seed=seed, seconds=9.0, curve=curve, grid=grid, drives=drives
+    )
+
+
+def test_rows_are_means_over_seeds_with_intervals():
+    drives = (
+        Drive(0, Outcome.SUCCESS, 30.0, 20.0),
+        Drive(1, Outcome.SUCCESS, 50.0, 20.0),
+        Drive(2, Outcome.COLLISION, 5.0, 20.0),
+    )
+    runs = [run(0, 0.99, 3.0, drives), run(1, 0.9, 5.0)]
+    rows = [("2", "ippo", runs, None), ("4-cross", "shortest", [], "n/a: too many")]
+    report = report_of(rows, 2)
+    (row, left_out), text = report.rows, markdown(report).splitlines()
+    assert report.complete
+    assert row.success.mean == pytest.approx(0.945)
+    assert (row.reached, row.seconds_to_enough.mean, row.steps_to_enough.mean) == (1, 3.0, 2000)
+    assert (row.time_s.mean, row.time_ratio.mean, row.episodes) == (40.0, 2.0, 3)
+    assert row.driven is not None
+    assert row.driven.share == pytest.approx(2 / 3)
+    assert row.driven.low < row.driven.share < row.driven.high
+    assert "94.5 % [90.0, 99.0]" in text[2]
+    assert left_out.left_out == "n/a: too many"
+    assert len({line.count("|") for line in text}) == 1
+
+
+def test_what_cannot_be_computed_is_left_out_with_its_reason():
+    reason = measurement.left_out(find_scenario("4-cross"), "shortest")
+    assert reason == "n/a: 7e+11 joint states"
+    assert measurement.left_out(find_scenario("1b"), "shortest") is None
+
+
+def test_budgets_and_seeds_are_part_of_what_a_training_is():
+    scenario = find_scenario("1b")
+    configs = [
+        config_of(learner, scenario, seed, quick, silent)
+        for learner in ("ippo", "ddqn", "paper", "double_q")
+        for seed in (0, 1)
+        for quick in (False, True)
+    ]
+    assert len({digest(config) for config in configs}) == len(configs)
+    assert isinstance(configs[0], NetworkConfig)
+
+
+@pytest.mark.parametrize("options", [{"seeds": 0}, {"seed": -1}, {"budget_minutes": -1.0}])
+def test_options_that_cannot_be_are_refused(options):
+    with pytest.raises(UserError):
+        Baselines(**options)

@@ -1,0 +1,94 @@
+"""The least time on observed moves: against another algorithm over the kernels that play them."""
+
+import heapq
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from agent.moves import kernels
+from agent.moves.bound import least_times, least_times_of_starts, mean_seconds
+from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMoves, build_model
+from agent.process import grid
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
+from agent.process.rng import seeded_state
+from cosim.base.outcome import RUNNING, SUCCESS
+from cosim.scenarios.scenario import Scenario
+
+BOARD = Scenario(
+    "board", "", ((1, 4),), (((5, 0), (4, 1)),), columns=6, rows=6, zone=(0, 0, 0, 0),
+    robot_diameter_m=0.009,
+)  # fmt: skip
+SECONDS = (3.0, 5.0, 9.0, 5.5, 3.9, 6.5, 11.0, 7.9)  # by kind: long turns do not pay
+
+
+def lasting(*seconds):
+    """A move of every kind, heading east or north-east first."""
+    moves = [
+        Move(k // 4, (k // 4 + k) % 4, NO_DIRECTION, 1, k // 4, 0.5, s, 0, 0, 0, 0)
+        for k, s in enumerate(seconds)
+    ]
+    return ObservedMoves("", 0, tuple(moves))
+
+
+def search(process, moves, cell, axis):
+    """Least time from a cell and axis, forward over what the kernels make of moves."""
+    model, rewards = build_model(moves, 0.9), np.zeros(1, dtype=np.float32)
+    world, plans = np.zeros((1, grid.COLUMN_COUNT), np.int64), np.zeros((1, kernels.PLAN_SIZE))
+    best, queue = {(cell, axis): 0}, [(0, cell, axis)]
+    while queue:
+        steps, cell, axis = heapq.heappop(queue)
+        if cell == BOARD.targets[0]:
+            return moves.rl_step_s * steps
+        for direction in range(8):
+            assert grid.place(process, world, np.array([cell]))
+            kernels.stand(model, world, plans, seeded_state(0))
+            world[0, grid.AXIS], taken = axis, steps
+            outcome = kernels.begin_move(
+                process, model, world, plans, 0, direction, seeded_state(0)
+            )
+            while outcome == RUNNING and not kernels.waits(plans, 0):
+                outcome, passed = kernels.step(process, model, world, plans, rewards)
+                taken += passed
+            reached = int(world[0, grid.X]), int(world[0, grid.Y])
+            after = reached, direction % 4
+            if outcome in {RUNNING, SUCCESS} and taken < best.get(after, 1000):
+                best[after] = taken
+                heapq.heappush(queue, (taken, *after))
+    return np.inf
+
+
+def test_it_is_what_a_search_over_the_kernels_finds():
+    process, moves = build_process(BOARD, ProcessConfig()), lasting(*SECONDS)
+    found = least_times(process, moves)[0].reshape(6, 6, 4)
+    cells = [(5, 0), (0, 0), (2, 3), (1, 5), (4, 4)]
+    expected = [[search(process, moves, cell, axis) for axis in range(4)] for cell in cells]
+    assert [found[cell].tolist() for cell in cells] == expected
+    assert np.unique(expected).size > 8  # where it faces matters
+
+
+def test_obstacles_are_gone_around():
+    wall = tuple((x, 3) for x in range(5))
+    process = build_process(replace(BOARD, obstacles=wall), ProcessConfig())
+    found = least_times(process, lasting(*[1.9] * KINDS))[0].reshape(6, 6, 4)
+    assert found[0, 2].tolist() == [18.0] * 4  # five moves to the gap in the wall, and four back
+
+
+def test_the_slowest_robot_counts_and_times_are_means_in_rl_steps():
+    two = replace(BOARD, targets=((1, 4), (0, 0)), starts=(((5, 0),), ((0, 5),)))
+    process = build_process(two, ProcessConfig())
+    short, long = lasting(*[1.9] * KINDS), lasting(*[4.1] * KINDS)
+    both = ObservedMoves("", 0, short.moves + long.moves)
+    assert mean_seconds(both).tolist() == [4.0] * KINDS  # 1 RL step of 2 s, or 3
+    starts = np.array([[[5, 0], [0, 5]], [[5, 0], [0, 1]]])
+    assert least_times_of_starts(process, both, starts).tolist() == [20.0, 16.0]
+
+
+@pytest.mark.parametrize("change", [{"stop_x": 0.6}, {"direction": 1}])
+def test_moves_that_say_too_little_are_refused(change):
+    moves = lasting(*SECONDS)
+    odd = msgspec.structs.replace(moves.moves[0], **change)
+    with pytest.raises(MovesError, match="moves"):
+        mean_seconds(ObservedMoves("", 0, (odd, *moves.moves[1:])))
