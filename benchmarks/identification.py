@@ -30,7 +30,7 @@ from cosim.identification.excitation import FRAME_RATE_HZ, HOLD_S, SEQUENCE
 from cosim.identification.fit import QUANTILE, fit
 from cosim.identification.parameters import PARAMETERS, machine
 from cosim.identification.simulated import Simulated, simulated
-from cosim.identification.track import Track
+from cosim.identification.track import SeenTrack
 from fmus.build import cached_fmu
 
 CAMERA = Sensor(FRAME_RATE_HZ, 50.0, 0.5, 1.0)
@@ -75,7 +75,7 @@ def observed(
     seed: np.random.SeedSequence,
     sequence: tuple[tuple[float, float], ...] = SEQUENCE,
     camera: Sensor = CAMERA,
-) -> Track:
+) -> SeenTrack:
     """The track of a machine: co-simulated with its motors and speed noise, and seen by a camera.
 
     Args:
@@ -105,7 +105,7 @@ def observed(
     poses = np.column_stack([np.interp(taken, looks, s) for s in (*axis.T, angles)])
     poses += draw_sight(camera, np.random.default_rng(seed), frames)[:, :3]
     steps = np.minimum((times / HOLD_S + 1e-9).astype(int), len(sequence) - 1)
-    return Track(times, poses, np.array(sequence)[steps])
+    return SeenTrack(times, poses, np.array(sequence)[steps])
 
 
 @cache

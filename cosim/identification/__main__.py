@@ -17,8 +17,8 @@ class IdentifyRobot:
     """Identify a robot: friction, centre of mass, feet, motors and camera delay from its track.
 
     Drive the robot with the motor speeds that --excite writes and record, with an overhead camera,
-    a CSV file with the columns time, x, y, heading, omega_1, omega_2 (s, m, rad, rad/s; motors D and
-    E). The parameters are those whose simulation fits best; every one has an interval of 95 %.
+    a CSV file with the columns time, x, y, heading, omega_1, omega_2 (s, m, rad, rad/s; motors D
+    and E). The parameters are those whose simulation fits best; every one has an interval of 95 %.
     """
 
     track: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="TRACK.csv")] = None

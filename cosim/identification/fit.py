@@ -8,16 +8,9 @@ from scipy.optimize import least_squares
 
 from cosim.base.progress import Progress, silent
 from cosim.identification.noise import FIRST_NOISE, Noise, likeliest_noise, residuals
-from cosim.identification.parameters import (
-    HIGH,
-    LOW,
-    PARAMETERS,
-    SPREADS,
-    STEPS,
-    usual_values,
-)
+from cosim.identification.parameters import PARAMETERS, SPREADS, STEPS, limits, usual_values
 from cosim.identification.simulated import Simulated
-from cosim.identification.track import Track
+from cosim.identification.track import SeenTrack
 
 ROUNDS = 8  # at most, of parameters with the noise fixed, and noise with the parameters fixed
 STILL = 0.02  # of a parameter's spread: a smaller change ends the rounds
@@ -50,7 +43,7 @@ class Fit(NamedTuple):
         return np.sqrt(np.diag(self.covariance))
 
 
-def fit(track: Track, simulated: Simulated, progress: Progress = silent) -> Fit:
+def fit(track: SeenTrack, simulated: Simulated, progress: Progress = silent) -> Fit:
     """Fit all parameters.
 
     What is known before is a further residual for each of them, its distance from the usual value
@@ -61,16 +54,16 @@ def fit(track: Track, simulated: Simulated, progress: Progress = silent) -> Fit:
         simulated: simulations of its drive.
         progress: is told the rounds done.
     """
-    usual = usual_values(simulated.config.robot)
+    usual, (low, high) = _before(simulated)
     noise, scaled, evaluations = FIRST_NOISE, np.zeros(len(PARAMETERS)), 0
     for done in range(ROUNDS):
         progress("identifying", done, ROUNDS)
-        linear = _Linearised(track, simulated, usual, noise)
+        linear = _Linearised(track, simulated, noise)
         found = least_squares(
             linear.residuals,
             scaled,
             linear.jacobian,  # pyright: ignore[reportArgumentType]
-            bounds=((LOW - usual) / SPREADS, (HIGH - usual) / SPREADS),
+            bounds=((low - usual) / SPREADS, (high - usual) / SPREADS),
             xtol=5e-3,
             ftol=5e-4,
             gtol=1e-12,
@@ -90,7 +83,7 @@ def fit(track: Track, simulated: Simulated, progress: Progress = silent) -> Fit:
         if moved < STILL:
             break
     progress("identifying", ROUNDS, ROUNDS)
-    linear = _Linearised(track, simulated, usual, noise)
+    linear = _Linearised(track, simulated, noise)
     jacobian, errors = linear.jacobian(scaled), linear.residuals(scaled)
     covariance = np.linalg.inv(jacobian.T @ jacobian) * np.outer(SPREADS, SPREADS)
     own = errors[len(PARAMETERS) :].reshape(-1, 3)
@@ -98,7 +91,13 @@ def fit(track: Track, simulated: Simulated, progress: Progress = silent) -> Fit:
     return Fit(values, covariance, noise, own, linear.frames[:, 0], evaluations + 1)
 
 
-def rises(track: Track, simulated: Simulated, found: Fit) -> np.ndarray:
+def _before(simulated: Simulated) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Usual values, and limits."""
+    robot = simulated.config.robot
+    return usual_values(robot), limits(robot)
+
+
+def rises(track: SeenTrack, simulated: Simulated, found: Fit) -> np.ndarray:
     """Profile likelihood at the ends of the intervals: what the sum of squares rises by there.
 
     At each end of each interval the other values are those that fit best by the linear model; the
@@ -112,10 +111,10 @@ def rises(track: Track, simulated: Simulated, found: Fit) -> np.ndarray:
     Returns:
         (8, 2) at the lower and upper ends; NaN where an end is out of bounds.
     """
-    usual = usual_values(simulated.config.robot)
+    usual, (low, high) = _before(simulated)
     along = found.covariance / found.deviations  # a column for each parameter
     ends = found.values + QUANTILE * np.concatenate([-along.T, along.T])
-    points = np.vstack([found.values, np.clip(ends, LOW, HIGH)])
+    points = np.vstack([found.values, np.clip(ends, low, high)])
     frames = simulated.frames(points)
     errors = residuals(track.times, track.poses, frames, found.noise)
     squares = (errors**2).sum(axis=(0, 1)) + (((points - usual) / SPREADS) ** 2).sum(axis=1)
@@ -140,9 +139,10 @@ def untold(found: Fit) -> list[str]:
 class _Linearised:
     """Residuals and their derivatives with respect to scaled values, of one batch together."""
 
-    def __init__(self, track: Track, simulated: Simulated, usual: np.ndarray, noise: Noise) -> None:
-        self._track, self._simulated, self._usual, self._noise = track, simulated, usual, noise
-        self._at = np.full(len(usual), math.nan)
+    def __init__(self, track: SeenTrack, simulated: Simulated, noise: Noise) -> None:
+        self._track, self._simulated, self._noise = track, simulated, noise
+        self._usual, (_, self._high) = _before(simulated)
+        self._at = np.full(len(PARAMETERS), math.nan)
         self._errors = self._slopes = self.frames = np.empty(0)
 
     def residuals(self, scaled: np.ndarray) -> np.ndarray:
@@ -161,7 +161,7 @@ class _Linearised:
         self._at = scaled.copy()
         values = self._usual + SPREADS * scaled
         # towards the inside of the bounds
-        steps = np.where(values + STEPS > HIGH, -STEPS, STEPS)
+        steps = np.where(values + STEPS > self._high, -STEPS, STEPS)
         self.frames = self._simulated.frames(np.vstack([values, values + np.diag(steps)]))
         errors = residuals(self._track.times, self._track.poses, self.frames, self._noise)
         errors = errors.reshape(-1, errors.shape[2])

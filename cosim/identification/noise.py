@@ -125,4 +125,4 @@ def _likeliest(
         lambda decades: variance_at(decades)[1], bounds=_RATIOS, method="bounded"
     )
     variance, _ = variance_at(found.x)
-    return math.sqrt(variance), 10.0**found.x * variance
+    return math.sqrt(variance), float(10.0**found.x * variance)

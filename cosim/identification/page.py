@@ -11,7 +11,7 @@ from cosim.base.storage import replacing
 from cosim.identification.fit import QUANTILE, Fit
 from cosim.identification.parameters import PARAMETERS
 from cosim.identification.result import PRESET_FILE, Identified
-from cosim.identification.track import Track
+from cosim.identification.track import SeenTrack
 
 _MEASURED, _SIMULATED = "#0072b2", "#d55e00"  # told apart in any kind of colour vision
 
@@ -53,7 +53,7 @@ def rows(identified: Identified) -> list[tuple[str, ...]]:
     return table
 
 
-def _draw(track: Track, fit: Fit) -> Figure:
+def _draw(track: SeenTrack, fit: Fit) -> Figure:
     """Tracks seen and simulated, headings, and residuals."""
     seen, own = track.poses, _laid_over(fit.frames, track.poses)
     figure = Figure(figsize=(10.0, 8.0), layout="constrained")

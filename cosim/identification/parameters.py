@@ -9,7 +9,7 @@ from cosim.base.params import TABLE_I, TABLE_II, MotorParams, RobotParams
 from cosim.identification.motion import Machine
 
 
-class Parameter(NamedTuple):
+class RobotParameter(NamedTuple):
     """A parameter that is identified.
 
     Attributes:
@@ -20,7 +20,7 @@ class Parameter(NamedTuple):
         spread: standard deviation around the usual value before anything is measured (assumed), in
             SI units as what follows.
         step: of its difference quotients.
-        low, high: bounds.
+        low, high: bounds; the circle of the feet is within the robot too.
     """
 
     name: str
@@ -34,24 +34,39 @@ class Parameter(NamedTuple):
 
 
 PARAMETERS = (
-    Parameter("mu", "friction of the feet", "", 1.0, 0.15, 0.004, 0.02, 1.0),
-    Parameter("com_height_m", "height of the centre of mass", "mm", 1e3, 0.01, 4e-4, 0.004, 0.04),
-    Parameter("com_x_m", "centre of mass before the axis", "mm", 1e3, 0.003, 2e-4, -0.006, 0.006),
-    Parameter("com_y_m", "centre of mass to the left", "mm", 1e3, 0.003, 2e-4, -0.006, 0.006),
-    Parameter("foot_radius_m", "circle of the feet", "mm", 1e3, 0.003, 3e-4, 0.014, 0.0249),
-    Parameter("motor_d", "unbalance of motor 1 (D) over its usual one", "", 1.0, 0.3, 0.01, 0.4, 2),
-    Parameter("motor_e", "unbalance of motor 2 (E) over its usual one", "", 1.0, 0.3, 0.01, 0.4, 2),
-    Parameter("camera_delay_s", "delay of the camera", "ms", 1e3, 0.1, 0.03, 0.0, 1.0),
+    RobotParameter("mu", "friction of the feet", "", 1.0, 0.15, 0.004, 0.02, 1.0),
+    RobotParameter(
+        "com_height_m", "height of the centre of mass", "mm", 1e3, 0.01, 4e-4, 0.004, 0.04
+    ),
+    RobotParameter(
+        "com_x_m", "centre of mass before the axis", "mm", 1e3, 0.003, 2e-4, -0.006, 0.006
+    ),
+    RobotParameter("com_y_m", "centre of mass to the left", "mm", 1e3, 0.003, 2e-4, -0.006, 0.006),
+    RobotParameter("foot_radius_m", "circle of the feet", "mm", 1e3, 0.003, 3e-4, 0.005, 0.1),
+    RobotParameter(
+        "motor_d", "unbalance of motor 1 (D) over its usual one", "", 1.0, 0.3, 0.01, 0.4, 2
+    ),
+    RobotParameter(
+        "motor_e", "unbalance of motor 2 (E) over its usual one", "", 1.0, 0.3, 0.01, 0.4, 2
+    ),
+    RobotParameter("camera_delay_s", "delay of the camera", "ms", 1e3, 0.1, 0.03, 0.0, 1.0),
 )
 NAMES = tuple(parameter.name for parameter in PARAMETERS)
-SPREADS, STEPS, LOW, HIGH = np.array([p[4:] for p in PARAMETERS], dtype=float).T
+SPREADS, STEPS, _LOW, _HIGH = np.array([p[4:] for p in PARAMETERS], dtype=float).T
 _FACTORS = slice(NAMES.index("motor_d"), NAMES.index("camera_delay_s"))
 DELAY = NAMES.index("camera_delay_s")
 
 
 def usual_values(robot: RobotParams = TABLE_I) -> np.ndarray:
-    """Values before anything is measured, shape (8,), SI units: those of a robot, 1, 1 and 0."""
+    """Values before anything is measured, shape (8,), SI units; a camera's delay is 30 ms."""
     return np.array([*(getattr(robot, name) for name in NAMES[: _FACTORS.start]), 1.0, 1.0, 0.03])
+
+
+def limits(robot: RobotParams = TABLE_I) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest values, shape (8,) each, SI units."""
+    high = _HIGH.copy()
+    high[NAMES.index("foot_radius_m")] = 0.499 * robot.diameter_m
+    return _LOW, high
 
 
 def machine(

@@ -6,7 +6,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
 from cosim.base.world import Sensor
@@ -15,7 +14,7 @@ from cosim.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, untold
 from cosim.identification.noise import Noise
 from cosim.identification.parameters import PARAMETERS, SPREADS, machine
 from cosim.identification.simulated import simulated
-from cosim.identification.track import Track
+from cosim.identification.track import SeenTrack
 from cosim.presets.preset import Preset
 
 JSON_FILE, PRESET_FILE, PAGE_FILE = "identification.json", "preset.toml", "report.html"
@@ -25,7 +24,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     """A parameter in identification.json, SI units.
 
     Attributes:
-        name, description: see `cosim.identification.parameters.Parameter`.
+        name, description: see `cosim.identification.parameters.RobotParameter`.
         value: that fits best.
         low, high: interval of 95 %, by the covariance of Gauss and Newton.
         told: whether the track says more of it than was assumed before.
@@ -72,12 +71,12 @@ class Identified:
 
     report: Identification
     preset: Preset
-    track: Track
+    track: SeenTrack
     fit: Fit
 
 
 def identify(
-    track: Track, name: str, preset: Preset, fmu: Path, progress: Progress = silent
+    track: SeenTrack, name: str, preset: Preset, fmu: Path, progress: Progress = silent
 ) -> Identified:
     """Identify a robot.
 
@@ -91,7 +90,7 @@ def identify(
     Raises:
         UserError: the FMU cannot be used, or failed.
     """
-    config = CoSimConfig(robot=preset.robot, motor=preset.motor).in_world(preset.world)
+    config = preset.config()
     set_points = track.set_points(config.timing.control_period_s)
     progress("turning the motors", 0, None)
     drive = simulated(set_points, track.times, MotorFmu(fmu), config)
@@ -102,7 +101,7 @@ def identify(
 
 
 def _report(
-    track: Track, name: str, preset: Preset, found: Fit, ends: np.ndarray
+    track: SeenTrack, name: str, preset: Preset, found: Fit, ends: np.ndarray
 ) -> Identification:
     half = QUANTILE * found.deviations
     told = found.deviations < UNKNOWN * SPREADS
@@ -133,7 +132,7 @@ def _known(value: float) -> float | None:
     return None if np.isnan(value) else float(value)
 
 
-def _preset(track: Track, name: str, preset: Preset, found: Fit) -> Preset:
+def _preset(track: SeenTrack, name: str, preset: Preset, found: Fit) -> Preset:
     """The machine, with the mean of both motors, and their difference as the motors' spread."""
     robot, motor_d, motor_e = machine(found.values, preset.robot, preset.motor)
     mean = 0.5 * (motor_d.r + motor_e.r)

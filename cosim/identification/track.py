@@ -24,7 +24,7 @@ class TrackError(UserError):
 _KIND = Kind("track", "record it again, see docs/identification.md", TrackError)
 
 
-class Track(NamedTuple):
+class SeenTrack(NamedTuple):
     """What was seen, and what was commanded.
 
     Attributes:
@@ -45,7 +45,7 @@ class Track(NamedTuple):
         return self.commands[rows]
 
 
-def read_track(path: Path, board_m: tuple[float, float] | None = None) -> Track:
+def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTrack:
     """Read a track.
 
     Args:
@@ -96,7 +96,7 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> Track:
             raise TrackError(f"{path}: line {lines[int(np.argmax(wrong))]}: {what}")
     if not table[:, 4:].any():
         raise TrackError(f"{path}: omega_1 and omega_2 are 0 in every line; drive the robot")
-    return Track(times, poses, table[:, 4:].copy())
+    return SeenTrack(times, poses, table[:, 4:].copy())
 
 
 def _later(condition: np.ndarray) -> np.ndarray:
