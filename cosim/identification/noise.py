@@ -96,6 +96,24 @@ def residuals(
     return np.stack([np.real(moved), np.imag(moved), turned], axis=1)
 
 
+def deviance(times: np.ndarray, errors: np.ndarray, noise: Noise) -> float:
+    """Minus twice the logarithm of the likelihood of residuals, but for a constant.
+
+    Args:
+        times: (n,) of frames in s.
+        errors: (n − 1, 3), see `residuals`.
+        noise: by which they were scaled.
+    """
+    of_place, of_heading = (
+        np.log(deviation**2 * _gains(times, drift / deviation**2)[1]).sum()
+        for deviation, drift in (
+            (noise.position_m, noise.position_drift_m2_s),
+            (noise.heading_rad, noise.heading_drift_rad2_s),
+        )
+    )
+    return float((errors**2).sum() + 2.0 * of_place + of_heading)
+
+
 def likeliest_noise(times: np.ndarray, measured: np.ndarray, simulated: np.ndarray) -> Noise:
     """The noise of largest likelihood if the simulation (n, 3) has the right parameters."""
     simulated = simulated[:, None]
