@@ -18,7 +18,17 @@ from cosim.base.errors import UserError, run_command
 from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars, under_way
 
-COUNTS = {"boards", "exchanges", "phases", "repeats", "rounds", "scalar_starts", "seeds", "starts"}
+COUNTS = {
+    "boards",
+    "exchanges",
+    "machines",
+    "phases",
+    "repeats",
+    "rounds",
+    "scalar_starts",
+    "seeds",
+    "starts",
+}
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 
 
@@ -137,6 +147,23 @@ class FmuStep(Benchmark):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Identification(Benchmark):
+    """Identify machines that are known, from 60 s of what a camera sees of them.
+
+    Errors and intervals of every parameter. What has been identified is kept in --out: the same
+    command goes on.
+    """
+
+    machines: int = 40
+    """Machines, drawn at random."""
+    seed: int = 0
+    """Of the machines, their speed noise and the camera's noise."""
+    jobs: Jobs = -1
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/identification")
+    """Folder of results."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class MovesLearning(Benchmark):
     """Train on observed moves with several variants and play the greedy policies on them."""
 
@@ -220,6 +247,7 @@ MODULES: dict[type[Benchmark], str] = {
     Envs: "learning.envs",
     Evaluation: "evaluation",
     FmuStep: "fmu_step",
+    Identification: "identification",
     MovesLearning: "learning.moves_learning",
     Reaction: "reaction",
     Recording: "recording",

@@ -37,6 +37,9 @@ COMMANDS = {
     ),
     "moves": Command("agent.moves.__main__", "ObserveMoves", "observe what moves really do"),
     "calibrate": Command("cosim.calibrate", "Calibrate", "motor speeds to speed and yaw rate"),
+    "identify-robot": Command(
+        "cosim.identification.__main__", "IdentifyRobot", "a robot's parameters from its track"
+    ),
     "platform": Command(
         "cosim.platform.__main__", "MovePlatform", "the 1-DOF platform of Eq. (1), Fig. 3"
     ),

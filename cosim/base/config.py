@@ -1,5 +1,6 @@
 """The parameters of one co-simulation together, checked against each other."""
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
@@ -29,6 +30,8 @@ from cosim.base.world import IDEAL, World
 Order = Literal["gauss-seidel", "jacobi"]
 OnCollision = Literal["end", "continue"]
 Loop = Literal["motors", "heading"]
+
+_SIGNED = ("com_x_m", "com_y_m")
 
 
 class ConfigError(UserError):
@@ -90,7 +93,7 @@ class CoSimConfig:
             require_one_of("open_loop", loop, get_args(Loop))
         for record in self._records:
             for name, value in record._asdict().items():
-                if not 0.0 <= value < float("inf"):
+                if name not in _SIGNED and not 0.0 <= value < float("inf"):
                     raise ConfigError(f"{name} = {value} must be finite and not negative")
         if not 0.0 <= self.safety_margin_m < float("inf"):
             raise ConfigError(
@@ -142,6 +145,12 @@ class CoSimConfig:
 
     def _check_geometry(self) -> None:
         robot = self.robot
+        inside_m = robot.foot_radius_m / 2.0  # of the triangle of feet
+        if not math.hypot(robot.com_x_m, robot.com_y_m) < inside_m:
+            raise ConfigError(
+                f"com_x_m = {robot.com_x_m:g} and com_y_m = {robot.com_y_m:g} make the robot fall "
+                f"over; stay less than {inside_m:g} from its axis"
+            )
         for name in ("foot_radius_m", "motor_radius_m"):
             if getattr(robot, name) >= robot.diameter_m / 2.0:
                 raise ConfigError(

@@ -57,6 +57,12 @@ class RobotParams(NamedTuple):
         float,
         Quantity("m", "assumed: battery and motors sit low", "centre of mass above the floor"),
     ] = 0.015
+    com_x_m: Annotated[
+        float, Quantity("m", "assumed", "centre of mass before the robot's axis, without payload")
+    ] = 0.0
+    com_y_m: Annotated[
+        float, Quantity("m", "assumed", "centre of mass to the left of it, likewise")
+    ] = 0.0
     foot_radius_m: Annotated[
         float,
         Quantity("m", "assumed: just inside the rim", "circle of the three contacts A, B, C"),

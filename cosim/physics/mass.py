@@ -39,9 +39,13 @@ class Mass(NamedTuple):
 
 
 def mass_of(robot: RobotParams, world: World = IDEAL) -> Mass:
-    """Mass of a uniform cylinder with the payload of a world, by the parallel axes theorem."""
+    """Mass of a uniform cylinder with the payload of a world, by the parallel axes theorem.
+
+    The cylinder's moments are taken about its own centre of mass, which may be beside the axis.
+    """
     payload = 1e-3 * world.payload_g
     x, y = (1e-3 * offset for offset in world.payload_offset_mm)
+    x, y = x - robot.com_x_m, y - robot.com_y_m  # from the cylinder's centre of mass
     total = robot.mass_kg + payload
     reduced = payload * robot.mass_kg / total
     i_xx, i_yy, i_zz = cylinder_inertia(robot)
@@ -50,7 +54,7 @@ def mass_of(robot: RobotParams, world: World = IDEAL) -> Mass:
     against = reduced * x * y  # minus the element xy
     return Mass(
         total=total,
-        centre=(payload / total * x, payload / total * y),
+        centre=(robot.com_x_m + payload / total * x, robot.com_y_m + payload / total * y),
         inertia=(i_xx, i_yy, i_zz),
         inverse_inertia=(
             1.0 / (i_xx - against * against / i_yy),

@@ -1,0 +1,1 @@
+"""System identification: what a robot's parameters are, from tracks seen by a camera."""

@@ -1,0 +1,117 @@
+"""Tracks that an overhead camera has seen of a robot, with the motor speeds it was given."""
+
+import csv
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, parsing, read_bytes
+
+COLUMNS = ("time", "x", "y", "heading", "omega_1", "omega_2")
+LEAST_S, LEAST_FRAMES = 2.0, 40
+# Between neighbouring frames a robot moves some 0.2 mm: more than this is a hand, or another unit.
+MOST_STEP_M, MOST_TURN_RAD = 0.02, 1.0
+MOST_SPEED_RAD_S = 5800.0  # what the motors reach at their largest voltage
+
+
+class TrackError(UserError):
+    """A track that nothing can be identified from; the message names file, line and mend."""
+
+
+_KIND = Kind("track", "record it again, see docs/identification.md", TrackError)
+
+
+class SeenTrack(NamedTuple):
+    """What was seen, and what was commanded.
+
+    Attributes:
+        times: (n,) of the frames in s, from 0, increasing.
+        poses: (n, 3) x and y of the robot's axis in m, heading in rad, continuous.
+        commands: (n, 2) set points of motors D and E in rad/s, each until the next frame.
+    """
+
+    times: np.ndarray
+    poses: np.ndarray
+    commands: np.ndarray
+
+    def set_points(self, period_s: float) -> np.ndarray:
+        """Set points (P, 2) of every control period until the last frame."""
+        starts = period_s * np.arange(math.ceil(self.times[-1] / period_s))
+        # a command at a period's start is that period's, however its time was rounded
+        rows = np.searchsorted(self.times, starts + 0.5 * period_s, side="right") - 1
+        return self.commands[rows]
+
+
+def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTrack:
+    """Read a track.
+
+    Args:
+        path: of a CSV file with the columns `COLUMNS`, in any order, and perhaps others: seconds,
+            metres, radians counter-clockwise from +x, rad/s.
+        board_m: width and height of the board with its corner at the origin; by default endless.
+
+    Raises:
+        TrackError: the file cannot be read, or its content cannot be used.
+    """
+    content = read_bytes(path, _KIND)
+    with parsing(path, _KIND):
+        rows = csv.DictReader(content.decode("utf-8-sig").splitlines())
+        missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
+        if missing:
+            raise TrackError(f"{path}: line 1 has no column {missing[0]}; give {','.join(COLUMNS)}")
+        lines, numbers = [], []
+        for row in rows:
+            lines.append(rows.line_num)
+            numbers.append([_number(row[name], name, path, rows.line_num) for name in COLUMNS])
+    table = np.array(numbers, dtype=float).reshape(-1, len(COLUMNS))
+    times = table[:, 0] - table[:1, 0]
+    if len(times) < LEAST_FRAMES or times[-1] < LEAST_S:
+        raise TrackError(
+            f"{path}: ends at line {lines[-1] if lines else 1} after {len(times)} frames; record "
+            f"at least {LEAST_FRAMES} frames and {LEAST_S:g} s"
+        )
+    poses = np.column_stack([table[:, 1:3], np.unwrap(table[:, 3])])
+    steps = np.diff(poses, axis=0)
+    outside = np.zeros(len(times), dtype=bool)
+    if board_m is not None:
+        outside = ((poses[:, :2] < 0.0) | (poses[:, :2] > board_m)).any(axis=1)
+    fast = np.abs(table[:, 4:]).max(axis=1) > MOST_SPEED_RAD_S
+    for wrong, what in (
+        (_later(np.diff(times) <= 0.0), "its time is not after the line before; sort the frames"),
+        (outside, "the robot has left the board; cut the track before"),
+        (
+            _later(np.hypot(*steps[:, :2].T) > MOST_STEP_M),
+            f"x and y jump by more than {MOST_STEP_M:g} m; give metres and leave the robot alone",
+        ),
+        (
+            _later(np.abs(steps[:, 2]) > MOST_TURN_RAD),
+            f"the heading jumps by more than {MOST_TURN_RAD:g} rad; give radians",
+        ),
+        (fast, f"a motor speed beyond {MOST_SPEED_RAD_S:g} rad/s; give rad/s"),
+    ):
+        if wrong.any():
+            raise TrackError(f"{path}: line {lines[int(np.argmax(wrong))]}: {what}")
+    if not table[:, 4:].any():
+        raise TrackError(f"{path}: omega_1 and omega_2 are 0 in every line; drive the robot")
+    return SeenTrack(times, poses, table[:, 4:].copy())
+
+
+def _later(condition: np.ndarray) -> np.ndarray:
+    """Conditions on neighbours as conditions on the later one."""
+    return np.concatenate([[False], condition])
+
+
+def _number(text: str | None, name: str, path: Path, line: int) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        said = f"{text!r} is" if text else "what is missing is"
+        raise TrackError(
+            f"{path}: line {line}: {name}: {said} no number; mend or leave out the line"
+        )
+    return value
