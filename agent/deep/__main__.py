@@ -22,7 +22,7 @@ class Deep:
     The network sees a robot's cell and target, the nearest other robot and whether that one has
     arrived. Episodes begin in any free cells of the board, moves off the board and into obstacles
     cannot be chosen, and rewards are shaped by what
-    the robot would earn if it were alone. After every
+    a robot alone would do. After every
     round the greedy policy is evaluated from all starts; the best one is kept as policy.npz, which
     cosim.run --policy, cosim.evaluate and agent.evaluate take. Needs the extra deep
     (uv sync --extra deep).
@@ -102,11 +102,11 @@ def run(options: Deep) -> DeepReport:
     require_learners()
     from agent.deep.learners import train
     from agent.deep.policy import NetworkConfig
-    from agent.deep.world import PROCESS
+    from agent.deep.world import SHAPING
     from agent.training.policy import Seed
 
-    seed = Seed(options.seed)
-    config = NetworkConfig(scenario, PROCESS, options.algorithm, options.steps, seed)
+    process, seed = SHAPING[options.algorithm].process, Seed(options.seed)
+    config = NetworkConfig(scenario, process, options.algorithm, options.steps, seed)
 
     out = options.out or Path("runs") / f"deep-{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
     out.mkdir(parents=True, exist_ok=True)
