@@ -32,7 +32,7 @@ class Deep:
     """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway; 4-cross,
     4-ring, 6-swap) or a scenario file (.toml)."""
     algorithm: Algorithm = "ippo"
-    """Learner of skrl: PPO whose critic sees what the robot sees (ippo) or the cells of all robots
+    """Learner: PPO of skrl, whose critic sees what the robot sees (ippo) or the cells of all robots
     too (mappo), or double Q-learning with a network (ddqn)."""
     steps: int = 1_500_000
     """Moves of all robots together to train on."""
