@@ -155,7 +155,7 @@ class NetworkPolicy(GreedyPolicy):
 
         Of moves that are worth exactly the same, the first is chosen, not that of the least
         rotation: here nobody faces anywhere. Robots that come back to where they all were circle
-        for ever: such an episode has timed out, and its path goes on at the pace of the circle.
+        until the step limit: of their rounds one is driven, and the others are counted.
         """
         starts = joint_starts(self.process) if starts is None else starts
         boards = Boards(len(starts), self.config.scenario, self.config.process)
@@ -164,7 +164,7 @@ class NetworkPolicy(GreedyPolicy):
         outcome = np.zeros(len(starts), dtype=np.int8)
         path_cells, steps = np.zeros(starts.shape[:2]), np.zeros(starts.shape[:2], dtype=np.int64)
         actions = np.zeros(starts.shape[:2], dtype=np.int64)
-        limit, step, kept = self.config.process.step_limit, 0, 0
+        step, kept, ends = 0, 0, np.full(len(starts), self.config.process.step_limit)
         where, paths = arrays.worlds[:, :, _WHERE], path_cells.copy()  # at step `kept`
         while (going := np.flatnonzero(outcome == RUNNING)).size:
             cells = arrays.worlds[going][:, :, [X, Y]]
@@ -176,10 +176,11 @@ class NetworkPolicy(GreedyPolicy):
             path_cells[going] = arrays.path_cells[going]
             now = arrays.worlds[:, :, _WHERE]
             circling = (outcome == RUNNING) & (now == where).all(axis=(1, 2))
-            outcome[circling] = TIMEOUT
-            left = limit - step
-            steps[circling] += left * arrays.active[circling]
-            path_cells[circling] += (path_cells - paths)[circling] * left / (step - kept)
+            rounds = np.where(circling, (ends - step) // (step - kept), 0)[:, None]
+            steps += rounds * (step - kept) * arrays.active
+            path_cells += rounds * (path_cells - paths)
+            ends -= rounds[:, 0] * (step - kept)
+            outcome[(outcome == RUNNING) & (ends == step)] = TIMEOUT
             if step == 2 * kept or step == 1:  # Brent's method finds circles of any length
                 where, paths, kept = now, path_cells.copy(), step
         return Evaluation(starts, outcome, path_cells, steps)

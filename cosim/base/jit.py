@@ -82,7 +82,7 @@ def inlined(function: Kernel) -> Kernel:
 class _Inlined:
     """A function that kernels take in; called from Python it is a kernel, made at the first call.
 
-    Few ever are, and what would unpack their arguments then is half of what there is to compile.
+    Few ever are, and what would unpack their arguments then is a third of the work.
 
     Attributes:
         py_func: the function.

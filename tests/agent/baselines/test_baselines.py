@@ -1,5 +1,6 @@
 """The table of learners: how it is made, goes on and is written, and what it says."""
 
+import functools
 import json
 
 import pytest
@@ -11,6 +12,7 @@ from agent.baselines.learners import config_of, digest
 from agent.baselines.table import Drive, LearnerRun, markdown, report_of
 from agent.deep.policy import NetworkConfig
 from agent.evaluation.grid import PolicyMeasures
+from agent.moves import observe
 from agent.process.exact import Milestone
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
@@ -35,8 +37,14 @@ def board(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def done(board, command):
+    """With one move of every kind, instead of two dozen, to say what moves take."""
     options = ("--quick", "--scenarios", board, "--learners", "shortest", "double_q", "--json")
-    ended = command(command_module, *options, "--out", board.parent / "out")
+    with pytest.MonkeyPatch.context() as patch:
+        few = functools.partial(observe.observe_moves, moves_per_kind=1)
+        patch.setattr(observe, "observe_moves", few)
+        patch.setattr(observe, "WALKS", 1)
+        patch.setattr(observe, "cache_dir", lambda kind: board.parent / kind)
+        ended = command(command_module, *options, "--out", board.parent / "out")
     assert ended.returncode == 0, ended.stderr
     return ended
 

@@ -16,7 +16,7 @@ from agent.process.greedy import PolicyError
 from agent.process.readings import FREE, GOAL, build_process
 from agent.training.policy import Seed
 from cosim import run as cosim_run
-from cosim.base.outcome import BY_RANK, Outcome
+from cosim.base.outcome import BY_RANK, TIMEOUT, Outcome
 from cosim.base.progress import silent
 from cosim.navigation.features import DIRECTIONS, Observation
 from cosim.scenarios.file import find_scenario
@@ -206,11 +206,14 @@ def test_shaping_adds_what_a_robot_alone_gains():
 def test_evaluation_is_what_the_environment_says():
     policy = network(find_scenario("2"), seed=3)
     result = policy.evaluate()
+    assert np.count_nonzero(result.outcome[::100] == TIMEOUT) > 1  # those circle
     env = parallel_env("2", policy.config.process)
     for k in range(0, 900, 100):
         env.reset(options={"starts": result.starts[k]})
         cells, info = result.starts[k].copy(), {}
+        moved = dict.fromkeys(env.possible_agents, 0)
         while env.agents:
+            moved |= {name: moved[name] + 1 for name in env.agents}
             actions = policy.act(seen(cells))
             observations, *_, infos = env.step(
                 {agent: int(a) for agent, a in zip(env.possible_agents, actions, strict=True)}
@@ -222,6 +225,7 @@ def test_evaluation_is_what_the_environment_says():
         assert BY_RANK[result.outcome[k]] in outcomes
         paths = [info[name]["path_length"] for name in env.possible_agents]
         assert paths == pytest.approx(result.path_cells[k].tolist())
+        assert list(moved.values()) == result.steps[k].tolist()
 
 
 def test_policies_are_saved_and_read_back_and_others_are_refused(tmp_path):

@@ -51,8 +51,9 @@ def imported_by_syntax(path: Path) -> set[Path]:
         for name in names:
             parts = name.split(".")
             if parts[0] in OWN:
-                places = [ROOT.joinpath(*parts[:n]).with_suffix(".py") for n in (len(parts), -1)]
-                found.add(next(place for place in places if place.is_file()))
+                places = [ROOT.joinpath(*parts), ROOT.joinpath(*parts[:-1])]
+                files = [f for p in places for f in (p.with_suffix(".py"), p / "__init__.py")]
+                found.add(next(file for file in files if file.is_file()))
     return found
 
 
