@@ -58,9 +58,12 @@ def _draw(track: SeenTrack, fit: Fit) -> Figure:
     seen, own = track.poses, _laid_over(fit.frames, track.poses)
     figure = Figure(figsize=(10.0, 8.0), layout="constrained")
     (plane, turning), (errors, spread) = figure.subplots(2, 2)
-    for poses, colour, label in ((seen, _MEASURED, "seen"), (own, _SIMULATED, "simulated")):
-        plane.plot(1e3 * poses[:, 0], 1e3 * poses[:, 1], color=colour, lw=0.8, label=label)
-        turning.plot(track.times, np.rad2deg(poses[:, 2]), color=colour, lw=0.8, label=label)
+    for poses, colour, form, label in (
+        (seen, _MEASURED, ".", "seen"),
+        (own, _SIMULATED, "-", "simulated"),
+    ):
+        plane.plot(1e3 * poses[:, 0], 1e3 * poses[:, 1], form, color=colour, ms=1.5, label=label)
+        turning.plot(track.times, np.rad2deg(poses[:, 2]), form, color=colour, ms=1.5, label=label)
     plane.set(title="track", xlabel="x, mm", ylabel="y, mm", aspect="equal")
     plane.legend()
     turning.set(title="heading", xlabel="s", ylabel="°")

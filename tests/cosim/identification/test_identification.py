@@ -16,7 +16,7 @@ from cosim.identification.__main__ import main
 from cosim.identification.excitation import HOLD_S, SEQUENCE, write_excitation
 from cosim.identification.fit import Fit, untold
 from cosim.identification.motion import Machine, tracks
-from cosim.identification.noise import Noise, likeliest_noise, residuals
+from cosim.identification.noise import Noise, deviance, likeliest_noise, residuals
 from cosim.identification.parameters import NAMES, SPREADS, usual_values
 from cosim.identification.track import COLUMNS, SeenTrack, TrackError, read_track
 from cosim.physics.body_state import STATE_SIZE, standing_state
@@ -79,6 +79,9 @@ def test_noise_is_found_and_makes_residuals_of_variance_one():
     np.testing.assert_allclose(found[2:], known[2:], rtol=0.4)
     errors = residuals(times, measured, still[:, None], known)
     np.testing.assert_allclose(errors.var(axis=(0, 2)), 1.0, atol=0.1)
+    for wrong in (known._replace(position_m=1e-3), known._replace(heading_drift_rad2_s=1e-2)):
+        others = residuals(times, measured, still[:, None], wrong)
+        assert deviance(times, others, wrong) > deviance(times, errors, known)
     # independent from frame to frame
     assert abs(np.mean(errors[1:] * errors[:-1])) < 0.03
 
