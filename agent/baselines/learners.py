@@ -15,7 +15,7 @@ import numpy as np
 import agent.deep
 from agent.baselines import NETWORKS, Learner
 from agent.deep.policy import NetworkConfig
-from agent.deep.world import PROCESS
+from agent.deep.world import SHAPING
 from agent.method import method_config, method_policy
 from agent.process.exact import Milestone
 from agent.process.greedy import GreedyPolicy
@@ -54,7 +54,7 @@ def config_of(
         steps = NETWORK_STEPS.get(scenario.robots, max(NETWORK_STEPS.values()))
         if quick:
             steps = QUICK_STEPS
-        return NetworkConfig(scenario, PROCESS, learner, steps, Seed(seed))
+        return NetworkConfig(scenario, SHAPING[learner].process, learner, steps, Seed(seed))
     method = "paper" if learner == "double_q" else learner
     episodes = QUICK_EPISODES if quick and learner not in COMPUTED else None
     config = method_config(method, scenario, seed, episodes=episodes, progress=progress)

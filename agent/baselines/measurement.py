@@ -54,13 +54,16 @@ class _Runs:
         self._paths: dict[tuple[str, Learner, int], Path] = {}
 
     def path(self, scenario: Scenario, learner: Learner, seed: int) -> Path:
-        """File of a training; beside it lies its policy."""
+        """File of a training, written when it has ended."""
         key = scenario.name, learner, seed
         if key not in self._paths:
             config = config_of(learner, scenario, seed, self._quick, self._progress)
             name = f"{scenario.name}-{learner}-{seed}-{digest(config)}.json"
             self._paths[key] = self._out / "runs" / name
         return self._paths[key]
+
+    def _policy(self, path: Path) -> Path:
+        return self._out / "policies" / f"{path.stem}.npz"
 
     def find(self, scenario: Scenario, learner: Learner, seed: int) -> LearnerRun | None:
         """A training that is there."""
@@ -80,7 +83,7 @@ class _Runs:
         seconds = time.perf_counter() - began
         path = self.path(scenario, learner, seed)
         path.parent.mkdir(parents=True, exist_ok=True)
-        policy.save(path.with_suffix(".npz"))
+        policy.save(self._policy(path))
         grid = msgspec.convert(measure(path.stem, policy), PolicyMeasures, from_attributes=True)
         run = LearnerRun(
             scenario=scenario.name,
@@ -129,7 +132,7 @@ class _Runs:
             write_json(self.path(*key), msgspec.structs.replace(run, drives=tuple(drives)))
 
     def _file(self, scenario: Scenario, learner: Learner, seed: int) -> ResultFile:
-        policy = load_policy(self.path(scenario, learner, seed).with_suffix(".npz"))
+        policy = load_policy(self._policy(self.path(scenario, learner, seed)))
         driving = Driving(through=_through(learner))
         config, fmu = driving.prepare(scenario.robot_diameter_m, self._progress)
         return ResultFile(self._out / "episodes", Case(policy, config, fmu, seed))

@@ -22,7 +22,7 @@ class Deep:
     The network sees a robot's cell and target, the nearest other robot and whether that one has
     arrived. Episodes begin in any free cells of the board, moves off the board and into obstacles
     cannot be chosen, and rewards are shaped by what
-    the robot would earn if it were alone. After every
+    a robot alone would do. After every
     round the greedy policy is evaluated from all starts; the best one is kept as policy.npz, which
     cosim.run --policy, cosim.evaluate and agent.evaluate take. Needs the extra deep
     (uv sync --extra deep).
@@ -32,7 +32,7 @@ class Deep:
     """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway; 4-cross,
     4-ring, 6-swap) or a scenario file (.toml)."""
     algorithm: Algorithm = "ippo"
-    """Learner of skrl: PPO whose critic sees what the robot sees (ippo) or the cells of all robots
+    """Learner: PPO of skrl, whose critic sees what the robot sees (ippo) or the cells of all robots
     too (mappo), or double Q-learning with a network (ddqn)."""
     steps: int = 1_500_000
     """Moves of all robots together to train on."""
@@ -102,11 +102,11 @@ def run(options: Deep) -> DeepReport:
     require_learners()
     from agent.deep.learners import train
     from agent.deep.policy import NetworkConfig
-    from agent.deep.world import PROCESS
+    from agent.deep.world import SHAPING
     from agent.training.policy import Seed
 
-    seed = Seed(options.seed)
-    config = NetworkConfig(scenario, PROCESS, options.algorithm, options.steps, seed)
+    process, seed = SHAPING[options.algorithm].process, Seed(options.seed)
+    config = NetworkConfig(scenario, process, options.algorithm, options.steps, seed)
 
     out = options.out or Path("runs") / f"deep-{scenario.name}-{datetime.now():%Y%m%d-%H%M%S}"
     out.mkdir(parents=True, exist_ok=True)

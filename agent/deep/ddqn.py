@@ -15,7 +15,7 @@ import optax
 from agent.deep.inputs import GROUPS
 from agent.deep.models import network_of, values_of_moves
 from agent.deep.policy import Network
-from agent.deep.world import GAMMA, WIDTH, Gained, LearningGrid
+from agent.deep.world import SHAPING, WIDTH, Gained, LearningGrid
 
 _CAPACITY = 1 << 18  # moves that are kept
 _BATCH, _UPDATES = 512, 8  # moves of an update, and updates after a step of all boards
@@ -55,7 +55,7 @@ def _updated(width: int, state: Any, batches: Any, rate: jax.Array) -> Any:
         before, actions, rewards, after, goes_on = batch
         best = values(params, after).argmax(axis=-1)
         worth = jnp.take_along_axis(values(target, after), best[:, None], axis=1)[:, 0]
-        aims = rewards + GAMMA * goes_on * worth
+        aims = rewards + SHAPING["ddqn"].gamma * goes_on * worth
 
         def loss(params: Any) -> jax.Array:
             chosen = jnp.take_along_axis(values(params, before), actions[:, None], axis=1)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from agent.deep.ddqn import DoubleQ
 from agent.deep.policy import NetworkConfig, NetworkPolicy
 from agent.deep.ppo import Ppo
-from agent.deep.world import LearningGrid
+from agent.deep.world import SHAPING, LearningGrid
 from agent.process.exact import Milestone, joint_starts
 from agent.process.readings import build_process
 from cosim.base.outcome import Outcome
@@ -35,7 +35,7 @@ def train(
         enough: success at which training ends before its last step, if at any.
     """
     scenario, steps, seed = config.scenario, config.steps, config.seed.entropy
-    world = LearningGrid(scenario, BOARDS, seed, config.process)
+    world = LearningGrid(scenario, BOARDS, seed, SHAPING[config.algorithm])
     if config.algorithm == "ddqn":
         learner = DoubleQ(world, seed, steps)
     else:

@@ -19,7 +19,7 @@ from skrl.utils import set_seed
 from agent.deep.inputs import GROUPS, NOTHING
 from agent.deep.models import Actor, Critic, network_of
 from agent.deep.policy import Network
-from agent.deep.world import GAMMA, WIDTH, LearningGrid
+from agent.deep.world import SHAPING, WIDTH, LearningGrid
 from cosim.navigation.features import DIRECTION_COUNT
 from cosim.scenarios.scenario import Scenario
 
@@ -29,7 +29,7 @@ _CONFIG = {
     "rollouts": _STEPS,
     "learning_epochs": 4,
     "mini_batches": 4,
-    "discount_factor": GAMMA,
+    "discount_factor": SHAPING["ippo"].gamma,
     "gae_lambda": 0.9,
     "learning_rate": 1e-3,
     "value_clip": 0.0,

@@ -1,25 +1,68 @@
 """The grid as learners see it: robots are rows, rewards are shaped, episodes begin anywhere."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from agent.deep import Algorithm
 from agent.deep.inputs import GROUPS, NOTHING, Inputs, look_at_boards
 from agent.envs.boards import Boards, board_seeds
 from agent.process.config import ProcessConfig
 from agent.process.grid import X, Y
-from agent.process.optimum import steps_alone
+from agent.process.optimum import distances_alone, steps_alone
 from agent.process.readings import FREE, Process, build_process
 from cosim.navigation.features import DIRECTION_COUNT
 from cosim.scenarios.scenario import Scenario
 
 WIDTH = GROUPS + DIRECTION_COUNT  # of an observation: rows of the first layer, possible moves
-GAMMA = 0.95
-# Moves differ by some tenths in what they earn: next to the paper's 100 a network would not see it.
-PROCESS = ProcessConfig(goal_reward=10.0)
 _SCALE = 0.1  # of rewards
 _STEP_LIMIT = 150  # moves after which an episode is cut, and still has a value
+
+
+class Shaping(NamedTuple):
+    """What a learner's rewards are.
+
+    Attributes:
+        process: readings, of which the worth of a target.
+        gamma: discount rate.
+        potential: φ, (N, columns · rows) float64, by the process and γ.
+    """
+
+    process: ProcessConfig
+    gamma: float
+    potential: Callable[[Process, float], np.ndarray]
+
+
+def minus_distances_alone(process: Process, _: float) -> np.ndarray:
+    """Each robot's shortest path to its target as if it were alone, negative."""
+    return -_reachable(distances_alone(process))
+
+
+def values_alone(process: Process, gamma: float) -> np.ndarray:
+    """What Eq. (8) gives a robot that takes the fewest moves as if it were alone."""
+    steps = _reachable(steps_alone(process)).astype(int)
+    values = np.zeros(steps.max() + 1)
+    for k in range(1, len(values)):
+        values[k] = float(process.goal_reward) if k == 1 else gamma * values[k - 1] - 1.0
+    return values[steps]
+
+
+def _reachable(costs: np.ndarray) -> np.ndarray:
+    """Costs where cells without a path cost as much as the farthest one."""
+    finite = np.isfinite(costs)
+    return np.where(finite, costs, costs[finite].max())
+
+
+_PPO = Shaping(ProcessConfig(), 0.98, minus_distances_alone)
+# Values of moves are compared with each other: they differ by some tenths, and next to the paper's
+# 100 for a target a network would not see it. Of what a robot alone would earn nothing is left.
+SHAPING: dict[Algorithm, Shaping] = {
+    "ddqn": Shaping(ProcessConfig(goal_reward=10.0), 0.95, values_alone),
+    "ippo": _PPO,
+    "mappo": _PPO,
+}
 
 
 class Gained(NamedTuple):
@@ -41,9 +84,8 @@ class Gained(NamedTuple):
 class LearningGrid:
     """Boards whose episodes begin in any free cells out of contact.
 
-    Rewards get γ φ(s') − φ(s) more, where φ is what the robot would earn if it were alone and took
-    the fewest moves, and φ = 0 at the end: best policies stay the best (Ng, Harada and Russell
-    1999), and what is left to learn is what other robots change.
+    Rewards get γ φ(s') − φ(s) more, and φ = 0 at the end: best policies stay the best (Ng, Harada
+    and Russell 1999).
     A robot that has ended observes nothing until its board begins anew.
 
     Attributes:
@@ -51,13 +93,14 @@ class LearningGrid:
         episodes: ended so far.
     """
 
-    def __init__(self, scenario: Scenario, boards: int, seed: int, config: ProcessConfig) -> None:
+    def __init__(self, scenario: Scenario, boards: int, seed: int, shaping: Shaping) -> None:
+        config, self._gamma = shaping.process, shaping.gamma
         process = build_process(scenario, config)
         limited = replace(config, step_limit=min(config.step_limit, _STEP_LIMIT))
         self._boards = Boards(boards, exploring(scenario, process), limited)
         self._boards.seed(board_seeds(seed, boards))
         self.inputs = Inputs.of(scenario, process)
-        self._potential = values_alone(process)
+        self._potential = shaping.potential(process, shaping.gamma)
         self._limits = np.array((scenario.columns - 1, scenario.rows - 1))
         shape = (boards, scenario.robots)
         self._rows = np.zeros((*shape, GROUPS), dtype=np.float32)
@@ -88,7 +131,7 @@ class LearningGrid:
         arrays = self._boards.arrays
         self.episodes += int(np.count_nonzero(arrays.outcomes))
         terminated = arrays.terminated.ravel() | ~active
-        after = np.where(terminated, 0.0, GAMMA * self._height)
+        after = np.where(terminated, 0.0, self._gamma * self._height)
         rewards = np.where(active, arrays.rewards.ravel() + after - before, 0.0)
         return Gained(
             (_SCALE * rewards).astype(np.float32),
@@ -109,19 +152,6 @@ class LearningGrid:
         self._seen = np.concatenate([self._rows, self._possible], axis=2).reshape(-1, WIDTH)
         robots = np.arange(cells.shape[1])
         self._height = self._potential[robots, cells[..., 0] * rows + cells[..., 1]].ravel()
-
-
-def values_alone(process: Process) -> np.ndarray:
-    """(N, columns · rows) float64, what Eq. (8) gives a robot that moves optimally as if alone.
-
-    Cells without a path are worth as much as the farthest one.
-    """
-    steps = steps_alone(process)
-    steps = np.where(np.isfinite(steps), steps, steps[np.isfinite(steps)].max()).astype(int)
-    values = np.zeros(steps.max() + 1)
-    for k in range(1, len(values)):
-        values[k] = float(process.goal_reward) if k == 1 else GAMMA * values[k - 1] - 1.0
-    return values[steps]
 
 
 _ENDED = np.array([NOTHING] * GROUPS + [1] * DIRECTION_COUNT, dtype=np.float32)

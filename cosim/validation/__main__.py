@@ -46,7 +46,8 @@ def main() -> None:
     options = parse(Validate, "cosim.validation")
     from cosim.navigation.options import Physics
     from cosim.validation.measurement import QUICK, Effort, validate
-    from cosim.validation.report import markdown, report_of, tables
+    from cosim.validation.report import report_of
+    from cosim.validation.tables import markdown, tables
 
     effort = QUICK if options.quick else Effort()
     options.out.mkdir(parents=True, exist_ok=True)

@@ -61,6 +61,9 @@ def test_learners_are_trained_and_drive(done, board):
         assert (row["seeds"], row["episodes"]) == (1, 2)
         assert 0.8 < row["time_ratio"]["mean"] < 3.0
     assert rows["double_q"]["reached"] == 1
+    # a policy's own description is no training
+    assert {path.suffix for path in (board.parent / "out" / "policies").iterdir()} > {".json"}
+    assert len(list((board.parent / "out" / "runs").iterdir())) == len(rows)
     table = (board.parent / "out" / "baselines.md").read_text().splitlines()
     assert len(table) == 2 + len(rows)
 

@@ -23,8 +23,9 @@ from cosim.validation.driving import (
 )
 from cosim.validation.measurement import QUICK, DrivenPath, Sensitivity, Validation, validate
 from cosim.validation.published import PATHS, SPEEDS, PublishedPath, step_um
-from cosim.validation.report import markdown, report_of
+from cosim.validation.report import report_of
 from cosim.validation.sensitivity import PARAMETERS, closed_form
+from cosim.validation.tables import markdown
 
 
 def test_paths_lead_back_or_to_the_side():
