@@ -48,6 +48,8 @@ class ReversalRow(msgspec.Struct, frozen=True, kw_only=True):
     motor_speed_rad_s: float
     ours: float
     theirs: float | None
+    ratio: float | None
+    source: str
 
 
 class SensitivityRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -74,6 +76,7 @@ class PathRow(msgspec.Struct, frozen=True, kw_only=True):
     turned_deg: float
     turned_scatter_deg: float
     theirs_mm: tuple[float, ...]
+    ratio: float | None
     theirs_deg: float | None
     source: str
 
@@ -135,14 +138,16 @@ def _reversals(speeds: Sequence[SpeedRow]) -> Iterator[ReversalRow]:
     for (preset, omega, manoeuvre), back in rows.items():
         ahead = rows.get((preset, omega, "forwards"))
         if manoeuvre == "backwards" and ahead is not None:
-            theirs = None
+            ours, theirs = back.ours / ahead.ours, None
             if back.theirs is not None and ahead.theirs is not None:
                 theirs = back.theirs / ahead.theirs
             yield ReversalRow(
                 preset=preset,
                 motor_speed_rad_s=omega,
-                ours=back.ours / ahead.ours,
+                ours=ours,
                 theirs=theirs,
+                ratio=None if theirs is None else ours / theirs,
+                source=back.source,
             )
 
 
@@ -187,6 +192,7 @@ def _path_row(driven: DrivenPath) -> PathRow:
         turned_deg=float(turned.mean()),
         turned_scatter_deg=float(turned.std()),
         theirs_mm=() if path is None else path.off_mm,
+        ratio=None if path is None else float(off_mm.mean() / np.mean(path.off_mm)),
         theirs_deg=None if path is None else path.turned_deg,
         source="not at hand" if path is None else path.source,
     )

@@ -26,7 +26,7 @@ SPEED_HEADER = (
     "source",
 )
 SENSITIVITY_HEADER = ("preset", "rad/s", "parameter", "value", "dynamics", "platform", "explains")
-REVERSAL_HEADER = ("preset", "rad/s", "backwards over forwards, ours", "theirs")
+REVERSAL_HEADER = ("preset", "rad/s", "backwards over forwards, ours", "theirs", "ratio", "source")
 PATH_HEADER = (
     "path",
     "dither",
@@ -35,6 +35,7 @@ PATH_HEADER = (
     "to the left",
     "turned, ours",
     "off, theirs",
+    "ratio",
     "turned",
     "source",
 )
@@ -59,8 +60,14 @@ def speed_cells(row: SpeedRow) -> tuple[str, ...]:
 
 def reversal_cells(row: ReversalRow) -> tuple[str, ...]:
     """A row as text."""
-    theirs = "–" if row.theirs is None else f"{row.theirs:.2f} (derived)"
-    return row.preset, f"{row.motor_speed_rad_s:.0f}", f"{row.ours:.2f}", theirs
+    return (
+        row.preset,
+        f"{row.motor_speed_rad_s:.0f}",
+        f"{row.ours:.2f}",
+        _text(row.theirs),
+        _text(row.ratio),
+        "–" if row.theirs is None else f"{_name(row.source)}, derived",
+    )
 
 
 def sensitivity_cells(row: SensitivityRow) -> tuple[str, ...]:
@@ -86,6 +93,7 @@ def path_cells(row: PathRow) -> tuple[str, ...]:
         f"{row.sideways_mm:+.1f} mm",
         f"{row.turned_deg:+.1f} ± {row.turned_scatter_deg:.1f}°",
         " and ".join(f"{off:g} mm" for off in row.theirs_mm) or "–",
+        _text(row.ratio),
         _text(row.theirs_deg, "g") + ("" if row.theirs_deg is None else "°"),
         f"{_name(row.source)}, seen" if row.theirs_mm else "–",
     )
