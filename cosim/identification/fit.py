@@ -68,7 +68,13 @@ def fit(track: SeenTrack, simulated: Simulated, progress: Progress = silent) -> 
     # The robot seems to stray more than its noise explains: perhaps a local minimum.
     rougher = np.eye(len(PARAMETERS))[NAMES.index("mu")]
     other = _fit_from(rougher, track, simulated, progress)
-    return min((found, other), key=lambda one: deviance(track.times, one.residuals, one.noise))
+    usual, _ = _before(simulated)
+
+    def unlikeliness(one: Fit) -> float:
+        before = (((one.values - usual) / SPREADS) ** 2).sum()
+        return deviance(track.times, one.residuals, one.noise) + before
+
+    return min((found, other), key=unlikeliness)
 
 
 def _fit_from(

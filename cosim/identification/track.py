@@ -11,7 +11,7 @@ from cosim.base.errors import UserError
 from cosim.base.reading import Kind, parsing, read_bytes
 
 COLUMNS = ("time", "x", "y", "heading", "omega_1", "omega_2")
-LEAST_S, LEAST_FRAMES = 2.0, 40
+LEAST_S, LEAST_FRAMES = 5.0, 100
 # Between neighbouring frames a robot moves some 0.2 mm: more than this is a hand, or another unit.
 MOST_STEP_M, MOST_TURN_RAD = 0.02, 1.0
 MOST_SPEED_RAD_S = 5800.0  # what the motors reach at their largest voltage

@@ -117,7 +117,9 @@ def write_track(path, track):
         writer.writerows(np.column_stack([track.times, track.poses, track.commands]).tolist())
 
 
-GOOD = SeenTrack(np.arange(90) / 30.0, np.tile([0.1, 0.1, 0.0], (90, 1)), np.full((90, 2), 900.0))
+GOOD = SeenTrack(
+    np.arange(180) / 30.0, np.tile([0.1, 0.1, 0.0], (180, 1)), np.full((180, 2), 900.0)
+)
 
 
 def replaced(column, row, value):
@@ -160,7 +162,7 @@ def test_a_robot_that_leaves_the_board_is_refused(tmp_path):
 
 
 def test_a_robot_is_identified_from_its_track(tmp_path, monkeypatch, capsys):
-    """Six seconds tell the friction within ±0.1."""
+    """Six seconds are enough for the friction."""
     seed = np.random.SeedSequence(4)
     truth = draw_machine(seed)
     write_track(tmp_path / "track.csv", observed(truth, seed, SEQUENCE[:2]))
