@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 
 from cosim.base.jit import inlined
 
-INCOMPLETE = 100  # beyond every fmi3Status
+INCOMPLETE, NOT_FINITE = 100, 101  # beyond every fmi3Status
 FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
 
 _INT, _LONG, _DOUBLE, _BOOL = ir.IntType(32), ir.IntType(64), ir.DoubleType(), ir.IntType(8)

@@ -10,6 +10,7 @@ import ctypes
 import errno
 import threading
 import weakref
+from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,6 +34,7 @@ from cosim.coupling.interface import (
     check_variable,
     co_simulation,
 )
+from cosim.coupling.isolation import calling
 
 # What a run needs of an archive.
 _NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
@@ -40,6 +42,9 @@ _NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resource
 # fmpy changes the working directory of the process while it loads a binary, and does not change it
 # back where that fails.
 _LOADING = threading.Lock()
+
+# What is kept of an FMU's messages, which may come in floods.
+_LOG_LENGTH, _LOG_BYTES = 100, 2000
 
 
 class Addresses(NamedTuple):
@@ -149,7 +154,8 @@ class MotorFmu:
         Raises:
             FmuError: the FMU lacks a parameter, refuses it, to load or to be initialised.
         """
-        return Motor(self, name, parameters or {}, motors)
+        with calling("its initialisation"):
+            return Motor(self, name, parameters or {}, motors)
 
     def configure(self, slave: Any, motors: int) -> None:
         """Say how many motors an instance of arrays has."""
@@ -172,7 +178,7 @@ class Motor:
         name: instance name.
         slave: fmpy's FMU3Slave, for drivers that step through Python.
         addresses: of the binary's functions, for drivers that step compiled.
-        log: what the FMU has reported, oldest first.
+        log: what the FMU has reported last, oldest first.
     """
 
     def __init__(
@@ -181,7 +187,7 @@ class Motor:
         self.fmu = fmu
         self.name = name
         self._motors = motors
-        self.log: list[str] = []
+        self.log: deque[str] = deque(maxlen=_LOG_LENGTH)
         self._returns = False  # whether the state before a step will be restored
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         try:
@@ -269,12 +275,13 @@ class Motor:
     @contextlib.contextmanager
     def _named_errors(self, time_s: float, what: str) -> Iterator[None]:
         try:
-            yield
+            with calling(f"a call at {time_s:.5f} s of simulated time"):
+                yield
         except FMICallException as error:
             raise self.error(time_s, f"{what} (fmi3Status {error.status})") from error
 
     def _append_log(self, _environment: Any, _status: int, _category: bytes, text: bytes) -> None:
-        self.log.append(text.decode("utf-8", "replace"))
+        self.log.append(text[:_LOG_BYTES].decode("utf-8", "replace"))
 
     def error(self, time_s: float, what: str) -> FmuError:
         """The error that tells which instance failed, when, and what the FMU said last."""
@@ -285,7 +292,8 @@ class Motor:
 
     def close(self) -> None:
         """Free the instance; further calls are errors."""
-        self._finalizer()
+        with calling("its end"):
+            self._finalizer()
 
 
 def _free(slave: Any) -> None:
