@@ -52,6 +52,7 @@ COMMANDS = {
     "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),
     "report": Command("analysis.report.__main__", "Report", "one page with all results"),
     "serve": Command("analysis.serve", "Serve", "open a report in the browser"),
+    "replay": Command("cosim.replay", "Replay", "run a recorded episode again, compare every bit"),
     "inspect": Command("analysis.inspect", "Inspect", "what a recording holds, what looks wrong"),
     "screenshot": Command("analysis.screenshot", "Screenshot", "what the viewer shows, as a file"),
 }

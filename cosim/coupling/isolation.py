@@ -33,10 +33,10 @@ _LIMIT_S = 300.0  # the reference driver may take a minute for an RL step
 class Isolation:
     """Whether motor FMUs run in a process of their own."""
 
-    isolate: bool = False
+    isolate: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Run in a process of its own, so that a motor FMU which crashes, ends the process or never
     returns is named with the simulated time. So does every command with --motor-fmu."""
-    no_isolate: bool = False
+    no_isolate: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Run a motor FMU of --motor-fmu in the process of the command."""
     isolate_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Wall-clock time in s that an isolated FMU may take for an RL step; by default 300."""
