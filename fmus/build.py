@@ -45,12 +45,18 @@ SHORT_NAMES: dict[str, Model] = {
 }
 
 
-def build_fmu(out_dir: Path, model: Model = "VibrationMotor") -> Path:
-    """Build a model's FMI 3.0 FMU for this machine.
+CARRIED = Path("fmus/built")  # folder of FMUs in a wheel
+
+
+def build_fmu(
+    out_dir: Path, model: Model = "VibrationMotor", targets: Sequence[str] | None = None
+) -> Path:
+    """Build a model's FMI 3.0 FMU.
 
     Args:
         out_dir: folder that receives the FMU, which has the model's name; made if missing.
         model: what the FMU is of.
+        targets: platforms, keys of `fmus.compiler.TARGETS`; by default this machine's.
 
     Returns:
         Path of the FMU; the file appears whole or not at all.
@@ -59,7 +65,7 @@ def build_fmu(out_dir: Path, model: Model = "VibrationMotor") -> Path:
         BuildError: no compiler was found, or it failed.
         OSError: the folder cannot be written.
     """
-    return build_fmus({"3": out_dir / f"{model}.fmu"}, [host_target()], model=model)[0]
+    return build_fmus({"3": out_dir / f"{model}.fmu"}, targets or [host_target()], model=model)[0]
 
 
 def build_fmus(
@@ -114,7 +120,7 @@ def build_fmus(
 
 
 def cached_fmu(model: Model = "VibrationMotors") -> Path:
-    """A model's FMI 3.0 FMU for this machine from the cache, built there on first use.
+    """A model's FMI 3.0 FMU: that of the wheel, or one that is built into the cache on first use.
 
     The cache's key is a hash of sources, rendered defaults, flags and compiler version. The file's
     own hash stands beside it: a file that was damaged is built again.
@@ -126,6 +132,9 @@ def cached_fmu(model: Model = "VibrationMotors") -> Path:
         BuildError: no compiler was found, or it failed.
         OSError: the cache cannot be written.
     """
+    carried = ROOT.parent / CARRIED / f"{model}.fmu"
+    if carried.is_file():
+        return carried
     token = instantiation_token(load_table(model))
     key = digest_of(token, host_target(), FLAGS, compiler_version())
     path = cache_dir("fmus") / key / f"{model}.fmu"
