@@ -1,0 +1,28 @@
+"""A long run ends as it began; `python -m benchmarks endurance` measures it."""
+
+import pytest
+
+from benchmarks.reliability import endurance
+
+
+def judge(found: endurance.Endured, most_change: float) -> None:
+    assert found.rss_change < most_change
+    assert found.standing_moved_m == 0.0
+    assert found.quaternion_error < 1e-12
+    assert found.distance_m > 2e-4 * found.simulated_s
+    assert found.cost_ratio > 0.0
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_minutes(tmp_path, recorded):
+    path = tmp_path / "endless.rrd" if recorded else None
+    judge(endurance.endure(130.0, 0, path), 0.15)  # another library may still be loaded
+    assert not recorded or (tmp_path / "endless.rrd").is_file()
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("recorded", [False, True])
+def test_an_hour(tmp_path, recorded):
+    found = endurance.endure(3600.0, 0, tmp_path / "endless.rrd" if recorded else None)
+    print(found)
+    judge(found, 0.05)
