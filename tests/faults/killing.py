@@ -133,13 +133,14 @@ def timeless(value: Any) -> Any:
     return [timeless(v) for v in value] if isinstance(value, list) else value
 
 
-def cases(policy: Path, results: Path) -> dict[str, Case]:
+def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
     """All commands that are killed.
 
     Args:
-        policy: to be evaluated.
-        results: of a reproduction, for the report.
+        trained: results of the training, whose policy is evaluated.
+        reproduced: results of the reproduction, which are reported.
     """
+    policy, results = trained / "run_000" / "policy.npz", reproduced / "results"
     short = ("--scenario", "1a", "--learning.episodes", "200000", "--checkpoint-episodes", "25000")
     sweep = ("train", "--runs", "3", "--jobs", "2", *short)
     conftest = Path(__file__).parents[1] / "analysis" / "conftest.py"

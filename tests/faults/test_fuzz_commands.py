@@ -7,12 +7,13 @@ import sys
 from importlib import import_module
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.__main__ import COMMANDS
 from cosim.base.errors import run_command
 from cosim.navigation.options import Physics
+from tests.faults.fuzzing import examples
 
 MODULES = sorted(command.module for command in COMMANDS.values())
 WORDS = st.one_of(
@@ -71,10 +72,7 @@ def ended(module: str, arguments: list[str]) -> tuple[int, str]:
     raise AssertionError(f"{module} {arguments} did nothing")
 
 
-@settings(
-    max_examples=250 * settings.default.max_examples // 100,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
-)
+@examples(80)
 @given(data=st.data())
 def test_any_command_line(flags, data):
     module = data.draw(st.sampled_from(MODULES))

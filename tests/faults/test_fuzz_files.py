@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.process.config import ProcessConfig
@@ -32,20 +32,11 @@ from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.scenarios.file import find_in_world, in_world, read_world
 from cosim.scenarios.scenario import Scenario
+from tests.faults.fuzzing import examples
 
 SMALL = Scenario(
     "small", "", ((4, 0),), (((0, 0),),), 5, 5, robot_diameter_m=0.01, zone=(2, 2, 3, 3)
 )
-
-
-def examples(count: int) -> settings:
-    """So many examples, and as many more as the profile has more than usual."""
-    return settings(
-        max_examples=count * settings.default.max_examples // 100,
-        suppress_health_check=[
-            HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large
-        ],
-    )  # fmt: skip
 
 
 def one_sentence(read: Callable[[], Any]) -> None:
@@ -136,7 +127,7 @@ SETTINGS = st.builds(
 )
 
 
-@examples(150)
+@examples(40)
 @given(SCENARIO)
 def test_scenarios(tmp_path, content):
     path = tmp_path / "mine.toml"
@@ -150,7 +141,7 @@ def test_scenarios(tmp_path, content):
     one_sentence(use)
 
 
-@examples(150)
+@examples(40)
 @given(st.builds(lambda world: {"world": world}, WORLD) | part(WORLD, "world"))
 def test_worlds(tmp_path, content):
     path = tmp_path / "world.toml"
@@ -164,7 +155,7 @@ def test_worlds(tmp_path, content):
     one_sentence(use)
 
 
-@examples(150)
+@examples(40)
 @given(PRESET)
 def test_presets(tmp_path, content):
     path = tmp_path / "machine.toml"
@@ -179,7 +170,7 @@ def test_presets(tmp_path, content):
     one_sentence(use)
 
 
-@examples(150)
+@examples(40)
 @given(SETTINGS)
 def test_settings(tmp_path, content):
     path = tmp_path / "settings.toml"
@@ -198,7 +189,7 @@ FIELDS = st.one_of(st.floats(width=32).map(str), st.text(max_size=4), st.just("0
 TRACKS = st.lists(st.lists(FIELDS, max_size=7), max_size=6)
 
 
-@examples(100)
+@examples(40)
 @given(
     rows=TRACKS, frames=st.integers(0, 200), step=st.floats(0.0, 0.2), more=st.binary(max_size=9)
 )
@@ -223,7 +214,7 @@ WORDS = st.one_of(
 )
 
 
-@examples(60)
+@examples(20)
 @given(data=st.data())
 def test_model_descriptions(motor_fmu, description, tmp_path, monkeypatch, data):
     """With attributes changed, tags renamed, and elements taken out or repeated."""
@@ -246,7 +237,7 @@ def test_model_descriptions(motor_fmu, description, tmp_path, monkeypatch, data)
     one_sentence(lambda: MotorFmu(path).instantiate("m").close())
 
 
-@examples(60)
+@examples(20)
 @given(st.data())
 def test_archives(motor_fmu, tmp_path, monkeypatch, data):
     monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path / "cache"))
@@ -271,6 +262,7 @@ def recorded(tmp_path_factory) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.faults
 @examples(4)
 @given(st.data())
 def test_recordings(recorded, tmp_path, data):
@@ -294,7 +286,7 @@ TIMINGS = st.dictionaries(
 )
 
 
-@examples(100)
+@examples(40)
 @given(st.one_of(TIMINGS, JSON).map(json.dumps).map(str.encode) | st.binary(max_size=50))
 def test_timings(tmp_path, content):
     (tmp_path / "timings.json").write_bytes(content)
