@@ -92,7 +92,7 @@ def test_killed_once(undisturbed, tmp_path, name, moment):
 def test_killed_again_and_again(undisturbed, tmp_path, name):
     whole = undisturbed(name)
     place = Workplace(tmp_path, whole.case)
-    for share in moments(name):
+    for share in (moment / 3.0 for moment in moments(name)):  # it goes on from kill to kill
         print(f"{name} is killed after {share:.3f} of {whole.duration_s:.1f} s")
         place.stop(share * whole.duration_s)
     check(place, whole)
@@ -112,7 +112,7 @@ def test_interrupted(undisturbed, tmp_path, name, how):
     began.send_signal(how)
     _, errors = began.communicate()
     assert began.returncode == ENDS[how], errors
-    assert errors.endswith("interrupted\n")
+    assert "interrupted\n" in errors  # loky may tell after it what it cleans up
     assert "Traceback" not in errors
     marks = {"summary.json", "transfer.json", "transfer.md"}
     assert not marks.intersection(path.name for path in place.out.rglob("*"))
