@@ -18,6 +18,7 @@ from cosim.base.storage import cache_dir, replacing
 # Far above what FMUs hold, far below what fills a disk.
 MAX_ENTRIES = 10_000
 MAX_BYTES = 2**30  # packed, and all files together unpacked
+MAX_NAME_BYTES = 200  # of a file, and of each folder that it is in
 MAX_RATIO = 200  # unpacked to packed; binaries are packed to a third, tables of zeros to 1/1000
 
 _LOG = logging.getLogger(__name__)
@@ -79,6 +80,8 @@ def _check(entries: list[zipfile.ZipInfo], packed_bytes: int) -> None:
             raise zipfile.BadZipFile(f"its entry {shown} leaves the archive's folder")
         if stat.S_ISLNK(entry.external_attr >> 16):
             raise zipfile.BadZipFile(f"its entry {shown} is a symbolic link")
+        if any(len(part.encode(errors="replace")) > MAX_NAME_BYTES for part in name.parts):
+            raise zipfile.BadZipFile(f"its entry {shown} has too long a name")
         if name in names or files.intersection(name.parents):
             raise zipfile.BadZipFile(f"its entry {shown} stands where another one does")
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):

@@ -33,6 +33,7 @@ from cosim.coupling.interface import (
     array_size,
     check_variable,
     co_simulation,
+    require_plain,
 )
 from cosim.coupling.isolation import calling
 
@@ -79,6 +80,7 @@ class MotorFmu:
             raise FmuError(f"motor FMU {path} does not exist; check the path given by --motor-fmu")
         try:
             self.folder = unpack(path, _NEEDED)
+            require_plain(self.folder / _NEEDED[0])
             self.description: ModelDescription = fmpy.read_model_description(self.folder)
         except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
             # Not the archive's fault, unless it leads to a place in the file that cannot be.

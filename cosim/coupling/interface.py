@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from xml.parsers import expat
 
 from fmpy.model_description import BaseUnit, CoSimulation, ModelDescription, ModelVariable
 
@@ -26,6 +27,8 @@ OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
 RESTART = "restart"
 
+MAX_DESCRIPTION_BYTES = 2**23  # parsed, it takes some thirty times as much
+
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -33,11 +36,30 @@ class FmuError(UserError):
     """An FMU that cannot be used, or that failed while it ran; the message names it."""
 
 
+def require_plain(description: Path) -> None:
+    """Refuse a modelDescription.xml that could be far more than it looks, before it is parsed.
+
+    Raises:
+        ValueError: it is very large, or has a document type: there entities and other files come
+            from, and no FMU needs one.
+        xml.parsers.expat.ExpatError: it is no XML.
+    """
+    if description.stat().st_size > MAX_DESCRIPTION_BYTES:
+        raise ValueError(f"{description.name} is larger than {MAX_DESCRIPTION_BYTES >> 20} MiB")
+
+    def refuse(*_: object) -> None:
+        raise ValueError(f"{description.name} has a document type; export it without")
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.Parse(description.read_bytes(), True)
+
+
 def co_simulation(path: Path, description: ModelDescription) -> CoSimulation:
     """The FMI 3.0 Co-Simulation interface of an FMU.
 
     Raises:
-        FmuError: it has none.
+        FmuError: it has none, or one whose binary's name is no C identifier.
     """
     if not str(description.fmiVersion).startswith("3."):
         raise FmuError(
@@ -45,6 +67,11 @@ def co_simulation(path: Path, description: ModelDescription) -> CoSimulation:
         )
     if description.coSimulation is None:
         raise FmuError(f"motor FMU {path} has no Co-Simulation interface; export it with one")
+    name = str(description.coSimulation.modelIdentifier)
+    if not (name.isascii() and name.isidentifier()):  # it could lead out of the archive's folder
+        raise FmuError(
+            f"motor FMU {path} has modelIdentifier {name!r}; export it as a C identifier"
+        )
     return description.coSimulation
 
 
