@@ -210,6 +210,10 @@ def main() -> None:
     for choice in options.targets:
         names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]
         targets |= dict.fromkeys(names)
+    if options.what and options.model != MODELS:
+        raise BuildError("--model has no effect beside what is named first; leave one of them out")
+    if options.what == ("ssp",) and options.fmi is not None:
+        raise BuildError("--fmi has no effect on ssp, which has an archive for each; leave it out")
     if options.fmi == "2" and options.models == ("VibrationMotors",):
         raise BuildError("FMI 2 has no arrays, which VibrationMotors needs; use --fmi 3")
     files: list[Path] = []
