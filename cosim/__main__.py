@@ -47,7 +47,7 @@ COMMANDS = {
     "validate": Command(
         "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
-    "fmu": Command("fmus.build", "Build", "build motors and robot as FMUs for other tools"),
+    "fmu": Command("fmus.build", "Build", "motors and robots as FMUs and SSP for other tools"),
     "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
     "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),
     "report": Command("analysis.report.__main__", "Report", "one page with all results"),
