@@ -26,6 +26,8 @@ SECTIONS = {
     "Faults": "faults_survived",
     "Files and command lines": "files_refused",
     "Long runs": "long_runs",
+    "Foreign FMUs": "faults_survived",
+    "The same again": "same_again",
 }
 
 
@@ -77,6 +79,7 @@ def main() -> None:
     print(f"faults survived: {found['faults_survived']}")
     print(f"files and command lines refused or taken: {found['files_refused']}")
     print(f"long runs: {found['long_runs']}, {found['hours_run']:g} simulated hours")
+    print(f"the same again: {found['same_again']}")
     print(f"lost: {', '.join(found['lost']) or 'nothing'}")
     if options.json:
         print_json(found)

@@ -69,23 +69,33 @@ def test_wheel_holds_every_file_of_the_packages_and_no_other(wheel):
         assert any(name.startswith(f"binaries/{host_target()}/") for name in fmu.namelist())
 
 
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory) -> dict[str, Path]:
+    """What others install: a wheel for all platforms, and an sdist."""
+    folder = tmp_path_factory.mktemp("packages")
+    return {kind: build(folder / kind, kind, "") for kind in ("wheel", "sdist")}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "version"), [("wheel", "3.11"), ("wheel", "3.12"), ("wheel", "3.13"), ("sdist", None)]
 )
-def test_installed_package_works_without_the_checkout_and_a_compiler(kind, version, tmp_path):
+def test_installed_package_works_without_the_checkout_and_a_compiler(
+    kind, version, packages, tmp_path
+):
     """In an environment, a cache and a folder in which nothing is yet."""
     environment, work = tmp_path / "environment", tmp_path / "work"
     work.mkdir()
     python = environment / "bin" / "python"
-    package = build(tmp_path / "dist", kind, "" if kind == "wheel" else host_target())
+    package = packages[kind]
     # in the checkout, whose pyproject.toml has the tested versions
     for command in (
         ["uv", "venv", "--quiet", "--python", version or sys.executable, environment],
         ["uv", "pip", "install", "--quiet", "--python", python, package],
         ["uv", "pip", "uninstall", "--quiet", "--python", python, "ziglang"],
     ):
-        subprocess.run(command, cwd=ROOT, check=True)
+        targets = {"MINIROBOTS_WHEEL_TARGETS": host_target()}  # of what is built from the sdist
+        subprocess.run(command, cwd=ROOT, env=os.environ | targets, check=True)
     own = {name: v for name, v in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
     own |= {"MINIROBOTS_CACHE": str(tmp_path / "cache"), "PATH": str(environment / "bin")}
 

@@ -1,6 +1,7 @@
 """Errors that are the caller's to mend, and how a command line reports them."""
 
 import errno
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -8,6 +9,7 @@ from collections.abc import Callable
 USER_ERROR_STATUS = 2
 INTERRUPTED_STATUS = 130
 TERMINATED_STATUS = 143
+BROKEN_PIPE_STATUS = 141
 
 _MENDS = {
     errno.ENOSPC: "the disk is full; free some space and run again",
@@ -45,7 +47,13 @@ def run_command(main: Callable[[], None]) -> None:
     """
     signal.signal(signal.SIGTERM, _terminate)
     try:
-        main()
+        try:
+            main()
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:  # whoever read the output has left, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(BROKEN_PIPE_STATUS)
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(USER_ERROR_STATUS)

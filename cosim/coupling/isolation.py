@@ -22,6 +22,7 @@ from typing import Annotated, NoReturn
 import tyro
 
 from cosim.base.config import ConfigError
+from cosim.base.errors import Terminated
 
 _NOTES = "MINIROBOTS_NOTES"  # folder of the notes, in the environment of a child
 _ENDED = "ended"  # note of a child that Python has ended, not the FMU
@@ -138,5 +139,6 @@ def _wait(child: subprocess.Popen, notes: Path, limit_s: float) -> str:
                 with contextlib.suppress(FileNotFoundError):  # the call has returned meanwhile
                     if time.time() - note.stat().st_mtime > limit_s:
                         return note.read_text()
-        except KeyboardInterrupt:
-            child.send_signal(signal.SIGINT)
+        except KeyboardInterrupt as interrupt:
+            ended = isinstance(interrupt, Terminated)
+            child.send_signal(signal.SIGTERM if ended else signal.SIGINT)

@@ -1,5 +1,5 @@
 /* A motor FMU with faults: three of its functions (renamed to sound_…) stand behind those below,
-   which go wrong from FAULT_FROM seconds on as FAULT says. */
+   which go wrong from FAULT_FROM seconds on as FAULT says, once there were FAULT_AFTER instances. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,6 +18,7 @@
 
 static const char *fault;
 static double from, now;
+static int instances;
 static fmi3InstanceEnvironment environment;
 static fmi3LogMessageCallback say;
 
@@ -28,13 +29,17 @@ FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(
     fmi3IntermediateUpdateCallback intermediate) {
     fault = getenv("FAULT") ? getenv("FAULT") : "none";
     from = getenv("FAULT_FROM") ? atof(getenv("FAULT_FROM")) : 0.0;
+    instances++;
     environment = given;
     say = log;
     return sound_fmi3InstantiateCoSimulation(name, token, path, visible, logging, events, early,
                                              required, count, given, log, intermediate);
 }
 
-static int is(const char *name) { return now >= from && strcmp(fault, name) == 0; }
+static int is(const char *name) {
+    const char *after = getenv("FAULT_AFTER");
+    return now >= from && strcmp(fault, name) == 0 && (!after || instances > atoi(after));
+}
 
 FMI3_Export fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step,
                                   fmi3Boolean final, fmi3Boolean *event, fmi3Boolean *terminate,

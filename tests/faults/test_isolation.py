@@ -51,7 +51,7 @@ def drive(faulty_fmu, tmp_path_factory):
     (folder / "one.toml").write_text(SCENARIO)
     number = 0
 
-    def run(fault, *options, time_limit=4, start=subprocess.run, **keywords):
+    def run(fault, *options, time_limit=4, fault_from=2.5, start=subprocess.run, **keywords):
         nonlocal number
         number += 1
         out = folder / f"run{number}"
@@ -59,7 +59,7 @@ def drive(faulty_fmu, tmp_path_factory):
         command += ["--method", "paper", "--train-episodes", "2000", "--out", out]
         command += ["--motor-fmu", faulty_fmu, "--time-limit", time_limit, *options]
         words = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        environment = os.environ | {"FAULT": fault, "FAULT_FROM": "2.5"}
+        environment = os.environ | {"FAULT": fault, "FAULT_FROM": str(fault_from)}
         return out, start(list(map(str, command)), env=environment, **words | keywords)
 
     _, sound = run("none", check=False)
@@ -103,22 +103,27 @@ def test_what_never_returns_is_ended(drive):
 
 
 @pytest.mark.faults
-def test_earlier_episodes_are_whole(drive, faulty_fmu):
-    out, ended = drive("crash", "--episodes", "2", "--jobs", "1", time_limit=2, check=False)
-    assert ended.returncode == 0
-    assert len(json.loads((out / "summary.json").read_text())["episodes"]) == 2
+def test_earlier_episodes_are_whole(drive, monkeypatch):
+    monkeypatch.setenv("FAULT_AFTER", "2")  # motors of the first of two episodes, one by one
+    options = ("--episodes", "2", "--jobs", "1", "--driver", "reference")
+    out, ended = drive("crash", *options, time_limit=2, fault_from=1.5, check=False)
+    assert ended.returncode == 2
+    assert "crashed (SIGSEGV) in the RL step from 0 s" in ended.stderr
+    (episode,) = json.loads((out / "summary.json").read_text())["episodes"]
+    assert [path.name for path in (out / "episodes").glob("*.rrd")] == ["ep_000.rrd"]
+    assert episode["recording"] == "episodes/ep_000.rrd"
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 @pytest.mark.faults
-def test_an_interrupt_reaches_the_child(sent, drive):
+def test_an_interrupt_reaches_the_child(sent, status, drive):
     out, process = drive("none", time_limit=600, start=subprocess.Popen)
     while not list((out / "episodes").glob("*.part")):
         assert process.poll() is None
         time.sleep(0.05)
     process.send_signal(sent)
     _, errors = process.communicate()
-    assert process.returncode in {130, 143}, errors
+    assert process.returncode == status, errors
     assert "Traceback" not in errors
     assert list((out / "episodes").glob("*.rrd"))
 

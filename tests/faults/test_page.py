@@ -40,6 +40,6 @@ def test_a_report_is_counted(tmp_path):
     report = tmp_path / "report.xml"
     report.write_text(f"<testsuites><testsuite>{lines}</testsuite></testsuites>")
     assert count(report) == {
-        "faults_survived": 1, "files_refused": 0, "long_runs": 1, "hours_run": 1.0,
+        "faults_survived": 1, "files_refused": 0, "long_runs": 1, "hours_run": 1.0, "same_again": 0,
         "lost": ["tests/faults/test_kills.py::test_killed_once[FMU-0]"],
     }  # fmt: skip
