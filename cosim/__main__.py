@@ -48,6 +48,9 @@ COMMANDS = {
         "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
     "fmu": Command("fmus.build", "Build", "build the motor FMU for other tools"),
+    "firmware": Command(
+        "agent.firmware.__main__", "Firmware", "a policy and its steering for a microcontroller"
+    ),
     "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
     "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),
     "report": Command("analysis.report.__main__", "Report", "one page with all results"),
