@@ -56,6 +56,8 @@ COMMANDS = {
     "report": Command("analysis.report.__main__", "Report", "one page with all results"),
     "serve": Command("analysis.serve", "Serve", "open a report in the browser"),
     "inspect": Command("analysis.inspect", "Inspect", "what a recording holds, what looks wrong"),
+    "browse": Command("analysis.browse.__main__", "Browse", "the episodes of a run as a table"),
+    "export": Command("analysis.export.__main__", "Export", "a recording for other programs"),
     "screenshot": Command("analysis.screenshot", "Screenshot", "what the viewer shows, as a file"),
 }
 _COMPLETION = "--tyro-print-completion"
