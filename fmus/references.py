@@ -29,7 +29,7 @@ _STANDARD = {
 }
 
 
-class Experiment(NamedTuple):
+class ReferenceRun(NamedTuple):
     """What an FMU is simulated with.
 
     Attributes:
@@ -50,9 +50,9 @@ class Experiment(NamedTuple):
 
 # A motor that starts, saturates and settles under a torque; a robot that both motors shake, and
 # that is pushed. Inputs are constant: importers differ in how they take inputs that change.
-EXPERIMENTS: dict[Model, Experiment] = {
-    "VibrationMotor": Experiment({"omega_des": 700.0, "d": 1e-6}, 0.5, 5e-3),
-    "MiniRobot": Experiment({"omega_D": -900.0, "omega_E": 950.0, "F_y": 2e-3}, 0.1, 1e-3),
+EXPERIMENTS: dict[Model, ReferenceRun] = {
+    "VibrationMotor": ReferenceRun({"omega_des": 700.0, "d": 1e-6}, 0.5, 5e-3),
+    "MiniRobot": ReferenceRun({"omega_D": -900.0, "omega_E": 950.0, "F_y": 2e-3}, 0.1, 1e-3),
 }
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import cast
 
 from fmus.models import Model
-from fmus.references import EXPERIMENTS, Experiment, outputs_of
+from fmus.references import EXPERIMENTS, ReferenceRun, outputs_of
 
 
-def run_ecospy(fmu: str, experiment: Experiment, outputs: list[str]) -> list[list[float]]:
+def run_ecospy(fmu: str, experiment: ReferenceRun, outputs: list[str]) -> list[list[float]]:
     """Rows of outputs, by ecospy."""
     # ecospy links to tbb without saying where; PyPI's tbb lies in the environment's lib folder.
     ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
@@ -33,7 +33,7 @@ def run_ecospy(fmu: str, experiment: Experiment, outputs: list[str]) -> list[lis
             return rows
 
 
-def run_libcosimpy(fmu: str, experiment: Experiment, outputs: list[str]) -> list[list[float]]:
+def run_libcosimpy(fmu: str, experiment: ReferenceRun, outputs: list[str]) -> list[list[float]]:
     """Rows of outputs, by libcosimpy."""
     from libcosimpy.CosimExecution import CosimExecution  # noqa: PLC0415
     from libcosimpy.CosimObserver import CosimObserver  # noqa: PLC0415
