@@ -14,8 +14,9 @@ from typing import Annotated, Any, Literal, Union
 import tyro
 
 from cosim.base.command import Jobs, Json, MotorFmuFile, print_json
+from cosim.base.config import whole_ratio
 from cosim.base.errors import UserError, run_command
-from cosim.base.params import TABLE_I
+from cosim.base.params import TABLE_I, TIMING
 from cosim.base.progress import progress_bars, under_way
 
 COUNTS = {
@@ -213,6 +214,24 @@ class Sensitivity(Benchmark):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ssp(Benchmark):
+    """Hold masters not written here on the SSP archives of two robots against ours.
+
+    Each drives the pair with constant motor set points on an open floor.
+    """
+
+    step: Seconds = 1e-4
+    """Communication step in s: 1e-3 s is a whole number of them."""
+    duration: Seconds = 1.0
+    """Simulated time in s."""
+
+    def __post_init__(self) -> None:
+        whole_ratio("--step", self.step, "the internal step", TIMING.dt_s)
+        whole_ratio("1e-3 s", 1e-3, "--step", self.step)
+        whole_ratio("--duration", self.duration, "1e-3 s", 1e-3)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Steering(Benchmark):
     """Compare controllers: a straight line of 20 cm, and moves of one cell, over seeds.
 
@@ -252,6 +271,7 @@ MODULES: dict[type[Benchmark], str] = {
     Reaction: "reaction",
     Recording: "recording",
     Sensitivity: "sensitivity",
+    Ssp: "masters.ssp",
     Steering: "steering",
     Training: "learning.training",
 }

@@ -47,7 +47,7 @@ COMMANDS = {
     "validate": Command(
         "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
-    "fmu": Command("fmus.build", "Build", "build motors and robot as FMUs for other tools"),
+    "fmu": Command("fmus.build", "Build", "motors and robots as FMUs and SSP for other tools"),
     "firmware": Command(
         "agent.firmware.__main__", "Firmware", "a policy and its steering for a microcontroller"
     ),

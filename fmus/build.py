@@ -156,12 +156,12 @@ TargetChoice = Literal[
 ]
 
 
-What = Literal["motor", "motors", "robot"]
+What = Literal["motor", "motors", "robot", "ssp"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Build:
-    """Build FMUs: of one vibration motor, of an array of motors, and of a robot.
+    """Build FMUs: of one vibration motor, of an array of motors, of a robot; or a system of them.
 
     VibrationMotor offers co-simulation and Model Exchange, MiniRobot co-simulation, and so does
     VibrationMotors, which needs FMI 3.0. Without --fmi FMI 3.0 FMUs are written under the models'
@@ -170,9 +170,10 @@ class Build:
     """
 
     what: Annotated[
-        tyro.conf.Positional[tuple[What, ...]], tyro.conf.arg(metavar="{motor,motors,robot}")
+        tyro.conf.Positional[tuple[What, ...]], tyro.conf.arg(metavar="{motor,motors,robot,ssp}")
     ] = ()
-    """Models to build, by their short names."""
+    """What to build: models by their short names, or ssp, two robots with their motors as archives
+    of SSP 1.0 (FMI 2.0) and 2.0 (FMI 3.0)."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder that receives the files; made if missing."""
     model: tuple[Model, ...] = MODELS
@@ -187,7 +188,9 @@ class Build:
     @property
     def models(self) -> tuple[Model, ...]:
         """Models that are asked for."""
-        return tuple(SHORT_NAMES[name] for name in self.what) or self.model
+        if not self.what:
+            return self.model
+        return tuple(SHORT_NAMES[name] for name in self.what if name != "ssp")
 
 
 def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
@@ -208,6 +211,10 @@ def main() -> None:
     for choice in options.targets:
         names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]
         targets |= dict.fromkeys(names)
+    if options.what and options.model != MODELS:
+        raise BuildError("--model has no effect beside what is named first; leave one of them out")
+    if options.what == ("ssp",) and options.fmi is not None:
+        raise BuildError("--fmi has no effect on ssp, which has an archive for each; leave it out")
     if options.fmi == "2" and options.models == ("VibrationMotors",):
         raise BuildError("FMI 2 has no arrays, which VibrationMotors needs; use --fmi 3")
     files: list[Path] = []
@@ -215,6 +222,10 @@ def main() -> None:
         for model in options.models:
             if paths := _paths(options, model):
                 files += build_fmus(paths, list(targets), progress, model)
+        if "ssp" in options.what:
+            from fmus.ssp.archive import build_ssp  # noqa: PLC0415
+
+            files += build_ssp(options.out, targets=list(targets), progress=progress)
     for file in files:
         print(f"wrote {file}")
     if options.json:

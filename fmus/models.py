@@ -13,7 +13,7 @@ STANDARDS: dict[Model, tuple[Fmi, ...]] = {
     "VibrationMotors": ("3",),  # FMI 2.0 has no arrays
     "MiniRobot": ("2", "3"),
 }
-MODELS = tuple(STANDARDS)
+MODELS: tuple[Model, ...] = tuple(STANDARDS)
 ROOT = Path(__file__).parent
 _FOLDERS: dict[Model, tuple[str, ...]] = {
     "VibrationMotor": ("vibration_motor", "fmi"),

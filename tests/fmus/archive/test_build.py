@@ -304,6 +304,17 @@ def test_command_builds_the_model_that_is_asked_for(command, tmp_path):
     assert "use --fmi 3" in refused.stderr
 
 
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [(("robot", "--model", "VibrationMotor"), "--model"), (("ssp", "--fmi", "2"), "--fmi")],
+)
+def test_options_without_effect_are_refused(command, tmp_path, arguments, word):
+    refused = command(build, *arguments, "--out", tmp_path)
+    assert refused.returncode == 2
+    assert f"{word} has no effect" in refused.stderr
+    assert not list(tmp_path.iterdir())
+
+
 def test_unwritable_folder_is_one_sentence(command, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")

@@ -1,0 +1,102 @@
+"""Masters not written here on the pair of robots, held against ours.
+
+Every master steps the FMUs of one archive from `fmus.ssp`. What remains between it and ours is its
+algorithm: whether all FMUs step at once (Jacobi) or the motors first (Gauss-Seidel), and whether
+bodies know the motors' first outputs in the first step. With the same algorithm the bits are ours.
+"""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.masters.containers import pack_with_fmpy, pack_with_toolbox, simulate
+from benchmarks.masters.importers import relabelled, run
+from benchmarks.masters.own import PERIOD_S, drive
+from cosim.base.config import Order
+from fmus.ssp.archive import build_ssp
+
+Poses = np.ndarray  # (n, robots, 7) after every millisecond
+Case = tuple[str, Order, bool, Callable[[], Poses]]
+
+
+def cases(folder: Path, step_s: float, duration_s: float) -> Iterator[Case]:
+    """Name, order, whether outputs are exchanged before the first step, and the run of each master.
+
+    Args:
+        folder: for archives and containers.
+        step_s: communication step.
+        duration_s: simulated time.
+    """
+    first, second = build_ssp(folder)
+    again = relabelled(second, folder / "relabelled.ssp")
+    yield "fmpy", "jacobi", False, lambda: run("fmpy", first, step_s, duration_s)
+    yield "ecospy", "jacobi", True, lambda: run("ecospy", first, step_s, duration_s)
+    yield "libcosimpy", "jacobi", True, lambda: run("libcosimpy", first, step_s, duration_s)
+    yield "ecospy, FMI 3", "jacobi", True, lambda: run("ecospy", again, step_s, duration_s)
+
+    def contained(pack: Callable[..., Path], archive: Path, fmi: str, **options: bool) -> Poses:
+        with tempfile.TemporaryDirectory(dir=folder) as place:
+            made = pack(archive, fmi, step_s, Path(place), **options)
+            return simulate(made, duration_s, PERIOD_S)
+
+    for fmi, archive in (("2", first), ("3", second)):
+        for maker, pack in (("fmpy", pack_with_fmpy), ("toolbox", pack_with_toolbox)):
+            yield (
+                f"container by {maker}, FMI {fmi}",
+                "jacobi",
+                True,
+                lambda pack=pack, archive=archive, fmi=fmi: contained(pack, archive, fmi),
+            )
+    yield (
+        "sequential container by toolbox, FMI 3",
+        "gauss-seidel",
+        True,
+        lambda: contained(pack_with_toolbox, second, "3", sequential=True),
+    )
+
+
+def measure(step: float, duration: float) -> dict[str, dict[str, float | bool | str]]:
+    """By master: algorithm, largest differences of positions in m, whether bits are equal."""
+    usual, found = drive(duration), {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, order, exchange_first, poses in cases(Path(folder), step, duration):
+            own = drive(duration, order, step, exchange_first=exchange_first)
+            other = drive(duration, order, step, exchange_first=not exchange_first)
+            theirs = poses()
+            found[name] = {
+                "order": order,
+                "exchange_first": exchange_first,
+                "same_bits": theirs.tobytes() == own.tobytes(),
+                "from_ours_of_that_order_m": _apart(theirs, own),
+                "from_ours_with_other_first_exchange_m": _apart(theirs, other),
+                "from_our_usual_m": _apart(theirs, usual),
+            }
+    return found
+
+
+def _apart(a: Poses, b: Poses) -> float:
+    return float(np.abs(a - b)[..., :3].max())
+
+
+def show(found: dict[str, dict[str, float | bool | str]]) -> None:
+    """Print a line for each master."""
+    print(
+        f"{'master':40}{'order':14}{'first':7}{'same bits':11}{'apart, m':>10}{'other first':>13}"
+        f"{'usual':>9}"
+    )
+    for name, row in found.items():
+        first = "yes" if row["exchange_first"] else "no"
+        bits = "yes" if row["same_bits"] else "no"
+        print(
+            f"{name:40}{row['order']:14}{first:7}{bits:11}"
+            f"{row['from_ours_of_that_order_m']:10.1e}"
+            f"{row['from_ours_with_other_first_exchange_m']:13.1e}{row['from_our_usual_m']:9.1e}"
+        )
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)

@@ -1,0 +1,1 @@
+"""Systems of the project's FMUs for other tools: System Structure and Parameterization (SSP)."""
