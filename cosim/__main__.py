@@ -48,12 +48,17 @@ COMMANDS = {
         "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
     "fmu": Command("fmus.build", "Build", "motors and robots as FMUs and SSP for other tools"),
+    "firmware": Command(
+        "agent.firmware.__main__", "Firmware", "a policy and its steering for a microcontroller"
+    ),
     "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
     "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),
     "report": Command("analysis.report.__main__", "Report", "one page with all results"),
     "serve": Command("analysis.serve", "Serve", "open a report in the browser"),
     "replay": Command("cosim.replay", "Replay", "run a recorded episode again, compare every bit"),
     "inspect": Command("analysis.inspect", "Inspect", "what a recording holds, what looks wrong"),
+    "browse": Command("analysis.browse.__main__", "Browse", "the episodes of a run as a table"),
+    "export": Command("analysis.export.__main__", "Export", "a recording for other programs"),
     "screenshot": Command("analysis.screenshot", "Screenshot", "what the viewer shows, as a file"),
 }
 _COMPLETION = "--tyro-print-completion"

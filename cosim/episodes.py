@@ -20,7 +20,7 @@ from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.provenance import digest_of
 from cosim.navigation.batch import ROBOTS_TOGETHER, Batch, shared
 from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
-from cosim.navigation.result import EpisodeResult, result_of
+from cosim.navigation.result import EpisodeResult, facts_of, result_of
 from cosim.recording.episode import EpisodeRecorder
 from cosim.scenarios.scenario import Cell, Scenario
 
@@ -137,6 +137,8 @@ class _Attended:
                 q_values and q_values(step.before),
                 parts and parts(step, self.episode.arrived),
             )
+            if step.outcome:
+                self._recorder.conclude(facts_of(self.result()))
 
     def result(self) -> EpisodeResult:
         return result_of(self.episode, self._task.starts, self._wall_s)

@@ -34,6 +34,7 @@ from fmus.description import render_fmi2, render_fmi3
 from fmus.documentation import render_html
 from fmus.models import MODELS, ROOT, STANDARDS, Fmi, Model, folders, read_bytes
 from fmus.origin import license_text, read_origin
+from fmus.references import reference_files
 from fmus.variables import Table, load_table, render_header
 
 __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
@@ -114,7 +115,7 @@ def build_fmus(
             }
         sources = source_files(model, fmi, header)
         sources["buildDescription.xml"] = render_build_description(table, fmi)
-        files |= binaries(fmi, table.name, libraries) | documentation
+        files |= binaries(fmi, table.name, libraries) | documentation | reference_files(model)
         write_archive(path, files | {f"sources/{name}": sources[name] for name in sources})
     return list(paths.values())
 
@@ -144,7 +145,7 @@ def cached_fmu(model: Model = "VibrationMotors") -> Path:
 def instantiation_token(table: Table) -> str:
     """Token that ties model description and binary: a hash of everything they are made from."""
     digest = hashlib.sha256(f"{table!r}{read_origin()}{license_text()}".encode())
-    suffixes = {".c", ".h", ".html", ".png"}
+    suffixes = {".c", ".csv", ".h", ".html", ".mo", ".png"}
     files = [path for folder in folders(table.name) for path in folder.iterdir()]
     inputs = [path for path in files if path.suffix in suffixes]
     for path in sorted([*inputs, *ROOT.glob("*.py")]):

@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from agent.policies import method_name
 from agent.process.exact import joint_starts
 from agent.process.greedy import GreedyPolicy
 from cosim.base.config import CoSimConfig
@@ -115,7 +116,7 @@ class Case:
         """Recorder of the episode from a start."""
         scenario = self.policy.config.scenario
         facts = episode_facts(scenario, self.seed, self.fmu, index, self.start_cells(index))
-        facts["train_episodes"] = self.policy.episodes
+        facts |= {"train_episodes": self.policy.episodes, "method": method_name(self.policy)}
         identity = f"{self.digest}-{index}"
         return EpisodeRecorder(path, scenario, self.config, identity, facts, drawn=drawn)
 

@@ -78,3 +78,18 @@ def result_of(episode: RunningEpisode, starts: tuple[Cell, ...], wall_s: float) 
         conflicts=episode.conflicts,
         drawn=episode.drawn.table() if episode.config.world.draws else None,
     )
+
+
+def facts_of(result: EpisodeResult) -> dict[str, float | int | str]:
+    """What a recording says of its episode's result; the same whenever it is simulated."""
+    facts = {
+        "outcome": str(result.outcome),
+        "path_length_cm": result.path_length_cm,
+        "sim_time_s": result.sim_time_s,
+        "contact_time_s": result.contact_time_s,
+        "energy_j": result.energy_j,
+        "conflicts": result.conflicts,
+    }
+    if result.min_distance_cm is not None:
+        facts["min_distance_cm"] = result.min_distance_cm
+    return facts

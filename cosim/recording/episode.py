@@ -100,7 +100,12 @@ class EpisodeRecorder:
             camera=camera,
         )
         self.file = Recording(path, recording_id, blueprint, viewer)
-        known = {"record": level, "targets_m": [scenario.centre_m(t) for t in scenario.targets]}
+        known = {
+            "record": level,
+            "targets_m": [scenario.centre_m(t) for t in scenario.targets],
+            "board_m": scenario.size_m,
+            "friction": config.robot.mu,  # parameters have a mu, of another type
+        }
         self.tell("episode", facts | known)
         self.tell("parameters", config.table())
         write_scene(self.file, scenario, config.robot)
@@ -154,6 +159,10 @@ class EpisodeRecorder:
         self._batch.append(_Decided(step, q_values, reward_parts))
         if sum(decided.step.duration_s for decided in self._batch) > _BATCH_S - _ROUNDING_S:
             self._write_batch()
+
+    def conclude(self, result: dict[str, Any]) -> None:
+        """Say how the episode ended, in the properties that a catalog of recordings shows."""
+        self.file.stream.send_property("result", properties(result))
 
     def _write_batch(self) -> None:
         if not self._batch:

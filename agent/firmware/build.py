@@ -1,0 +1,130 @@
+"""Writes the firmware's sources and compiles them: for a microcontroller, and for this machine."""
+
+import os
+import re
+import struct
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from cosim.base.storage import replacing
+from fmus.compiler import SAME_BITS, TARGETS, BuildError, compiler_command, host_target
+
+SOURCES = Path(__file__).with_name("c")
+# What a robot calls; main.c and board.c are the program around it.
+LIBRARY = ("arctangent.c", "navigation.c", "steering.c", "speed_loop.c")
+PROGRAM = (*LIBRARY, "main.c", "board.c")
+FLAGS = ("-std=c99", "-O2", "-g0", "-ffreestanding", SAME_BITS, "-Wall", "-Wextra")
+# Doubles are computed by the compiler's runtime: the floating-point unit of a Cortex-M4 has floats.
+MICROCONTROLLER = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4")
+_FRAME = re.compile(r"stack frame size \((\d+)\)")
+_ALLOCATED, _WRITABLE, _WITHOUT_BITS = 2, 1, 8  # of ELF sections
+
+
+class FirmwareSize(msgspec.Struct, frozen=True):
+    """What a robot's firmware needs of a Cortex-M4, in bytes.
+
+    Attributes:
+        robot: which, from 1.
+        flash: code, tables and the compiler's runtime.
+        ram: variables.
+        stack: at most, the frames of all functions together.
+    """
+
+    robot: int
+    flash: int
+    ram: int
+    stack: int
+
+
+def write_sources(folder: Path, constants: str) -> list[Path]:
+    """Write all sources, each whole or not at all.
+
+    Args:
+        folder: that receives them; made if missing.
+        constants: content of `constants.h`.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    files = {path.name: path.read_text() for path in sorted(SOURCES.glob("*.[ch]"))}
+    for name, content in (files | {"constants.h": constants}).items():
+        with replacing(folder / name) as temporary:
+            temporary.write_text(content)
+    return [folder / name for name in (*files, "constants.h")]
+
+
+def compile_library(folder: Path, out: Path, sources: Sequence[Path], robot: int = 1) -> None:
+    """Compile a shared library for this machine.
+
+    Args:
+        folder: with the headers.
+        out: file to write.
+        sources: to compile.
+        robot: for which, from 1.
+
+    Raises:
+        BuildError: no compiler was found, or it failed.
+    """
+    target = ("-target", TARGETS[host_target()].triple) if _has_zig() else ()
+    _compile([*target, *FLAGS, "-shared", "-fPIC"], folder, out, sources, robot)
+
+
+def measure(folder: Path, robot: int) -> FirmwareSize:
+    """Compile and link a robot's program for a Cortex-M4 and see what it needs.
+
+    Args:
+        folder: with the sources.
+        robot: which, from 1.
+
+    Raises:
+        BuildError: ziglang is missing, or it failed.
+    """
+    if not _has_zig():
+        raise BuildError("sizes on a Cortex-M4 need its compiler: install ziglang")
+    flags = (*MICROCONTROLLER, *FLAGS, "-Wframe-larger-than=1")
+    link = ("-ffunction-sections", "-Wl,--gc-sections", "-Wl,-e,main")
+    with tempfile.TemporaryDirectory() as work:
+        program = Path(work) / "firmware.elf"
+        sources = [folder / name for name in PROGRAM]
+        said = _compile([*flags, *link], folder, program, sources, robot)
+        flash, ram = _sections(program.read_bytes())
+    return FirmwareSize(robot, flash, ram, sum(map(int, _FRAME.findall(said))))
+
+
+def _has_zig() -> bool:
+    return "ziglang" in compiler_command()
+
+
+def _compile(
+    flags: Sequence[str], folder: Path, out: Path, sources: Sequence[Path], robot: int
+) -> str:
+    """What the compiler said; its own cache is left out, which keeps what it says to itself."""
+    with tempfile.TemporaryDirectory() as cache:
+        command = [*compiler_command(), *flags, f"-DROBOT={robot}", f"-I{folder}"]
+        run = subprocess.run(
+            [*command, *map(str, sources), "-o", str(out)],
+            env=os.environ | {"ZIG_LOCAL_CACHE_DIR": cache},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    if run.returncode:
+        raise BuildError(f"the C compiler failed for the firmware: {run.stderr.strip()}")
+    return run.stderr
+
+
+def _sections(program: bytes) -> tuple[int, int]:
+    """Bytes of flash and of RAM that the sections of a 32-bit ELF file take."""
+    (start,) = struct.unpack_from("<I", program, 0x20)
+    size, count = struct.unpack_from("<HH", program, 0x2E)
+    flash = ram = 0
+    for k in range(count):
+        _, kind, flags, _, _, length = struct.unpack_from("<6I", program, start + k * size)
+        if flags & _ALLOCATED:
+            flash += 0 if kind == _WITHOUT_BITS else length
+            ram += length if flags & _WRITABLE else 0
+    return flash, ram

@@ -1,0 +1,1 @@
+"""Many recordings as a table in the Rerun viewer."""

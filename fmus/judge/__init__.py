@@ -1,0 +1,1 @@
+"""The FMUs before judges not written here: validators, and importers that simulate them."""

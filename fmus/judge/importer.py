@@ -1,0 +1,59 @@
+"""Runs an FMU's experiment in an importer not written here; a process of its own for each.
+
+`python -m fmus.judge.importer {ecospy,libcosimpy} FMU MODEL` prints the outputs after every step as
+JSON. Both importers come from the package registry (group `test`).
+"""
+
+import ctypes
+import json
+import sys
+from pathlib import Path
+from typing import cast
+
+from fmus.models import Model
+from fmus.references import EXPERIMENTS, ReferenceRun, outputs_of
+
+
+def run_ecospy(fmu: str, experiment: ReferenceRun, outputs: list[str]) -> list[list[float]]:
+    """Rows of outputs, by ecospy."""
+    # ecospy links to tbb without saying where; PyPI's tbb lies in the environment's lib folder.
+    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
+    from ecospy import EcosSimulation, EcosSimulationStructure  # noqa: PLC0415
+
+    with EcosSimulationStructure() as structure:
+        structure.add_model("fmu", fmu)
+        start = {f"fmu::{name}": value for name, value in experiment.inputs.items()}
+        structure.add_parameter_set("start", start)
+        with EcosSimulation(structure=structure, step_size=experiment.step_s) as simulation:
+            simulation.init(parameter_set="start")
+            rows = []
+            for _ in range(experiment.steps):
+                simulation.step()
+                rows.append([simulation.get_real(f"fmu::{name}") for name in outputs])
+            return rows
+
+
+def run_libcosimpy(fmu: str, experiment: ReferenceRun, outputs: list[str]) -> list[list[float]]:
+    """Rows of outputs, by libcosimpy."""
+    from libcosimpy.CosimExecution import CosimExecution  # noqa: PLC0415
+    from libcosimpy.CosimObserver import CosimObserver  # noqa: PLC0415
+    from libcosimpy.CosimSlave import CosimLocalSlave  # noqa: PLC0415
+
+    execution = CosimExecution.from_step_size(round(experiment.step_s * 1e9))
+    index = execution.add_local_slave(CosimLocalSlave(fmu, "fmu"))
+    references = {v.name.decode(): v.reference for v in execution.slave_variables(index)}
+    for name, value in experiment.inputs.items():
+        execution.real_initial_value(index, references[name], value)
+    observer = CosimObserver.create_last_value()
+    execution.add_observer(observer)
+    rows = []
+    for _ in range(experiment.steps):
+        assert execution.step(1)
+        rows.append(list(observer.last_real_values(index, [references[n] for n in outputs])))
+    return rows
+
+
+if __name__ == "__main__":
+    run = {"ecospy": run_ecospy, "libcosimpy": run_libcosimpy}[sys.argv[1]]
+    model = cast(Model, sys.argv[3])
+    print("\n" + json.dumps(run(sys.argv[2], EXPERIMENTS[model], outputs_of(model))))

@@ -1,0 +1,246 @@
+"""The judges, one function each: what one of them says of one FMU.
+
+Importers simulate the experiment of `fmus.references`; what they find is held against the results
+that the archives hold.
+"""
+
+import csv
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import NamedTuple
+
+import fmpy
+import fmpy.validation
+import msgspec
+import numpy as np
+
+from cosim.base.errors import UserError
+from fmus.models import Fmi, Model, read_text
+from fmus.references import EXPERIMENTS, FOLDER, outputs_of, reference_files
+
+TIMEOUT_S = 120.0
+SAME = (
+    1e-9  # largest deviation that passes; the algorithm is the same, the bits of times need not be
+)
+_TOLD = 200  # characters of what a tool said
+
+
+class JudgeError(UserError):
+    """A judge that cannot be asked; the message says what is missing."""
+
+
+class Artefact(NamedTuple):
+    """An FMU that is judged."""
+
+    model: Model
+    fmi: Fmi
+    path: Path
+
+    @property
+    def name(self) -> str:
+        """Model and standard."""
+        return f"{self.model}, FMI {self.fmi}"
+
+
+class Verdict(msgspec.Struct, frozen=True):
+    """What a judge says of an FMU.
+
+    Attributes:
+        tool: name.
+        version: of the tool, empty if it is not at hand.
+        artefact: model and standard.
+        says: in words: "valid", "not at hand: …", or what is wrong.
+        deviation: largest of all outputs from the reference results, relative to the largest value
+            of that output; None where nothing was simulated.
+        agrees: whether the FMU passes; None if nobody was asked.
+    """
+
+    tool: str
+    version: str
+    artefact: str
+    says: str
+    deviation: float | None
+    agrees: bool | None
+
+
+class Tool(NamedTuple):
+    """A judge.
+
+    Attributes:
+        name: of the tool.
+        version: of it; raises JudgeError if the tool is not at hand.
+        judge: outputs after every step, shape (steps, outputs), or a list of problems of a
+            validator.
+        standards: that it knows.
+        models: that it is asked about.
+    """
+
+    name: str
+    version: Callable[[], str]
+    judge: Callable[[Artefact], "np.ndarray | list[str]"]
+    standards: tuple[Fmi, ...] = ("2", "3")
+    models: tuple[Model, ...] = tuple(EXPERIMENTS)
+
+    def takes(self, artefact: Artefact) -> bool:
+        """Whether it is asked about an FMU."""
+        return artefact.fmi in self.standards and artefact.model in self.models
+
+
+def ask(tool: Tool, artefact: Artefact) -> Verdict:
+    """What a judge says of an FMU; a judge that is not at hand is said to be so."""
+    try:
+        known = tool.version()
+    except JudgeError as error:
+        says = f"not at hand: {error}"
+        return Verdict(tool.name, "", artefact.name, says, None, None)
+    try:
+        found = tool.judge(artefact)
+    except (JudgeError, OSError, ValueError, subprocess.TimeoutExpired) as error:
+        says = f"failed: {error}"
+        return Verdict(tool.name, known, artefact.name, says, None, False)
+    if isinstance(found, list):
+        says = "; ".join(found) or "valid"
+        return Verdict(tool.name, known, artefact.name, says, None, not found)
+    deviation = deviation_of(found, artefact.model)
+    says = "the same bits" if deviation == 0.0 else "simulated"
+    return Verdict(tool.name, known, artefact.name, says, deviation, deviation <= SAME)
+
+
+def reference_rows(model: Model) -> np.ndarray:
+    """Outputs after every step, (steps, outputs) float64, as the archives hold them."""
+    rows = list(csv.reader(read_text(model, f"{model}_ref.csv").splitlines()))
+    return np.array(rows[2:], dtype=np.float64)[:, 1:]
+
+
+def deviation_of(found: np.ndarray, model: Model) -> float:
+    """Largest deviation of an output, relative to its largest value.
+
+    Raises:
+        ValueError: there are more or fewer rows, or outputs.
+    """
+    expected = reference_rows(model)
+    if found.shape != expected.shape:
+        raise ValueError(f"{found.shape[0]} rows of {found.shape[1]} outputs")
+    scale = np.abs(expected).max(axis=0)
+    return float((np.abs(found - expected) / np.where(scale > 0.0, scale, 1.0)).max())
+
+
+def package_version(package: str) -> Callable[[], str]:
+    """Version of an installed package."""
+
+    def known() -> str:
+        try:
+            return version(package)
+        except PackageNotFoundError:
+            raise JudgeError(f"install {package}") from None
+
+    return known
+
+
+def validate_by_fmpy(artefact: Artefact) -> list[str]:
+    """Problems that fmpy's validator finds."""
+    return fmpy.validation.validate_fmu(str(artefact.path))
+
+
+def simulate_by_fmpy(artefact: Artefact) -> np.ndarray:
+    """Outputs by `fmpy.simulate_fmu`."""
+    experiment, outputs = EXPERIMENTS[artefact.model], outputs_of(artefact.model)
+    result = fmpy.simulate_fmu(
+        str(artefact.path),
+        fmi_type="CoSimulation",
+        stop_time=experiment.stop_s,
+        output_interval=experiment.step_s,
+        start_values=dict(experiment.inputs),
+        output=outputs,
+    )
+    return np.array([result[name] for name in outputs]).T[1:]
+
+
+def simulate_in_process(importer: str) -> Callable[[Artefact], np.ndarray]:
+    """Outputs by an importer of `fmus.judge.importer`."""
+
+    def judge(artefact: Artefact) -> np.ndarray:
+        command = [sys.executable, "-m", "fmus.judge.importer", importer]
+        said = run([*command, str(artefact.path), artefact.model])
+        return np.array(json.loads(said.splitlines()[-1]))
+
+    return judge
+
+
+def simulate_by_fmusim(program: Path) -> Callable[[Artefact], np.ndarray]:
+    """Outputs by the fmusim of the Reference FMUs."""
+
+    def judge(artefact: Artefact) -> np.ndarray:
+        experiment = EXPERIMENTS[artefact.model]
+        options = ["--interface-type", "cs", "--stop-time", str(experiment.stop_s)]
+        options += ["--output-interval", str(experiment.step_s)]
+        for name, value in experiment.inputs.items():
+            options += ["--start-value", name, repr(value)]
+        for name in outputs_of(artefact.model):
+            options += ["--output-variable", name]
+        return _from_file(
+            lambda out: [str(program), *options, "--output-file", out, str(artefact.path)],
+            artefact.model,
+        )
+
+    return judge
+
+
+def simulate_by_fmucheck(program: Path) -> Callable[[Artefact], np.ndarray]:
+    """Outputs by the FMU Compliance Checker; raises ValueError with what it complains about."""
+
+    def judge(artefact: Artefact) -> np.ndarray:
+        experiment = EXPERIMENTS[artefact.model]
+        with tempfile.TemporaryDirectory() as folder:
+            inputs = Path(folder) / "in.csv"
+            name = f"{FOLDER}/{artefact.model}_in.csv"
+            inputs.write_bytes(reference_files(artefact.model)[name])
+            options = ["-k", "cs", "-f", "-s", str(experiment.stop_s), "-i", str(inputs)]
+            options += ["-h", str(experiment.step_s), "-n", "0"]
+            return _from_file(
+                lambda out: [str(program), *options, "-o", out, str(artefact.path)], artefact.model
+            )
+
+    return judge
+
+
+def validate_by_vdmcheck(jar: Path) -> Callable[[Artefact], list[str]]:
+    """Problems that VDMCheck finds."""
+
+    def judge(artefact: Artefact) -> list[str]:
+        said = run(["java", "-jar", str(jar), str(artefact.path)])
+        return [] if re.search(r"no errors found", said, re.IGNORECASE) else [said.strip()[-_TOLD:]]
+
+    return judge
+
+
+def run(command: Sequence[str]) -> str:
+    """What a tool prints.
+
+    Raises:
+        ValueError: it failed; the message is the end of what it said.
+    """
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, errors="replace"
+    )
+    if done.returncode:
+        said = " ".join((done.stderr + done.stdout).split())
+        raise ValueError(f"status {done.returncode}: {said[-_TOLD:]}")
+    return done.stdout
+
+
+def _from_file(command: Callable[[str], list[str]], model: Model) -> np.ndarray:
+    """Outputs after every step from the CSV file that a tool writes."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out.csv"
+        run(command(str(out)))
+        with out.open(newline="") as file:
+            header, *rows = csv.reader(file)
+    places = [[name.strip() for name in header].index(output) for output in outputs_of(model)]
+    return np.array([[float(row[k]) for k in places] for row in rows[1:]])

@@ -1,0 +1,356 @@
+"""The firmware's C in place of the Python: every action and every set point, in every bit."""
+
+import ctypes
+import ctypes.util
+import json
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import agent
+from agent.deep.policy import NetworkPolicy
+from agent.firmware import __main__ as firmware
+from agent.firmware.build import FLAGS, LIBRARY, MICROCONTROLLER, compile_library, write_sources
+from agent.firmware.tables import render_constants
+from agent.process.config import ProcessConfig
+from agent.process.readings import build_process
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.settings import LearningConfig
+from cosim.base.config import CoSimConfig
+from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
+from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.signals import new_raw_samples, new_samples
+from cosim.navigation.cosimulation import CoSimulation
+from cosim.navigation.features import Observation, distance_thresholds
+from cosim.navigation.observing import cells_of, nearest_squared, observe
+from cosim.navigation.options import Driving
+from cosim.physics.rotation import headings
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
+from cosim.simulation import draw_episode
+
+# The library's arctangent in place of our own: the kernels call it, and it may differ by an ulp.
+LIBRARY_ARCTANGENT = """
+double (*library)(double);
+double arctangent(double x) { return library(x); }
+"""
+MODES = (0.0, 1.0, 2.0, 3.0, 5.0)  # of cosim.control.steering, by those of the firmware
+MOST_RAM = 64_000
+# Own arctangent against the library's: an ulp of a course of some rad, times the heading gain.
+NEAR_RAD_S = 1e-10
+
+
+class Robot(ctypes.Structure):
+    """`Robot` of minirobot.h."""
+
+    _fields_ = (
+        ("mode", ctypes.c_int),
+        ("goal", 2 * ctypes.c_double),
+        ("direction", ctypes.c_int32),
+        ("sense", ctypes.c_double),
+        ("dither_phase", ctypes.c_double),
+        ("dither_sign", ctypes.c_double),
+        ("period", ctypes.c_uint32),
+        ("moving_since", ctypes.c_double),
+        ("squared", ctypes.c_int32),
+        ("arrived", ctypes.c_bool),
+    )
+
+
+class Fleet:
+    """The firmware of every robot of a board, each in a library of its own."""
+
+    def __init__(self, folder: Path, robots: int, arctangent: str = "arctangent.c") -> None:
+        self.libraries, self.robots = [], [Robot() for _ in range(robots)]
+        sources = [folder / name for name in LIBRARY if name != "arctangent.c"]
+        for number in range(1, robots + 1):
+            out = folder / f"{Path(arctangent).stem}{number}.so"
+            compile_library(folder, out, [*sources, folder / arctangent], number)
+            library = ctypes.CDLL(str(out))
+            numbers, pointer = ctypes.c_double, ctypes.c_void_p
+            library.robot_decide.argtypes = (pointer, numbers, pointer)
+            library.robot_steer.argtypes = (pointer, numbers, numbers, numbers, pointer)
+            library.robot_decides.restype = ctypes.c_bool
+            if arctangent != "arctangent.c":
+                libm = ctypes.CDLL(ctypes.util.find_library("m"))
+                address = ctypes.cast(libm.atan, pointer).value
+                pointer.in_dll(library, "library").value = address
+            self.libraries.append(library)
+
+    def start(self, positions: np.ndarray) -> None:
+        for library, robot in zip(self.libraries, self.robots, strict=True):
+            library.robot_start(ctypes.byref(robot), positions.ctypes)
+
+    def decide(self, positions: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        for library, robot, angle in zip(self.libraries, self.robots, angles, strict=True):
+            assert library.robot_decides(ctypes.byref(robot))
+            library.robot_decide(ctypes.byref(robot), angle, positions.ctypes)
+        return np.array([robot.direction for robot in self.robots])
+
+    def steer(self, positions: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        set_points = np.empty((len(self.robots), 2))
+        for k, (library, robot) in enumerate(zip(self.libraries, self.robots, strict=True)):
+            where = (*positions[k].tolist(), angles[k])
+            library.robot_steer(ctypes.byref(robot), *where, set_points[k].ctypes)
+        return set_points
+
+
+def poses(state, robots: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and headings of a co-simulation's robots."""
+    bodies = state.bodies[:, :robots]
+    return bodies[:2].T.copy(), headings(bodies[3:7].T)
+
+
+class InPlace:
+    """A driver whose robots the firmware steers, and a policy that is the firmware's.
+
+    The firmware as it is shipped sees the same; what it would do is kept.
+
+    Attributes:
+        shipped: with the arctangent of its own.
+        differences: of its set points, rad/s, one per control period.
+    """
+
+    def __init__(self, fleet: Fleet, shipped: Fleet, simulation: CoSimulation) -> None:
+        batch = simulation._batch
+        self.fleet, self.shipped, self.differences = fleet, shipped, []
+        self.inner, self.state = batch._driver, batch._state
+        self.motors = self.inner.motors
+        batch._driver = self
+        where, _ = poses(self.state, len(fleet.robots))
+        fleet.start(where)
+        shipped.start(where)
+
+    def act(self, _: Observation) -> np.ndarray:
+        where = poses(self.state, len(self.fleet.robots))
+        actions = self.fleet.decide(*where)
+        assert (self.shipped.decide(*where) == actions).all()
+        return actions
+
+    def advance(self, plant, state, noise, samples, raw) -> None:
+        robots, columns = len(self.fleet.robots), state.bodies.shape[1]
+        one, none = new_samples(1, columns), new_raw_samples(0, columns)
+        for period in range(len(noise)):
+            where = poses(state, robots)
+            set_points = self.fleet.steer(*where)
+            self.differences.append(np.abs(self.shipped.steer(*where) - set_points).max())
+            state.commands[:robots, OMEGA_D : OMEGA_E + 1] = set_points
+            state.commands[:robots, MODE] = DIRECT
+            self.inner.advance(plant, state, noise[period : period + 1], one, none)
+            for every, new in zip(samples, one, strict=True):
+                every[period] = new[0]
+            state.periods[state.periods > 0] = period + 1
+            if not state.running.any():
+                break
+        state.commands[:robots, MODE] = [MODES[robot.mode] for robot in self.fleet.robots]
+
+
+def drive(simulation, policy, observation):
+    """Actions, set points, voltages and positions of an episode, and how it ended."""
+    steps = []
+    while not simulation.outcome:
+        steps.append(simulation.advance(policy.act(observation)))
+        observation = simulation.episode.observation
+    kept = ("omega_des", "position", "voltage")
+    signals = {n: np.concatenate([getattr(s.samples, n) for s in steps]) for n in kept}
+    return np.array([s.action for s in steps]), signals, simulation.outcome
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return agent.train("2", method="paper", episodes=400_000)
+
+
+def in_place(folder: Path, policy, seeds, starts=None, **options) -> list[str]:
+    """Compare episodes of the firmware with those of the Python; how they ended."""
+    scenario = policy.config.scenario
+    config, fmu = Driving(**options).prepare(scenario.robot_diameter_m)
+    write_sources(folder, render_constants(policy, config))
+    (folder / "library.c").write_text(LIBRARY_ARCTANGENT)
+    fleet = Fleet(folder, scenario.robots, "library.c")
+    shipped = Fleet(folder, scenario.robots)
+    outcomes = []
+    for seed in seeds:
+        drawn, noise_seed = draw_episode(scenario, seed, 0)
+        simulation = CoSimulation(scenario, fmu, config)
+        observation = simulation.reset(starts or drawn, noise_seed)
+        actions, signals, outcome = drive(simulation, policy, observation)
+        observation = simulation.reset(starts or drawn, noise_seed)
+        ours = InPlace(fleet, shipped, simulation)
+        our_actions, our_signals, our_outcome = drive(simulation, ours, observation)
+        simulation.close()
+        assert (our_actions == actions).all()
+        for name, values in signals.items():
+            assert our_signals[name].tobytes() == values.tobytes(), name
+        assert our_outcome == outcome
+        assert max(ours.differences) < NEAR_RAD_S
+        outcomes.append(str(outcome))
+    return outcomes
+
+
+def test_a_whole_episode_has_the_bits_of_the_python_loop(policy, tmp_path):
+    assert in_place(tmp_path, policy, [0], ((13, 21), (18, 10))) == ["success"]
+
+
+@pytest.mark.slow
+def test_more_episodes_have_the_bits_of_the_python_loop(policy, tmp_path):
+    assert in_place(tmp_path / "stop", policy, range(4)).count("success") >= 2
+    assert len(in_place(tmp_path / "through", policy, [0, 1], through=True)) == 2
+
+
+def random_policy(scenario, features, rng) -> Policy:
+    """Tables of few different values: most states have several best directions."""
+    config = PolicyConfig(
+        scenario, ProcessConfig(features=tuple(features)), LearningConfig(), Seed(0)
+    )
+    states = build_process(scenario, config.process).state_count
+    q = rng.integers(3, size=(1, scenario.robots, states, 8)).astype(np.float32)
+    visits = np.ones(q.shape[1:3], dtype=np.uint32)
+    return Policy(config, q, visits, np.zeros(1, dtype=np.uint64), 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "features"),
+    [("1b", "xyh"), ("4-ring", "xydgb"), ("small", "xdgbhp")],
+)
+def test_decisions_are_those_of_the_policy(name, features, tmp_path):
+    if name == "small":
+        scenario = Scenario(
+            "small", "", ((5, 5), (0, 0)), (((5, 0),), ((0, 5),)), 6, 6, zone=(2, 2, 3, 3)
+        )
+    else:
+        scenario = find_scenario(name)
+    rng = np.random.default_rng(3)
+    policy = random_policy(scenario, features, rng)
+    write_sources(tmp_path, render_constants(policy, CoSimConfig()))
+    fleet = Fleet(tmp_path, scenario.robots)
+    thresholds = distance_thresholds(scenario)
+    eighth = math.pi / 4.0
+    for _ in range(300):
+        where = rng.random((2, scenario.robots, 2)) * scenario.size_m
+        where[1] = (where[0] + rng.normal(0.0, 0.02, where[0].shape)).clip(
+            0.0, np.nextafter(scenario.size_m, 0.0)
+        )
+        angles = rng.uniform(-math.pi, math.pi, scenario.robots)
+        angles[0] = (rng.integers(-8, 8) / 2.0) * eighth  # also between two directions
+        before = nearest_squared(cells_of(where[0], scenario.cell_m))
+        seen = observe(where[1], angles, scenario.cell_m, thresholds, before)
+        fleet.start(where[0])
+        assert fleet.decide(where[1], angles).tolist() == policy.act(seen).tolist()
+
+
+def test_a_robot_off_the_board_waits(tmp_path):
+    policy = random_policy(find_scenario("2"), "xydg", np.random.default_rng(0))
+    write_sources(tmp_path, render_constants(policy, CoSimConfig()))
+    fleet = Fleet(tmp_path, 2)
+    where = np.array([[0.1, 0.29], [0.2, -1e-9]])
+    fleet.start(where)
+    fleet.decide(where, np.zeros(2))
+    assert [robot.mode for robot in fleet.robots] == [0, 0]
+    assert not fleet.steer(where, np.zeros(2)).any()
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory) -> ctypes.CDLL:
+    """The firmware of some policy."""
+    folder = tmp_path_factory.mktemp("firmware")
+    policy = random_policy(find_scenario("1a"), "x", np.random.default_rng(0))
+    write_sources(folder, render_constants(policy, CoSimConfig()))
+    loaded = Fleet(folder, 1).libraries[0]
+    numbers = ctypes.c_double
+    loaded.arctangent.argtypes, loaded.arctangent.restype = (numbers,), numbers
+    loaded.speed_loop.argtypes = (ctypes.c_void_p, numbers, numbers)
+    loaded.speed_loop.restype = numbers
+    return loaded
+
+
+@given(x=st.floats(-8.0, 8.0) | st.floats(allow_nan=False))
+def test_arctangent_is_the_librarys_but_for_the_last_bit(library, x):
+    ours, theirs = library.arctangent(x), math.atan(x)
+    assert abs(ours - theirs) <= math.ulp(theirs)
+    assert ours == -library.arctangent(-x)
+
+
+def speeds(fmu, set_point, seconds, library=None) -> np.ndarray:
+    """Speed of a motor every millisecond, under its own loop, or under the firmware's."""
+    motor = MotorFmu(fmu, open_loop=library is not None).instantiate("motor", {})
+    loop, found = ctypes.c_double(0.0), []
+    for k in range(round(1e3 * seconds)):
+        speed = found[-1] if found else 0.0
+        if library is not None:
+            value = library.speed_loop(ctypes.byref(loop), set_point, speed)
+        else:
+            value = set_point
+        motor.set_inputs(np.array([value, 0.0, 0.0]), 100 * k, 1e-5)
+        motor.step(100 * k, 100, 1e-5)
+        found.append(float(motor.outputs(100 * (k + 1), 1e-5)[1]))
+    motor.close()
+    return np.array(found)
+
+
+def test_sampled_speed_loop_does_what_the_motors_own_does(library, motor_fmu):
+    for set_point in (1000.0, -500.0):
+        own, sampled = (speeds(motor_fmu, set_point, 2.0, lib) for lib in (None, library))
+        end = slice(-200, None)
+        assert sampled[end].mean() == pytest.approx(own[end].mean(), abs=1.0)
+        assert np.abs(sampled).max() < 1.02 * np.abs(own).max()  # nothing winds up
+
+
+def test_sources_are_c99_and_call_nothing_but_the_compilers_runtime(tmp_path):
+    policy = random_policy(find_scenario("2"), "xydgb", np.random.default_rng(0))
+    write_sources(tmp_path, render_constants(policy, CoSimConfig()))
+    command = [sys.executable, "-m", "ziglang", "cc", *MICROCONTROLLER, *FLAGS]
+    strict = ("-Werror", "-pedantic", "-Wno-unused-command-line-argument")  # zig's own, with -S
+    called, defined = set(), set()
+    for name in LIBRARY:
+        run = subprocess.run(
+            [*command, *strict, "-S", tmp_path / name, "-o", tmp_path / "out.s"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert run.returncode == 0, run.stderr
+        assembly = (tmp_path / "out.s").read_text()
+        called |= set(re.findall(r"^\s+bl?\s+(\w+)$", assembly, re.MULTILINE))
+        defined |= set(re.findall(r"^(\w+):", assembly, re.MULTILINE))
+    runtime = {name for name in called - defined if not name.startswith(".")}
+    assert "__aeabi_dmul" in runtime
+    assert all(re.match(r"__aeabi_(d|i2d|ui2d|memcpy)|memcpy", name) for name in runtime), runtime
+
+
+def test_command_writes_sources_and_says_what_they_need(command, policy, tmp_path):
+    policy.save(tmp_path / "policy.npz")
+    line = ("--policy", tmp_path / "policy.npz", "--out", tmp_path / "c")
+    run = command(firmware, *line, "--json")
+    assert run.returncode == 0, run.stderr
+    said = json.loads(run.stdout.splitlines()[-1])
+    assert {Path(file) for file in said["files"]} == set((tmp_path / "c").iterdir())
+    states = policy.process.state_count
+    for number, size in enumerate(said["sizes"], 1):
+        assert size["robot"] == number
+        assert states < size["flash"] < states + 16_000
+        assert 0 < size["ram"] + size["stack"] < MOST_RAM
+    for wrong, reason in (
+        (("--safety-margin", "0.006"), "--safety-margin"),
+        (("--time-limit", "9"), "--time-limit has no effect"),
+    ):
+        refused = command(firmware, *line, *wrong)
+        assert (refused.returncode, len(refused.stderr.splitlines())) == (2, 1)
+        assert reason in refused.stderr
+
+
+def test_networks_are_refused(command, monkeypatch, tmp_path):
+    network = NetworkPolicy.__new__(NetworkPolicy)
+    object.__setattr__(network, "config", SimpleNamespace(algorithm="ddqn"))
+    monkeypatch.setattr("agent.firmware.tables.load_policy", lambda _path: network)
+    run = command(firmware, "--policy", "p.npz", "--out", tmp_path)
+    assert run.returncode == 2
+    assert "a network trained by ddqn" in run.stderr

@@ -1,0 +1,169 @@
+"""Recordings written for other programs: read back by their own readers, every value is there."""
+
+import csv
+import json
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+import scipy.io
+from mcap.reader import make_reader
+
+import analysis
+from analysis.export import __main__ as command_module
+from analysis.export import messages, writing
+from analysis.export.content import Format
+from cosim.reading.episode import Episode, Signals
+from cosim.reading.rrd import Signal, Texts
+
+MADE_UP = Path("made_up.rrd")
+Values = dict[tuple[str, str], tuple[str, list[float], list]]
+
+
+@pytest.fixture(scope="module")
+def episode(recording):
+    return analysis.open(recording)
+
+
+@pytest.fixture(scope="module")
+def expected(episode) -> Values:
+    """Unit, times and values by signal and component."""
+    held: Values = {}
+    for path, signal in episode.signals.items():
+        columns = signal.values.reshape(len(signal.time_s), -1).T
+        for name, column in zip(signal.components or ("0", "1", "2", "3"), columns, strict=False):
+            held[path, name] = signal.unit, signal.time_s.tolist(), column.tolist()
+    for path, texts in episode.texts.items():
+        held[path, "text"] = "", texts.time_s.tolist(), list(texts.texts)
+    return held
+
+
+def read_parquet(path) -> Values:
+    found: Values = {}
+    for row in pyarrow.parquet.read_table(path).to_pylist():
+        _add(found, row)
+    return found
+
+
+def read_csv(path) -> Values:
+    found: Values = {}
+    with path.open(newline="") as file:
+        for row in csv.DictReader(file):
+            number = {k: float(row[k]) if row[k] else None for k in ("time_s", "value")}
+            _add(found, row | number)
+    return found
+
+
+def _add(found: Values, row) -> None:
+    name = row["component"] or "text"
+    _, times, values = found.setdefault((row["signal"], name), (row["unit"], [], []))
+    times.append(row["time_s"])
+    values.append(row["text"] if row["value"] is None else row["value"])
+
+
+def read_mcap(path) -> Values:
+    found: Values = {}
+    last = 0
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            assert message.log_time >= last
+            last = message.log_time
+            assert schema is not None
+            assert schema.encoding == "jsonschema"
+            for name, value in json.loads(message.data).items():
+                entry = (channel.metadata["unit"], [], [])
+                _, times, values = found.setdefault((channel.topic, name), entry)
+                times.append(message.log_time / 1e9)
+                values.append(value)
+    return found
+
+
+def read_mat(path) -> Values:
+    found: Values = {}
+    content = scipy.io.loadmat(path, simplify_cells=True)
+    for name, struct in content.items():
+        if name.startswith("__") or name == "facts":
+            continue
+        times = np.atleast_1d(struct["time_s"]).tolist()
+        if "texts" in struct:
+            texts = np.atleast_1d(struct["texts"]).tolist()
+            found[struct["path"], "text"] = "", times, texts
+            continue
+        columns = np.reshape(struct["values"], (len(times), -1)).T
+        for component, column in zip(np.atleast_1d(struct["components"]), columns, strict=True):
+            found[struct["path"], str(component)] = str(struct["unit"]), times, column.tolist()
+    return found
+
+
+READERS = {"parquet": read_parquet, "csv": read_csv, "mcap": read_mcap, "mat": read_mat}
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_every_value_is_read_back(command, recording, expected, kind, tmp_path):
+    out = tmp_path / f"episode.{kind}"
+    run = command(command_module, recording, "--to", kind, "--out", out, "--json")
+    assert run.returncode == 0, run.stderr
+    said = json.loads(run.stdout.splitlines()[-1])
+    assert said["bytes"] == out.stat().st_size
+    assert [path.name for path in tmp_path.iterdir()] == [out.name]
+    found = READERS[kind](out)
+    assert found.keys() == {key for key, (_, times, _) in expected.items() if times}
+    for key, entry in found.items():
+        assert entry == expected[key], key
+
+
+def test_what_was_run_comes_along(episode, tmp_path):
+    writing.export(episode, "parquet", tmp_path / "e.parquet")
+    metadata = pyarrow.parquet.read_schema(tmp_path / "e.parquet").metadata
+    from_parquet = json.loads(metadata[b"minirobots"])
+    writing.export(episode, "mat", tmp_path / "e.mat")
+    from_mat = json.loads(scipy.io.loadmat(tmp_path / "e.mat", simplify_cells=True)["facts"])
+    writing.export(episode, "mcap", tmp_path / "e.mcap")
+    with (tmp_path / "e.mcap").open("rb") as file:
+        (record,) = make_reader(file).iter_metadata()
+    assert record.name == "minirobots"
+    from_mcap = {name: json.loads(value) for name, value in record.metadata.items()}
+    assert from_parquet == from_mat == from_mcap
+    assert from_mat["facts"]["scenario"] == "2"
+    assert from_mat["parameters"]["mu"]["unit"] == "1"
+
+
+def made_up(signals=None, texts=None) -> Episode:
+    return Episode(
+        *(MADE_UP, "id", True, "", 1.0, ("r1",), {}, {}),
+        Signals(MADE_UP, signals or {}),
+        texts or {},
+        {},
+    )
+
+
+def test_long_names_and_odd_values_survive(tmp_path):
+    times = np.array([0.001, 0.002])
+    long = "/sim/r1/" + "long_" * 20
+    values = np.array([np.nan, np.inf])
+    held = {f"{long}{k}": Signal(times, values, (), "m") for k in "ab"}
+    episode = made_up(held, {"/log": Texts(times, ("one, two", 'a "quoted" word'))})
+    for kind in get_args(Format):
+        writing.export(episode, kind, tmp_path / f"e.{kind}")
+        found = READERS[kind](tmp_path / f"e.{kind}")
+        assert found["/log", "text"][2] == ["one, two", 'a "quoted" word'], kind
+        for path in held:
+            unit, _, (first, second) = found[path, "0"]
+            assert unit == "m"
+            assert (first is None) if kind == "mcap" else np.isnan(first)
+            assert second == (None if kind == "mcap" else np.inf)
+
+
+def test_refusals_leave_nothing(command, recording, monkeypatch, tmp_path):
+    monkeypatch.setattr(messages, "find_spec", lambda _name: None)
+    lacking = command(command_module, recording, "--to", "mcap", "--out", tmp_path / "e.mcap")
+    assert (lacking.returncode, len(lacking.stderr.splitlines())) == (2, 1)
+    assert "--extra export" in lacking.stderr
+    unknown = command(command_module, recording, "--to", "xls", "--out", tmp_path / "e.xls")
+    assert unknown.returncode == 2
+    assert "parquet" in unknown.stderr + unknown.stdout
+    missing = command(command_module, tmp_path / "none.rrd", "--to", "csv")
+    assert missing.returncode == 2
+    assert not list(tmp_path.iterdir())
