@@ -11,10 +11,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.builders.hooks.plugin import interface  # pyright: ignore[reportMissingImports]
 
 
-class BuiltFmus(BuildHookInterface):
+class BuiltFmus(interface.BuildHookInterface):
     """See the module."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

@@ -162,7 +162,7 @@ class EpisodeRecorder:
 
     def conclude(self, result: dict[str, Any]) -> None:
         """Say how the episode ended, in the properties that a catalog of recordings shows."""
-        self.file.stream.send_property("result", properties(result))
+        self.tell("result", result)
 
     def _write_batch(self) -> None:
         if not self._batch:
