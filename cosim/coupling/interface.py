@@ -13,10 +13,11 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from fmpy.model_description import BaseUnit, CoSimulation, ModelDescription, ModelVariable
+from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable
 
 from cosim.base.config import whole_ratio
-from cosim.base.errors import UserError
+from cosim.fmi.fmu import FmuError
+from cosim.fmi.units import base_unit, exponents, unit_of
 from fmus.variables import Unit, load_table
 
 INPUTS = ("omega_des", "omega_noise", "d")
@@ -26,26 +27,17 @@ OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
 RESTART = "restart"
 
-_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
-
-class FmuError(UserError):
-    """An FMU that cannot be used, or that failed while it ran; the message names it."""
-
-
-def co_simulation(path: Path, description: ModelDescription) -> CoSimulation:
-    """The FMI 3.0 Co-Simulation interface of an FMU.
+def require_fmi_3(path: Path, description: ModelDescription) -> None:
+    """Refuse an FMU of another standard.
 
     Raises:
-        FmuError: it has none.
+        FmuError: it is none of FMI 3.0.
     """
     if not str(description.fmiVersion).startswith("3."):
         raise FmuError(
             f"motor FMU {path} is FMI {description.fmiVersion}; export it as FMI 3.0 Co-Simulation"
         )
-    if description.coSimulation is None:
-        raise FmuError(f"motor FMU {path} has no Co-Simulation interface; export it with one")
-    return description.coSimulation
 
 
 def array_size(path: Path, variables: Mapping[str, ModelVariable]) -> int | None:
@@ -109,7 +101,7 @@ def check_variable(
         raise FmuError(f"{said} as {'an array' if sizes else 'a scalar'}; export it as {mend}")
     if variable.clocks:
         raise FmuError(f"{said} tied to a clock; export it without")
-    declared = variable.unit or (variable.declaredType and variable.declaredType.unit)
+    declared = unit_of(variable)
     unit = _units().get(variable.name)
     if declared and unit and not _same_unit(declared, description, unit):
         raise FmuError(f"{said} in {declared}; export it in {unit.name}")
@@ -168,13 +160,11 @@ def _units() -> dict[str, Unit]:
 
 
 def _same_unit(name: str, description: ModelDescription, unit: Unit) -> bool:
-    base: BaseUnit | None = next(
-        (u.baseUnit for u in description.unitDefinitions if u.name == name), None
-    )
+    base = base_unit(name, description)
     if base is None:  # a unit may go without a definition in SI base units
         return name == unit.name
     return (
-        all(getattr(base, exponent) == unit.base.get(exponent, 0) for exponent in _EXPONENTS)
+        exponents(base) == exponents(unit.base)
         and math.isclose(base.factor, 1.0)
         and base.offset == 0.0
     )

@@ -16,18 +16,11 @@ import numpy as np
 
 from cosim.base.jit import kernel
 from cosim.coupling.assembly import Motors
-from cosim.coupling.calls import (
-    FMI_OK,
-    FMI_WARNING,
-    INCOMPLETE,
-    Calls,
-    get_signals,
-    set_inputs,
-    step_motors,
-)
+from cosim.coupling.calls import INCOMPLETE, Calls, get_signals, set_inputs, step_motors
 from cosim.coupling.plant import Plant, begin_period, begin_step, push_bodies, react, step_robots
 from cosim.coupling.sampling import end_period, restore_ended, sample_tick
 from cosim.coupling.signals import RawSamples, Samples, State
+from cosim.fmi.abi import FMI_OK, FMI_WARNING
 from cosim.physics.lanes import Width, width_of
 
 _ONE = width_of(1)

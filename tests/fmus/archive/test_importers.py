@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from cosim.base.jit import kernel
-from cosim.coupling.calls import do_step, exchange_float64
+from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.abi import exchange_3
 
 STEPS, STEP_S, SET_POINT = 1000, 1e-3, 700.0
 SAME = 1e-9
@@ -24,7 +25,7 @@ def step_through(instance, step_function, get_function, reference, speeds, step_
         status = max(status, do_step(step_function, instance, k * step_s, step_s))
         value = speeds.ctypes.data + 8 * k
         where = reference.ctypes.data
-        status = max(status, exchange_float64(get_function, instance, where, 1, value, 1))
+        status = max(status, exchange_3(get_function, (instance, where, 1, value, 1)))
     return status
 
 

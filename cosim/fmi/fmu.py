@@ -1,0 +1,154 @@
+"""FMUs for Co-Simulation of FMI 2.0 and 3.0: unpacked, checked, and loaded with fmpy."""
+
+import contextlib
+import ctypes
+import errno
+import threading
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+from fmpy.fmi3 import FMU3Slave
+from fmpy.model_description import CoSimulation, ModelDescription
+
+from cosim.base.errors import UserError
+from cosim.fmi.archive import unpack
+
+# fmpy changes the working directory of the process while it loads a binary, and does not change it
+# back where that fails.
+_LOADING = threading.Lock()
+_FOLDERS = (fmpy.platform_tuple, fmpy.platform)  # of binaries, of FMI 3.0 and 2.0
+
+
+class FmuError(UserError):
+    """An FMU that cannot be used, or that failed while it ran; the message names it."""
+
+
+class Fmu:
+    """An unpacked FMU from which instances are made.
+
+    Attributes:
+        path: the .fmu file.
+        folder: where it is unpacked.
+        description: fmpy's model description.
+        interface: fmpy's description of its Co-Simulation capabilities.
+        standard: 2 or 3, of FMI.
+        variables: fmpy's descriptions of its variables, by name.
+
+    Raises:
+        FmuError: the file is missing, is no FMU, or cannot run here.
+        OSError: the file cannot be read, or the cache cannot be written.
+    """
+
+    # What messages call it, where its path comes from, and how to get another one.
+    noun, place, mend = "FMU", "check its path", "export it again"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if not path.is_file():
+            raise FmuError(f"{self.noun} {path} does not exist; {self.place}")
+        needed = (*(f"binaries/{name}/" for name in _FOLDERS), "resources/")
+        try:
+            self.folder = unpack(path, ("modelDescription.xml", *needed))
+            self.description: ModelDescription = fmpy.read_model_description(self.folder)
+        except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
+            # Not the archive's fault, unless it leads to a place in the file that cannot be.
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:
+                raise
+            reason = " ".join(str(error).split())
+            raise FmuError(f"{self.noun} {path} is broken ({reason}); {self.mend}") from error
+        self.check_standard()
+        self.standard = int(str(self.description.fmiVersion)[0])
+        if self.description.coSimulation is None:
+            raise FmuError(f"{self.noun} {path} has no Co-Simulation interface; export it with one")
+        self.interface: CoSimulation = self.description.coSimulation
+        folder = _FOLDERS[0 if self.standard == 3 else 1]
+        library = f"{self.interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
+        if not (self.folder / "binaries" / folder / library).is_file():
+            raise FmuError(
+                f"{self.noun} {path} has no binary for {folder}; export it for this platform"
+            )
+        self.variables = {v.name: v for v in self.description.modelVariables}
+
+    def check_standard(self) -> None:
+        """Refuse an FMU of a standard that cannot be stepped.
+
+        Raises:
+            FmuError: it is neither of FMI 2.0 nor 3.0.
+        """
+        version = str(self.description.fmiVersion)
+        if not version.startswith(("2.", "3.")):
+            raise FmuError(
+                f"{self.noun} {self.path} is FMI {version}; export it as FMI 2.0 or 3.0 "
+                "Co-Simulation"
+            )
+
+    def load(self, name: str, log: list[str], *, events: bool = False) -> Any:
+        """A new instance, as fmpy's slave, to be freed by `free`.
+
+        Args:
+            name: of the instance, as it shall appear in messages.
+            log: gets what the FMU reports.
+            events: whether it may return early and leave events to the caller (FMI 3.0).
+
+        Raises:
+            Exception: the binary does not load, or makes no instance.
+        """
+        kind = FMU3Slave if self.standard == 3 else FMU2Slave
+        with _LOADING, contextlib.chdir("."):
+            slave: Any = kind(
+                instanceName=name,
+                guid=self.description.guid,
+                modelIdentifier=self.interface.modelIdentifier,
+                unzipDirectory=str(self.folder),
+            )
+            # A reference to the slave in the callback would keep both for ever.
+            if self.standard == 3:
+                slave.instantiate(
+                    loggingOn=True,
+                    eventModeUsed=events,
+                    earlyReturnAllowed=events,
+                    logMessage=lambda *told: log.append(told[3].decode("utf-8", "replace")),
+                )
+            else:
+                slave.instantiate(callbacks=_callbacks(log), loggingOn=True)
+        return slave
+
+    def failure(self, name: str, log: list[str], time_s: float, what: str) -> FmuError:
+        """The error that tells which instance failed, when, and what the FMU said last."""
+        said = f": {log[-1]}" if log else ""
+        return FmuError(f"FMU {self.path.name}, instance {name}, at {time_s:.5f} s {what}{said}")
+
+
+def _callbacks(log: list[str]) -> Any:
+    """What an FMU of FMI 2.0 is given: a logger into `log`, and the C library's memory."""
+    c_library = ctypes.CDLL(None)
+    allocate = ctypes.cast(c_library.calloc, fmi2CallbackAllocateMemoryTYPE)
+    release = ctypes.cast(c_library.free, fmi2CallbackFreeMemoryTYPE)
+
+    def told(_environment: Any, _name: Any, _status: int, _category: Any, text: Any) -> None:
+        log.append((text or b"").decode("utf-8", "replace"))
+
+    return fmi2CallbackFunctions(
+        logger=fmi2CallbackLoggerTYPE(told), allocateMemory=allocate, freeMemory=release
+    )
+
+
+def free(slave: Any) -> None:
+    """End an instance that ran, and free it and its binary."""
+    slave.terminate()
+    slave.freeInstance()
+
+
+def function_address(function: Any) -> int:
+    """Address of a C function for compiled code."""
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    assert address is not None  # ctypes has resolved the symbol already
+    return address

@@ -1,0 +1,290 @@
+"""A system of FMUs that runs: made, initialised, stepped, and freed."""
+
+import ctypes
+import math
+import time
+import weakref
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from cosim.base.config import whole_ratio
+from cosim.base.progress import Progress, silent
+from cosim.fmi.fmu import Fmu, FmuError, function_address
+from cosim.system.graph import (
+    Component,
+    Connection,
+    GraphError,
+    Node,
+    check_connections,
+    exchanges_to_settle,
+    find,
+    load_fmus,
+)
+from cosim.system.instance import Instance
+from cosim.system.kernels import ENDED, GETTING, RESTORING, SAVING, SETTING, STEPPING, STUCK, Scheme
+from cosim.system.layout import Layout
+from cosim.system.loops import DONE, REJECTED, ROW, TICK, run_adaptive, run_fixed, settle
+
+Algorithm = Literal["jacobi", "gauss-seidel"]
+ROWS_AT_ONCE = 4096  # recorded between two looks at the keyboard
+_LONGEST = 1 << 40  # ticks of a step, by default: any
+_WHAT = {
+    SETTING: "refuses its inputs",
+    STEPPING: "failed",
+    GETTING: "has no outputs",
+    SAVING: "cannot save its state",
+    RESTORING: "cannot restore its state",
+}
+
+
+class Share(NamedTuple):
+    """What a component took of a run.
+
+    Attributes:
+        steps: calls of its DoStep, those taken back included.
+        rollbacks: steps that were too inaccurate and taken back.
+        time_s: that its calls took; 0 if that was not measured.
+    """
+
+    steps: int
+    rollbacks: int
+    time_s: float
+
+
+class SystemRun(NamedTuple):
+    """What was recorded in a run.
+
+    Attributes:
+        time_s: (n,), of the rows.
+        signals: (n, …) of every recorded variable by "component.variable": float64, float32,
+            integers, or bool.
+        ended: what ended the run before its time, such as "stair asked to end at 9 s"; else None.
+        profile: by component.
+    """
+
+    time_s: np.ndarray
+    signals: dict[str, np.ndarray]
+    ended: str | None
+    profile: dict[str, Share]
+
+
+class System:
+    """A system of FMUs, initialised at its start time; free it by `close` or as a context.
+
+    Attributes:
+        time_s: that it has reached.
+        steps, rejected: communication steps accepted, and taken back in vain.
+    """
+
+    def __init__(
+        self,
+        components: Sequence[Component],
+        connections: Sequence[Connection] = (),
+        *,
+        algorithm: Algorithm = "jacobi",
+        step_s: float = 1e-3,
+        tolerance: float | None = None,
+        longest_step_s: float | None = None,
+        start_s: float = 0.0,
+        record: Sequence[str] | None = None,
+        event_mode: bool = False,
+        profile: bool = False,
+    ) -> None:
+        """Make the components and initialise them.
+
+        Args:
+            components: in the order in which Gauss–Seidel steps them.
+            connections: from outputs to inputs.
+            algorithm: whether all components step with the outputs of the step before, or each with
+                those that stand before it in the list.
+            step_s: communication step in s; the shortest one if there is a tolerance.
+            tolerance: of the error of one step in connected Float64 outputs, relative to the larger
+                of a value and its nominal one; None for steps that are all equal.
+            longest_step_s: with a tolerance, a multiple of `step_s`; by default any.
+            start_s: simulated time at which it begins, in s.
+            record: "component.variable" of what runs record; by default all outputs but texts.
+            event_mode: whether FMUs that can (FMI 3.0, hasEventMode) leave their events to the
+                master, and return early to do so.
+            profile: whether to measure the time that each component takes.
+
+        Raises:
+            GraphError: the system cannot be; the message names component, variable, connection.
+            ConfigError: a step is no multiple of another one that it must be a multiple of.
+            FmuError: an FMU cannot be used, or fails at the start.
+            OSError: an FMU cannot be read.
+        """
+        if not 0.0 < step_s < math.inf:
+            raise GraphError(f"step {step_s:g} s: choose one above 0")
+        if tolerance is not None and not 0.0 < tolerance < math.inf:
+            raise GraphError(f"tolerance {tolerance:g}: choose one above 0")
+        fmus = load_fmus(components)
+        links = check_connections(fmus, connections)
+        exchanges = exchanges_to_settle(fmus, links)
+        adaptive = tolerance is not None
+        _check_use(fmus, step_s, adaptive=adaptive)
+        self._recorded = _recorded(fmus, record)
+        self._scheme = Scheme(
+            algorithm == "jacobi",
+            start_s,
+            step_s,
+            tolerance or 0.0,
+            whole_ratio("longest step", longest_step_s, "step", step_s)
+            if longest_step_s
+            else _LONGEST,
+            1,
+            _clock() if profile else 0,
+            time.CLOCK_MONOTONIC,
+        )
+        self._now = np.array([0, 1, 0, 0, 0], dtype=np.int64)
+        self._instances: dict[str, Instance] = {}
+        try:
+            self._initialise(components, fmus, links, exchanges, event_mode)
+        except BaseException:
+            self.close()
+            raise
+        self._finalizer = weakref.finalize(self, _free, self._instances, self._layout.tables.states)
+
+    def _initialise(self, components, fmus, links, exchanges, event_mode) -> None:
+        for component in components:
+            fmu = fmus[component.name]
+            self._instances[component.name] = Instance(component, fmu, events=event_mode)
+        self._layout = Layout(self._instances, links, self._recorded)
+        for instance in self._instances.values():
+            instance.begin(self._scheme.start_s, self._scheme.tolerance or None)
+        layout = self._layout
+        self._check(*settle(layout.tables, layout.memory, exchanges))
+        for instance in self._instances.values():
+            instance.end_initialization()
+        self._check(*settle(layout.tables, layout.memory, 0))
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time reached, in s."""
+        return self._scheme.start_s + int(self._now[TICK]) * self._scheme.tick_s
+
+    @property
+    def steps(self) -> int:
+        """Communication steps accepted."""
+        return int(self._now[DONE])
+
+    @property
+    def rejected(self) -> int:
+        """Communication steps that were taken back."""
+        return int(self._now[REJECTED])
+
+    def run(self, until_s: float, *, every: int = 1, progress: Progress = silent) -> SystemRun:
+        """Go on to a time; the first row is what is there now.
+
+        Args:
+            until_s: time to reach, in s: a whole number of steps from the start.
+            every: steps from one recorded row to the next; the last step has one, too.
+            progress: is told how far the run is.
+
+        Raises:
+            ConfigError: the time is no whole number of steps away.
+            FmuError: an FMU failed; the message names it and the time.
+        """
+        if every < 1:
+            raise GraphError(f"every {every} steps: choose 1 or more")
+        scheme, layout = self._scheme._replace(every=every), self._layout
+        duration_s = until_s - scheme.start_s
+        until = whole_ratio("time to run to", duration_s, "step", scheme.tick_s)
+        if until <= self._now[TICK]:
+            raise GraphError(f"the system is at {self.time_s:g} s; run it to a later time")
+        left = -(-(until - int(self._now[TICK])) // every) + 1
+        ticks = [self._now[[TICK]]]
+        rows = [layout.memory.i8[None, : layout.words].copy()]
+        run = run_adaptive if scheme.tolerance else run_fixed
+        status = component = 0
+        while self._now[TICK] < until and status == 0:
+            self._now[ROW] = 0
+            size = min(left, ROWS_AT_ONCE)
+            room = np.empty(size, dtype=np.int64), np.empty((size, layout.words), dtype=np.int64)
+            found = run(layout.tables, layout.memory, scheme, self._now, until, *room)
+            status, component, _ = found
+            self._check(*found)
+            ticks.append(room[0][: self._now[ROW]])
+            rows.append(room[1][: self._now[ROW]])
+            progress("simulating", self.time_s - scheme.start_s, duration_s)
+        ended = None
+        if status == ENDED:
+            ended = f"{list(self._instances)[component]} asked to end at {self.time_s:g} s"
+        return self._result(np.concatenate(ticks), np.concatenate(rows), ended)
+
+    def _result(self, ticks: np.ndarray, rows: np.ndarray, ended: str | None) -> SystemRun:
+        block = rows.view(np.uint8)
+        signals = {".".join(n): self._layout.places[n].read(block) for n in self._recorded}
+        counts = self._layout.tables.counts
+        profile = {
+            name: Share(int(steps), int(rollbacks), 1e-9 * int(ns))
+            for name, (steps, rollbacks, ns) in zip(self._instances, counts, strict=True)
+        }
+        time_s = self._scheme.start_s + ticks * self._scheme.tick_s
+        return SystemRun(time_s, signals, ended, profile)
+
+    def _check(self, status: int, component: int, phase: int) -> None:
+        """Raise the FmuError of a failed call."""
+        if status in (0, ENDED):
+            return
+        instance = list(self._instances.values())[component]
+        said = f"{_WHAT[phase]} (fmi{instance.fmu.standard}Status {status})"
+        what = "returned early for ever" if status == STUCK else said
+        raise instance.failure(self.time_s, what)
+
+    def close(self) -> None:
+        """Free all instances; further calls are errors."""
+        if hasattr(self, "_finalizer"):
+            self._finalizer()
+        else:
+            _free(self._instances, None)
+
+    def __enter__(self) -> "System":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _free(instances: Mapping[str, Instance], states: np.ndarray | None) -> None:
+    for k, instance in enumerate(instances.values()):
+        if states is not None and states[k]:
+            instance.free_state(int(states[k]))
+        instance.close()
+
+
+def _recorded(fmus: Mapping[str, Fmu], names: Sequence[str] | None) -> list[Node]:
+    if names is not None:
+        return list(dict.fromkeys(find(fmus, name) for name in names))
+    return [
+        (component, str(v.name))
+        for component, fmu in fmus.items()
+        for v in fmu.description.modelVariables
+        if v.causality == "output" and v.type not in ("String", "Binary", "Clock")
+    ]
+
+
+def _check_use(fmus: Mapping[str, Fmu], step_s: float, *, adaptive: bool) -> None:
+    """Refuse FMUs that cannot do what a run asks of them."""
+    for name, fmu in fmus.items():
+        for needed, able in (
+            ("save its state (canGetAndSetFMUState)", fmu.interface.canGetAndSetFMUstate),
+            (
+                "vary its step (canHandleVariableCommunicationStepSize)",
+                fmu.interface.canHandleVariableCommunicationStepSize,
+            ),
+        ):
+            if adaptive and not able:
+                raise FmuError(
+                    f"component {name}: FMU {fmu.path.name} cannot {needed}, which a tolerance "
+                    "needs; leave the tolerance out"
+                )
+        if fmu.interface.fixedInternalStepSize is not None:
+            internal_s = float(fmu.interface.fixedInternalStepSize)  # fmpy leaves the text
+            whole_ratio("step", step_s, f"fixedInternalStepSize of {name}", internal_s)
+
+
+def _clock() -> int:
+    """Address of the function that tells the time."""
+    return function_address(ctypes.CDLL(None).clock_gettime)
