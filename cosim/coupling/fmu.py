@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from fmpy.fmi1 import FMICallException
 
 from cosim.coupling.interface import (
     CLOSED_LOOP,
@@ -24,7 +25,7 @@ from cosim.coupling.interface import (
     check_variable,
     require_fmi_3,
 )
-from cosim.fmi.fmu import FMICallException, Fmu, FmuError, free, function_address
+from cosim.fmi.fmu import Fmu, FmuError, free, function_address
 
 
 class Addresses(NamedTuple):
