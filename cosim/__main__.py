@@ -47,6 +47,9 @@ COMMANDS = {
     "validate": Command(
         "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
+    "system": Command(
+        "cosim.system.__main__", "SimulateSystem", "any FMUs, coupled as an SSP file says"
+    ),
     "fmu": Command("fmus.build", "Build", "build the motor FMU for other tools"),
     "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
     "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),

@@ -151,9 +151,10 @@ class Instance:
     def _converted(self, variable: ModelVariable, value: Any) -> list[Any]:
         """Values in the order of memory."""
         kind, shape = str(variable.type), self.shape(variable)
-        if isinstance(value, str) and kind != "String":
-            value = value.split()
-        values = [value] if isinstance(value, str) else np.ravel(value).tolist()
+        if isinstance(value, str):
+            values = value.split() if shape and kind != "String" else [value]
+        else:
+            values = np.ravel(value).tolist()
         said = f"component {self.name}: start value {value!r} of '{variable.name}'"
         if len(values) != (size := int(np.prod(shape))):
             raise GraphError(f"{said} has {len(values)} values; give it {size}")
@@ -166,7 +167,12 @@ class Instance:
                 return [_TRUTHS[str(each).lower()] for each in values]
             if kind.startswith(("Float", "Real")):
                 return [float(each) for each in values]
-            return [int(each) if isinstance(each, str) else index(each) for each in values]
+            items = variable.declaredType.items if variable.declaredType else []
+            named = {item.name: int(str(item.value)) for item in items}
+            return [
+                named[v] if v in named else int(v) if isinstance(v, str) else index(v)
+                for v in values
+            ]
         except (ValueError, KeyError, TypeError) as error:
             raise GraphError(f"{said} is no {kind}; mend it") from error
 
