@@ -107,8 +107,9 @@ def _compared(
     with System([component], step_s=step_s, record=names, event_mode=events) as system:
         until_s = round(float(time_s[-1]) / step_s) * step_s
         run = system.run(until_s)
-    deviation = 0.0
+    deviation, largest = 0.0, 0.0
     for name, values in expected.items():
+        largest = max(largest, float(np.abs(values).max()))
         found = run.signals[f"{model}.{name}"].astype(float)
         deviation = max(deviation, float(np.abs(found - values).max()))
     return {
@@ -117,6 +118,7 @@ def _compared(
         "event_mode": events,
         "rows": len(time_s),
         "variables": len(expected),
+        "largest": largest,
         "deviation": deviation,
         "ended": run.ended,
     }
@@ -142,11 +144,14 @@ def _passed_on(fmus: dict[tuple[str, int], Path], source: int, target: int) -> d
 
 def show(found: dict[str, Any]) -> None:
     """Print the deviations."""
-    print(f"{'model':14s}{'FMI':>4s}{'rows':>6s}{'largest deviation':>19s}")
+    print(f"{'model':14s}{'FMI':>4s}{'variables':>11s}{'rows':>6s}{'up to':>9s}{'deviation':>11s}")
     for row in found["models"]:
         note = " (event mode)" if row["event_mode"] else ""
         note += f"; {row['ended']}" if row["ended"] else ""
-        print(f"{row['model']:14s}{row['fmi']:4d}{row['rows']:6d}{row['deviation']:19.3g}{note}")
+        print(
+            f"{row['model']:14s}{row['fmi']:4d}{row['variables']:11d}{row['rows']:6d}"
+            f"{row['largest']:9.4g}{row['deviation']:11.2g}{note}"
+        )
     for row in found["passed_on"]:
         word = "the same values" if row["same"] else "OTHER VALUES"
         print(f"passed on from FMI {row['from_fmi']} to FMI {row['to_fmi']}: {word}")

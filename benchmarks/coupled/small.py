@@ -112,6 +112,7 @@ def small_fmu(
     units: Mapping[str, str] | None = None,
     able: bool = True,
     told: bool = True,
+    internal_s: float | None = None,
 ) -> Path:
     """Write one of `MODELS` as an FMU for this machine.
 
@@ -122,12 +123,16 @@ def small_fmu(
         units: by variables, instead of the usual ones.
         able: whether it says that its state can be saved, and its step varied.
         told: whether it says what outputs depend on.
+        internal_s: fixed internal step that it says it has, in FMI 3.0.
     """
     named = units or {}
     variables = [v._replace(unit=named.get(v.name, v.unit)) for v in (_TIME, *MODELS[model])]
     if fmi == 2:
         variables = [v for v in variables if v.kind in _OF_FMI_2]
     text = (_description_2 if fmi == 2 else _description_3)(model, variables, able, told)
+    if internal_s is not None:
+        fixed = f'<CoSimulation fixedInternalStepSize="{internal_s}"'
+        text = text.replace("<CoSimulation", fixed)
     folder = platform if fmi == 2 else platform_tuple
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", text)

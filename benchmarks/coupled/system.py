@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from benchmarks.coupled.two_masses import CONNECTIONS, PLACES, error, simulated, two_masses
-from cosim.fmi.fmu import Fmu
+from cosim.fmi.fmu import Fmu, end
 from cosim.system.graph import Component
 from cosim.system.system import Algorithm, System
 
@@ -28,7 +28,8 @@ class PythonLoop:
 
     def __init__(self, components: list[Component]) -> None:
         self._slaves = []
-        fmu = Fmu(components[0].fmu)
+        fmu = self._fmu = components[0].fmu
+        assert isinstance(fmu, Fmu)
         for component in components:
             slave = fmu.load(component.name, [])
             for name, value in component.start.items():
@@ -64,8 +65,7 @@ class PythonLoop:
     def close(self) -> None:
         """Free both."""
         for slave in self._slaves:
-            slave.terminate()
-            slave.freeInstance()
+            end(slave)
 
 
 def measure(rounds: int) -> dict[str, Any]:

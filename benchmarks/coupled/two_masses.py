@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.coupled.small import small_fmu
+from cosim.fmi.fmu import Fmu
 from cosim.system.graph import Component, Connection
 from cosim.system.system import Algorithm, System, SystemRun
 
@@ -21,11 +22,14 @@ PLACES = ("first.x", "second.x")
 
 def two_masses(folder: Path, standards: tuple[int, int] = (3, 3)) -> list[Component]:
     """The oscillators as components, each of its FMI standard."""
-    fmus = [small_fmu(folder / f"oscillator{fmi}.fmu", "oscillator", fmi) for fmi in standards]
+    made = {fmi: small_fmu(folder / f"{fmi}.fmu", "oscillator", fmi) for fmi in set(standards)}
+    fmus = {fmi: Fmu(path) for fmi, path in made.items()}
     first, second = SPRINGS
     return [
-        Component("first", fmus[0], {"m": MASS_KG, "k": first, "x": X_0[0]}),
-        Component("second", fmus[1], {"m": MASS_KG, "k": second, "k_c": COUPLING, "x": X_0[1]}),
+        Component("first", fmus[standards[0]], {"m": MASS_KG, "k": first, "x": X_0[0]}),
+        Component(
+            "second", fmus[standards[1]], {"m": MASS_KG, "k": second, "k_c": COUPLING, "x": X_0[1]}
+        ),
     ]
 
 

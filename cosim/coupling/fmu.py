@@ -25,7 +25,7 @@ from cosim.coupling.interface import (
     check_variable,
     require_fmi_3,
 )
-from cosim.fmi.fmu import Fmu, FmuError, free, function_address
+from cosim.fmi.fmu import Fmu, FmuError, end, function_address
 
 
 class Addresses(NamedTuple):
@@ -164,7 +164,7 @@ class Motor:
         except Exception as error:  # fmpy raises plain Exceptions
             tool = " without its tool" if fmu.interface.needsExecutionTool else ""
             raise self.error(0.0, f"cannot be initialised{tool} ({error})") from error
-        self._finalizer = weakref.finalize(self, free, self.slave)
+        self._finalizer = weakref.finalize(self, end, self.slave)
         functions = (
             self.slave.dll.fmi3SetFloat64,
             self.slave.dll.fmi3DoStep,

@@ -15,8 +15,7 @@ from pathlib import Path
 
 from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable
 
-from cosim.base.config import whole_ratio
-from cosim.fmi.fmu import FmuError
+from cosim.fmi.fmu import FmuError, check_steps
 from cosim.fmi.units import base_unit, exponents, unit_of
 from fmus.variables import Unit, load_table
 
@@ -128,27 +127,9 @@ def check_use(
             f"motor FMU {path} has canBeInstantiatedOnlyOncePerProcess, and {motors} motors are "
             "needed at once; export it without"
         )
-    for needed, able in (
-        ("save its state (canGetAndSetFMUState)", interface.canGetAndSetFMUstate),
-        (
-            "vary its step (canHandleVariableCommunicationStepSize)",
-            interface.canHandleVariableCommunicationStepSize,
-        ),
-    ):
-        if adaptive and not able:
-            raise FmuError(
-                f"motor FMU {path} cannot {needed}, which --driver adaptive needs; "
-                "use --driver compiled"
-            )
-    if interface.fixedInternalStepSize is not None:
-        internal_s = float(interface.fixedInternalStepSize)  # fmpy leaves the text
-        if not internal_s > 0.0:
-            raise FmuError(
-                f"motor FMU {path} has fixedInternalStepSize = {internal_s:g}; "
-                "export it with a positive one"
-            )
-        name = "dt_s" if adaptive else "communication_step_s"
-        whole_ratio(name, least_step_s, f"fixedInternalStepSize of motor FMU {path}", internal_s)
+    needs = "which --driver adaptive needs; use --driver compiled" if adaptive else None
+    name = "dt_s" if adaptive else "communication_step_s"
+    check_steps(interface, f"motor FMU {path}", (name, least_step_s), needs)
 
 
 @cache

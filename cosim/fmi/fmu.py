@@ -1,13 +1,16 @@
 """FMUs for Co-Simulation of FMI 2.0 and 3.0: unpacked, checked, and loaded with fmpy."""
 
 import contextlib
+import copy
 import ctypes
 import errno
 import threading
+import weakref
 from pathlib import Path
 from typing import Any
 
 import fmpy
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import (
     FMU2Slave,
     fmi2CallbackAllocateMemoryTYPE,
@@ -18,6 +21,7 @@ from fmpy.fmi2 import (
 from fmpy.fmi3 import FMU3Slave
 from fmpy.model_description import CoSimulation, ModelDescription
 
+from cosim.base.config import whole_ratio
 from cosim.base.errors import UserError
 from cosim.fmi.archive import unpack
 
@@ -76,6 +80,7 @@ class Fmu:
                 f"{self.noun} {path} has no binary for {folder}; export it for this platform"
             )
         self.variables = {v.name: v for v in self.description.modelVariables}
+        self._loaded: Any = None  # the binary in fmpy's hands; slaves are copies of it
 
     def check_standard(self) -> None:
         """Refuse an FMU of a standard that cannot be stepped.
@@ -91,7 +96,7 @@ class Fmu:
             )
 
     def load(self, name: str, log: list[str], *, events: bool = False) -> Any:
-        """A new instance, as fmpy's slave, to be freed by `free`.
+        """A new instance, as fmpy's slave, to be freed by `free` before this object goes.
 
         Args:
             name: of the instance, as it shall appear in messages.
@@ -101,14 +106,17 @@ class Fmu:
         Raises:
             Exception: the binary does not load, or makes no instance.
         """
-        kind = FMU3Slave if self.standard == 3 else FMU2Slave
         with _LOADING, contextlib.chdir("."):
-            slave: Any = kind(
-                instanceName=name,
-                guid=self.description.guid,
-                modelIdentifier=self.interface.modelIdentifier,
-                unzipDirectory=str(self.folder),
-            )
+            if self._loaded is None:
+                self._loaded = (FMU3Slave if self.standard == 3 else FMU2Slave)(
+                    guid=self.description.guid,
+                    modelIdentifier=self.interface.modelIdentifier,
+                    unzipDirectory=str(self.folder),
+                    instanceName=None,
+                )
+                weakref.finalize(self, self._loaded.freeLibrary)
+            slave = copy.copy(self._loaded)
+            slave.instanceName = name
             # A reference to the slave in the callback would keep both for ever.
             if self.standard == 3:
                 slave.instantiate(
@@ -127,6 +135,41 @@ class Fmu:
         return FmuError(f"FMU {self.path.name}, instance {name}, at {time_s:.5f} s {what}{said}")
 
 
+def check_steps(
+    interface: CoSimulation, said: str, step: tuple[str, float], varied: str | None
+) -> None:
+    """Refuse an FMU that cannot make the steps that a run makes.
+
+    Args:
+        interface: its capabilities.
+        said: what it is called in messages.
+        step: name and duration in s of the communication step, or of the one that all others are
+            multiples of.
+        varied: None if steps are all equal; where they vary and are taken back, what needs that
+            and how to do without.
+
+    Raises:
+        FmuError: it lacks a capability.
+        ConfigError: its internal step does not divide the communication step.
+    """
+    for needed, able in (
+        ("save its state (canGetAndSetFMUState)", interface.canGetAndSetFMUstate),
+        (
+            "vary its step (canHandleVariableCommunicationStepSize)",
+            interface.canHandleVariableCommunicationStepSize,
+        ),
+    ):
+        if varied and not able:
+            raise FmuError(f"{said} cannot {needed}, {varied}")
+    if interface.fixedInternalStepSize is not None:
+        internal_s = float(interface.fixedInternalStepSize)  # fmpy leaves the text
+        if not internal_s > 0.0:
+            raise FmuError(
+                f"{said} has fixedInternalStepSize = {internal_s:g}; export it with a positive one"
+            )
+        whole_ratio(*step, f"fixedInternalStepSize of {said}", internal_s)
+
+
 def _callbacks(log: list[str]) -> Any:
     """What an FMU of FMI 2.0 is given: a logger into `log`, and the C library's memory."""
     c_library = ctypes.CDLL(None)
@@ -141,10 +184,19 @@ def _callbacks(log: list[str]) -> Any:
     )
 
 
+def end(slave: Any) -> None:
+    """End an instance that was initialised, and free it."""
+    with contextlib.suppress(FMICallException):  # one that failed has ended already
+        slave.terminate()
+    free(slave)
+
+
 def free(slave: Any) -> None:
-    """End an instance that ran, and free it and its binary."""
-    slave.terminate()
-    slave.freeInstance()
+    """Free an instance; its binary stays until its FMU goes."""
+    if isinstance(slave, FMU3Slave):
+        slave.fmi3FreeInstance(slave.component)
+    else:
+        slave.fmi2FreeInstance(slave.component)
 
 
 def function_address(function: Any) -> int:

@@ -27,13 +27,13 @@ class Component(NamedTuple):
 
     Attributes:
         name: of its own, at most once in a system.
-        fmu: the .fmu file.
+        fmu: the .fmu file, or what was read from it before.
         start: values of parameters, inputs and start values by the names of variables; texts as in
             XML are read by the variable's type, arrays are sequences or texts with spaces.
     """
 
     name: str
-    fmu: Path
+    fmu: Path | Fmu
     start: Mapping[str, Any] = {}
 
 
@@ -78,7 +78,8 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
         raise GraphError("the system has no component; give it one")
     files: dict[Path, Fmu] = {}
     found: dict[str, Fmu] = {}
-    for name, path, _ in components:
+    for name, fmu, _ in components:
+        path = fmu.path if isinstance(fmu, Fmu) else fmu
         if name in found:
             raise GraphError(f"two components are named {name}; rename one")
         if path in files and files[path].interface.canBeInstantiatedOnlyOncePerProcess:
@@ -86,7 +87,9 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
                 f"component {name}: {path} has canBeInstantiatedOnlyOncePerProcess, and another "
                 "component is of it; export it without"
             )
-        found[name] = files.setdefault(path, files.get(path) or Fmu(path))
+        found[name] = files.setdefault(
+            path, fmu if isinstance(fmu, Fmu) else files.get(path) or Fmu(path)
+        )
     return found
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from fmpy.model_description import ModelVariable
 
-from cosim.fmi.fmu import Fmu, FmuError, free, function_address
+from cosim.fmi.fmu import Fmu, FmuError, end, free, function_address
 from cosim.system.graph import Component, GraphError
 
 _ABLE = ("parameter", "input", "structuralParameter")
@@ -73,7 +73,7 @@ class Instance:
         except Exception as error:  # fmpy raises plain Exceptions
             tool = " without its tool" if fmu.interface.needsExecutionTool else ""
             raise self.failure(0.0, f"does not load{tool} ({error})") from error
-        self._finalizer = weakref.finalize(self, self._slave.freeInstance)
+        self._finalizer = weakref.finalize(self, free, self._slave)
         self.handle = int(self._slave.component)
         sizes = [v for v in self._start.values() if v.causality == "structuralParameter"]
         if sizes:
@@ -108,7 +108,7 @@ class Instance:
         """Be ready for steps; raises FmuError."""
         self._set_up("exitInitializationMode")
         self._finalizer.detach()
-        self._finalizer = weakref.finalize(self, free, self._slave)
+        self._finalizer = weakref.finalize(self, end, self._slave)
         if self.events:
             while self._set_up("updateDiscreteStates")[0]:
                 pass

@@ -131,7 +131,7 @@ class _Reader:
             if key in fmu.variables  # SSP says to ignore others
         }
         self._note_connectors(element, name)
-        self._components[name] = Component(name, path, start)
+        self._components[name] = Component(name, fmu, start)
 
     def _read_connection(self, connection: Element, place: str) -> None:
         """Note a connection, whose direction connectors tell, not the words start and end."""

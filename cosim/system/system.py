@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.config import whole_ratio
 from cosim.base.progress import Progress, silent
-from cosim.fmi.fmu import Fmu, FmuError, function_address
+from cosim.fmi.fmu import Fmu, check_steps, function_address
 from cosim.system.graph import (
     Component,
     Connection,
@@ -122,8 +122,10 @@ class System:
         fmus = load_fmus(components)
         links = check_connections(fmus, connections)
         exchanges = exchanges_to_settle(fmus, links)
-        adaptive = tolerance is not None
-        _check_use(fmus, step_s, adaptive=adaptive)
+        needs = "which a tolerance needs; leave the tolerance out" if tolerance else None
+        for name, fmu in fmus.items():
+            said = f"FMU {fmu.path.name} of component {name}"
+            check_steps(fmu.interface, said, ("step", step_s), needs)
         self._recorded = _recorded(fmus, record)
         self._scheme = Scheme(
             algorithm == "jacobi",
@@ -263,26 +265,6 @@ def _recorded(fmus: Mapping[str, Fmu], names: Sequence[str] | None) -> list[Node
         for v in fmu.description.modelVariables
         if v.causality == "output" and v.type not in ("String", "Binary", "Clock")
     ]
-
-
-def _check_use(fmus: Mapping[str, Fmu], step_s: float, *, adaptive: bool) -> None:
-    """Refuse FMUs that cannot do what a run asks of them."""
-    for name, fmu in fmus.items():
-        for needed, able in (
-            ("save its state (canGetAndSetFMUState)", fmu.interface.canGetAndSetFMUstate),
-            (
-                "vary its step (canHandleVariableCommunicationStepSize)",
-                fmu.interface.canHandleVariableCommunicationStepSize,
-            ),
-        ):
-            if adaptive and not able:
-                raise FmuError(
-                    f"component {name}: FMU {fmu.path.name} cannot {needed}, which a tolerance "
-                    "needs; leave the tolerance out"
-                )
-        if fmu.interface.fixedInternalStepSize is not None:
-            internal_s = float(fmu.interface.fixedInternalStepSize)  # fmpy leaves the text
-            whole_ratio("step", step_s, f"fixedInternalStepSize of {name}", internal_s)
 
 
 def _clock() -> int:
