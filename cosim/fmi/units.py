@@ -5,7 +5,7 @@ from typing import Any
 
 from fmpy.model_description import BaseUnit, ModelDescription, ModelVariable
 
-_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 def unit_of(variable: ModelVariable) -> str | None:
@@ -21,7 +21,7 @@ def base_unit(name: str, description: ModelDescription) -> BaseUnit | None:
 def exponents(base: BaseUnit | Mapping[str, int]) -> tuple[int, ...]:
     """Exponents of the SI base units and rad."""
     values: Any = base.get if isinstance(base, Mapping) else lambda e, _: getattr(base, e)
-    return tuple(int(values(exponent, 0)) for exponent in _EXPONENTS)
+    return tuple(int(values(exponent, 0)) for exponent in EXPONENTS)
 
 
 def conversion(

@@ -6,13 +6,12 @@ from xml.etree.ElementTree import Element
 
 from fmpy.model_description import BaseUnit, ModelDescription, ModelVariable
 
-from cosim.fmi.units import base_unit, conversion, unit_of
+from cosim.fmi.units import EXPONENTS, base_unit, conversion, unit_of
 from cosim.system.graph import GraphError
 
 _SET = "application/x-ssp-parameter-set"
 _MAPPING = "application/x-ssp-parameter-mapping"
 _SCALED = ("Real", "Float64", "Float32")
-_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 class Value(NamedTuple):
@@ -88,7 +87,7 @@ def _values(root: Element) -> Iterator[tuple[str, Value]]:
     for unit in children(root, "Units", "Unit"):
         for base in children(unit, "BaseUnit"):
             factor, offset = float(base.get("factor", "1")), float(base.get("offset", "0"))
-            exponents = {e: int(base.get(e, "0")) for e in _EXPONENTS}
+            exponents = {e: int(base.get(e, "0")) for e in EXPONENTS}
             units[unit.get("name")] = BaseUnit(**exponents, factor=factor, offset=offset)
     for parameter in children(root, "Parameters", "Parameter"):
         for typed in parameter:
