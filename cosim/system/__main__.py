@@ -9,10 +9,9 @@ import tyro
 from cosim.base.command import Json, parse, print_json, show_table
 from cosim.base.errors import UserError, run_command
 from cosim.base.progress import progress_bars
-from cosim.base.storage import replacing
 
 if TYPE_CHECKING:
-    from cosim.system.system import SystemRun
+    from cosim.system.run import SystemRun
 
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 
@@ -34,7 +33,7 @@ class SimulateSystem:
     algorithm: Literal["jacobi", "gauss-seidel"] = "jacobi"
     """Whether components step with the outputs of the step before, or one after the other, each
     with the newest outputs, in the order of the file."""
-    tolerance: float | None = None
+    tolerance: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None
     """Vary the step so that the error of one in connected outputs stays below this share of the
     larger of a value and its nominal one; FMUs must be able to save their states."""
     longest_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
@@ -44,7 +43,7 @@ class SimulateSystem:
     master."""
     record: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
     """Variables to record, as component.variable; by default all outputs."""
-    every: int = 1
+    every: Annotated[int, tyro.conf.arg(metavar="N")] = 1
     """Record every so many steps."""
     profile: bool = False
     """Print time, steps and rollbacks of every FMU."""
@@ -60,6 +59,7 @@ class SimulateSystem:
 def main() -> None:
     """Command line; see `SimulateSystem`."""
     options = parse(SimulateSystem, "cosim.system")
+    from cosim.system.run import write_run
     from cosim.system.ssp import read_system
     from cosim.system.system import System
 
@@ -111,27 +111,6 @@ def _show_profile(run: "SystemRun") -> None:
         for name, share in run.profile.items()
     ]
     show_table(None, ["component", "steps", "rollbacks", "time / ms"], rows, numbers=3)
-
-
-def write_run(path: Path, run: "SystemRun") -> None:
-    """Write what was recorded as CSV or Parquet, by the suffix; arrays have a column per value.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    import pyarrow
-    from pyarrow import csv, parquet
-
-    columns: dict[str, Any] = {"time": run.time_s}
-    for name, values in run.signals.items():
-        if values.ndim == 1:
-            columns[name] = values
-        else:
-            flat = values.reshape(len(values), -1)
-            columns |= {f"{name}[{k}]": flat[:, k].copy() for k in range(flat.shape[1])}
-    table = pyarrow.table(columns)
-    with replacing(path) as temporary:
-        (csv.write_csv if path.suffix == ".csv" else parquet.write_table)(table, temporary)
 
 
 if __name__ == "__main__":

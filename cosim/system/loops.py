@@ -1,6 +1,7 @@
 """The loops over a system's steps, compiled: initialisation, fixed steps, steps taken back.
 
-Each goes on where the one before it has ended, until a tick is reached or the rows are full.
+Each goes on where the one before it has ended, until a tick is reached, the rows are full, or it is
+time to look at the keyboard.
 """
 
 import numpy as np
@@ -16,8 +17,6 @@ from cosim.system.kernels import (
     SETTING,
     Scheme,
     advance,
-    copy,
-    exchange_values,
 )
 from cosim.system.layout import (
     END_GET,
@@ -31,10 +30,12 @@ from cosim.system.layout import (
     Memory,
     Tables,
 )
+from cosim.system.transfer import copy, exchange_values
 
 # Of a run, in an array: ticks reached, ticks of the next step, steps accepted, rows recorded,
 # steps rejected.
 TICK, NEXT, DONE, ROW, REJECTED = range(5)
+STEPS_AT_ONCE = 200_000
 # The error of a step grows with the square of its length: one with this share of what is tolerated
 # may be tried twice as long.
 _SMALL = 0.2
@@ -91,7 +92,8 @@ def run_fixed(
     Returns:
         As `advance`.
     """
-    while now[TICK] < until and now[ROW] < rows.shape[0]:
+    stop = now[DONE] + STEPS_AT_ONCE
+    while now[TICK] < until and now[ROW] < rows.shape[0] and now[DONE] < stop:
         status, component, phase = advance(t, m, scheme, now[TICK], 1, 1)
         if status not in (FMI_OK, ENDED):
             return status, component, phase
@@ -120,7 +122,8 @@ def run_adaptive(
     half of the step is tried. A step of one tick is as it is.
     """
     before, tried = np.empty_like(m.i8), np.empty_like(m.i8)
-    while now[TICK] < until and now[ROW] < rows.shape[0]:
+    stop = now[DONE] + STEPS_AT_ONCE
+    while now[TICK] < until and now[ROW] < rows.shape[0] and now[DONE] < stop:
         tick = now[TICK]
         count = min(now[NEXT], until - tick)
         if count == 1:

@@ -5,12 +5,13 @@ import math
 import time
 import weakref
 from collections.abc import Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from cosim.base.config import whole_ratio
 from cosim.base.progress import Progress, silent
+from cosim.fmi.abi import FMI_OK
 from cosim.fmi.fmu import Fmu, check_steps, function_address
 from cosim.system.graph import (
     Component,
@@ -26,9 +27,10 @@ from cosim.system.instance import Instance
 from cosim.system.kernels import ENDED, GETTING, RESTORING, SAVING, SETTING, STEPPING, STUCK, Scheme
 from cosim.system.layout import Layout
 from cosim.system.loops import DONE, REJECTED, ROW, TICK, run_adaptive, run_fixed, settle
+from cosim.system.run import Share, SystemRun
 
 Algorithm = Literal["jacobi", "gauss-seidel"]
-ROWS_AT_ONCE = 4096  # recorded between two looks at the keyboard
+ROWS_AT_ONCE = 4096
 _LONGEST = 1 << 40  # ticks of a step, by default: any
 _WHAT = {
     SETTING: "refuses its inputs",
@@ -37,37 +39,6 @@ _WHAT = {
     SAVING: "cannot save its state",
     RESTORING: "cannot restore its state",
 }
-
-
-class Share(NamedTuple):
-    """What a component took of a run.
-
-    Attributes:
-        steps: calls of its DoStep, those taken back included.
-        rollbacks: steps that were too inaccurate and taken back.
-        time_s: that its calls took; 0 if that was not measured.
-    """
-
-    steps: int
-    rollbacks: int
-    time_s: float
-
-
-class SystemRun(NamedTuple):
-    """What was recorded in a run.
-
-    Attributes:
-        time_s: (n,), of the rows.
-        signals: (n, …) of every recorded variable by "component.variable": float64, float32,
-            integers, or bool.
-        ended: what ended the run before its time, such as "stair asked to end at 9 s"; else None.
-        profile: by component.
-    """
-
-    time_s: np.ndarray
-    signals: dict[str, np.ndarray]
-    ended: str | None
-    profile: dict[str, Share]
 
 
 class System:
@@ -140,6 +111,7 @@ class System:
             time.CLOCK_MONOTONIC,
         )
         self._now = np.array([0, 1, 0, 0, 0], dtype=np.int64)
+        self._over = False
         self._instances: dict[str, Instance] = {}
         try:
             self._initialise(components, fmus, links, exchanges, event_mode)
@@ -195,17 +167,20 @@ class System:
         until = whole_ratio("time to run to", duration_s, "step", scheme.tick_s)
         if until <= self._now[TICK]:
             raise GraphError(f"the system is at {self.time_s:g} s; run it to a later time")
+        if not self._finalizer.alive or self._over:
+            raise GraphError("the system has ended, failed or been closed; make it anew")
         left = -(-(until - int(self._now[TICK])) // every) + 1
         ticks = [self._now[[TICK]]]
         rows = [layout.memory.i8[None, : layout.words].copy()]
         run = run_adaptive if scheme.tolerance else run_fixed
-        status = component = 0
-        while self._now[TICK] < until and status == 0:
+        status, component = FMI_OK, 0
+        while self._now[TICK] < until and status == FMI_OK:
             self._now[ROW] = 0
             size = min(left, ROWS_AT_ONCE)
             room = np.empty(size, dtype=np.int64), np.empty((size, layout.words), dtype=np.int64)
             found = run(layout.tables, layout.memory, scheme, self._now, until, *room)
             status, component, _ = found
+            self._over = status != FMI_OK
             self._check(*found)
             ticks.append(room[0][: self._now[ROW]])
             rows.append(room[1][: self._now[ROW]])
@@ -228,7 +203,7 @@ class System:
 
     def _check(self, status: int, component: int, phase: int) -> None:
         """Raise the FmuError of a failed call."""
-        if status in (0, ENDED):
+        if status in (FMI_OK, ENDED):
             return
         instance = list(self._instances.values())[component]
         said = f"{_WHAT[phase]} (fmi{instance.fmu.standard}Status {status})"

@@ -121,6 +121,8 @@ def test_steps_have_to_fit(refused, small):
         system.run(0.1)
         with pytest.raises(GraphError, match=r"is at 0.1 s; run it to a later time"):
             system.run(0.1)
+    with pytest.raises(GraphError, match="been closed; make it anew"):
+        system.run(0.2)
 
 
 def test_fixed_internal_step_divides_the_step(refused, small):

@@ -19,7 +19,7 @@ from cosim.base.params import TABLE_II
 from cosim.coupling.assembly import Motors
 from cosim.coupling.fmu import MotorFmu
 from cosim.fmi.fmu import FmuError
-from cosim.system.graph import Component, Connection
+from cosim.system.graph import Component, Connection, GraphError
 from cosim.system.system import System
 
 ALGORITHMS = ("jacobi", "gauss-seidel")
@@ -203,6 +203,8 @@ def test_arrays_have_the_size_that_their_parameter_says(small):
 def test_component_may_end_the_run(small, fmi):
     with System([Component("stair", small("stair", fmi), {"last": 4})], step_s=0.25) as system:
         run = system.run(10.0)
+        with pytest.raises(GraphError, match="has ended, failed or been closed; make it anew"):
+            system.run(20.0)
     assert run.ended == "stair asked to end at 3 s"
     assert run.time_s[-1] == 3.0
     assert run.signals["stair.counter"][-1] == 4
