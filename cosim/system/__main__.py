@@ -34,7 +34,7 @@ class SimulateSystem:
     """Whether components step with the outputs of the step before, or one after the other, each
     with the newest outputs, in the order of the file."""
     tolerance: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None
-    """Vary the step so that the error of one in connected outputs stays below this share of the
+    """Vary the step so that the error of one in Float64 outputs stays below this share of the
     larger of a value and its nominal one; FMUs must be able to save their states."""
     longest_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """With a tolerance, the longest step in s."""

@@ -79,7 +79,7 @@ class Tables(NamedTuple):
         exchanges: (E, 5), getters and setters to call.
         copies: (K, 6), from outputs to inputs; places in multiples of the values' sizes.
         scales: (K, 2) float64, factor and offset.
-        checked: (V, 2), indices of the first Float64 values of connected outputs, and their number.
+        checked: (V, 2), indices of the first values of checked outputs, and their number.
         nominal: (V,) float64, their usual sizes.
         states: (C,), saved states.
         counts: (C, 3): steps, rollbacks, and ns spent where that is measured.
@@ -111,12 +111,24 @@ class Layout:
     """
 
     def __init__(
-        self, instances: Mapping[str, Instance], links: Sequence[Link], recorded: Sequence[Node]
+        self,
+        instances: Mapping[str, Instance],
+        links: Sequence[Link],
+        recorded: Sequence[Node],
+        checked: Sequence[Node],
     ) -> None:
+        """Make both.
+
+        Args:
+            instances: by component, in the order in which they step.
+            links: between them.
+            recorded: variables that are got, too.
+            checked: outputs of 64 bits whose errors matter, which are got, too.
+        """
         self._instances = instances
         self.places: dict[Node, Place] = {}
         self._end = 0
-        got = dict.fromkeys([*(link.source for link in links), *recorded])
+        got = dict.fromkeys([*(link.source for link in links), *recorded, *checked])
         gets = self._groups(list(got))
         self.words = self._end // WORD
         sets = self._groups([link.target for link in links])
@@ -138,15 +150,14 @@ class Layout:
             row[FIRST_COPY], row[END_COPY] = (mine[0], mine[-1] + 1) if mine else (0, 0)
             inputs = [v for group in sets.get(name, {}).values() for v in group]
             row[DISCRETE] = any(instance.fmu.variables[v].variability == "discrete" for v in inputs)
-        floats = [n for n in dict.fromkeys(k.source for k in links) if self.places[n].dtype == "f8"]
         self.tables = Tables(
             components,
             np.array(exchanges, dtype=np.int64).reshape(-1, 5),
             np.array([self._copy(k) for k in by_target], dtype=np.int64).reshape(-1, 6),
             np.array([link[2:] for link in by_target]).reshape(-1, 2),
-            np.array([(self.places[n].offset // WORD, self.places[n].number) for n in floats],
+            np.array([(self.places[n].offset // WORD, self.places[n].number) for n in checked],
                      dtype=np.int64).reshape(-1, 2),
-            np.array([self._nominal(n) for n in floats]),
+            np.array([self._nominal(n) for n in checked]),
             np.zeros(len(names), dtype=np.int64),
             np.zeros((len(names), 3), dtype=np.int64),
             np.zeros(10, dtype=np.int64),

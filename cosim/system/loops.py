@@ -196,7 +196,7 @@ def _restore(t: Tables, m: Memory, room: np.ndarray) -> tuple[int, int, int]:
 
 @inlined
 def _error(t: Tables, m: Memory, tried: np.ndarray, tolerance: float) -> float:
-    """Largest difference of connected Float64 outputs to what they were, by what is tolerated."""
+    """Largest difference of checked outputs to what they were, by what is tolerated."""
     worst = 0.0
     values = tried.view(np.float64)
     for k in range(t.checked.shape[0]):

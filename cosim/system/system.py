@@ -71,7 +71,7 @@ class System:
             algorithm: whether all components step with the outputs of the step before, or each with
                 those that stand before it in the list.
             step_s: communication step in s; the shortest one if there is a tolerance.
-            tolerance: of the error of one step in connected Float64 outputs, relative to the larger
+            tolerance: of the error of one step in Float64 outputs, relative to the larger
                 of a value and its nominal one; None for steps that are all equal.
             longest_step_s: with a tolerance, a multiple of `step_s`; by default any.
             start_s: simulated time at which it begins, in s.
@@ -97,7 +97,12 @@ class System:
         for name, fmu in fmus.items():
             said = f"FMU {fmu.path.name} of component {name}"
             check_steps(fmu.interface, said, ("step", step_s), needs)
-        self._recorded = _recorded(fmus, record)
+        self._recorded = (
+            _outputs(fmus, "String", "Binary", "Clock", but=True)
+            if record is None
+            else list(dict.fromkeys(find(fmus, name) for name in record))
+        )
+        checked = _outputs(fmus, "Real", "Float64") if tolerance else []
         self._scheme = Scheme(
             algorithm == "jacobi",
             start_s,
@@ -114,17 +119,17 @@ class System:
         self._over = False
         self._instances: dict[str, Instance] = {}
         try:
-            self._initialise(components, fmus, links, exchanges, event_mode)
+            self._initialise(components, fmus, links, checked, exchanges, event_mode)
         except BaseException:
             self.close()
             raise
         self._finalizer = weakref.finalize(self, _free, self._instances, self._layout.tables.states)
 
-    def _initialise(self, components, fmus, links, exchanges, event_mode) -> None:
+    def _initialise(self, components, fmus, links, checked, exchanges, event_mode) -> None:
         for component in components:
             fmu = fmus[component.name]
             self._instances[component.name] = Instance(component, fmu, events=event_mode)
-        self._layout = Layout(self._instances, links, self._recorded)
+        self._layout = Layout(self._instances, links, self._recorded, checked)
         for instance in self._instances.values():
             instance.begin(self._scheme.start_s, self._scheme.tolerance or None)
         layout = self._layout
@@ -231,14 +236,13 @@ def _free(instances: Mapping[str, Instance], states: np.ndarray | None) -> None:
         instance.close()
 
 
-def _recorded(fmus: Mapping[str, Fmu], names: Sequence[str] | None) -> list[Node]:
-    if names is not None:
-        return list(dict.fromkeys(find(fmus, name) for name in names))
+def _outputs(fmus: Mapping[str, Fmu], *types: str, but: bool = False) -> list[Node]:
+    """Outputs of some types, or of all but those."""
     return [
         (component, str(v.name))
         for component, fmu in fmus.items()
         for v in fmu.description.modelVariables
-        if v.causality == "output" and v.type not in ("String", "Binary", "Clock")
+        if v.causality == "output" and (v.type in types) != but
     ]
 
 
