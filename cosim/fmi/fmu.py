@@ -172,9 +172,8 @@ def check_steps(
 
 def _callbacks(log: list[str]) -> Any:
     """What an FMU of FMI 2.0 is given: a logger into `log`, and the C library's memory."""
-    c_library = ctypes.CDLL(None)
-    allocate = ctypes.cast(c_library.calloc, fmi2CallbackAllocateMemoryTYPE)
-    release = ctypes.cast(c_library.free, fmi2CallbackFreeMemoryTYPE)
+    allocate = ctypes.cast(fmpy.calloc, fmi2CallbackAllocateMemoryTYPE)
+    release = ctypes.cast(fmpy.free, fmi2CallbackFreeMemoryTYPE)
 
     def told(_environment: Any, _name: Any, _status: int, _category: Any, text: Any) -> None:
         log.append((text or b"").decode("utf-8", "replace"))

@@ -112,6 +112,16 @@ def find(fmus: Mapping[str, Fmu], name: str) -> Node:
     raise GraphError(f"'{name}' is no variable of a component; components are {', '.join(fmus)}")
 
 
+def outputs(fmus: Mapping[str, Fmu], *types: str, but: bool = False) -> list[Node]:
+    """Outputs of some types, or of all but those."""
+    return [
+        (component, str(v.name))
+        for component, fmu in fmus.items()
+        for v in fmu.description.modelVariables
+        if v.causality == "output" and (v.type in types) != but
+    ]
+
+
 def check_connections(fmus: Mapping[str, Fmu], connections: Iterable[Connection]) -> list[Link]:
     """Connections with their components and variables, in the order given.
 

@@ -19,7 +19,7 @@ from cosim.system.parameters import Value, bound_values, children, linear, start
 
 DESCRIPTION = "SystemStructure.ssd"
 _FMU = "application/x-fmu-sharedlibrary"
-_SYSTEM_FILE = Kind("SSP file", "export it as SSP 1.0 or 2.0 (.ssp or .ssd)", GraphError)
+_SYSTEM_FILE = Kind("system file", "export it as SSP 1.0 or 2.0 (.ssp or .ssd)", GraphError)
 Connector = tuple[str, str]  # place of an element, and name
 
 
@@ -55,7 +55,10 @@ def read_system(path: Path) -> SystemFile:
         FmuError: an FMU cannot be read.
         OSError: the file cannot be read.
     """
-    return _Reader(path).result()
+    try:
+        return _Reader(path).result()
+    except ValueError as error:  # of a number in it
+        raise GraphError(f"{path}: {error}; {_SYSTEM_FILE.mend}") from error
 
 
 class _Reader:

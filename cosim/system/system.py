@@ -12,16 +12,16 @@ import numpy as np
 from cosim.base.config import whole_ratio
 from cosim.base.progress import Progress, silent
 from cosim.fmi.abi import FMI_OK
-from cosim.fmi.fmu import Fmu, check_steps, function_address
+from cosim.fmi.fmu import check_steps, function_address
 from cosim.system.graph import (
     Component,
     Connection,
     GraphError,
-    Node,
     check_connections,
     exchanges_to_settle,
     find,
     load_fmus,
+    outputs,
 )
 from cosim.system.instance import Instance
 from cosim.system.kernels import ENDED, GETTING, RESTORING, SAVING, SETTING, STEPPING, STUCK, Scheme
@@ -86,10 +86,9 @@ class System:
             FmuError: an FMU cannot be used, or fails at the start.
             OSError: an FMU cannot be read.
         """
-        if not 0.0 < step_s < math.inf:
-            raise GraphError(f"step {step_s:g} s: choose one above 0")
-        if tolerance is not None and not 0.0 < tolerance < math.inf:
-            raise GraphError(f"tolerance {tolerance:g}: choose one above 0")
+        _require_positive("step", step_s)
+        if tolerance is not None:
+            _require_positive("tolerance", tolerance)
         fmus = load_fmus(components)
         links = check_connections(fmus, connections)
         exchanges = exchanges_to_settle(fmus, links)
@@ -98,19 +97,21 @@ class System:
             said = f"FMU {fmu.path.name} of component {name}"
             check_steps(fmu.interface, said, ("step", step_s), needs)
         self._recorded = (
-            _outputs(fmus, "String", "Binary", "Clock", but=True)
+            outputs(fmus, "String", "Binary", "Clock", but=True)
             if record is None
             else list(dict.fromkeys(find(fmus, name) for name in record))
         )
-        checked = _outputs(fmus, "Real", "Float64") if tolerance else []
+        checked = outputs(fmus, "Real", "Float64") if tolerance else []
+        longest = _LONGEST
+        if longest_step_s is not None:
+            _require_positive("longest step", longest_step_s)
+            longest = whole_ratio("longest step", longest_step_s, "step", step_s)
         self._scheme = Scheme(
             algorithm == "jacobi",
             start_s,
             step_s,
             tolerance or 0.0,
-            whole_ratio("longest step", longest_step_s, "step", step_s)
-            if longest_step_s
-            else _LONGEST,
+            longest,
             1,
             _clock() if profile else 0,
             time.CLOCK_MONOTONIC,
@@ -119,17 +120,18 @@ class System:
         self._over = False
         self._instances: dict[str, Instance] = {}
         try:
-            self._initialise(components, fmus, links, checked, exchanges, event_mode)
+            for component in components:
+                instance = Instance(component, fmus[component.name], events=event_mode)
+                self._instances[component.name] = instance
+            self._layout = Layout(self._instances, links, self._recorded, checked)
+            self._initialise(exchanges)
         except BaseException:
             self.close()
             raise
         self._finalizer = weakref.finalize(self, _free, self._instances, self._layout.tables.states)
 
-    def _initialise(self, components, fmus, links, checked, exchanges, event_mode) -> None:
-        for component in components:
-            fmu = fmus[component.name]
-            self._instances[component.name] = Instance(component, fmu, events=event_mode)
-        self._layout = Layout(self._instances, links, self._recorded, checked)
+    def _initialise(self, exchanges: int) -> None:
+        """Bring the instances to the start."""
         for instance in self._instances.values():
             instance.begin(self._scheme.start_s, self._scheme.tolerance or None)
         layout = self._layout
@@ -169,6 +171,7 @@ class System:
             raise GraphError(f"every {every} steps: choose 1 or more")
         scheme, layout = self._scheme._replace(every=every), self._layout
         duration_s = until_s - scheme.start_s
+        _require_positive("time to run", duration_s)
         until = whole_ratio("time to run to", duration_s, "step", scheme.tick_s)
         if until <= self._now[TICK]:
             raise GraphError(f"the system is at {self.time_s:g} s; run it to a later time")
@@ -236,14 +239,9 @@ def _free(instances: Mapping[str, Instance], states: np.ndarray | None) -> None:
         instance.close()
 
 
-def _outputs(fmus: Mapping[str, Fmu], *types: str, but: bool = False) -> list[Node]:
-    """Outputs of some types, or of all but those."""
-    return [
-        (component, str(v.name))
-        for component, fmu in fmus.items()
-        for v in fmu.description.modelVariables
-        if v.causality == "output" and (v.type in types) != but
-    ]
+def _require_positive(name: str, value: float) -> None:
+    if not 0.0 < value < math.inf:
+        raise GraphError(f"{name} {value:g}: choose one above 0")
 
 
 def _clock() -> int:

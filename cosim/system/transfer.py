@@ -1,4 +1,4 @@
-"""Values on their way, compiled: from outputs to inputs in the block, and between it and FMUs."""
+"""Values passed on, compiled: from outputs to inputs in the block, and between it and FMUs."""
 
 from cosim.base.jit import inlined
 from cosim.fmi.abi import FMI_OK, exchange_2, exchange_3

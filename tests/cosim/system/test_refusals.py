@@ -113,11 +113,14 @@ def test_steps_have_to_fit(refused, small):
     components = [Component("a", small("dahlquist", 2, able=False))]
     assert words in refused(components=components, tolerance=1e-3, error=FmuError)
     assert "tolerance 0: choose one above 0" in refused(tolerance=0.0)
+    assert "longest step nan: choose one above 0" in refused(longest_step_s=float("nan"))
     said = refused(tolerance=1e-3, longest_step_s=0.25, error=ConfigError)
     assert said.startswith("longest step = 0.25 s is no whole multiple of step = 0.1 s")
     with System([Component("a", small("ball"))], step_s=0.1) as system:
         with pytest.raises(ConfigError, match=r"time to run to = 0\.25 s is no whole multiple"):
             system.run(0.25)
+        with pytest.raises(GraphError, match="time to run inf: choose one above 0"):
+            system.run(float("inf"))
         system.run(0.1)
         with pytest.raises(GraphError, match=r"is at 0.1 s; run it to a later time"):
             system.run(0.1)

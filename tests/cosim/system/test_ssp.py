@@ -181,7 +181,11 @@ def test_values_in_another_unit_are_converted_or_refused(archive):
             '<ssd:Component name="second" implementation="ModelExchange" source="a.fmu"/>',
             "component second is for Model Exchange",
         ),
-        ("<ssd:Component", "masses.ssp: not a SSP file or damaged"),
+        (
+            NESTED.format(second="", transformation='<ssc:LinearTransformation factor="x"/>'),
+            "could not convert string to float: 'x'; export it as SSP 1.0 or 2.0",
+        ),
+        ("<ssd:Component", "masses.ssp: not a system file or damaged"),
     ],
 )
 def test_what_is_not_supported_is_named(archive, second, words):
@@ -192,10 +196,10 @@ def test_what_is_not_supported_is_named(archive, second, words):
 
 def test_file_that_is_none_is_named(tmp_path):
     path = tmp_path / "none.ssp"
-    with pytest.raises(GraphError, match="no such SSP file"):
+    with pytest.raises(GraphError, match="no such system file"):
         read_system(path)
     path.write_text("no system")
-    with pytest.raises(GraphError, match="not a SSP file or damaged"):
+    with pytest.raises(GraphError, match="not a system file or damaged"):
         read_system(path)
 
 
