@@ -96,7 +96,7 @@ class Fmu:
             )
 
     def load(self, name: str, log: list[str], *, events: bool = False) -> Any:
-        """A new instance, as fmpy's slave, to be freed by `free` before this object goes.
+        """A new instance, as fmpy's slave, to be freed by `free`.
 
         Args:
             name: of the instance, as it shall appear in messages.
@@ -114,9 +114,9 @@ class Fmu:
                     unzipDirectory=str(self.folder),
                     instanceName=None,
                 )
-                weakref.finalize(self, self._loaded.freeLibrary)
+                weakref.finalize(self._loaded, fmpy.freeLibrary, self._loaded.dll._handle)
             slave = copy.copy(self._loaded)
-            slave.instanceName = name
+            slave.instanceName, slave.loaded = name, self._loaded  # which outlives it so
             # A reference to the slave in the callback would keep both for ever.
             if self.standard == 3:
                 slave.instantiate(
@@ -191,7 +191,7 @@ def end(slave: Any) -> None:
 
 
 def free(slave: Any) -> None:
-    """Free an instance; its binary stays until its FMU goes."""
+    """Free an instance; its binary stays until all of them and the FMU are gone."""
     if isinstance(slave, FMU3Slave):
         slave.fmi3FreeInstance(slave.component)
     else:

@@ -1,11 +1,13 @@
 """Systems that run: orders, bits, types, arrays, events, ends, and lives."""
 
+import gc
 import hashlib
 import itertools
 import math
 import os
 import subprocess
 import sys
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -18,8 +20,9 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import TABLE_II
 from cosim.coupling.assembly import Motors
 from cosim.coupling.fmu import MotorFmu
-from cosim.fmi.fmu import FmuError
+from cosim.fmi.fmu import Fmu, FmuError
 from cosim.system.graph import Component, Connection, GraphError
+from cosim.system.instance import Instance
 from cosim.system.system import System
 
 ALGORITHMS = ("jacobi", "gauss-seidel")
@@ -259,6 +262,20 @@ def test_time_of_components_is_measured_where_wanted(masses):
         run = system.run(0.5)
     assert all(0.0 < share.time_s < 5.0 for share in run.profile.values())
     assert simulated(masses[3, 3], 0.01, 1e-3, "jacobi")[0].profile["first"].time_s == 0.0
+
+
+def test_instances_go_before_their_binary(small):
+    path = small("ball").path
+    for _ in range(20):  # in whichever order the garbage collector finds them
+        fmu = Fmu(path)
+        instance = Instance(Component("a", fmu), fmu)
+        instance.begin(0.0, None)
+        instance.end_initialization()
+        vars(fmu)["circle"] = instance
+        end = weakref.ref(instance)
+        del fmu, instance
+        gc.collect()
+        assert end() is None
 
 
 def test_memory_and_descriptors_stay_through_two_thousand_systems(masses):
