@@ -50,11 +50,12 @@ COMMANDS = {
     "system": Command(
         "cosim.system.__main__", "SimulateSystem", "any FMUs, coupled as an SSP file says"
     ),
-    "fmu": Command("fmus.build", "Build", "build the motor FMU for other tools"),
+    "fmu": Command("fmus.build", "Build", "build motors and robot as FMUs for other tools"),
     "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
     "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),
     "report": Command("analysis.report.__main__", "Report", "one page with all results"),
     "serve": Command("analysis.serve", "Serve", "open a report in the browser"),
+    "replay": Command("cosim.replay", "Replay", "run a recorded episode again, compare every bit"),
     "inspect": Command("analysis.inspect", "Inspect", "what a recording holds, what looks wrong"),
     "screenshot": Command("analysis.screenshot", "Screenshot", "what the viewer shows, as a file"),
 }

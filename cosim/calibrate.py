@@ -11,6 +11,7 @@ from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars
 from cosim.base.storage import replacing, write_json
+from cosim.coupling.isolation import Isolation
 from cosim.navigation.options import Physics
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ class Calibrate:
     jobs: Jobs = -1
     json: Json = False
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
     def __post_init__(self) -> None:
         workers(self.jobs)
@@ -71,6 +73,7 @@ def calibrate(options: Calibrate, progress: Progress) -> "tuple[Calibration, Cal
 def main() -> None:
     """Command line; see `Calibrate`."""
     options = parse(Calibrate, "cosim.calibrate")
+    options.isolation.enter("cosim.calibrate", options.physics.motor_fmu)
     from cosim.base.command import show_table
     from cosim.calibration.report import manoeuvre_rows
 

@@ -13,14 +13,34 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
-from cosim.base.config import CoSimConfig
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.provenance import digest_of
 from cosim.navigation.batch import ROBOTS_TOGETHER, Batch, shared
 from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
 from cosim.navigation.result import EpisodeResult, result_of
 from cosim.recording.episode import EpisodeRecorder
 from cosim.scenarios.scenario import Cell, Scenario
+
+
+class EpisodeOrigin(msgspec.Struct, frozen=True):
+    """What determines an episode beside its policy and the code, as recordings keep it.
+
+    Attributes:
+        scenario, config, starts, driver: of the task.
+        entropy, spawn_key: of its seed; the former as text, because it may have 128 bits.
+        motor_fmu: digest of the file.
+    """
+
+    scenario: Scenario
+    config: CoSimConfig
+    starts: tuple[Cell, ...]
+    driver: str
+    entropy: str
+    spawn_key: tuple[int, ...]
+    motor_fmu: str
 
 
 @dataclass(frozen=True)
@@ -50,6 +70,40 @@ class Task:
     driver: str = "compiled"
 
     @property
+    def origin(self) -> EpisodeOrigin:
+        """What determines the episode."""
+        seed, fmu = self.seed, digest_of(self.fmu)
+        return EpisodeOrigin(
+            self.scenario,
+            self.config,
+            self.starts,
+            self.driver,
+            str(seed.entropy),
+            seed.spawn_key,
+            fmu,
+        )
+
+    @classmethod
+    def again(cls, origin: EpisodeOrigin, fmu: Path, policy: SupportsAct) -> "Task":
+        """The task of an origin.
+
+        Args:
+            origin: of a recorded episode.
+            fmu: motor FMU file.
+            policy: acts.
+
+        Raises:
+            ConfigError: the FMU was another one.
+        """
+        if origin.motor_fmu != digest_of(fmu):
+            raise ConfigError(
+                f"motor FMU {fmu} is not the one that was recorded; name that by --motor-fmu"
+            )
+        seed = np.random.SeedSequence(int(origin.entropy), spawn_key=origin.spawn_key)
+        parts = origin.scenario, fmu, origin.config, policy, origin.starts, seed
+        return cls(*parts, driver=origin.driver)
+
+    @property
     def batch_key(self) -> tuple[object, ...]:
         """Equal for tasks that can share a batch."""
         return shared(self.config), self.fmu, self.driver, self.scenario.robots
@@ -65,6 +119,8 @@ class _Attended:
         self.episode = batch.begin(place, task.scenario, task.starts, task.seed, task.config)
         self._open = contextlib.ExitStack()
         self._recorder = task.recorder and self._open.enter_context(task.recorder(self.episode))
+        if self._recorder is not None:
+            self._recorder.tell("origin", {"task": msgspec.json.encode(task.origin).decode()})
 
     def act(self) -> np.ndarray:
         return self._task.policy.act(self.episode.observation)

@@ -15,6 +15,7 @@ from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars
+from cosim.coupling.isolation import Isolation
 from cosim.navigation.options import Driving
 
 
@@ -44,6 +45,7 @@ class Evaluate:
     jobs: Jobs = -1
     json: Json = False
     physics: Annotated[Driving, tyro.conf.OmitArgPrefixes] = field(default_factory=Driving)
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
     def __post_init__(self) -> None:
         workers(self.jobs)
@@ -57,6 +59,7 @@ class Evaluate:
 def main() -> None:
     """Command line; see `Evaluate`."""
     options = parse(Evaluate, "cosim.evaluate")
+    options.isolation.enter("cosim.evaluate", options.physics.motor_fmu)
     from agent.evaluation.dynamics import evaluate, report_of
     from agent.evaluation.tables import show
 

@@ -14,6 +14,7 @@ from cosim.base.command import Jobs, parse, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars, under_way
+from cosim.coupling.isolation import Isolation
 from cosim.navigation.options import Driving
 from cosim.recording.live import DEFAULT_VIEWER
 
@@ -76,6 +77,7 @@ class Run:
     """How the master reaches the FMUs: compiled code, fmpy's Python classes (some 400 times slower,
     the same bits), or fmpy with a communication step that adapts by rolling the FMUs back."""
     physics: Annotated[Driving, tyro.conf.OmitArgPrefixes] = field(default_factory=Driving)
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
     def __post_init__(self) -> None:
         workers(self.jobs)
@@ -236,6 +238,7 @@ def _show(results: "list[EpisodeResult]", out: Path) -> None:
 def main() -> None:
     """Command line; see `Run`."""
     options = parse(Run, "cosim.run")
+    options.isolation.enter("cosim.run", options.physics.motor_fmu)
     results: list[EpisodeResult] = []
     out = Path()
     try:

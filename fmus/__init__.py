@@ -1,1 +1,1 @@
-"""The motor FMU and what builds it: C kernel, FMI shims, variable table, builder."""
+"""The FMUs and what builds them: C kernels, FMI shims, variable tables, builder."""

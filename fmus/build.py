@@ -1,12 +1,12 @@
-"""Builds the motor FMUs: renders their tables, has their C code compiled and packs the archives.
+"""Builds the FMUs: renders their tables, has their C code compiled and packs the archives.
 
 `python -m fmus.build --out DIR` writes the FMUs; `cached_fmu` gives the co-simulation one that is
-built on first use. Numerical work is in `vibration_motor/motor.h`, not here.
+built on first use. Numerical work is in C files
+like `vibration_motor/motor.h`, not here.
 """
 
 import hashlib
 import uuid
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,38 +18,45 @@ from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars, silent
 from cosim.base.provenance import digest_of
-from cosim.base.storage import cache_dir, cached, replacing
+from cosim.base.storage import cache_dir, cached
+from fmus.archive import binaries, write_archive
 from fmus.companions import render_build_description, render_terminals
 from fmus.compiler import (
     FLAGS,
-    STANDARDS,
     TARGETS,
     BuildError,
-    Fmi,
     compile_library,
     compiler_version,
     host_target,
     source_files,
-    universal_binary,
 )
 from fmus.description import render_fmi2, render_fmi3
 from fmus.documentation import render_html
+from fmus.models import MODELS, ROOT, STANDARDS, Fmi, Model, folders, read_bytes
 from fmus.origin import license_text, read_origin
-from fmus.variables import ARRAY_SOURCES, SOURCES, Model, Table, load_table, render_header
+from fmus.variables import Table, load_table, render_header
 
 __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
 
-MODELS: tuple[Model, ...] = ("VibrationMotor", "VibrationMotors")
-# The first time a zip archive can tell: an archive says nothing of when it was made.
-ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
+SHORT_NAMES: dict[str, Model] = {
+    "motor": "VibrationMotor",
+    "motors": "VibrationMotors",
+    "robot": "MiniRobot",
+}
 
 
-def build_fmu(out_dir: Path, model: Model = "VibrationMotor") -> Path:
-    """Build a model's FMI 3.0 FMU for this machine.
+CARRIED = Path("fmus/built")  # folder of FMUs in a wheel
+
+
+def build_fmu(
+    out_dir: Path, model: Model = "VibrationMotor", targets: Sequence[str] | None = None
+) -> Path:
+    """Build a model's FMI 3.0 FMU.
 
     Args:
         out_dir: folder that receives the FMU, which has the model's name; made if missing.
-        model: one motor, or an array of them.
+        model: what the FMU is of.
+        targets: platforms, keys of `fmus.compiler.TARGETS`; by default this machine's.
 
     Returns:
         Path of the FMU; the file appears whole or not at all.
@@ -58,7 +65,7 @@ def build_fmu(out_dir: Path, model: Model = "VibrationMotor") -> Path:
         BuildError: no compiler was found, or it failed.
         OSError: the folder cannot be written.
     """
-    return build_fmus({"3": out_dir / f"{model}.fmu"}, [host_target()], model=model)[0]
+    return build_fmus({"3": out_dir / f"{model}.fmu"}, targets or [host_target()], model=model)[0]
 
 
 def build_fmus(
@@ -73,7 +80,7 @@ def build_fmus(
         paths: file to write for each FMI standard; folders are made if missing.
         targets: platforms, keys of `fmus.compiler.TARGETS`.
         progress: is told of every platform.
-        model: one motor, or an array of them.
+        model: what the FMU is of.
 
     Returns:
         The paths, in the same order; each file appears whole or not at all.
@@ -95,7 +102,7 @@ def build_fmus(
         "documentation/index.html": render_html(table),
         "documentation/licenses/license.txt": license_text().encode(),
     }
-    icon = (SOURCES / "icon.png").read_bytes()
+    icon = read_bytes(model, "icon.png")
     for fmi, path in paths.items():
         if fmi == "2":
             files = {"modelDescription.xml": render_fmi2(table, token, origin), "model.png": icon}
@@ -107,24 +114,27 @@ def build_fmus(
             }
         sources = source_files(model, fmi, header)
         sources["buildDescription.xml"] = render_build_description(table, fmi)
-        files |= _binaries(fmi, table.name, libraries) | documentation
-        _write_archive(path, files | {f"sources/{name}": sources[name] for name in sources})
+        files |= binaries(fmi, table.name, libraries) | documentation
+        write_archive(path, files | {f"sources/{name}": sources[name] for name in sources})
     return list(paths.values())
 
 
 def cached_fmu(model: Model = "VibrationMotors") -> Path:
-    """A model's FMI 3.0 FMU for this machine from the cache, built there on first use.
+    """A model's FMI 3.0 FMU: that of the wheel, or one that is built into the cache on first use.
 
     The cache's key is a hash of sources, rendered defaults, flags and compiler version. The file's
     own hash stands beside it: a file that was damaged is built again.
 
     Args:
-        model: one motor, or an array of them, which the co-simulation uses.
+        model: what the FMU is of; the co-simulation uses the array of motors.
 
     Raises:
         BuildError: no compiler was found, or it failed.
         OSError: the cache cannot be written.
     """
+    carried = ROOT.parent / CARRIED / f"{model}.fmu"
+    if carried.is_file():
+        return carried
     token = instantiation_token(load_table(model))
     key = digest_of(token, host_target(), FLAGS, compiler_version())
     path = cache_dir("fmus") / key / f"{model}.fmu"
@@ -135,45 +145,11 @@ def instantiation_token(table: Table) -> str:
     """Token that ties model description and binary: a hash of everything they are made from."""
     digest = hashlib.sha256(f"{table!r}{read_origin()}{license_text()}".encode())
     suffixes = {".c", ".h", ".html", ".png"}
-    folders = (SOURCES, ARRAY_SOURCES)
-    inputs = [path for folder in folders for path in folder.iterdir() if path.suffix in suffixes]
-    for path in sorted([*inputs, *Path(__file__).parent.glob("*.py")]):
+    files = [path for folder in folders(table.name) for path in folder.iterdir()]
+    inputs = [path for path in files if path.suffix in suffixes]
+    for path in sorted([*inputs, *ROOT.glob("*.py")]):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"
-
-
-def _binaries(fmi: Fmi, name: str, libraries: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Libraries by their place in the archive of that standard."""
-    if fmi == "3":
-        places = {target: target for target in libraries}
-    else:
-        # FMI 2.0 has no names for aarch64: importers there look into linux64 and win64 too, which
-        # an archive for both architectures must leave to x86-64.
-        places = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "x86_64-darwin": "darwin64"}
-        places |= {
-            target: target if other in libraries else places[other]
-            for target, other in ((t, t.replace("aarch64", "x86_64")) for t in libraries)
-            if target != other
-        }
-        both = {"x86_64-darwin", "aarch64-darwin"}
-        if both <= libraries.keys():
-            universal = universal_binary(libraries["x86_64-darwin"], libraries["aarch64-darwin"])
-            libraries = {t: b for t, b in libraries.items() if t not in both}
-            libraries["x86_64-darwin"] = universal
-    return {
-        f"binaries/{places[target]}/{name}{TARGETS[target].suffix}": content
-        for target, content in libraries.items()
-    }
-
-
-def _write_archive(path: Path, files: Mapping[str, bytes]) -> None:
-    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        for name, content in files.items():
-            entry = zipfile.ZipInfo(name, ZIP_EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system = 3  # Unix, wherever it was built: equal builds are equal bytes
-            entry.external_attr = 0o644 << 16
-            archive.writestr(entry, content)
 
 
 TargetChoice = Literal[
@@ -188,26 +164,38 @@ TargetChoice = Literal[
 ]
 
 
-@dataclass(frozen=True)
-class Build:
-    """Build the vibration motor FMUs: of one motor, and of an array of motors.
+What = Literal["motor", "motors", "robot"]
 
-    VibrationMotor offers co-simulation and Model Exchange, VibrationMotors, which needs FMI 3.0,
-    co-simulation. Without --fmi FMI 3.0 FMUs are written under the models' names, which the
-    co-simulation uses; with --fmi the names tell the standard: VibrationMotor_fmi2.fmu,
-    VibrationMotor_fmi3.fmu and VibrationMotors_fmi3.fmu.
+
+@dataclass(frozen=True, kw_only=True)
+class Build:
+    """Build FMUs: of one vibration motor, of an array of motors, and of a robot.
+
+    VibrationMotor offers co-simulation and Model Exchange, MiniRobot co-simulation, and so does
+    VibrationMotors, which needs FMI 3.0. Without --fmi FMI 3.0 FMUs are written under the models'
+    names, which the co-simulation uses; with --fmi the names tell the standard, as in
+    VibrationMotor_fmi2.fmu.
     """
 
+    what: Annotated[
+        tyro.conf.Positional[tuple[What, ...]], tyro.conf.arg(metavar="{motor,motors,robot}")
+    ] = ()
+    """Models to build, by their short names."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder that receives the FMUs; made if missing."""
+    """Folder that receives the files; made if missing."""
     model: tuple[Model, ...] = MODELS
-    """Models to build."""
+    """Models to build where nothing is named."""
     fmi: Literal["2", "3", "both"] | None = None
     """FMI standard to build for."""
     targets: tuple[TargetChoice, ...] = ("host",)
     """Platforms whose binaries go into the archive. A first build for Windows takes about a
     minute, every other build seconds."""
     json: Json = False
+
+    @property
+    def models(self) -> tuple[Model, ...]:
+        """Models that are asked for."""
+        return tuple(SHORT_NAMES[name] for name in self.what) or self.model
 
 
 def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
@@ -228,11 +216,11 @@ def main() -> None:
     for choice in options.targets:
         names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]
         targets |= dict.fromkeys(names)
-    if options.fmi == "2" and "VibrationMotor" not in options.model:
+    if options.fmi == "2" and options.models == ("VibrationMotors",):
         raise BuildError("FMI 2 has no arrays, which VibrationMotors needs; use --fmi 3")
     files: list[Path] = []
     with progress_bars() as progress:
-        for model in options.model:
+        for model in options.models:
             if paths := _paths(options, model):
                 files += build_fmus(paths, list(targets), progress, model)
     for file in files:

@@ -2,8 +2,9 @@
 
 from xml.etree import ElementTree as ET
 
-from fmus.compiler import PLAIN_NAMES, SAME_BITS, Fmi, unit_file
+from fmus.compiler import PLAIN_NAMES, SAME_BITS, unit_file
 from fmus.description import to_bytes
+from fmus.models import Fmi
 from fmus.variables import Table
 
 
@@ -24,12 +25,12 @@ def render_terminals(table: Table) -> bytes:
     listing = ET.SubElement(root, "Terminals")
     for name, members in table.terminals.items():
         terminal = ET.SubElement(listing, "Terminal", name=name, matchingRule="plug")
-        for member in members:
-            kind = table[member].causality
+        for member, variable in members.items():
+            kind = table[variable].causality
             ET.SubElement(
                 terminal,
                 "TerminalMemberVariable",
-                variableName=member,
+                variableName=variable,
                 memberName=member,
                 variableKind="signal" if kind in {"input", "output"} else kind,
             )

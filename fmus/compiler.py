@@ -1,4 +1,4 @@
-"""Compiles the motor FMUs' C code into a shared library, for this machine or another.
+"""Compiles the FMUs' C code into a shared library, for this machine or another.
 
 ziglang is a C compiler for every platform that installs as an ordinary Python package; the system's
 cc stands in for it, for this machine only.
@@ -16,16 +16,11 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from cosim.base.errors import UserError
-from fmus.variables import ARRAY_SOURCES, SOURCES, Model
+from fmus.models import STANDARDS, Fmi, Model, find
 
-Fmi = Literal["2", "3"]
-STANDARDS: dict[Model, tuple[Fmi, ...]] = {
-    "VibrationMotor": ("2", "3"),
-    "VibrationMotors": ("3",),  # FMI 2.0 has no arrays
-}
 # Without contraction to fused multiply-adds every platform computes the same bits.
 SAME_BITS = "-ffp-contract=off"
 # Gives the standards' functions their plain names, under which shared libraries are searched.
@@ -134,10 +129,9 @@ def source_files(model: Model, fmi: Fmi, header: str) -> dict[str, bytes]:
     """
     files, names = {}, [unit_file(model, fmi)]
     for name in names:  # which grow by what the files include
-        for path in (SOURCES / name, ARRAY_SOURCES / name):
-            if path.is_file() and name not in files:
-                files[name] = path.read_bytes()
-                names += re.findall(r'^#include "(.*)"', files[name].decode(), re.MULTILINE)
+        if name not in files and (path := find(model, name)):
+            files[name] = path.read_bytes()
+            names += re.findall(r'^#include "(.*)"', files[name].decode(), re.MULTILINE)
     return files | {"variables.h": header.encode()}
 
 
@@ -166,7 +160,7 @@ def compile_library(model: Model, header: str, target: str) -> bytes:
             for name, content in source_files(model, fmi, header).items():
                 (work / name).write_bytes(content)
         units = [unit_file(model, fmi) for fmi in STANDARDS[model]]
-        output = f"motor{TARGETS[target].suffix}"
+        output = f"{model}{TARGETS[target].suffix}"
         run = subprocess.run(
             [*command, *FLAGS, f"-I{fmi_headers()}", *units, "-o", output],
             cwd=work,

@@ -1,4 +1,4 @@
-"""Model descriptions of the motor FMUs for FMI 2.0 and 3.0, rendered from the variable table.
+"""Model descriptions of the FMUs for FMI 2.0 and 3.0, rendered from the variable table.
 
 Only the markup of the standards lives here; what the variables are is `fmus.variables`.
 """
@@ -94,22 +94,21 @@ def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
-        "providesDirectionalDerivative": "true",
     }
-    for interface, extra in (
-        ("ModelExchange", {"completedIntegratorStepNotNeeded": "true"}),
-        (
-            "CoSimulation",
-            {"canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "1"},
-        ),
-    ):
+    interfaces = {"CoSimulation": {"canHandleVariableCommunicationStepSize": "true"}}
+    if table.derivatives:
+        capabilities["providesDirectionalDerivative"] = "true"
+        interfaces["CoSimulation"]["maxOutputDerivativeOrder"] = "1"
+        interfaces = {"ModelExchange": {"completedIntegratorStepNotNeeded": "true"}} | interfaces
+    for interface, extra in interfaces.items():
         listing = ET.SubElement(ET.SubElement(root, interface, capabilities | extra), "SourceFiles")
         ET.SubElement(listing, "File", name=unit_file(table.name, "2"))
     _add_units(root, table)
-    definitions = ET.SubElement(root, "TypeDefinitions")
-    for variable in table.group("parameter", "Enumeration"):
-        element = ET.SubElement(definitions, "SimpleType", name=_ENUMERATION)
-        _add_items(ET.SubElement(element, "Enumeration"), variable)
+    if enumerations := table.group("parameter", "Enumeration"):
+        definitions = ET.SubElement(root, "TypeDefinitions")
+        for variable in enumerations:
+            element = ET.SubElement(definitions, "SimpleType", name=_ENUMERATION)
+            _add_items(ET.SubElement(element, "Enumeration"), variable)
     _add_frame(root)
     # FMI 2 counts variables from 1, as the table's value references do; the time needs no variable.
     variables = ET.SubElement(root, "ModelVariables")
@@ -125,6 +124,8 @@ def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
         ("Derivatives", table.derivatives),
         ("InitialUnknowns", _initial_unknowns(table)),
     ):
+        if not unknowns:
+            continue
         listing = ET.SubElement(structure, name)
         for variable in unknowns:
             initial = name == "InitialUnknowns"

@@ -1,9 +1,10 @@
-"""HTML documentation of the motor FMUs for the archives: equations, variables, how they step."""
+"""HTML documentation of the FMUs for the archives: equations, variables, how they step."""
 
 import html
 from string import Template
 
-from fmus.variables import ARRAY_SOURCES, SOURCES, Table, Variable
+from fmus.models import read_text
+from fmus.variables import Table, Variable
 
 
 def render_html(table: Table) -> bytes:
@@ -12,14 +13,16 @@ def render_html(table: Table) -> bytes:
     Args:
         table: the variables.
     """
-    template = Template((SOURCES / "documentation.html").read_text("utf-8"))
+    template = Template(read_text(table.name, "documentation.html"))
     rows = "\n".join(_row(variable) for variable in table.variables)
-    (more,) = (
-        path.read_text("utf-8")
-        for folder in (SOURCES, ARRAY_SOURCES)
-        for path in folder.glob(f"{table.name}.html")
-    )
-    values = {"name": table.name, "description": table.description, "rows": rows, "more": more}
+    values = {
+        "name": table.name,
+        "description": table.description,
+        "equations": read_text(table.name, "equations.html"),
+        "rows": rows,
+        "steps": read_text(table.name, "steps.html"),
+        "more": read_text(table.name, f"{table.name}.html"),
+    }
     return template.substitute(values).encode()
 
 

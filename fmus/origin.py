@@ -1,4 +1,4 @@
-"""Whose work of which version the motor FMU is, as this project was installed: for the archive."""
+"""Whose work of which version the FMUs are, as this project was installed: for the archive."""
 
 import importlib.metadata
 import re

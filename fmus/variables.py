@@ -1,4 +1,4 @@
-"""The motor FMUs' variables: `variables.toml` joined with the defaults of `cosim.base.params`.
+"""The FMUs' variables: a `variables.toml` joined with the defaults of `cosim.base.params`.
 
 Renders a table as the C header that the kernel compiles with. What the model descriptions make
 of it is the business of `fmus.description`.
@@ -6,14 +6,11 @@ of it is the business of `fmus.description`.
 
 import tomllib
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from cosim.base import params
+from fmus.models import Model, read_text
 
-Model = Literal["VibrationMotor", "VibrationMotors"]
-SOURCES = Path(__file__).parent / "vibration_motor"
-ARRAY_SOURCES = Path(__file__).parent / "vibration_motors"
 TIME_REFERENCE = 0
 
 
@@ -90,14 +87,15 @@ class Table:
         description: of the model, one line for people.
         variables: all but the time.
         units: of the variables.
-        terminals: names of the variables that belong together, by terminal.
+        terminals: variables that belong together, by terminal: their names by those that they
+            have in it. Terminals with the same names fit together.
     """
 
     name: Model
     description: str
     variables: tuple[Variable, ...]
     units: tuple[Unit, ...]
-    terminals: dict[str, list[str]]
+    terminals: dict[str, dict[str, str]]
 
     def group(self, causality: str, type: str = "Float64") -> tuple[Variable, ...]:  # noqa: A002
         """Variables of one causality and type; their value references are contiguous."""
@@ -159,28 +157,29 @@ def load_table(model: Model = "VibrationMotor") -> Table:
     """Read a model's variables; defaults, units and descriptions from `cosim.base.params`.
 
     Args:
-        model: one motor, or an array of them.
+        model: what the FMU is of.
 
     Raises:
         KeyError: the table names a parameter that `cosim.base.params` does not have.
     """
-    raw = tomllib.loads((SOURCES / "variables.toml").read_text("utf-8"))
+    raw = tomllib.loads(read_text(model, "variables.toml"))
+    units = tomllib.loads(read_text(model, "units.toml"))
     about = raw["model"][model]
     rows = [
         (causality, row)
         for group, causality in _GROUPS.items()
-        for row in raw[group]
+        for row in raw.get(group, ())
         if row.pop("only", model) == model
     ]
-    displays = {
-        name: next(iter(unit.get("display", ())), None) for name, unit in raw["unit"].items()
-    }
+    displays = {name: next(iter(unit.get("display", ())), None) for name, unit in units.items()}
     variables = tuple(
         _variable(causality, reference, row, displays, about)
         for reference, (causality, row) in enumerate(rows, start=TIME_REFERENCE + 1)
     )
-    units = tuple(Unit(name, u["base"], u.get("display", {})) for name, u in raw["unit"].items())
-    return Table(model, about["description"], variables, units, raw["terminals"])
+    used = {variable.unit for variable in variables}
+    defined = (Unit(name, u["base"], u.get("display", {})) for name, u in units.items())
+    shown = tuple(unit for unit in defined if unit.name in used)
+    return Table(model, about["description"], variables, shown, raw["terminals"])
 
 
 def _variable(

@@ -1,5 +1,6 @@
 """The package as others install it: what the wheel holds, and work without the checkout."""
 
+import io
 import os
 import subprocess
 import sys
@@ -8,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from fmus.compiler import host_target
+from fmus.models import MODELS
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("fmus", "cosim", "agent", "analysis")
 DATA = {
@@ -15,6 +19,8 @@ DATA = {
     "fmus/vibration_motor/motor.h",
     "fmus/vibration_motor/VibrationMotor.mo",
     "fmus/vibration_motor/icon.png",
+    "fmus/fmi/fmi3.c",
+    "fmus/mini_robot/variables.toml",
     "analysis/report/templates/report.html.j2",
     "analysis/report/templates/report.css",
     "cosim/presets/icra2006.toml",
@@ -29,12 +35,24 @@ print(analysis.open("episode.rrd").outcome, *(p.__file__ for p in (agent, analys
 """
 
 
+BUILT = {f"fmus/built/{model}.fmu" for model in MODELS}
+
+
+def build(out: Path, kind: str, targets: str) -> Path:
+    """A wheel or an sdist with FMUs for some platforms."""
+    subprocess.run(
+        ["uv", "build", f"--{kind}", "--quiet", "--out-dir", out],
+        cwd=ROOT,
+        env=os.environ | {"MINIROBOTS_WHEEL_TARGETS": targets},
+        check=True,
+    )
+    (path,) = (path for path in out.iterdir() if path.suffix in {".whl", ".gz"})
+    return path
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("wheel")
-    subprocess.run(["uv", "build", "--wheel", "--quiet", "--out-dir", out], cwd=ROOT, check=True)
-    (path,) = out.glob("*.whl")
-    return path
+    return build(tmp_path_factory.mktemp("wheel"), "wheel", host_target())
 
 
 def test_wheel_holds_every_file_of_the_packages_and_no_other(wheel):
@@ -44,24 +62,32 @@ def test_wheel_holds_every_file_of_the_packages_and_no_other(wheel):
     there = {name for name in tracked if (ROOT / name).is_file()}
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
+        carried = [zipfile.ZipFile(io.BytesIO(archive.read(name))) for name in BUILT]
     assert names >= DATA
-    assert names == there
+    assert names == there | BUILT
+    for fmu in carried:
+        assert any(name.startswith(f"binaries/{host_target()}/") for name in fmu.namelist())
 
 
 @pytest.mark.slow
-def test_installed_package_works_without_the_checkout(wheel, tmp_path):
+@pytest.mark.parametrize(
+    ("kind", "version"), [("wheel", "3.11"), ("wheel", "3.12"), ("wheel", "3.13"), ("sdist", None)]
+)
+def test_installed_package_works_without_the_checkout_and_a_compiler(kind, version, tmp_path):
     """In an environment, a cache and a folder in which nothing is yet."""
     environment, work = tmp_path / "environment", tmp_path / "work"
     work.mkdir()
     python = environment / "bin" / "python"
+    package = build(tmp_path / "dist", kind, "" if kind == "wheel" else host_target())
     # in the checkout, whose pyproject.toml has the tested versions
     for command in (
-        ["uv", "venv", "--quiet", "--python", sys.executable, environment],
-        ["uv", "pip", "install", "--quiet", "--python", python, wheel],
+        ["uv", "venv", "--quiet", "--python", version or sys.executable, environment],
+        ["uv", "pip", "install", "--quiet", "--python", python, package],
+        ["uv", "pip", "uninstall", "--quiet", "--python", python, "ziglang"],
     ):
         subprocess.run(command, cwd=ROOT, check=True)
     own = {name: v for name, v in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
-    own["MINIROBOTS_CACHE"] = str(tmp_path / "cache")
+    own |= {"MINIROBOTS_CACHE": str(tmp_path / "cache"), "PATH": str(environment / "bin")}
 
     def run(*command: Path | str) -> str:
         done = subprocess.run(

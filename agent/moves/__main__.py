@@ -9,6 +9,7 @@ import tyro
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
+from cosim.coupling.isolation import Isolation
 from cosim.navigation.options import Deciding, Physics
 
 
@@ -33,6 +34,7 @@ class ObserveMoves:
     json: Json = False
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
     deciding: Annotated[Deciding, tyro.conf.OmitArgPrefixes] = field(default_factory=Deciding)
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
     def __post_init__(self) -> None:
         workers(self.jobs)
@@ -45,6 +47,7 @@ class ObserveMoves:
 def main() -> None:
     """Command line; see `ObserveMoves`."""
     options = parse(ObserveMoves, "agent.moves")
+    options.isolation.enter("agent.moves", options.physics.motor_fmu)
     from agent.moves.observe import facts_of, move_rows, observe_moves
     from agent.moves.worlds import RANGES
     from cosim.base.command import show_table

@@ -11,8 +11,8 @@ from cosim.base.errors import run_command
 class BoundOptions:
     """Exact optimum of a scenario: the least mean path length and number of moves of any policy.
 
-    Path length and moves are bounded separately, each by value iteration over the joint process;
-    a policy need not be able to reach both at once. Results are cached.
+    Path length and moves are bounded separately, each by Dijkstra's algorithm over the joint
+    process; a policy need not be able to reach both at once. Results are cached.
     """
 
     scenario: str = "4"

@@ -1,4 +1,4 @@
-"""The joint process of two robots, solved: least costs by value iteration, and tables of the best.
+"""The joint process of two robots, solved: least costs, and tables of the best.
 
 Also that of one robot. Cells are counted x·rows + y; costs are those of both robots together. Which
 costs, and where the results are kept, is `agent.process.optimum`.
@@ -60,37 +60,56 @@ def _choices(after: np.ndarray, i: int, cell: int) -> int:
 
 
 @kernel
-def iterate(
+def solve(
     process: Process, after: np.ndarray, costs: np.ndarray, free: np.ndarray, value: np.ndarray
 ) -> None:
-    """Gauss–Seidel value iteration of two robots (or one, and one parked) to the fixed point.
+    """Least costs of two robots, in rising order: Dijkstra's algorithm with buckets of width 1.
+
+    No move costs less than 1, so that states of a bucket do not lead to one another.
 
     Args:
         process: for contact along the moves.
         after: (2, cells, 8) int64, see `cells_after`.
-        costs: (8,) float64, cost of a move; a parked robot pays nothing.
+        costs: (8,) float64, cost of a move, at least 1; a parked robot pays nothing.
         free: (cells, cells) bool, joint states in which robots may be and go on.
         value: (cells, cells) float64, 0 at the end, inf elsewhere; updated.
     """
-    cells = after.shape[1]
+    cells, rows = after.shape[1], process.terrain.shape[2] - 2
     world = np.zeros((2, COLUMN_COUNT), dtype=np.int64)
-    forward = False
-    changed = True
-    while changed:
-        changed = False
-        forward = not forward  # alternating orders spread values in both directions
-        for k in range(cells * cells):
-            state = k if forward else cells * cells - 1 - k
+    # the cell that each move comes from, and as one more of a parked robot that it stays
+    before = np.full((2, cells, DIRECTION_COUNT + 1), BLOCKED)
+    paid = np.zeros(DIRECTION_COUNT + 1)
+    paid[:DIRECTION_COUNT] = costs
+    for i in range(2):
+        for cell in range(cells):
+            for a in range(DIRECTION_COUNT):
+                if after[i, cell, a] == cell:
+                    before[i, cell, DIRECTION_COUNT] = cell
+                elif after[i, cell, a] != BLOCKED:
+                    before[i, after[i, cell, a], a] = cell
+    bucket, reached = 0, 0.0
+    while bucket <= reached:
+        for state in range(cells * cells):
             p, q = state // cells, state % cells
-            if not free[p, q]:
+            known = value[p, q]
+            if not bucket <= known < bucket + 1:
                 continue
-            best = value[p, q]
-            for a in range(_choices(after, 0, p)):
-                for b in range(_choices(after, 1, q)):
-                    best = min(best, _cost(process, after, costs, value, world, p, q, a, b))
-            if best < value[p, q]:
-                value[p, q] = best
-                changed = True
+            for a in range(DIRECTION_COUNT + 1):
+                for b in range(DIRECTION_COUNT + 1):
+                    p_before, q_before = before[0, p, a], before[1, q, b]
+                    if min(p_before, q_before) == BLOCKED or not free[p_before, q_before]:
+                        continue
+                    cost = paid[a] + paid[b] + known
+                    if cost >= value[p_before, q_before]:
+                        continue
+                    if process.swept:
+                        _set_move(world, 0, p_before, p, rows)
+                        _set_move(world, 1, q_before, q, rows)
+                        if touched_between(world, 0, 1, process.thresholds.contact):
+                            continue
+                    value[p_before, q_before] = cost
+                    reached = max(reached, cost)
+        bucket += 1
 
 
 @kernel

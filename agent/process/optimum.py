@@ -1,9 +1,9 @@
 """Exact optimum of a scenario: the shortest collision-free paths that any policy could take.
 
-Value iteration over the joint process of one or two robots (`agent.process.joint`), for path length
-and for moves separately; no learning. Where the joint process is too large (three robots and more,
-two on a large board), each robot's own optimum, as if it were alone, is a lower bound: marked as
-relaxed.
+Dijkstra's algorithm over the joint process of one or two robots (`agent.process.joint`), for path
+length and for moves separately; no learning. Where the joint process is too large (three robots and
+more, two on a large board), each robot's own optimum, as if it were alone, is a lower bound: marked
+as relaxed.
 """
 
 from pathlib import Path
@@ -18,9 +18,9 @@ from agent.process.joint import (
     BLOCKED,
     IMPOSSIBLE,
     cells_after,
-    iterate,
     iterate_alone,
     joint_states,
+    solve,
     tabulate,
 )
 from agent.process.readings import MAX_JOINT_STATES, Process
@@ -83,7 +83,7 @@ def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
         return value if relaxed else value[0]
     free, end = joint_states(process)
     value = np.where(end, 0.0, np.inf)
-    iterate(process, after, costs, free, value)
+    solve(process, after, costs, free, value)
     return value
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from benchmarks.coupled.two_masses import CONNECTIONS, PLACES, error, simulated, two_masses
-from cosim.fmi.fmu import Fmu, end
+from cosim.fmi.fmu import Fmu, end, new_log
 from cosim.system.graph import Component
 from cosim.system.system import Algorithm, System
 
@@ -31,7 +31,7 @@ class PythonLoop:
         fmu = self._fmu = components[0].fmu
         assert isinstance(fmu, Fmu)
         for component in components:
-            slave = fmu.load(component.name, [])
+            slave = fmu.load(component.name, new_log())
             for name, value in component.start.items():
                 slave.setFloat64([fmu.variables[name].valueReference], [value])
             slave.enterInitializationMode()

@@ -20,6 +20,7 @@ from cosim.coupling.assembly import (
     robot_properties,
 )
 from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.isolation import calling
 from cosim.coupling.master import CompiledDriver
 from cosim.coupling.signals import Samples, new_raw_samples, new_samples, new_state
 from cosim.physics.body_state import standing_state
@@ -109,7 +110,8 @@ class Trial:
         noise = np.zeros((periods, columns, 2))
         noise[:, :n] = draw_noise(self._config, self._noise, self._nominal, periods)
         raw = new_raw_samples(0, columns)
-        self._driver.advance(self._plant, self._state, noise, samples, raw)
+        with calling(f"what begins at {self.time_s:g} s of a trial on an empty floor"):
+            self._driver.advance(self._plant, self._state, noise, samples, raw)
         self._tick += periods * self._config.ticks_per_period
         return Samples(*(signal[:, :n] for signal in samples))
 

@@ -13,7 +13,7 @@ import numpy as np
 from cosim.base.jit import inlined
 from cosim.fmi.abi import FMI_OK, FMI_WARNING, do_step_3, exchange_3
 
-INCOMPLETE = 100  # beyond every fmi3Status
+INCOMPLETE, NOT_FINITE = 100, 101  # beyond every fmi3Status
 
 
 @inlined

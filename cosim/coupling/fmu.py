@@ -25,7 +25,8 @@ from cosim.coupling.interface import (
     check_variable,
     require_fmi_3,
 )
-from cosim.fmi.fmu import Fmu, FmuError, end, function_address
+from cosim.coupling.isolation import calling
+from cosim.fmi.fmu import Fmu, FmuError, end, function_address, new_log
 
 
 class Addresses(NamedTuple):
@@ -117,7 +118,8 @@ class MotorFmu(Fmu):
         Raises:
             FmuError: the FMU lacks a parameter, refuses it, to load or to be initialised.
         """
-        return Motor(self, name, parameters or {}, motors)
+        with calling("its initialisation"):
+            return Motor(self, name, parameters or {}, motors)
 
     def configure(self, slave: Any, motors: int) -> None:
         """Say how many motors an instance of arrays has."""
@@ -140,7 +142,7 @@ class Motor:
         name: instance name.
         slave: fmpy's FMU3Slave, for drivers that step through Python.
         addresses: of the binary's functions, for drivers that step compiled.
-        log: what the FMU has reported, oldest first.
+        log: what the FMU has reported last, oldest first.
     """
 
     def __init__(
@@ -149,7 +151,7 @@ class Motor:
         self.fmu = fmu
         self.name = name
         self._motors = motors
-        self.log: list[str] = []
+        self.log = new_log()
         self._returns = False  # whether the state before a step will be restored
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         try:
@@ -230,7 +232,8 @@ class Motor:
     @contextlib.contextmanager
     def _named_errors(self, time_s: float, what: str) -> Iterator[None]:
         try:
-            yield
+            with calling(f"a call at {time_s:.5f} s of simulated time"):
+                yield
         except FMICallException as error:
             raise self.error(time_s, f"{what} (fmi3Status {error.status})") from error
 
@@ -240,4 +243,5 @@ class Motor:
 
     def close(self) -> None:
         """Free the instance; further calls are errors."""
-        self._finalizer()
+        with calling("its end"):
+            self._finalizer()

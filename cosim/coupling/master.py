@@ -14,16 +14,50 @@ from typing import Protocol
 
 import numpy as np
 
+from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.coupling.assembly import Motors
-from cosim.coupling.calls import INCOMPLETE, Calls, get_signals, set_inputs, step_motors
+from cosim.coupling.calls import (
+    INCOMPLETE,
+    NOT_FINITE,
+    Calls,
+    get_signals,
+    set_inputs,
+    step_motors,
+)
 from cosim.coupling.plant import Plant, begin_period, begin_step, push_bodies, react, step_robots
 from cosim.coupling.sampling import end_period, restore_ended, sample_tick
-from cosim.coupling.signals import RawSamples, Samples, State
+from cosim.coupling.signals import SIGNALS, RawSamples, Samples, State
 from cosim.fmi.abi import FMI_OK, FMI_WARNING
 from cosim.physics.lanes import Width, width_of
 
 _ONE = width_of(1)
+
+
+class NotFiniteError(UserError):
+    """A signal that is no finite number, at the first tick at which it is none.
+
+    Attributes:
+        signal: its name, the first in the order of cause and effect.
+        column: of the robot.
+        tick: of the advance, from 0.
+    """
+
+    def __init__(self, state: State, tick: int) -> None:
+        values = np.concatenate([state.inputs, state.outputs, state.bodies])
+        row, self.column = np.argwhere(~np.isfinite(values))[0].tolist()
+        self.signal, self.tick = SIGNALS[row], tick
+        value = values[row, self.column]
+        super().__init__(f"{self.signal} of robot {self.column + 1} is {value} after tick {tick}")
+        self.value = value
+
+    def named(self, robot: str, time_s: float) -> "NotFiniteError":
+        """The same with the robot's name and the simulated time."""
+        self.args = (
+            f"{self.signal} of {robot} is {self.value} at {time_s:.5f} s of simulated time; choose "
+            "a smaller --dt, or look at its motor FMU and at its world",
+        )
+        return self
 
 
 class Driver(Protocol):
@@ -45,6 +79,7 @@ class Driver(Protocol):
 
         Raises:
             FmuError: an FMU refused a call; names the instance, the time and its log message.
+            NotFiniteError: a signal is no finite number any more.
         """
         ...
 
@@ -79,7 +114,8 @@ class ReferenceDriver:
         self.motors.get_outputs(state.outputs, dt)
         for k in range(count):
             for column in np.flatnonzero(state.busy).tolist():
-                step_robots(plant, state, column, k, _ONE)
+                if not step_robots(plant, state, column, k, _ONE):
+                    raise NotFiniteError(state, tick + k)
             push_bodies(plant, state)
             if tick + k < len(raw.omega):
                 sample_tick(plant, state, raw, tick + k)
@@ -106,6 +142,8 @@ class CompiledDriver:
         """See `Driver.advance`."""
         calls, width = self.motors.calls, width_of(self.lanes)
         status, instance = run_periods(plant, state, noise, samples, raw, calls, width)
+        if status == NOT_FINITE:
+            raise NotFiniteError(state, instance)
         if status > FMI_WARNING:
             what = "asked to stop" if status == INCOMPLETE else f"failed (fmi3Status {status})"
             raise self.motors.error(instance, what, plant.body.dt)
@@ -124,7 +162,7 @@ def run_periods(
     """The loop of `CompiledDriver`; arguments as for `Driver.advance`.
 
     Returns:
-        The fmi3Status of a failed call and its instance's index.
+        The fmi3Status of a failed call and its instance's index; or NOT_FINITE and the tick.
     """
     dt, count = plant.body.dt, plant.ticks_per_step
     instances, lanes = calls.instances.shape[0], len(width)
@@ -155,7 +193,8 @@ def run_periods(
                         )
                         if status > FMI_WARNING:
                             return status, instance
-                    step_robots(plant, state, column, k, width)
+                    if not step_robots(plant, state, column, k, width):
+                        return NOT_FINITE, tick
                 push_bodies(plant, state)
                 if tick < raw.omega.shape[0]:
                     sample_tick(plant, state, raw, tick)

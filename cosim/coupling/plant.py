@@ -36,7 +36,7 @@ from cosim.physics.collision import (
 )
 from cosim.physics.contact import Impulse
 from cosim.physics.forces import MotorMount, motor_wrench
-from cosim.physics.lanes import Width, load, select, store, width_of
+from cosim.physics.lanes import Width, any_lane, load, select, store, width_of
 from cosim.physics.properties import BodyParams, feel_patches, read_mount, read_params
 from cosim.physics.rotation import Vector, dot, heading, rotation_matrix, to_body
 from cosim.physics.trig import sine_cosine
@@ -44,6 +44,7 @@ from cosim.physics.trig import sine_cosine
 # Share of the squared friction limit from which a foot slides; the solver's projection rounds.
 AT_LIMIT = 1.0 - 1e-9
 _ONE = width_of(1)
+_LARGEST = float(np.finfo(np.float64).max)
 
 
 class Plant(NamedTuple):
@@ -212,7 +213,7 @@ def _signals(array: np.ndarray, motor: int, column: int, width: Width) -> Vector
 
 
 @inlined
-def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width) -> None:
+def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width) -> bool:
     """Move the robots of a vector by one tick with the forces of their motors at its end.
 
     Args:
@@ -221,6 +222,9 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
         column: of the first robot.
         tick: of the communication step, from 0.
         width: how many robots.
+
+    Returns:
+        Whether all of them are where numbers tell, and at a finite velocity.
     """
     theta_d, omega_d, omega_dot_d = exchanged(plant, state, 0, column, tick, width)
     theta_e, omega_e, omega_dot_e = exchanged(plant, state, 1, column, tick, width)
@@ -240,6 +244,9 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     lifted = lifted_a + lifted_b + lifted_c
     _count(statistics, LIFTED, column, width, lifted > 0.0)
     _count(statistics, AIRBORNE, column, width, lifted > 2.0)
+    (x, y, z), (vx, vy, vz), (wx, wy, wz) = body.position, body.velocity, body.omega
+    sum_of_all = x + y + z + vx + vy + vz + wx + wy + wz
+    return not any_lane(select(abs(sum_of_all) <= _LARGEST, 0.0, 1.0) > 0.0)
 
 
 @inlined

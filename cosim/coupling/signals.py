@@ -10,12 +10,23 @@ import numpy as np
 from cosim.control.camera import CAMERA_SIZE, FRAME_SIZE, NOISE
 from cosim.control.estimation import ESTIMATE_SIZE
 from cosim.control.steering import COMMAND_SIZE
-from cosim.physics.body_state import QUATERNION, STATE_SIZE
+from cosim.physics.body_state import BODY_SIGNALS, QUATERNION, STATE_SIZE
 from cosim.physics.properties import PROPERTIES
 
 MOTORS = 2  # D, E
 FEET = 3  # A, B, C
 
+
+def _of_motors(*names: str) -> tuple[str, ...]:
+    return tuple(f"{name} of motor {motor}" for name in names for motor in "DE")
+
+
+# Names of the rows of inputs, outputs and bodies, see `State`.
+SIGNALS = (
+    *_of_motors("the set point", "the speed noise", "the torque d"),
+    *_of_motors("theta", "omega", "omega_dot"),
+    *(f"the {name}" for name, size in BODY_SIGNALS for _ in range(size)),
+)
 
 # Rows of the statistics of a control period, see `State.statistics`.
 NORMAL_PEAK, FRICTION_PEAK, SLIPPING = 0, FEET, 2 * FEET  # of feet A, B, C each

@@ -6,6 +6,7 @@ import ctypes
 import errno
 import threading
 import weakref
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ from cosim.fmi.archive import unpack
 # fmpy changes the working directory of the process while it loads a binary, and does not change it
 # back where that fails.
 _LOADING = threading.Lock()
+# What is kept of an FMU's messages, which may come in floods.
+_LOG_LENGTH, _LOG_BYTES = 100, 2000
 _FOLDERS = (fmpy.platform_tuple, fmpy.platform)  # of binaries, of FMI 3.0 and 2.0
 
 
@@ -95,7 +98,7 @@ class Fmu:
                 "Co-Simulation"
             )
 
-    def load(self, name: str, log: list[str], *, events: bool = False) -> Any:
+    def load(self, name: str, log: deque[str], *, events: bool = False) -> Any:
         """A new instance, as fmpy's slave, to be freed by `free`.
 
         Args:
@@ -123,13 +126,13 @@ class Fmu:
                     loggingOn=True,
                     eventModeUsed=events,
                     earlyReturnAllowed=events,
-                    logMessage=lambda *told: log.append(told[3].decode("utf-8", "replace")),
+                    logMessage=lambda *told: log.append(_text(told[3])),
                 )
             else:
                 slave.instantiate(callbacks=_callbacks(log), loggingOn=True)
         return slave
 
-    def failure(self, name: str, log: list[str], time_s: float, what: str) -> FmuError:
+    def failure(self, name: str, log: deque[str], time_s: float, what: str) -> FmuError:
         """The error that tells which instance failed, when, and what the FMU said last."""
         said = f": {log[-1]}" if log else ""
         return FmuError(f"FMU {self.path.name}, instance {name}, at {time_s:.5f} s {what}{said}")
@@ -170,13 +173,22 @@ def check_steps(
         whole_ratio(*step, f"fixedInternalStepSize of {said}", internal_s)
 
 
-def _callbacks(log: list[str]) -> Any:
+def new_log() -> deque[str]:
+    """Room for what an FMU reports last, oldest first."""
+    return deque(maxlen=_LOG_LENGTH)
+
+
+def _text(message: bytes | None) -> str:
+    return (message or b"")[:_LOG_BYTES].decode("utf-8", "replace")
+
+
+def _callbacks(log: deque[str]) -> Any:
     """What an FMU of FMI 2.0 is given: a logger into `log`, and the C library's memory."""
     allocate = ctypes.cast(fmpy.calloc, fmi2CallbackAllocateMemoryTYPE)
     release = ctypes.cast(fmpy.free, fmi2CallbackFreeMemoryTYPE)
 
     def told(_environment: Any, _name: Any, _status: int, _category: Any, text: Any) -> None:
-        log.append((text or b"").decode("utf-8", "replace"))
+        log.append(_text(text))
 
     return fmi2CallbackFunctions(
         logger=fmi2CallbackLoggerTYPE(told), allocateMemory=allocate, freeMemory=release

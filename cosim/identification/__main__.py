@@ -1,6 +1,6 @@
 """`python -m cosim.identification`: a robot's parameters from what a camera has seen of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +9,7 @@ import tyro
 from cosim.base.command import Json, MotorFmuFile, parse, print_json, show_table
 from cosim.base.errors import UserError, run_command
 from cosim.base.progress import progress_bars, under_way
+from cosim.coupling.isolation import Isolation
 from cosim.presets.preset import PAPER
 
 
@@ -33,6 +34,7 @@ class IdentifyRobot:
     board: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="M M")] = None
     """Width and height of the board in m, with its corner at the origin; by default endless."""
     motor_fmu: MotorFmuFile = None
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
     json: Json = False
 
     def __post_init__(self) -> None:
@@ -43,6 +45,7 @@ class IdentifyRobot:
 def main() -> None:
     """Command line; see `IdentifyRobot`."""
     options = parse(IdentifyRobot, "cosim.identification")
+    options.isolation.enter("cosim.identification", options.motor_fmu)
     if options.excite is not None:
         from cosim.identification.excitation import HOLD_S, SEQUENCE, write_excitation
 

@@ -22,7 +22,8 @@ from cosim.coupling.assembly import (
     robot_properties,
 )
 from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.master import CompiledDriver, Driver, ReferenceDriver
+from cosim.coupling.isolation import calling
+from cosim.coupling.master import CompiledDriver, Driver, NotFiniteError, ReferenceDriver
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
 from cosim.navigation.episode import RunningEpisode, Step
 from cosim.physics.lanes import host_lanes
@@ -191,6 +192,7 @@ class Batch:
 
         Raises:
             FmuError: an FMU failed; names the instance and the time.
+            NotFiniteError: a signal is no finite number; names it, the robot and the time.
         """
         state, going_on = self._state, self.going_on()
         periods, columns = self.config.periods_per_step, state.bodies.shape[1]
@@ -206,7 +208,14 @@ class Batch:
         burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
         raw = new_raw_samples(min(burst, periods * self.config.ticks_per_period), columns)
         state.periods[:] = 0
-        self._driver.advance(self._plant, state._replace(sight=sight), noise, samples, raw)
+        begin_s = min(episode.time_s for episode in going_on.values())
+        with calling(f"the RL step from {begin_s:g} s of simulated time"):
+            try:
+                self._driver.advance(self._plant, state._replace(sight=sight), noise, samples, raw)
+            except NotFiniteError as error:
+                place, robot = divmod(error.column, self.robots)
+                time_s = going_on[place].time_s + (error.tick + 1) * self.config.timing.dt_s
+                raise error.named(f"robot {robot + 1}", time_s) from None
         steps = {
             place: episode.end_step(samples, raw, int(state.periods[place]))
             for place, episode in going_on.items()

@@ -20,6 +20,14 @@ ANGULAR_VELOCITY = slice(10, 13)  # body frame, rad/s
 NORMAL_IMPULSE = slice(13, 16)  # of feet A, B, C in the last step, N s
 FRICTION_IMPULSE = slice(16, 25)  # of A, B, C, body frame (x, y, z) each, N s
 STATE_SIZE = 25
+BODY_SIGNALS = (  # name and size of each
+    ("position", 3),
+    ("orientation", 4),
+    ("velocity", 3),
+    ("angular velocity", 3),
+    ("normal impulse", 3),
+    ("friction impulse", 9),
+)
 
 
 def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: float) -> np.ndarray:

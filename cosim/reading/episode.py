@@ -27,7 +27,7 @@ _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
 # What a signal's name may leave out, in the order of being tried.
 _PREFIXES = ("", "/", "/sim/", "/rl/", "/raw/", "/world/")
 _NOTHING = Texts(np.zeros(0), ())
-_EPISODE = Kind("recording of an episode", "record it anew", RecordingReadError)
+EPISODE = Kind("recording of an episode", "record it anew", RecordingReadError)
 
 
 class Parameter(NamedTuple):
@@ -174,7 +174,7 @@ class Episode:
         path = Path(path)
         if path.exists():
             raise StorageError(f"{path}: it exists; move it away or choose another name")
-        require_file(self.path, _EPISODE)
+        require_file(self.path, EPISODE)
         with replacing(path) as temporary:
             shutil.copyfile(self.path, temporary)
 
@@ -196,7 +196,7 @@ def read_episode(path: Path, folder: tempfile.TemporaryDirectory[str] | None = N
         raise RecordingReadError(f"{path} holds no episode; record one with `python -m cosim.run`")
     ends = [s.time_s[-1] for key, s in data.signals.items() if _ROBOT.match(key) and len(s.time_s)]
     time_s = float(max(ends))
-    with parsing(path, _EPISODE):
+    with parsing(path, EPISODE):
         parameters = {
             name: Parameter(**json.loads(text))
             for name, text in data.properties.get("parameters", {}).items()

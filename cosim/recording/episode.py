@@ -6,7 +6,7 @@ steps are written together, one chunk per entity: few long chunks are written, s
 several times faster than many short ones.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -101,8 +101,8 @@ class EpisodeRecorder:
         )
         self.file = Recording(path, recording_id, blueprint, viewer)
         known = {"record": level, "targets_m": [scenario.centre_m(t) for t in scenario.targets]}
-        self.file.stream.send_property("episode", properties(facts | known))
-        self.file.stream.send_property("parameters", properties(config.table()))
+        self.tell("episode", facts | known)
+        self.tell("parameters", config.table())
         write_scene(self.file, scenario, config.robot)
         write_styles(self.file, self._signals, scenario.robots)
         for name, policy in zip(self._names, policies, strict=False):
@@ -122,6 +122,11 @@ class EpisodeRecorder:
             self._write_batch()
         finally:
             self.file.close()
+
+    def tell(self, name: str, values: Mapping[str, Any]) -> None:
+        """Write a property of the recording."""
+        self.file.stream.send_property(name, properties(values))
+        self.file.flush()
 
     def write(
         self,

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from fmpy.model_description import ModelVariable
 
-from cosim.fmi.fmu import Fmu, FmuError, end, free, function_address
+from cosim.fmi.fmu import Fmu, FmuError, end, free, function_address, new_log
 from cosim.system.graph import Component, GraphError
 
 _ABLE = ("parameter", "input", "structuralParameter")
@@ -53,7 +53,7 @@ class Instance:
     Attributes:
         name: of the component.
         fmu: of which it is.
-        log: what the FMU has reported, oldest first.
+        log: what the FMU has reported last, oldest first.
         handle: its address.
         events: whether it leaves events to the master.
 
@@ -64,7 +64,7 @@ class Instance:
 
     def __init__(self, component: Component, fmu: Fmu, *, events: bool = False) -> None:
         self.name, self.fmu = component.name, fmu
-        self.log: list[str] = []
+        self.log = new_log()
         self.events = events and fmu.standard == 3 and fmu.interface.hasEventMode
         self._start = {name: self._checked(name) for name in component.start}
         self._values = component.start

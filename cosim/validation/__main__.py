@@ -3,7 +3,7 @@
 Makes the tables of docs/validation.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +14,7 @@ from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars
 from cosim.base.storage import replacing, write_json
+from cosim.coupling.isolation import Isolation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +35,7 @@ class Validate:
     jobs: Jobs = -1
     json: Json = False
     motor_fmu: MotorFmuFile = None
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
     def __post_init__(self) -> None:
         workers(self.jobs)
@@ -44,6 +46,7 @@ class Validate:
 def main() -> None:
     """Command line; see `Validate`."""
     options = parse(Validate, "cosim.validation")
+    options.isolation.enter("cosim.validation", options.motor_fmu)
     from cosim.navigation.options import Physics
     from cosim.validation.measurement import QUICK, Effort, validate
     from cosim.validation.report import report_of

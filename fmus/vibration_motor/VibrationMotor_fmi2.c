@@ -8,8 +8,9 @@
 
 #include "instance.c"
 #include "motor_instance.c"
+#include "derivatives.c"
 
-#include "access.c"
-#include "saving.c"
+#include "plain.c"
 
 #include "fmi2.c"
+#include "fmi2_motor.c"

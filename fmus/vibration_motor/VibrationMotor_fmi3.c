@@ -8,9 +8,9 @@
 
 #include "instance.c"
 #include "motor_instance.c"
+#include "derivatives.c"
 
-#include "access.c"
-#include "saving.c"
+#include "plain.c"
 
 #include "fmi3.c"
 #include "fmi3_motor.c"

@@ -2,15 +2,6 @@
 #include "events.h"
 #include "motor_instance.h"
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
-                                          fmi3String resourcePath, fmi3Boolean visible,
-                                          fmi3Boolean loggingOn,
-                                          fmi3InstanceEnvironment instanceEnvironment,
-                                          fmi3LogMessageCallback logMessage) {
-    return instance_new(instanceName, instantiationToken, true, log_fmi3,
-                        (void (*)(void))logMessage, instanceEnvironment, loggingOn);
-}
-
 /* Enumerations are Int64 in FMI 3. */
 OPTION_ACCESS(Int64, "Enumeration")
 
@@ -77,7 +68,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discrete
     REQUIRE_POINTER(self, valuesOfContinuousStatesChanged);
     REQUIRE_POINTER(self, nextEventTimeDefined);
     REQUIRE_POINTER(self, nextEventTime);
-    *valuesOfContinuousStatesChanged = events_update(motor_of(self));
+    *valuesOfContinuousStatesChanged = events_update(plain_of(self));
     *discreteStatesNeedUpdate = fmi3False;
     *terminateSimulation = fmi3False;
     *nominalsOfContinuousStatesChanged = fmi3False;

@@ -9,10 +9,6 @@
 #ifndef MOTOR_H
 #define MOTOR_H
 
-#include <math.h>
-#include <stdbool.h>
-#include <stdint.h>
-
 #include "sine.h"
 #include "variables.h"
 

@@ -1,4 +1,5 @@
-/* See instance.h and motor_instance.h: life cycle and steps of one motor, and its Model Exchange. */
+/* See plain.h and motor_instance.h: life cycle, variables and steps of one motor, and its Model
+ * Exchange. */
 #include "motor_instance.h"
 
 #include <string.h>
@@ -6,11 +7,19 @@
 #include "events.h"
 #include "integrate.h"
 
-static const size_t model_size = sizeof(MotorInstance);
+static const bool model_exchanges = true;
+
+static const Option options[] = {
+    {VR_closed_loop, "Boolean", offsetof(Motor, p.closed_loop), 0, 1},
+    {VR_solver, "Enumeration", offsetof(Motor, p.solver), SOLVER_SEMI_IMPLICIT_EULER, SOLVER_RK4},
+};
+
+_Static_assert(sizeof(Motor) == sizeof(double) * (INPUT_COUNT + PARAMETER_COUNT + 8) +
+                                    6 * sizeof(int32_t), "no padding");
 
 Status model_reset(Instance *instance, const char *function) {
     (void)function;
-    Motor *motor = motor_of(instance);
+    Motor *motor = plain_of(instance);
     memset(motor, 0, sizeof *motor);
     memcpy(motor->in.value, input_start, sizeof motor->in.value);
     memcpy(motor->p.value, parameter_start, sizeof motor->p.value);
@@ -20,16 +29,52 @@ Status model_reset(Instance *instance, const char *function) {
     return STATUS_OK;
 }
 
-void model_release(Instance *instance) { (void)instance; } /* a Motor is plain data */
+inline bool plain_read(const Instance *instance, uint32_t reference, double *value) {
+    const Motor *s = plain_in(instance);
+    switch (reference) {
+    case VR_theta: *value = s->x.theta; return true;
+    case VR_omega: *value = s->x.omega; return true;
+    case VR_omega_dot: *value = single_omega_dot(s); return true;
+    case VR_V_s: *value = single_voltage(s); return true;
+    case VR_i: *value = single_current(s); return true;
+    case VR_integral: *value = s->x.integral; return true;
+    case VR_u: *value = single_command(s); return true;
+    case VR_der_theta: *value = s->x.omega; return true;
+    case VR_der_integral: *value = single_integral_dot(s); return true;
+    case VR_z_friction: *value = indicator_friction(s); return true;
+    case VR_z_upper: *value = indicator_saturation(s, 1); return true;
+    case VR_z_lower: *value = indicator_saturation(s, -1); return true;
+    default: return false;
+    }
+}
+
+inline void plain_changed(Instance *instance, bool only_inputs) {
+    Motor *motor = plain_of(instance);
+    if (instance->now.life_cycle == EVENT)
+        motor->jumped = 1;
+    if (!only_inputs)
+        single_initialise(motor);
+}
+
+inline void plain_derive(Plain *motor) { single_derive(motor); }
+
+bool plain_is_sound(const Plain *s, const Standing *now) {
+    const double values[] = {s->x.theta, s->x.omega, s->x.integral};
+    const bool holds_modes = now->model_exchange && !(now->life_cycle & STARTING);
+    const int32_t most = holds_modes; /* of the signs that modes are */
+    return within(values, sizeof values / sizeof *values, NULL, NULL) &&
+           s->modes_held == holds_modes && s->friction >= -most && s->friction <= most &&
+           s->saturation >= -most && s->saturation <= most && (s->jumped == 0 || s->jumped == most);
+}
 
 void model_exit_initialization(Instance *instance) {
     instance->now.life_cycle = instance->now.model_exchange ? EVENT : STEP;
     if (instance->now.model_exchange)
-        events_initialise(motor_of(instance));
+        events_initialise(plain_of(instance));
 }
 
 Status model_do_step(Instance *instance, const char *function, double time, double step_size) {
-    Motor *motor = motor_of(instance);
+    Motor *motor = plain_of(instance);
     const double h = motor->p.step_size;
     Plan plan;
     if (plan_step(instance, function, time, step_size, h, &plan) != STATUS_OK)
@@ -73,7 +118,7 @@ Status instance_set_states(Instance *instance, const char *function, const doubl
         if (!isfinite(states[k]))
             return fail(instance, function, "state %lu is %g; give finite numbers",
                         (unsigned long)k, states[k]);
-    single_set_state(motor_of(instance), (MotorState){states[0], states[1], states[2]});
+    single_set_state(plain_of(instance), (MotorState){states[0], states[1], states[2]});
     return STATUS_OK;
 }
 
@@ -81,7 +126,7 @@ Status instance_get_states(const Instance *instance, const char *function, doubl
                            size_t count) {
     if (check_count(instance, function, states, count, STATE_COUNT, "states") != STATUS_OK)
         return STATUS_ERROR;
-    const Motor *motor = motor_in(instance);
+    const Motor *motor = plain_in(instance);
     states[0] = motor->x.theta;
     states[1] = motor->x.omega;
     states[2] = motor->x.integral;
@@ -92,7 +137,7 @@ Status instance_get_derivatives(const Instance *instance, const char *function,
                                 double derivatives[], size_t count) {
     if (check_count(instance, function, derivatives, count, STATE_COUNT, "states") != STATUS_OK)
         return STATUS_ERROR;
-    const Motor *motor = motor_in(instance);
+    const Motor *motor = plain_in(instance);
     derivatives[0] = motor->x.omega;
     derivatives[1] = single_omega_dot(motor);
     derivatives[2] = single_integral_dot(motor);
@@ -114,7 +159,7 @@ Status instance_get_indicators(const Instance *instance, const char *function, d
     if (check_count(instance, function, indicators, count, INDICATOR_COUNT, "event indicators") !=
         STATUS_OK)
         return STATUS_ERROR;
-    const Motor *motor = motor_in(instance);
+    const Motor *motor = plain_in(instance);
     indicators[0] = indicator_friction(motor);
     indicators[1] = indicator_saturation(motor, 1);
     indicators[2] = indicator_saturation(motor, -1);

@@ -1,22 +1,14 @@
 /* An instance of one motor: what VibrationMotor offers beyond instance.h, Model Exchange
- * (motor_instance.c) and derivatives (access.c). The shims fmi2.c, fmi3.c and fmi3_motor.c only
- * translate calls. */
+ * (motor_instance.c) and derivatives (derivatives.c). The shims fmi2.c, fmi3.c, fmi2_motor.c and
+ * fmi3_motor.c only translate calls. */
 #ifndef MOTOR_INSTANCE_H
 #define MOTOR_INSTANCE_H
 
-#include "instance.h"
 #include "single.h"
 
-typedef struct {
-    Instance base;
-    Motor motor;
-} MotorInstance;
+typedef Motor Plain;
 
-static inline Motor *motor_of(Instance *instance) { return &((MotorInstance *)instance)->motor; }
-
-static inline const Motor *motor_in(const Instance *instance) {
-    return &((const MotorInstance *)instance)->motor;
-}
+#include "plain.h"
 
 static Status instance_set_time(Instance *instance, const char *function, double time);
 static Status instance_set_states(Instance *instance, const char *function, const double states[],

@@ -1,21 +1,9 @@
 /* A sine that is the same to the bit on every platform: no libm, and no branches, so that compilers
- * can take several angles at once. Floating-point contraction must be off: others than Clang need
- * -ffp-contract=off. */
+ * can take several angles at once. */
 #ifndef SINE_H
 #define SINE_H
 
-#include <math.h>
-
-#ifdef __clang__
-#pragma STDC FP_CONTRACT OFF
-#endif
-
-/* Compilers vectorise a loop over motors only if the equations in it are inlined. */
-#ifdef __GNUC__
-#define INLINE static inline __attribute__((always_inline))
-#else
-#define INLINE static inline
-#endif
+#include "exact.h"
 
 /* Adding and subtracting it rounds to a whole number, half to even: 1.5 * 2^52. */
 #define ROUNDER 6755399441055744.0

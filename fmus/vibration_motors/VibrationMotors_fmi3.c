@@ -14,4 +14,5 @@
 #include "array_saving.c"
 
 #include "fmi3.c"
+#include "fmi3_cosimulation.c"
 #include "fmi3_array.c"

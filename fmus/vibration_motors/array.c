@@ -6,6 +6,7 @@
 #include <string.h>
 
 static const size_t model_size = sizeof(Motors);
+static const bool model_exchanges = false;
 
 Status motors_allocate(Motors *motors, const char *function, uint64_t n) {
     const size_t count = block_count((size_t)n);

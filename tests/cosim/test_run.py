@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import cosim.replay
 import cosim.run
 from agent.moves import observe
 from agent.moves.model import ObservedMoves
@@ -98,6 +99,33 @@ def test_equal_seeds_give_equal_recordings(runs, name):
     assert rrd("verify", runs / "a" / name).returncode == 0
     assert rrd("compare", "--unordered", runs / "a" / name, runs / "b" / name).returncode == 0
     assert rrd("compare", "--unordered", runs / "a" / name, runs / "c" / name).returncode != 0
+
+
+def test_a_replay_is_the_recording_in_every_bit(command, runs):
+    recording = runs / "a" / "episodes" / "ep_000.rrd"
+    done = command(cosim.replay, recording, "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout.splitlines()[-1])
+    assert report["differences"] == []
+    assert report["signals"] > 60
+    assert report["values"] > 10_000
+
+
+def test_a_replay_names_what_differs(command, runs):
+    recording = runs / "a" / "episodes" / "ep_000.rrd"
+    done = command(cosim.replay, recording, "--policy", runs / "c" / "policy.npz", "--json")
+    assert done.returncode == cosim.replay.DIFFERS_STATUS
+    report = json.loads(done.stdout.splitlines()[-1])
+    times = {row["signal"]: row["time_s"] for row in report["differences"]}
+    assert times["/rl/r1/q_s"] == 0.0
+    assert len(times) < report["signals"]
+
+
+def test_a_replay_refuses_another_motor(command, runs, motor_fmu):
+    recording = runs / "a" / "episodes" / "ep_000.rrd"
+    done = command(cosim.replay, recording, "--motor-fmu", motor_fmu, "--no-isolate")
+    assert done.returncode == 2
+    assert "is not the one that was recorded" in done.stderr
 
 
 def test_trained_policy_is_found_again(runs):

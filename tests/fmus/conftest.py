@@ -70,7 +70,7 @@ class Instance:
         logging: bool,
         name: bytes | None,
     ) -> None:
-        self.fmi = fmi
+        self.fmi, self.token = fmi, token
         self.library = ctypes.CDLL(str(library)) if isinstance(library, Path) else library
         self.messages: list[str] = []
         self.reference = REFERENCE

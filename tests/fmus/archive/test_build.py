@@ -18,7 +18,7 @@ from fmpy.fmi3 import _FMU3
 from fmpy.validation import validate_fmu
 
 from cosim.base.params import TABLE_II, TIMING, describe
-from fmus import build, compiler, variables
+from fmus import build, compiler, models
 from fmus.variables import load_table, render_header
 
 MODEL = "VibrationMotor"
@@ -153,16 +153,17 @@ def test_damaged_fmu_of_the_cache_is_built_again(fmu, monkeypatch, tmp_path, cap
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
-        ("variables.toml", 'description = "', 'description = "Another '),
-        ("variables.toml", "nominal = ", "nominal = 1"),
-        ("motor.h", "return", "return 2 *"),
-        ("documentation.html", "<p>", "<p>Also "),
+        ("vibration_motor/variables.toml", 'description = "', 'description = "Another '),
+        ("vibration_motor/variables.toml", "nominal = ", "nominal = 1"),
+        ("vibration_motor/motor.h", "return", "return 2 *"),
+        ("fmi/plain.c", "return", "return 2 *"),
+        ("fmi/documentation.html", "<p>", "<p>Also "),
     ],
 )
 def test_token_is_another_one_when_any_part_of_the_fmu_is(name, old, new, monkeypatch, tmp_path):
-    sources = shutil.copytree(build.SOURCES, tmp_path / "sources")
-    for module in (build, variables):
-        monkeypatch.setattr(module, "SOURCES", sources)
+    sources = shutil.copytree(models.ROOT, tmp_path / "sources")
+    for module in (build, models):
+        monkeypatch.setattr(module, "ROOT", sources)
     before = build.instantiation_token(build.load_table())
     text = (sources / name).read_text("utf-8")
     assert old in text
@@ -283,11 +284,15 @@ def test_command_writes_the_named_files(command, tmp_path):
         "VibrationMotor_fmi2.fmu",
         "VibrationMotor_fmi3.fmu",
         "VibrationMotors_fmi3.fmu",
+        "MiniRobot_fmi2.fmu",
+        "MiniRobot_fmi3.fmu",
     }
     assert all(str(path) in run.stdout for path in tmp_path.iterdir())
-    assert command(build, "--out", tmp_path / "both").returncode == 0
-    both = {"VibrationMotor.fmu", "VibrationMotors.fmu"}
-    assert {p.name for p in (tmp_path / "both").iterdir()} == both
+    assert command(build, "--out", tmp_path / "every").returncode == 0
+    every = {"VibrationMotor.fmu", "VibrationMotors.fmu", "MiniRobot.fmu"}
+    assert {p.name for p in (tmp_path / "every").iterdir()} == every
+    assert command(build, "robot", "motor", "--out", tmp_path / "two").returncode == 0
+    assert {p.name for p in (tmp_path / "two").iterdir()} == every - {"VibrationMotors.fmu"}
 
 
 def test_command_builds_the_model_that_is_asked_for(command, tmp_path):

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 import rumoca
 
-from fmus.variables import SOURCES, load_table
+from fmus.models import read_text
+from fmus.variables import load_table
 
 INPUTS = ("omega_des", "d", "omega_noise", "V_in")
 STATES = ("theta", "omega", "integral")
 DERIVATIVES = ("der(theta)", "omega_dot", "der(integral)")
-SPECIFICATION = (SOURCES / "VibrationMotor.mo").read_text("utf-8")
+SPECIFICATION = read_text("VibrationMotor", "VibrationMotor.mo")
 
 
 def flatten(source: str, closed_loop: bool) -> str:

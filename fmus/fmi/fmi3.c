@@ -39,6 +39,15 @@ fmi3Instance fmi3InstantiateCoSimulation(
     return self;
 }
 
+fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
+                                          fmi3String resourcePath, fmi3Boolean visible,
+                                          fmi3Boolean loggingOn,
+                                          fmi3InstanceEnvironment instanceEnvironment,
+                                          fmi3LogMessageCallback logMessage) {
+    return instance_new(instanceName, instantiationToken, true, log_fmi3,
+                        (void (*)(void))logMessage, instanceEnvironment, loggingOn);
+}
+
 void fmi3FreeInstance(fmi3Instance instance) { instance_free(instance); }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined,

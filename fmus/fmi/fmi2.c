@@ -1,11 +1,9 @@
-/* FMI 2.0 shim: translates the calls of the standard to instance.h and nothing else.
+/* FMI 2.0 shim: translates the calls of the standard that every model has to instance.h and nothing
+ * else; what a model has beside them is in a shim of its own, which comes after this one.
  * The standard's header marks every function for export. */
 #include "fmi2Functions.h"
 
-#include <string.h>
-
-#include "events.h"
-#include "motor_instance.h"
+#include "instance.h"
 
 static void log_fmi2(const Instance *self, Status status, const char *category,
                      const char *message) {
@@ -213,85 +211,6 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedSta
     REQUIRE_POINTER(self, FMUstate);
     return (fmi2Status)model_deserialize(self, __func__, (const unsigned char *)serializedState,
                                             size, FMUstate);
-}
-
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference vUnknown_ref[],
-                                        size_t nUnknown, const fmi2ValueReference vKnown_ref[],
-                                        size_t nKnown, const fmi2Real dvKnown[],
-                                        fmi2Real dvUnknown[]) {
-    Instance *self = c;
-    REQUIRE(self, READABLE);
-    return (fmi2Status)instance_directional(self, __func__, vUnknown_ref, nUnknown, vKnown_ref,
-                                            nKnown, dvKnown, dvUnknown);
-}
-
-fmi2Status fmi2EnterEventMode(fmi2Component c) {
-    Instance *self = c;
-    REQUIRE(self, EVENT | CONTINUOUS_TIME);
-    self->now.life_cycle = EVENT;
-    return fmi2OK;
-}
-
-fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *eventInfo) {
-    Instance *self = c;
-    REQUIRE(self, EVENT);
-    REQUIRE_POINTER(self, eventInfo);
-    memset(eventInfo, 0, sizeof *eventInfo);
-    eventInfo->valuesOfContinuousStatesChanged = events_update(motor_of(self));
-    return fmi2OK;
-}
-
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
-    Instance *self = c;
-    REQUIRE(self, EVENT);
-    self->now.life_cycle = CONTINUOUS_TIME;
-    return fmi2OK;
-}
-
-fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
-                                       fmi2Boolean *enterEventMode,
-                                       fmi2Boolean *terminateSimulation) {
-    Instance *self = c;
-    REQUIRE(self, CONTINUOUS_TIME);
-    REQUIRE_POINTER(self, enterEventMode);
-    REQUIRE_POINTER(self, terminateSimulation);
-    *enterEventMode = fmi2False;
-    *terminateSimulation = fmi2False;
-    return fmi2OK;
-}
-
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
-    Instance *self = c;
-    REQUIRE(self, EVENT | CONTINUOUS_TIME);
-    return (fmi2Status)instance_set_time(self, __func__, time);
-}
-
-fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t nx) {
-    Instance *self = c;
-    REQUIRE(self, CONTINUOUS_TIME);
-    return (fmi2Status)instance_set_states(self, __func__, x, nx);
-}
-
-#define STATE_GETTER(name, states, getter)                                                         \
-    fmi2Status name(fmi2Component c, fmi2Real values[], size_t count) {                            \
-        Instance *self = c;                                                                        \
-        REQUIRE(self, states);                                                                     \
-        return (fmi2Status)getter(self, __func__, values, count);                                  \
-    }
-
-STATE_GETTER(fmi2GetContinuousStates, INITIALIZATION | EVENT | CONTINUOUS_TIME | TERMINATED,
-             instance_get_states)
-STATE_GETTER(fmi2GetDerivatives, INITIALIZATION | EVENT | CONTINUOUS_TIME | TERMINATED,
-             instance_get_derivatives)
-STATE_GETTER(fmi2GetNominalsOfContinuousStates, ANY_STATE, instance_get_nominals)
-STATE_GETTER(fmi2GetEventIndicators, INITIALIZATION | EVENT | CONTINUOUS_TIME | TERMINATED,
-             instance_get_indicators)
-
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
-                                        const fmi2Integer order[], fmi2Real value[]) {
-    Instance *self = c;
-    REQUIRE(self, STEP | TERMINATED);
-    return (fmi2Status)instance_output_derivatives(self, __func__, vr, nvr, order, value);
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint,

@@ -1,6 +1,6 @@
 /* What an instance is whichever model it is of and whichever FMI standard it was made through: life
  * cycle, messages, the time and its steps, the seal of serialised states (instance.c); and what every
- * model supplies: one motor (motor_instance.h) or an array of them (array.h).
+ * model supplies: an array of motors (array.h), or what is alike for models of plain data (plain.h).
  *
  * Each FMU is one C file that includes all others. They are static, so that FMUs linked into one
  * program share no names, and inline where only one standard or model uses them.
@@ -148,7 +148,8 @@ static bool within(const double values[], size_t count, const double least[], co
 
 /* What each model supplies. */
 
-static const size_t model_size; /* of its instance */
+static const size_t model_size;     /* of its instance */
+static const bool model_exchanges; /* whether it offers Model Exchange */
 /* Start values; may be out of memory. */
 static Status model_reset(Instance *instance, const char *function);
 /* Free what the model has allocated. */

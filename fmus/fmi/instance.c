@@ -89,6 +89,10 @@ Instance *instance_new(const char *name, const char *token, bool model_exchange,
              token ? token : "", INSTANTIATION_TOKEN);
         return NULL;
     }
+    if (model_exchange && !model_exchanges) {
+        fail(&draft, "instantiate", "this FMU does not offer Model Exchange");
+        return NULL;
+    }
     Instance *instance = calloc(1, model_size);
     char *copy = malloc(strlen(name) + 1);
     if (!instance || !copy) {

@@ -1,0 +1,142 @@
+"""Foreign FMUs in a process of their own, so that what they do to it ends a run in a sentence.
+
+An FMU is native code: it may crash, end the process or never return. A command with a foreign FMU
+runs again as a child of itself, which leaves a note while a call into the FMU is under way; the
+parent looks after the notes. This holds faults, not malice: the child may do what the user may.
+"""
+
+import atexit
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import tyro
+
+from cosim.base.config import ConfigError
+
+_NOTES = "MINIROBOTS_NOTES"  # folder of the notes, in the environment of a child
+_ENDED = "ended"  # note of a child that Python has ended, not the FMU
+_LOOK_S = 0.1  # between two looks at the notes, and at the parent
+_LIMIT_S = 300.0  # the reference driver may take a minute for an RL step
+
+
+@dataclass(frozen=True, kw_only=True)
+class Isolation:
+    """Whether motor FMUs run in a process of their own."""
+
+    isolate: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Run in a process of its own, so that a motor FMU which crashes, ends the process or never
+    returns is named with the simulated time. So does every command with --motor-fmu."""
+    no_isolate: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Run a motor FMU of --motor-fmu in the process of the command."""
+    isolate_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    """Wall-clock time in s that an isolated FMU may take for an RL step; by default 300."""
+
+    def __post_init__(self) -> None:
+        if self.isolate and self.no_isolate:
+            raise ConfigError("--isolate contradicts --no-isolate; leave out one of them")
+        if self.isolate_limit is not None and not self.isolate_limit > 0.0:
+            raise ConfigError("--isolate-limit must be positive")
+
+    def enter(self, module: str, motor_fmu: Path | None) -> None:
+        """Go on in a child process if FMUs are to be isolated: returns only where they may run.
+
+        Args:
+            module: of the command, whose arguments are those of this process.
+            motor_fmu: that is not the built-in one, if any.
+
+        Raises:
+            ConfigError: what is said has no effect.
+            FmuError: the child ended otherwise than by Python, or a call took too long.
+            SystemExit: with the child's status.
+        """
+        if self.no_isolate and motor_fmu is None:
+            raise ConfigError("--no-isolate has no effect without --motor-fmu; leave it out")
+        if self.no_isolate or (motor_fmu is None and not self.isolate):
+            if self.isolate_limit is not None:
+                raise ConfigError("--isolate-limit has no effect without --isolate; leave it out")
+        elif _NOTES in os.environ:
+            atexit.register(_note(_ENDED).touch)
+            threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+        else:
+            _run_in_child(module, motor_fmu, self.isolate_limit or _LIMIT_S)
+
+
+@contextlib.contextmanager
+def calling(what: str) -> Iterator[None]:
+    """While FMUs are called: leave a note, if a parent looks after it.
+
+    Args:
+        what: is done by the calls, and when in simulated time.
+    """
+    name = f"{os.getpid()}-{threading.get_ident()}"
+    if _NOTES not in os.environ or (note := _note(name)).exists():
+        yield
+        return
+    note.write_text(what)
+    try:
+        yield
+    finally:
+        note.unlink()
+
+
+def _note(name: str) -> Path:
+    return Path(os.environ[_NOTES]) / name
+
+
+def _end_with_parent(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_LOOK_S)
+    os._exit(1)
+
+
+def _run_in_child(module: str, motor_fmu: Path | None, limit_s: float) -> NoReturn:
+    from cosim.coupling.interface import FmuError  # noqa: PLC0415 - not for every --help
+
+    fmu = f"FMU {motor_fmu.name}" if motor_fmu is not None else "the built-in FMU"
+    with tempfile.TemporaryDirectory(prefix="minirobots-") as folder:
+        notes = Path(folder)
+        command = [sys.executable, "-m", module, *sys.argv[1:]]
+        # A session of its own: Ctrl-C reaches it through its parent, once.
+        with subprocess.Popen(
+            command, env=os.environ | {_NOTES: folder}, start_new_session=True
+        ) as child:
+            late = _wait(child, notes, limit_s)
+            with contextlib.suppress(ProcessLookupError):  # nothing of it is left
+                os.killpg(child.pid, signal.SIGKILL)
+        if late:
+            raise FmuError(
+                f"{fmu} did not return from {late} within {limit_s:g} s; give it more by "
+                "--isolate-limit, or export it anew"
+            )
+        if (notes / _ENDED).exists():
+            sys.exit(child.returncode)
+        when = " and ".join(note.read_text() for note in notes.iterdir()) or "no call of ours"
+        how = f"ended the process with status {child.returncode}"
+        if child.returncode < 0:
+            how = f"crashed ({signal.Signals(-child.returncode).name})"
+        raise FmuError(f"{fmu} {how} in {when}; export it anew")
+
+
+def _wait(child: subprocess.Popen, notes: Path, limit_s: float) -> str:
+    """Until the child has ended; or what a call that takes too long was to do."""
+    while True:
+        try:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                child.wait(_LOOK_S)
+                return ""
+            for note in notes.iterdir():
+                with contextlib.suppress(FileNotFoundError):  # the call has returned meanwhile
+                    if time.time() - note.stat().st_mtime > limit_s:
+                        return note.read_text()
+        except KeyboardInterrupt:
+            child.send_signal(signal.SIGINT)

@@ -1,0 +1,1 @@
+"""Sources of the robot FMU; `fmus.build` compiles them."""

@@ -1,0 +1,115 @@
+"""What a foreign FMU does to its process ends a command in a sentence, and nothing is lost."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from cosim.coupling.isolation import Isolation
+
+SCENARIO = """
+columns = 8
+rows = 8
+[[robots]]
+target = [1, 6]
+starts = [[6, 1]]
+"""
+
+
+@pytest.fixture(scope="module")
+def drive(faulty_fmu, tmp_path_factory):
+    """Runs the main command with the faulty FMU, which is calibrated while it is sound."""
+    folder = tmp_path_factory.mktemp("drive")
+    (folder / "one.toml").write_text(SCENARIO)
+    number = 0
+
+    def run(fault, *options, time_limit=4, start=subprocess.run, **keywords):
+        nonlocal number
+        number += 1
+        out = folder / f"run{number}"
+        command = [sys.executable, "-m", "cosim.run", "--scenario", folder / "one.toml"]
+        command += ["--method", "paper", "--train-episodes", "2000", "--out", out]
+        command += ["--motor-fmu", faulty_fmu, "--time-limit", time_limit, *options]
+        words = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        environment = os.environ | {"FAULT": fault, "FAULT_FROM": "2.5"}
+        return out, start(list(map(str, command)), env=environment, **words | keywords)
+
+    _, sound = run("none", check=False)
+    assert sound.returncode == 0, sound.stderr
+    return run
+
+
+FAULTS = {
+    "crash": r"crashed (SIGSEGV) in the RL step from 2 s of simulated time",
+    "exit": r"ended the process with status 0 in the RL step from 2 s of simulated time",
+    "error": "2.5",
+    "nan": "omega of motor D of robot 1 is nan at 2.5",
+    "inf": "omega of motor D of robot 1 is inf at 2.5",
+    "discard": "fmi3Status 2",
+    "fatal": "fmi3Status 4",
+    "free": r"crashed (SIG",
+    "flood": "fmi3Status 3",
+}
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [name if name in {"crash", "nan"} else pytest.param(name, marks=pytest.mark.faults)
+     for name in FAULTS],
+)  # fmt: skip
+def test_a_fault_is_named_with_the_time(fault, drive):
+    out, ended = drive(fault, check=False)
+    assert ended.returncode == 2
+    (sentence,) = [line for line in ended.stderr.splitlines() if line.startswith("error: ")]
+    assert FAULTS[fault] in sentence
+    assert "Faulty.fmu" in sentence or "robot 1" in sentence
+    assert "Traceback" not in ended.stderr
+    if "RL step" in FAULTS[fault]:  # nobody was left to complete the recording
+        assert not list((out / "episodes").glob("*.rrd"))
+
+
+def test_what_never_returns_is_ended(drive):
+    _, ended = drive("hang", "--isolate-limit", "2", check=False)
+    assert ended.returncode == 2
+    assert "did not return from the RL step from 2 s of simulated time within 2 s" in ended.stderr
+
+
+@pytest.mark.faults
+def test_earlier_episodes_are_whole(drive, faulty_fmu):
+    out, ended = drive("crash", "--episodes", "2", "--jobs", "1", time_limit=2, check=False)
+    assert ended.returncode == 0
+    assert len(json.loads((out / "summary.json").read_text())["episodes"]) == 2
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.faults
+def test_an_interrupt_reaches_the_child(sent, drive):
+    out, process = drive("none", time_limit=600, start=subprocess.Popen)
+    while not list((out / "episodes").glob("*.part")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(sent)
+    _, errors = process.communicate()
+    assert process.returncode in {130, 143}, errors
+    assert "Traceback" not in errors
+    assert list((out / "episodes").glob("*.rrd"))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"isolate": True, "no_isolate": True}, "contradicts"),
+        ({"isolate_limit": 1.0}, "no effect without --isolate"),
+        ({"no_isolate": True}, "no effect without --motor-fmu"),
+        ({"isolate_limit": -1.0}, "must be positive"),
+    ],
+)
+def test_what_has_no_effect_is_refused(options, message):
+    from cosim.base.config import ConfigError
+
+    with pytest.raises(ConfigError, match=message):
+        Isolation(**options).enter("cosim.run", None)
