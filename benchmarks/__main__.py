@@ -104,6 +104,22 @@ class DriveMap(Benchmark):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Endurance(Benchmark):
+    """Simulate hours of two robots, without and with a recording: memory, cost and what drifts."""
+
+    hours: Annotated[float, tyro.conf.arg(metavar="H")] = 1.0
+    """Simulated time of each of the two runs, in hours; at least two minutes."""
+    seed: int = 0
+    """Of the episodes."""
+
+    def __post_init__(self) -> None:
+        if not 2 / 60 <= self.hours < 1e4:
+            raise UserError("--hours must be 0.034 (two minutes) to 10000")
+        if self.seed < 0:
+            raise UserError("--seed must not be negative")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Envs(Benchmark):
     """Time the environments of many boards on the grid, and PettingZoo's of one.
 
@@ -260,6 +276,7 @@ MODULES: dict[type[Benchmark], str] = {
     Convergence: "convergence",
     CosimStep: "cosim_step",
     DriveMap: "drive_map",
+    Endurance: "reliability.endurance",
     Envs: "learning.envs",
     Evaluation: "evaluation",
     FmuStep: "fmu_step",

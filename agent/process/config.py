@@ -3,6 +3,7 @@
 What readings mean for a scenario is `agent.process.readings`; nothing here is slow to import.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -16,6 +17,7 @@ PartnerUpdate = Literal["ordinary", "penalty", "none"]
 RewardPer = Literal["step", "time", "distance"]
 FEATURES: tuple[Feature, ...] = get_args(Feature)
 PARTNER_UPDATES: tuple[PartnerUpdate, ...] = get_args(PartnerUpdate)
+MAX_STEPS = 10**9
 REWARDS_PER: tuple[RewardPer, ...] = get_args(RewardPer)
 
 
@@ -69,13 +71,13 @@ class ProcessConfig:
             "features": len(set(self.features)) == len(self.features) > 0,
             "slip_probability": 0 <= self.slip_probability <= 1,
             "clearance_m": self.clearance_m >= 0,
-            "step_limit": self.step_limit >= 1,
+            "step_limit": 1 <= self.step_limit <= MAX_STEPS,
         }
         require("process", self, valid, ScenarioError)
 
 
 def require(table: str, config: object, valid: Mapping[str, bool], error: type[UserError]) -> None:
-    """Refuse the first field of a table of settings that is not valid.
+    """Refuse the first field of a table of settings that is not valid, or infinite.
 
     Args:
         table: of a settings file, and prefix of its options.
@@ -87,9 +89,10 @@ def require(table: str, config: object, valid: Mapping[str, bool], error: type[U
         UserError: `error`, which names the field.
     """
     for name, fine in valid.items():
-        if not fine:
+        value = getattr(config, name)
+        if not fine or (isinstance(value, float) and math.isinf(value)):
             raise error(
-                f"{table}: {name} = {getattr(config, name)} is not allowed; see its description "
+                f"{table}: {name} = {value} is not allowed; see its description "
                 "in `python -m agent.train --help`"
             )
 

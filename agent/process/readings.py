@@ -4,6 +4,7 @@
 leaves open, into the arrays that the kernels of `agent.process.grid` walk on. No dynamics here.
 """
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -19,11 +20,13 @@ from cosim.navigation.features import (
     DistanceThresholds,
     distance_thresholds,
 )
-from cosim.scenarios.scenario import Cell, Scenario, ScenarioError
+from cosim.scenarios.scenario import MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
 
 FREE, GOAL, OUTSIDE, OBSTACLE = 0, 1, 2, 3  # terrain of a cell, as one robot sees it
 
 MAX_JOINT_STATES = 4_000_000  # of two robots on some 45 x 45 cells: 128 MB a table, some seconds
+MAX_STATES = 2**25  # of all robots together: 1 GB of tables
+_DRAWS = 20_000  # of start cells
 
 
 class Process(NamedTuple):
@@ -80,8 +83,8 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
     """Tables of the decision process of a scenario under the given readings.
 
     Raises:
-        ScenarioError: a start cell cannot be used, no combination of starts is free of contact, or
-            the board is too large for feature p.
+        ScenarioError: a start cell cannot be used, hardly a combination of starts is free of
+            contact, D is larger than any board, or the tables are too large.
     """
     thresholds = distance_thresholds(scenario)
     terrain = np.stack([_terrain(scenario, config, thresholds, i) for i in range(scenario.robots)])
@@ -92,12 +95,22 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
                     f"scenario {scenario.name}: starts[{robot}] has cell ({x}, {y}), which is "
                     "the robot's target or an obstacle to it; choose a free cell"
                 )
-    if not _has_free_starts(scenario.starts, thresholds.contact, ()):
+    if not _has_free_starts(scenario, thresholds.contact):
         raise ScenarioError(
-            f"scenario {scenario.name}: starts leave no combination in which the robots do not "
-            "touch; move the start cells further apart"
+            f"scenario {scenario.name}: starts leave hardly a combination in which the robots do "
+            "not touch; move the start cells further apart"
+        )
+    if config.distance_limit_m > MAX_SIDE_CELLS * scenario.cell_m:
+        raise ScenarioError(
+            f"scenario {scenario.name}: distance_limit_m = {config.distance_limit_m:g} is more "
+            f"than {MAX_SIDE_CELLS} cells; make it smaller"
         )
     strides, state_count = _strides(scenario, config)
+    if scenario.robots * state_count > MAX_STATES:
+        raise ScenarioError(
+            f"scenario {scenario.name}: the robots' tables have {scenario.robots * state_count:,} "
+            f"states, more than {MAX_STATES:,}; choose fewer features, robots or cells"
+        )
     if strides[FEATURES.index("p")] and state_count > MAX_JOINT_STATES:
         raise ScenarioError(
             f"scenario {scenario.name}: feature p makes a robot's table {state_count:,} states "
@@ -133,10 +146,15 @@ def _blocked(scenario: Scenario, shift: int) -> np.ndarray:
 
 
 def _disk(centre: Cell, squared_radius: int, scenario: Scenario) -> list[Cell]:
+    radius = math.isqrt(squared_radius)
+    columns, rows = (
+        range(max(0, middle - radius), min(size, middle + radius + 1))
+        for middle, size in zip(centre, (scenario.columns, scenario.rows), strict=True)
+    )
     return [
         (x, y)
-        for x in range(scenario.columns)
-        for y in range(scenario.rows)
+        for x in columns
+        for y in rows
         if (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= squared_radius
     ]
 
@@ -163,17 +181,14 @@ def _terrain(
     return terrain
 
 
-def _has_free_starts(
-    starts: tuple[tuple[Cell, ...], ...], contact: int, placed: tuple[Cell, ...]
-) -> bool:
-    """Whether the robots not yet placed have start cells out of contact with all others."""
-    if len(placed) == len(starts):
-        return True
-    return any(
-        all((x - u) ** 2 + (y - v) ** 2 > contact for u, v in placed)
-        and _has_free_starts(starts, contact, (*placed, (x, y)))
-        for x, y in starts[len(placed)]
-    )
+def _has_free_starts(scenario: Scenario, contact: int) -> bool:
+    """Whether some of many draws of start cells, which episodes begin with, have no contact."""
+    rng = np.random.default_rng(0)
+    drawn = [np.array(cells)[rng.integers(len(cells), size=_DRAWS)] for cells in scenario.starts]
+    free = np.full(_DRAWS, fill_value=True)
+    for a, b in itertools.combinations(drawn, 2):
+        free &= ((a - b) ** 2).sum(axis=1) > contact
+    return bool(free.any())
 
 
 def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:

@@ -93,21 +93,15 @@ def epsilon_of_episodes(config: LearningConfig, episodes: np.ndarray) -> np.ndar
 
 
 def build_learning(config: LearningConfig) -> Learning:
-    """The kernel's form of a learning configuration.
-
-    A block of constant epsilon never crosses the end of exploration: blocks are as long as the
-    greatest common divisor of the schedule's period and that end.
-    """
-    explored = int(np.ceil(config.exploration * config.episodes))
-    block = int(np.gcd(config.epsilon_episodes, explored)) if explored else config.epsilon_episodes
-    starts = np.arange(0, config.episodes, block)
+    """The kernel's form of a learning configuration."""
+    starts = np.arange(0, config.episodes, config.block)
     epsilon = epsilon_of_episodes(config, starts)
     fall = (config.eta if config.eta_end is None else config.eta_end) - config.eta
     return Learning(
         eta=(config.eta + fall * (starts / config.episodes)).astype(np.float32),
         gamma=np.float32(config.gamma),
         epsilon_thresholds=np.array([probability_threshold(e) for e in epsilon], dtype=np.uint64),
-        epsilon_episodes=block,
+        epsilon_episodes=config.block,
         double_q=config.algorithm == "double_q",
         log_episodes=config.log_episodes,
         log_window=config.log_window,

@@ -4,6 +4,7 @@ Settings files have TOML tables `[process]` and `[learning]`, checked field by f
 is slow to import, so that command lines can have these options.
 """
 
+import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
@@ -24,6 +25,9 @@ IN_WORLDS: tuple[Method, ...] = (*COMPARED, "robust")  # where they are not
 
 Algorithm = Literal["q", "double_q"]
 Backend = Literal["loky", "threading", "ray", "dask"]  # see `agent.training.sweep`
+
+
+MAX_EPISODES, MAX_POINTS = 10**9, 10**7
 
 
 class LearningError(UserError):
@@ -64,19 +68,38 @@ class LearningConfig:
 
     def __post_init__(self) -> None:
         valid = {
-            "episodes": self.episodes >= 1,
+            "episodes": 1 <= self.episodes <= MAX_EPISODES,
             "eta": 0 < self.eta <= 1,
             "eta_end": self.eta_end is None or 0 < self.eta_end <= 1,
             "gamma": 0 <= self.gamma <= 1,
             "epsilon": 0 <= self.epsilon <= 1,
             "epsilon_decay": 0 <= self.epsilon_decay <= 1,
-            "epsilon_episodes": self.epsilon_episodes >= 1,
+            "epsilon_episodes": 1 <= self.epsilon_episodes <= MAX_EPISODES,
             "exploration": 0 <= self.exploration <= 1,
-            "log_episodes": self.log_episodes >= 1,
+            "log_episodes": 1 <= self.log_episodes <= MAX_EPISODES,
             "log_window": 1 <= self.log_window <= self.log_episodes,
-            "greedy_points": self.greedy_points >= 0,
+            "greedy_points": 0 <= self.greedy_points <= MAX_POINTS,
         }
         require("learning", self, valid, LearningError)
+        if self.block < self.episodes / MAX_POINTS:
+            raise LearningError(
+                f"learning: epsilon_episodes = {self.epsilon_episodes} makes more than "
+                f"{MAX_POINTS} blocks of equal epsilon; give a divisor of the episodes with them"
+            )
+        if self.log_episodes < self.episodes / MAX_POINTS:
+            raise LearningError(
+                f"learning: log_episodes = {self.log_episodes} makes more than {MAX_POINTS} points "
+                "of the learning curves; make it larger"
+            )
+
+    @property
+    def block(self) -> int:
+        """Episodes of constant epsilon, never across the end of exploration.
+
+        The greatest common divisor of the schedule's period and that end.
+        """
+        explored = math.ceil(self.exploration * self.episodes)
+        return math.gcd(self.epsilon_episodes, explored) if explored else self.epsilon_episodes
 
 
 _Config = TypeVar("_Config", ProcessConfig, LearningConfig)
@@ -104,6 +127,8 @@ def read_settings(path: Path) -> tuple[ProcessConfig, LearningConfig]:
 
 
 def _convert(path: Path, table: str, content: Any, config: type[_Config]) -> _Config:
+    if not isinstance(content, dict):
+        raise SettingsError(f"{path}: {table} is no table; write [{table}]")
     known = {field.name for field in fields(config)}
     for name in content:
         if name not in known:

@@ -31,6 +31,9 @@ Order = Literal["gauss-seidel", "jacobi"]
 OnCollision = Literal["end", "continue"]
 Loop = Literal["motors", "heading"]
 
+MAX_RATIO = 10**9  # of two periods
+MAX_VALUE = 1e9  # of a parameter in its unit
+
 _SIGNED = ("com_x_m", "com_y_m")
 
 
@@ -93,8 +96,10 @@ class CoSimConfig:
             require_one_of("open_loop", loop, get_args(Loop))
         for record in self._records:
             for name, value in record._asdict().items():
-                if name not in _SIGNED and not 0.0 <= value < float("inf"):
-                    raise ConfigError(f"{name} = {value} must be finite and not negative")
+                if name not in _SIGNED and not 0.0 <= value <= MAX_VALUE:
+                    raise ConfigError(
+                        f"{name} = {value} must be finite and not negative, at most {MAX_VALUE:g}"
+                    )
         if not 0.0 <= self.safety_margin_m < float("inf"):
             raise ConfigError(
                 f"safety_margin_m = {self.safety_margin_m} must be finite and not negative"
@@ -269,8 +274,8 @@ def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:
     Raises:
         ConfigError: it is not one; the message names both.
     """
-    ratio = round(period / base)
-    if ratio < 1 or abs(period - ratio * base) > 1e-9 * period:
+    ratio = round(min(period / base, MAX_RATIO))
+    if ratio < 1 or ratio == MAX_RATIO or abs(period - ratio * base) > 1e-9 * period:
         raise ConfigError(
             f"{name} = {period:g} s is no whole multiple of {base_name} = {base:g} s; change one"
         )

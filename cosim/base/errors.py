@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 USER_ERROR_STATUS = 2
 INTERRUPTED_STATUS = 130
+TERMINATED_STATUS = 143
 
 _MENDS = {
     errno.ENOSPC: "the disk is full; free some space and run again",
@@ -23,6 +24,10 @@ _MENDS = {
 }
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, which ends a command as Ctrl-C does."""
+
+
 class UserError(Exception):
     """A mistake the caller can mend; the message names the thing and the mend in one sentence."""
 
@@ -32,12 +37,13 @@ def run_command(main: Callable[[], None]) -> None:
 
     A `UserError` or an operating-system error becomes one sentence on stderr and status 2,
     Ctrl-C status 130; anything else is a defect and keeps its traceback. SIGTERM, as batch systems
-    send it, does what Ctrl-C does: recordings are completed, temporary files removed.
+    send it, does what Ctrl-C does (recordings are completed, temporary files removed), with status
+    143.
 
     Args:
         main: the command; whatever it must keep on an interrupt it has saved by its own means.
     """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, _terminate)
     try:
         main()
     except UserError as error:
@@ -49,6 +55,11 @@ def run_command(main: Callable[[], None]) -> None:
         where = f"{error.filename}: " if error.filename else ""
         print(f"error: {where}{_MENDS[error.errno]}", file=sys.stderr)
         sys.exit(USER_ERROR_STATUS)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         print("interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED_STATUS)
+        ended = isinstance(interrupt, Terminated)
+        sys.exit(TERMINATED_STATUS if ended else INTERRUPTED_STATUS)
+
+
+def _terminate(*_: object) -> None:
+    raise Terminated

@@ -30,6 +30,9 @@ _OTHER_THAN_FILES = {
 }
 # What numpy writes; others could hold far more than the file's size says.
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+# Far above what is written here, far below what fills the memory.
+MAX_TEXT_BYTES = 2**26
+MAX_ARRAY_BYTES = 2**31  # all that are read of a file together, unpacked
 
 
 class Kind(NamedTuple):
@@ -89,6 +92,8 @@ def read_bytes(path: Path, kind: Kind) -> bytes:
     """
     require_file(path, kind)
     with parsing(path, kind):
+        if path.stat().st_size > MAX_TEXT_BYTES:
+            raise ValueError(f"it is larger than {MAX_TEXT_BYTES >> 20} MiB")
         return path.read_bytes()
 
 
@@ -139,6 +144,8 @@ def read_arrays(
     with parsing(path, kind), zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         wanted = [*names, *(name for name in optional if name in members)]
+        if sum(members[name].file_size for name in wanted) > MAX_ARRAY_BYTES:
+            raise ValueError(f"it unpacks to more than {MAX_ARRAY_BYTES >> 20} MiB")
         return {name: _array(archive, members[name]) for name in wanted}
 
 

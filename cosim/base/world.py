@@ -15,6 +15,7 @@ from cosim.base.params import MotorParams, Quantity
 
 Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
 
+_MAX_PATCHES = 1000  # the dynamics look at one by one
 # Drawn factors stay within so many standard deviations of 1.
 _MOST_DEVIATIONS = 3.0
 # Children of an episode's seed: motors' noise has the first ones.
@@ -119,6 +120,11 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
             floor_tilt_deg=(0.0, 20.0),
             payload_g=(0.0, 1000.0),
         )
+        if len(self.mu_patches) > _MAX_PATCHES:
+            raise WorldError(
+                f"world.mu_patches has {len(self.mu_patches)} patches, more than {_MAX_PATCHES}; "
+                "join or leave out some"
+            )
         if any(self.payload_offset_mm) and not self.payload_g:
             raise WorldError(
                 "world.payload_offset_mm has no effect without a payload; give payload_g"

@@ -11,7 +11,7 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.storage import cache_dir, cached
 from cosim.calibration.measuring import measure
-from cosim.calibration.speed_map import DRIVES, Calibration, load_calibration
+from cosim.calibration.speed_map import DRIVES, Calibration, CalibrationError, load_calibration
 from cosim.coupling.fmu import MotorFmu
 
 
@@ -72,10 +72,13 @@ def calibrated_slower(
     Args: as of `find_calibration`.
 
     Raises:
+        CalibrationError: they do not move.
         FmuError: the FMU cannot be used, or failed.
     """
     calibration = find_calibration(config, motor_fmu, progress)
     speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
+    if min(speeds) <= 0.0:
+        raise CalibrationError(f"robots of preset {config.preset} do not move; give another one")
     steering = config.steering._replace(drive_speed_m_s=min(speeds))
     return calibration.resolved(replace(config, steering=steering))
 

@@ -24,7 +24,7 @@ from fmpy.model_description import CoSimulation, ModelDescription
 
 from cosim.base.config import whole_ratio
 from cosim.base.errors import UserError
-from cosim.fmi.archive import unpack
+from cosim.fmi.archive import require_plain, unpack
 
 # fmpy changes the working directory of the process while it loads a binary, and does not change it
 # back where that fails.
@@ -64,6 +64,7 @@ class Fmu:
         needed = (*(f"binaries/{name}/" for name in _FOLDERS), "resources/")
         try:
             self.folder = unpack(path, ("modelDescription.xml", *needed))
+            require_plain(self.folder / "modelDescription.xml")
             self.description: ModelDescription = fmpy.read_model_description(self.folder)
         except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
             # Not the archive's fault, unless it leads to a place in the file that cannot be.
@@ -76,8 +77,13 @@ class Fmu:
         if self.description.coSimulation is None:
             raise FmuError(f"{self.noun} {path} has no Co-Simulation interface; export it with one")
         self.interface: CoSimulation = self.description.coSimulation
+        name = str(self.interface.modelIdentifier)
+        if not (name.isascii() and name.isidentifier()):  # it could lead out of the folder
+            raise FmuError(
+                f"{self.noun} {path} has modelIdentifier {name!r}; export it as a C identifier"
+            )
         folder = _FOLDERS[0 if self.standard == 3 else 1]
-        library = f"{self.interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
+        library = f"{name}{fmpy.sharedLibraryExtension}"
         if not (self.folder / "binaries" / folder / library).is_file():
             raise FmuError(
                 f"{self.noun} {path} has no binary for {folder}; export it for this platform"

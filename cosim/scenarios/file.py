@@ -11,7 +11,9 @@ from cosim.base.params import TABLE_I
 from cosim.base.reading import Kind, read_toml
 from cosim.base.world import IDEAL, Rectangle, World, WorldError
 from cosim.scenarios.built_in import BUILT_IN, filled, sides
-from cosim.scenarios.scenario import MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
+from cosim.scenarios.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
+
+MAX_CELLS = MAX_SIDE_CELLS**2  # of a list, before those that stand there twice are left out
 
 _FILE = Kind("scenario file", "check the path", ScenarioError)
 _WORLD_FILE = Kind("world file", "check the path", WorldError)
@@ -105,7 +107,7 @@ class _RobotTable(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
-    robots: list[_RobotTable]
+    robots: Annotated[list[_RobotTable], msgspec.Meta(max_length=MAX_ROBOTS)]
     name: str | None = None
     title: str = ""
     columns: _Size = 30
@@ -174,6 +176,9 @@ def _cells(field: str, items: Sequence[Sequence[int]]) -> tuple[Cell, ...]:
             )
         left, bottom, right, top = (*item, *item)[:4]
         rectangles.append((left, bottom, right, top))
+    cells = sum(max(r[2] - r[0] + 1, 0) * max(r[3] - r[1] + 1, 0) for r in rectangles)
+    if cells > MAX_CELLS:
+        raise ScenarioError(f"{field} lists {cells} cells, more than {MAX_CELLS}; leave out some")
     return filled(*rectangles)
 
 

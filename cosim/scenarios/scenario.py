@@ -21,6 +21,9 @@ from cosim.base.world import Rectangle
 Cell = tuple[int, int]
 
 MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
+MAX_CELL_M = 1.0
+MAX_ROBOTS = 64  # kernels are compiled for their number
+MAX_WALLS = 1000  # rectangles that the dynamics look at one by one
 
 
 class ScenarioError(UserError):
@@ -84,10 +87,10 @@ class Scenario:
 
     def __post_init__(self) -> None:
         self._check_sizes()
-        if not self.targets or len(self.targets) != len(self.starts):
+        if len(self.targets) != len(self.starts) or not 1 <= self.robots <= MAX_ROBOTS:
             raise ScenarioError(
-                f"scenario {self.name}: targets and starts need one entry per robot, "
-                f"got {len(self.targets)} and {len(self.starts)}"
+                f"scenario {self.name}: targets and starts need one entry per robot, of 1 to "
+                f"{MAX_ROBOTS}, got {len(self.targets)} and {len(self.starts)}"
             )
         fields = {"targets": self.targets, "obstacles": self.obstacles} | {
             f"starts[{robot}]": cells for robot, cells in enumerate(self.starts)
@@ -119,8 +122,11 @@ class Scenario:
             "name": (re.fullmatch(r"[\w.-]+", self.name), "letters, digits, '.', '-' and '_'"),
             "columns": (1 <= self.columns <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
             "rows": (1 <= self.rows <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
-            "cell_m": (self.cell_m > 0, "a positive length in m"),
-            "robot_diameter_m": (self.robot_diameter_m > 0, "a positive length in m"),
+            "cell_m": (0 < self.cell_m <= MAX_CELL_M, f"a length in m up to {MAX_CELL_M:g}"),
+            "robot_diameter_m": (
+                0 < self.robot_diameter_m <= MAX_SIDE_CELLS * self.cell_m,
+                f"a length in m up to that of {MAX_SIDE_CELLS} cells",
+            ),
             "zone": (
                 0 <= left <= right < self.columns and 0 <= bottom <= top < self.rows,
                 "[first column, first row, last column, last row] on the board",
@@ -134,6 +140,11 @@ class Scenario:
                 )
 
     def _check_obstacles(self, fields: dict[str, tuple[Cell, ...]]) -> None:
+        if len(self.walls) > MAX_WALLS:
+            raise ScenarioError(
+                f"scenario {self.name}: obstacles make {len(self.walls)} rectangles, more than "
+                f"{MAX_WALLS}; join or leave out some"
+            )
         for field, cells in fields.items():
             middles = 2 * np.array(cells).reshape(-1, 2) + 1
             touching = np.flatnonzero(self.blocks(middles[:, 0], middles[:, 1]))

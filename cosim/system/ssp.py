@@ -11,8 +11,8 @@ from typing import NamedTuple
 from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element, fromstring
 
-from cosim.base.reading import Kind, parsing, read_bytes
-from cosim.fmi.archive import unpack
+from cosim.base.reading import Kind, parsing, require_file
+from cosim.fmi.archive import require_plain, unpack
 from cosim.fmi.fmu import Fmu
 from cosim.system.graph import Component, Connection, GraphError
 from cosim.system.parameters import Value, bound_values, children, linear, start_text
@@ -64,13 +64,13 @@ def read_system(path: Path) -> SystemFile:
 class _Reader:
     def __init__(self, path: Path) -> None:
         self._path = path
-        content = read_bytes(path, _SYSTEM_FILE)
+        require_file(path, _SYSTEM_FILE)
         with parsing(path, _SYSTEM_FILE):
-            self._folder = path.parent
+            self._folder, description = path.parent, path
             if zipfile.is_zipfile(path):
                 self._folder = unpack(path, (DESCRIPTION, "resources/"))
-                content = (self._folder / DESCRIPTION).read_bytes()
-            self._root = fromstring(content)
+                description = self._folder / DESCRIPTION
+            self._root = _parsed(description)
         self._fmus: dict[Path, Fmu] = {}
         self._components: dict[str, Component] = {}
         self._kinds: dict[Connector, str] = {}  # of connectors, where declared
@@ -188,9 +188,14 @@ class _Reader:
 
     def _read(self, source: str) -> Element:
         path = self._resolve(source)
-        content = read_bytes(path, _SYSTEM_FILE)
+        require_file(path, _SYSTEM_FILE)
         with parsing(path, _SYSTEM_FILE):
-            return fromstring(content)
+            return _parsed(path)
+
+
+def _parsed(path: Path) -> Element:
+    require_plain(path)
+    return fromstring(path.read_bytes())
 
 
 def _joined(place: str, name: str) -> str:

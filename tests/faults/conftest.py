@@ -1,31 +1,47 @@
-"""A motor FMU that goes wrong when it is told to."""
+"""Commands in processes of their own: bounded, or to be killed."""
 
+import json
 import os
 import subprocess
-import zipfile
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
-from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
+
+class Bounded(NamedTuple):
+    """How a command ended, what it said, and the most memory that was ever taken, in bytes."""
+
+    status: int
+    stdout: str
+    stderr: str
+    most_bytes: int
 
 
-@pytest.fixture(scope="session")
-def faulty_fmu(motor_fmu, tmp_path_factory) -> Path:
-    """Does what the environment variable FAULT says, from FAULT_FROM s of simulated time on."""
-    folder = tmp_path_factory.mktemp("faulty")
-    with zipfile.ZipFile(motor_fmu) as archive:
-        archive.extractall(folder)
-    (library,) = (folder / "binaries" / host_target()).iterdir()
-    (unit,) = (folder / "sources").glob("*_fmi3.c")
-    subprocess.run(
-        [*compiler_command(), *FLAGS, f"-I{fmi_headers()}", f"-I{unit.parent}",
-         f'-DSOUND="{unit.name}"', Path(__file__).with_name("fault.c"), "-o", library],
-        env=os.environ | {"ZIG_LOCAL_CACHE_DIR": str(folder / "zig")},
-        check=True,
-    )  # fmt: skip
-    path = folder / "Faulty.fmu"
-    with zipfile.ZipFile(motor_fmu) as archive, zipfile.ZipFile(path, "w") as copy:
-        for name in archive.namelist():
-            copy.write(folder / name, name)
-    return path
+@pytest.fixture(scope="module")
+def bounded(tmp_path_factory) -> Iterator[Callable[..., Bounded]]:
+    """Runs a command by its module's name, see `bounded.py`."""
+    folder = tmp_path_factory.mktemp("temporary")
+    command = [sys.executable, Path(__file__).with_name("bounded.py")]
+    processes: list[subprocess.Popen[str]] = []
+
+    def run(module: str, *arguments: object) -> Bounded:
+        if not processes or processes[-1].poll() is not None:
+            environment = os.environ | {"TMPDIR": str(folder)}
+            pipe = subprocess.PIPE
+            processes.append(
+                subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=environment)
+            )
+        reader, writer = processes[-1].stdout, processes[-1].stdin
+        assert reader is not None
+        print(json.dumps([module, *map(str, arguments)]), file=writer, flush=True)
+        answer = reader.readline()
+        assert answer, f"{module} {arguments} crashed or took too long: {processes[-1].wait()}"
+        return Bounded(**json.loads(answer))
+
+    yield run
+    for process in processes:
+        process.communicate()
+    assert list(folder.iterdir()) == []

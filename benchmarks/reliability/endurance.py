@@ -1,0 +1,124 @@
+"""Whether a long run stays as it began: its memory, its cost, and what must not move.
+
+Two robots of one endless episode, without speed noise: one drives to and fro, the other drives to
+the cell beside it, which is its target, and stands there for the rest. Once without a recording,
+once with one.
+"""
+
+import contextlib
+import resource
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.recording import NORTH, NOTHING, SOUTH
+from cosim.base.config import CoSimConfig
+from cosim.base.params import TIMING
+from cosim.navigation.cosimulation import CoSimulation
+from cosim.recording.episode import EpisodeRecorder
+from cosim.scenarios.scenario import Scenario
+from fmus.build import cached_fmu
+
+# The first robot never gets to its target, which is not in its column.
+SCENARIO = Scenario("endless", "", ((2, 27), (22, 4)), (((7, 4),), ((22, 3),)))
+LOW, HIGH = 4, 25  # rows between which it drives
+MINUTE_S = 60.0
+STANDING_S = 20.0  # after which the second robot is at its target, and at rest
+
+
+@dataclass(frozen=True)
+class Endured:
+    """A long run; names as in the JSON output.
+
+    Attributes:
+        simulated_s: simulated time.
+        rss_mb: memory of the process after the first simulated minute.
+        rss_change: largest change of it from then on, as a share.
+        cost_ratio: processor time of the last quarter over that of the first.
+        distance_m: path of the first robot's centre, straight from RL step to RL step.
+        standing_moved_m: largest distance of the second one from where it came to rest.
+        quaternion_error: largest difference of the norm of an orientation from 1.
+    """
+
+    simulated_s: float
+    rss_mb: float
+    rss_change: float
+    cost_ratio: float
+    distance_m: float
+    standing_moved_m: float
+    quaternion_error: float
+
+
+def rss_mb() -> float:
+    """Memory that this process has now."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+def endure(time_s: float, seed: int, recording: Path | None) -> Endured:
+    """One episode of so much simulated time, with a recording if a path is given."""
+    timing = TIMING._replace(episode_limit_s=1e9)
+    system = CoSimulation(SCENARIO, cached_fmu(), CoSimConfig(timing=timing).having(noise=0.0))
+    system.compile()
+    starts = tuple(cells[0] for cells in SCENARIO.starts)
+    system.reset(starts, np.random.SeedSequence(seed))
+    steps, heading, values = round(time_s / TIMING.rl_step_s), NORTH, np.zeros((2, 8))
+    costs, memory, rest = np.zeros(steps), [], np.full(3, np.nan)
+    distance_m = moved_m = error = 0.0
+    with contextlib.ExitStack() as stack:
+        facts = {"seed": seed}
+        recorder = recording and stack.enter_context(
+            EpisodeRecorder(recording, SCENARIO, system.config, "endurance", facts)
+        )
+        for number in range(steps):
+            began = time.process_time()
+            step = system.advance(np.array([heading, NORTH]))
+            if recorder is not None:
+                recorder.write(step, values, NOTHING)
+            costs[number] = time.process_time() - began
+            row = step.after.cells[0, 1]
+            heading = SOUTH if row >= HIGH else NORTH if row <= LOW else heading
+            distance_m += step.moved_m[0]
+            norms = np.linalg.norm(step.samples.quaternion, axis=2)
+            error = max(error, float(np.abs(norms - 1.0).max()))
+            position = step.samples.position[:, 1]
+            if number * TIMING.rl_step_s >= STANDING_S:
+                rest = position[0] if np.isnan(rest).all() else rest
+                moved_m = max(moved_m, float(np.linalg.norm(position - rest, axis=1).max()))
+            if (number + 1) * TIMING.rl_step_s % MINUTE_S == 0.0:
+                memory.append(rss_mb())
+    system.close()
+    quarter = steps // 4
+    return Endured(
+        simulated_s=steps * TIMING.rl_step_s,
+        rss_mb=memory[0],
+        rss_change=float(np.abs(np.array(memory) / memory[0] - 1.0).max()),
+        cost_ratio=float(costs[-quarter:].sum() / costs[:quarter].sum()),
+        distance_m=float(distance_m),
+        standing_moved_m=moved_m,
+        quaternion_error=error,
+    )
+
+
+def measure(hours: float, seed: int) -> dict[str, Any]:
+    """Both runs, by whether there is a recording."""
+    time_s = 3600.0 * hours
+    with tempfile.TemporaryDirectory() as folder:
+        recorded = endure(time_s, seed, Path(folder) / "endless.rrd")
+    return {"plain": asdict(endure(time_s, seed, None)), "recorded": asdict(recorded)}
+
+
+def show(found: dict[str, Any]) -> None:
+    """Print a line per run."""
+    for name, row in found.items():
+        print(f"{name:9}" + "".join(f"  {key} {value:.4g}" for key, value in row.items()))
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)

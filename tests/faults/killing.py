@@ -1,0 +1,166 @@
+"""Commands that are killed: their smallest real cases, and what they have written to compare."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cosim.base.storage import cache_dir
+from cosim.reading.rrd import read_rrd
+
+CACHED = ("kernels", "calibrations", "fmus", "policies", "bounds", "web_viewer")
+# What depends on the clock, by its name in JSON.
+OF_THE_CLOCK = {
+    "attempts", "cores", "elapsed_s", "episode_wall_s", "realtime_factor", "seconds", "sessions",
+    "simulated", "wall_s",
+}  # fmt: skip
+TINY = """
+import runpy, sys
+from pathlib import Path
+from cosim.base.errors import run_command
+tests = runpy.run_path(sys.argv[1])
+import pytest
+from analysis.stages import reproduce
+with pytest.MonkeyPatch.context() as patch:
+    tests["evaluate_seldom"](patch)
+    run_command(lambda: reproduce(Path(sys.argv[2]), tests["TINY"], seed=0, jobs=2, say=print))
+"""
+
+
+class Case(NamedTuple):
+    """A command.
+
+    Attributes:
+        arguments: of Python; "OUT" is the folder of results.
+        fresh: kinds of things that its cache does not have at first.
+    """
+
+    arguments: tuple[str, ...]
+    fresh: tuple[str, ...] = ("policies", "bounds")
+
+
+class Workplace:
+    """A folder of results, and a cache that has of the user's what the command may find there."""
+
+    def __init__(self, folder: Path, case: Case) -> None:
+        self.case, self.out, self.cache = case, folder / "out", folder / "cache"
+        (folder / "temporary").mkdir(parents=True)
+        self.environment = os.environ | {
+            "MINIROBOTS_CACHE": str(self.cache),
+            "TMPDIR": str(folder / "temporary"),
+        }
+        self.cache.mkdir()
+        for kind in CACHED:
+            if kind not in case.fresh:
+                (self.cache / kind).symlink_to(cache_dir(kind), target_is_directory=True)
+
+    def start(self) -> subprocess.Popen[str]:
+        arguments = [str(self.out) if a == "OUT" else a for a in self.case.arguments]
+        return subprocess.Popen(
+            [sys.executable, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=self.environment,
+            start_new_session=True,
+        )
+
+    def run(self) -> tuple[float, str]:
+        """Run the command to its end; the time that it took in s, and what it said on stderr."""
+        began = time.perf_counter()
+        process = self.start()
+        _, errors = process.communicate()
+        assert process.returncode == 0, errors
+        return time.perf_counter() - began, errors
+
+    def stop(self, moment_s: float, how: signal.Signals = signal.SIGKILL) -> int:
+        """Start the command and send a signal to all its processes after a time; its status."""
+        process = self.start()
+        try:
+            process.wait(moment_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, how)
+        process.communicate()
+        return process.returncode
+
+    def files(self) -> dict[str, Any]:
+        """What every file of the results says; None if its name says that it is not whole."""
+        paths = sorted(path for path in self.out.rglob("*") if path.is_file())
+        return {
+            str(path.relative_to(self.out)): None
+            if path.name.startswith(".") or path.suffix == ".part"
+            else said(path, self.out)
+            for path in paths
+        }
+
+
+def said(path: Path, out: Path) -> Any:
+    """What a file of results says, whenever and wherever it was written.
+
+    Raises:
+        Exception: it is not whole.
+    """
+    if path.suffix == ".npz":
+        with np.load(path) as file:
+            return {
+                name: (array.dtype, array.shape, array.tobytes()) for name, array in file.items()
+            }
+    if path.suffix == ".rrd":
+        data = read_rrd(path)
+        assert data.complete
+        signals = {k: (s.time_s.tobytes(), s.values.tobytes()) for k, s in data.signals.items()}
+        texts = {k: (t.time_s.tobytes(), t.texts) for k, t in data.texts.items()}
+        return data.recording_id, signals, texts, data.documents
+    content = path.read_bytes().replace(str(out).encode(), b"OUT")
+    if path.suffix == ".json":
+        return timeless(json.loads(content))
+    if path.suffix == ".jsonl":  # episodes in the order in which they ended
+        rows = [timeless(json.loads(line)) for line in content.splitlines()]
+        return sorted(rows, key=lambda row: row.get("index", -1))
+    return content
+
+
+def timeless(value: Any) -> Any:
+    """A value of JSON without what depends on the clock."""
+    if isinstance(value, dict):
+        return {k: timeless(v) for k, v in value.items() if k not in OF_THE_CLOCK}
+    return [timeless(v) for v in value] if isinstance(value, list) else value
+
+
+def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
+    """All commands that are killed.
+
+    Args:
+        trained: results of the training, whose policy is evaluated.
+        reproduced: results of the reproduction, which are reported.
+    """
+    policy, results = trained / "run_000" / "policy.npz", reproduced / "results"
+    short = ("--scenario", "1a", "--learning.episodes", "200000", "--checkpoint-episodes", "25000")
+    sweep = ("train", "--runs", "3", "--jobs", "2", *short)
+    conftest = Path(__file__).parents[1] / "analysis" / "conftest.py"
+    return {
+        "training": Case(("-m", "agent.train", "--jobs", "1", "--out", "OUT", *short)),
+        "sweep": Case(("-m", "cosim", *sweep, "--out", "OUT")),
+        "evaluation": Case(
+            ("-m", "cosim.evaluate", str(policy), "--starts", "8", "--recordings", "1",
+             "--time-limit", "20", "--jobs", "2", "--out", "OUT")
+        ),
+        "transfer": Case(
+            ("-m", "cosim.transfer", "--quick", "--scenarios", "1a", "--methods", "paper",
+             "--jobs", "2", "--out", "OUT")
+        ),
+        "report": Case(("-m", "analysis.report", "--results", str(results), "--out", "OUT")),
+        "FMU": Case(("-m", "fmus.build", "--model", "VibrationMotor", "--out", "OUT")),
+        "kernels": Case(
+            ("-m", "agent.train", "--jobs", "1", "--out", "OUT", "--scenario", "1a",
+             "--learning.episodes", "2000"),
+            ("kernels", "policies", "bounds"),
+        ),
+        "reproduction": Case(("-c", TINY, str(conftest), "OUT")),
+    }  # fmt: skip

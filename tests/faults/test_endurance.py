@@ -1,0 +1,31 @@
+"""A long run ends as it began; `python -m benchmarks endurance` measures it."""
+
+import pytest
+
+from benchmarks.reliability import endurance
+
+GROWTH_MB_PER_MINUTE = 5.0  # of a recording, see docs/reliability.md
+
+
+def judge(found: endurance.Endured, most_change: float) -> None:
+    assert found.rss_change < most_change
+    assert found.standing_moved_m == 0.0
+    assert found.quaternion_error < 1e-12
+    assert found.distance_m > 2e-4 * found.simulated_s
+    assert found.cost_ratio > 0.0
+
+
+def test_minutes(tmp_path):
+    path = tmp_path / "endless.rrd"
+    judge(endurance.endure(130.0, 0, path), 0.15)  # another library may still be loaded
+    assert path.is_file()
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("recorded", [False, True])
+def test_an_hour(tmp_path, recorded, record_property):
+    found = endurance.endure(3600.0, 0, tmp_path / "endless.rrd" if recorded else None)
+    print(found)
+    record_property("hours", found.simulated_s / 3600.0)
+    grown = GROWTH_MB_PER_MINUTE * found.simulated_s / 60.0 / found.rss_mb if recorded else 0.0
+    judge(found, 0.05 + grown)

@@ -1,0 +1,139 @@
+"""Commands killed at random moments: the same command then ends as if nothing had been.
+
+Moments are shares of the time that the undisturbed command takes; they are seeded and printed.
+"""
+
+import random
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.faults.killing import CACHED, Case, Workplace, cases
+
+MOMENTS = 10
+ONE_BY_ONE = ("training", "sweep", "evaluation", "transfer", "report", "FMU")
+# Whose results a command reads.
+NEEDED = {"evaluation": "training", "report": "reproduction"}
+PARTIAL = {
+    "training": "experiment.json",
+    "sweep": "experiment.json",
+    "evaluation": "*.jsonl",
+    "transfer": "results/*.jsonl",
+}
+GROWING = {"checkpoint.npz", "sessions.json", "summary.json", "timings.json"}
+ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}
+
+
+def moments(name: str) -> list[float]:
+    return [random.Random(f"{name} {k}").random() for k in range(MOMENTS)]
+
+
+@dataclass
+class Undisturbed:
+    """A command, how long it takes in s at best, and what its files then say."""
+
+    case: Case
+    duration_s: float
+    files: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory) -> Callable[[str], Undisturbed]:
+    """Runs a command once, when the first test asks for it."""
+    found: dict[str, Undisturbed] = {}
+    folders = {name: tmp_path_factory.mktemp(name) for name in NEEDED.values()}
+    known = cases(folders["training"] / "out", folders["reproduction"] / "out")
+
+    def of(name: str) -> Undisturbed:
+        if name not in found:
+            if name in NEEDED:
+                of(NEEDED[name])
+            place = Workplace(folders.get(name) or tmp_path_factory.mktemp(name), known[name])
+            duration_s, _ = place.run()
+            print(f"{name} takes {duration_s:.1f} s")
+            found[name] = Undisturbed(place.case, duration_s, place.files())
+            assert found[name].files
+        return found[name]
+
+    return of
+
+
+def check(place: Workplace, whole: Undisturbed) -> None:
+    """Run the command again, and compare."""
+    duration_s, errors = place.run()
+    whole.duration_s = min(whole.duration_s, duration_s)
+    assert "not as it was kept" not in errors
+    assert place.files() == whole.files
+    left = [p for p in place.cache.rglob(".*.tmp-*") if p.is_file()]
+    assert left == []
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("moment", range(MOMENTS))
+@pytest.mark.parametrize("name", ONE_BY_ONE)
+def test_killed_once(undisturbed, tmp_path, name, moment):
+    whole = undisturbed(name)
+    share = moments(name)[moment]
+    print(f"{name} is killed after {share:.3f} of {whole.duration_s:.1f} s")
+    place = Workplace(tmp_path, whole.case)
+    place.stop(share * whole.duration_s)
+    for file, content in place.files().items():  # which can all be read
+        if content is not None and Path(file).name not in GROWING | {Path(file).stem + ".jsonl"}:
+            assert content == whole.files[file], file
+    check(place, whole)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("name", ["kernels", "reproduction"])
+def test_killed_again_and_again(undisturbed, tmp_path, name):
+    whole = undisturbed(name)
+    place = Workplace(tmp_path, whole.case)
+    for share in (moment / 3.0 for moment in moments(name)):  # it goes on from kill to kill
+        print(f"{name} is killed after {share:.3f} of {whole.duration_s:.1f} s")
+        place.stop(share * whole.duration_s)
+    check(place, whole)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("how", ENDS)
+@pytest.mark.parametrize("name", PARTIAL)
+def test_interrupted(undisturbed, tmp_path, name, how):
+    """Status and mark of what is there; the same command goes on."""
+    whole = undisturbed(name)
+    place = Workplace(tmp_path, whole.case)
+    began = place.start()
+    seen = PARTIAL[name]
+    while not (place.out.exists() and list(place.out.glob(seen))):
+        assert began.poll() is None, "it ended before it could be interrupted"
+    began.send_signal(how)
+    _, errors = began.communicate()
+    assert began.returncode == ENDS[how], errors
+    assert "interrupted\n" in errors  # loky may tell after it what it cleans up
+    assert "Traceback" not in errors
+    marks = {"summary.json", "transfer.json", "transfer.md"}
+    assert not marks.intersection(path.name for path in place.out.rglob("*"))
+    assert not list(place.out.rglob(".*.tmp-*"))
+    check(place, whole)
+
+
+@pytest.mark.faults
+def test_two_at_once_with_an_empty_cache(tmp_path):
+    """Kernels, FMU, calibration and policy are made by one of them, and both find the same."""
+    arguments = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
+    case = Case(("-m", "cosim.run", "--out", "OUT", *arguments), CACHED)
+    first = Workplace(tmp_path / "first", case)
+    second = Workplace(tmp_path / "second", case)
+    second.environment["MINIROBOTS_CACHE"] = first.environment["MINIROBOTS_CACHE"]
+    pair = [first.start(), second.start()]
+    said = [process.communicate()[1] for process in pair]
+    assert [process.returncode for process in pair] == [0, 0], said
+    assert first.files() == second.files()
+    third = Workplace(tmp_path / "third", case)
+    third.environment["MINIROBOTS_CACHE"] = first.environment["MINIROBOTS_CACHE"]
+    _, errors = third.run()
+    assert "not as it was kept" not in errors
+    assert third.files() == first.files()
