@@ -219,6 +219,14 @@ class Recording(Benchmark):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ReferenceFmus(Benchmark):
+    """Run the reference FMUs of the Modelica Association to the outputs that they publish."""
+
+    src: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Copy of https://github.com/modelica/Reference-FMUs."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Sensitivity(Benchmark):
     """Calibrate robots with other assumed parameters, one at a time, and see what changes.
 
@@ -266,6 +274,14 @@ class Steering(Benchmark):
 
 
 @dataclass(frozen=True, kw_only=True)
+class System(Benchmark):
+    """Couple two oscillators by each algorithm, and time a step beside a loop through fmpy."""
+
+    rounds: int = 20
+    """Rounds of the measurement of time; the best counts."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Training(Benchmark):
     """Time the training of scenario 4 over Section V's 5 000 000 episodes."""
 
@@ -287,9 +303,11 @@ MODULES: dict[type[Benchmark], str] = {
     MovesLearning: "learning.moves_learning",
     Reaction: "reaction",
     Recording: "recording",
+    ReferenceFmus: "coupled.reference_fmus",
     Sensitivity: "sensitivity",
     Ssp: "masters.ssp",
     Steering: "steering",
+    System: "coupled.system",
     Training: "learning.training",
 }
 

@@ -22,8 +22,9 @@ from benchmarks.references.prescribed import Drive, Rig, drive_wrench, rig, trac
 from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.coupling.calls import FMI_OK, do_step, exchange_float64
+from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, MotorFmu
+from cosim.fmi.abi import FMI_OK, exchange_3
 from cosim.navigation.batch import ROBOTS_TOGETHER, Batch
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
@@ -149,9 +150,8 @@ def fmu_only(
     worst, where, size = 0, values.ctypes.data, values.size
     for tick in range(first, first + n):
         worst = max(worst, do_step(calls.do_step, instance, tick * 1e-5, 1e-5))
-        status = exchange_float64(
-            calls.get_float64, instance, references.ctypes.data, 3, where, size
-        )
+        arguments = (instance, references.ctypes.data, 3, where, size)
+        status = exchange_3(calls.get_float64, arguments)
         worst = max(worst, status)
     return worst
 

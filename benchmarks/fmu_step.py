@@ -14,8 +14,9 @@ import numpy as np
 
 from cosim.base.jit import kernel
 from cosim.base.params import FIG_7, TABLE_II, TIMING, MotorParams
-from cosim.coupling.calls import do_step, exchange_float64
+from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, Motor, MotorFmu
+from cosim.fmi.abi import exchange_3
 from fmus.build import cached_fmu
 
 INPUT, OUTPUTS = "omega_noise", ("theta", "omega")
@@ -28,10 +29,10 @@ def compiled(calls: Addresses, instance: int, references: np.ndarray, noise: np.
     worst, where, inputs = 0, references.ctypes.data, noise.ctypes.data
     results = out.ctypes.data
     for k in range(noise.shape[0]):
-        status = exchange_float64(calls.set_float64, instance, where, 1, inputs + 8 * k, 1)
+        status = exchange_3(calls.set_float64, (instance, where, 1, inputs + 8 * k, 1))
         worst = max(worst, status)
         worst = max(worst, do_step(calls.do_step, instance, (first + k) * dt, dt))
-        status = exchange_float64(calls.get_float64, instance, where + 4, 2, results + 16 * k, 2)
+        status = exchange_3(calls.get_float64, (instance, where + 4, 2, results + 16 * k, 2))
         worst = max(worst, status)
     return worst
 

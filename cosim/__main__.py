@@ -47,6 +47,9 @@ COMMANDS = {
     "validate": Command(
         "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
+    "system": Command(
+        "cosim.system.__main__", "SimulateSystem", "any FMUs, coupled as an SSP file says"
+    ),
     "fmu": Command("fmus.build", "Build", "motors and robots as FMUs and SSP for other tools"),
     "firmware": Command(
         "agent.firmware.__main__", "Firmware", "a policy and its steering for a microcontroller"

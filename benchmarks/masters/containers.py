@@ -18,7 +18,7 @@ from fmpy.container_fmu.config import Component, Configuration, Connection
 from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable, Unknown
 
 from fmus.models import Fmi
-from fmus.ssp.system import System, robots_with_motors
+from fmus.ssp.system import SspSystem, robots_with_motors
 
 
 def unpacked(archive: Path, folder: Path) -> Path:
@@ -100,7 +100,7 @@ def pack_with_toolbox(
     return made
 
 
-def _toolbox_json(system: System, step_s: float, name: str, sequential: bool) -> dict:
+def _toolbox_json(system: SspSystem, step_s: float, name: str, sequential: bool) -> dict:
     parts = [(f"{component.name}.fmu", component) for component in system.components]
     return {
         "name": name,

@@ -1,7 +1,4 @@
-"""Calls from compiled code to the FMI 3.0 C functions behind an address.
-
-The address is a run-time integer: the code is compiled once for all FMUs and cached on disk,
-which numba refuses for a global ctypes function pointer.
+"""The motors' FMUs as compiled code reaches them: what is set, stepped and got, on which signals.
 
 An instance is one motor, or all motors as arrays. Signals stand in arrays (6, B), see
 `cosim.coupling.signals.State`: motors D of all columns, then motors E, one signal after the other.
@@ -9,84 +6,24 @@ That is the order in which FMI has the values of arrays, so an instance of all m
 fills them where they are.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 from cosim.base.jit import inlined
+from cosim.fmi.abi import FMI_OK, FMI_WARNING, do_step_3, exchange_3
 
 INCOMPLETE, NOT_FINITE = 100, 101  # beyond every fmi3Status
-FMI_OK, FMI_WARNING = 0, 1  # of fmi3Status; anything above ends the run
-
-_INT, _LONG, _DOUBLE, _BOOL = ir.IntType(32), ir.IntType(64), ir.DoubleType(), ir.IntType(8)
-_POINTER = _BOOL.as_pointer()
-_VALUES = ir.FunctionType(_INT, [_POINTER, _POINTER, _LONG, _POINTER, _LONG])
-_DO_STEP = ir.FunctionType(_INT, [_POINTER, _DOUBLE, _DOUBLE, _BOOL] + [_POINTER] * 4)
 
 
-def _pointer(builder, address, to):
-    return builder.inttoptr(address, to.as_pointer() if to is not _POINTER else _POINTER)
-
-
-def _exchange_float64(_typing, function, instance, references, count, values, size):
-    """Call fmi3SetFloat64 or fmi3GetFloat64(instance, references, count, values, size).
-
-    All arguments are integers: addresses, the number of variables, and that of their values.
-    Returns the fmi3Status.
-    """
-
-    def codegen(_context, builder, _signature, arguments):
-        function, instance, references, count, values, size = arguments
-        return builder.call(
-            _pointer(builder, function, _VALUES),
-            [
-                _pointer(builder, instance, _POINTER),
-                _pointer(builder, references, _POINTER),
-                count,
-                _pointer(builder, values, _POINTER),
-                size,
-            ],
-        )
-
-    return types.int32(*(types.int64,) * 6), codegen
-
-
-exchange_float64: Any = intrinsic(_exchange_float64)
-
-
-def _do_step(_typing, function, instance, time, step):
-    """Call fmi3DoStep at `time` over `step` (s).
+@inlined
+def do_step(function: int, instance: int, time: float, step: float) -> int:
+    """Step an FMU of FMI 3.0 at `time` over `step` (s), for good.
 
     Returns the fmi3Status, or INCOMPLETE if the FMU returned early or asks to end the simulation.
     """
-
-    def codegen(_context, builder, _signature, arguments):
-        function, instance, time, step = arguments
-        flags = [cgutils.alloca_once(builder, _BOOL) for _ in range(3)]
-        last_time = cgutils.alloca_once(builder, _DOUBLE)
-        status = builder.call(
-            _pointer(builder, function, _DO_STEP),
-            [
-                _pointer(builder, instance, _POINTER),
-                time,
-                step,
-                ir.Constant(_BOOL, 1),  # noSetFMUStatePriorToCurrentPoint
-                *flags,
-                builder.bitcast(last_time, _POINTER),
-            ],
-        )
-        _event_handling_needed, terminate, early_return = (builder.load(flag) for flag in flags)
-        stopped = builder.icmp_unsigned("!=", builder.or_(terminate, early_return), _BOOL(0))
-        return builder.select(stopped, _INT(INCOMPLETE), status)
-
-    return types.int32(types.int64, types.int64, types.float64, types.float64), codegen
-
-
-do_step: Any = intrinsic(_do_step)
+    status, _, terminate, early, _ = do_step_3(function, instance, time, step, 1)
+    return INCOMPLETE if terminate | early else status
 
 
 class Calls(NamedTuple):
@@ -123,14 +60,10 @@ def set_inputs(calls: Calls, signals: np.ndarray) -> tuple[int, int]:
         if not arrays:
             for signal in range(count):
                 calls.values[signal] = signals[2 * signal + k % 2, k // 2]
-        status = exchange_float64(
-            calls.set_float64,
-            calls.instances[k],
-            calls.inputs.ctypes.data,
-            count,
-            signals.ctypes.data if arrays else calls.values.ctypes.data,
-            2 * count * columns if arrays else count,
-        )
+        values = signals.ctypes.data if arrays else calls.values.ctypes.data
+        size = 2 * count * columns if arrays else count
+        arguments = (calls.instances[k], calls.inputs.ctypes.data, count, values, size)
+        status = exchange_3(calls.set_float64, arguments)
         if status > FMI_WARNING:
             return status, k
     return FMI_OK, 0
@@ -146,14 +79,10 @@ def get_signals(
     for k in range(first, end):
         if calls.instances[k] == 0:
             continue
-        status = exchange_float64(
-            calls.get_float64,
-            calls.instances[k],
-            references.ctypes.data,
-            count,
-            signals.ctypes.data if arrays else calls.values.ctypes.data,
-            2 * count * columns if arrays else count,
-        )
+        values = signals.ctypes.data if arrays else calls.values.ctypes.data
+        size = 2 * count * columns if arrays else count
+        arguments = (calls.instances[k], references.ctypes.data, count, values, size)
+        status = exchange_3(calls.get_float64, arguments)
         if status > FMI_WARNING:
             return status, k
         if not arrays:

@@ -6,22 +6,14 @@ Stepping is the master's.
 """
 
 import contextlib
-import ctypes
-import errno
-import threading
 import weakref
-from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi3 import FMU3Slave
-from fmpy.model_description import CoSimulation, ModelDescription
 
-from cosim.coupling.archive import unpack
 from cosim.coupling.interface import (
     CLOSED_LOOP,
     ELECTRICAL,
@@ -29,23 +21,12 @@ from cosim.coupling.interface import (
     OPEN_INPUTS,
     OUTPUTS,
     RESTART,
-    FmuError,
     array_size,
     check_variable,
-    co_simulation,
-    require_plain,
+    require_fmi_3,
 )
 from cosim.coupling.isolation import calling
-
-# What a run needs of an archive.
-_NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
-
-# fmpy changes the working directory of the process while it loads a binary, and does not change it
-# back where that fails.
-_LOADING = threading.Lock()
-
-# What is kept of an FMU's messages, which may come in floods.
-_LOG_LENGTH, _LOG_BYTES = 100, 2000
+from cosim.fmi.fmu import Fmu, FmuError, end, function_address, new_log
 
 
 class Addresses(NamedTuple):
@@ -56,14 +37,10 @@ class Addresses(NamedTuple):
     get_float64: int
 
 
-class MotorFmu:
-    """An unpacked motor FMU from which instances are made.
+class MotorFmu(Fmu):
+    """An unpacked motor FMU from which instances are made; see `Fmu` for more of its attributes.
 
     Attributes:
-        path: the .fmu file.
-        folder: where it is unpacked.
-        description: fmpy's model description.
-        interface: fmpy's description of its Co-Simulation capabilities.
         inputs, outputs, electrical: value references (uint32) of INPUTS (OPEN_INPUTS in open loop),
             OUTPUTS, ELECTRICAL.
         closed_loop: value reference of the parameter that instances in open loop get, else None.
@@ -74,48 +51,33 @@ class MotorFmu:
         OSError: the file cannot be read, or the cache cannot be written.
     """
 
+    noun = "motor FMU"
+    place, mend = "check the path given by --motor-fmu", "build one with `python -m fmus.build`"
+
     def __init__(self, path: Path, *, open_loop: bool = False) -> None:
-        self.path = path
-        if not path.is_file():
-            raise FmuError(f"motor FMU {path} does not exist; check the path given by --motor-fmu")
-        try:
-            self.folder = unpack(path, _NEEDED)
-            require_plain(self.folder / _NEEDED[0])
-            self.description: ModelDescription = fmpy.read_model_description(self.folder)
-        except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
-            # Not the archive's fault, unless it leads to a place in the file that cannot be.
-            if isinstance(error, OSError) and error.errno != errno.EINVAL:
-                raise
-            reason = " ".join(str(error).split())
-            raise FmuError(
-                f"motor FMU {path} is broken ({reason}); build one with `python -m fmus.build`"
-            ) from error
-        self.interface: CoSimulation = co_simulation(path, self.description)
-        library = f"{self.interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
-        if not (self.folder / "binaries" / fmpy.platform_tuple / library).is_file():
-            raise FmuError(
-                f"motor FMU {path} has no binary for {fmpy.platform_tuple}; "
-                "export it for this platform"
-            )
-        self._variables = {v.name: v for v in self.description.modelVariables}
-        self._size = array_size(path, self._variables)
+        super().__init__(path)
+        self._size = array_size(path, self.variables)
         self.arrays = self._size is not None
         self.closed_loop: int | None = None
         if open_loop:
             for name in (OPEN_INPUTS[0], CLOSED_LOOP):
-                if name not in self._variables:
+                if name not in self.variables:
                     raise FmuError(
                         f"motor FMU {path} has no '{name}', which --open-loop motors needs; export "
                         "it with one"
                     )
-            self.closed_loop = self._variables[CLOSED_LOOP].valueReference
+            self.closed_loop = self.variables[CLOSED_LOOP].valueReference
         self.inputs = self._references(OPEN_INPUTS if open_loop else INPUTS, "input")
         self.outputs = self._references(OUTPUTS, "output")
         self.electrical = self._references(ELECTRICAL, "output")
 
+    def check_standard(self) -> None:
+        """See `Fmu.check_standard`."""
+        require_fmi_3(self.path, self.description)
+
     def _references(self, names: tuple[str, ...], causality: str) -> np.ndarray:
         for name in names:
-            if name not in self._variables:
+            if name not in self.variables:
                 raise FmuError(
                     f"motor FMU {self.path} has no Float64 {causality} '{name}'; a motor needs "
                     f"inputs {', '.join(INPUTS)} and outputs {', '.join(OUTPUTS + ELECTRICAL)}"
@@ -123,7 +85,7 @@ class MotorFmu:
         return np.array([self._reference(name, causality) for name in names], dtype=np.uint32)
 
     def _reference(self, name: str, *causalities: str) -> int:
-        variable = self._variables[name]
+        variable = self.variables[name]
         check_variable(self.path, self.description, variable, self._size, *causalities)
         return variable.valueReference
 
@@ -134,9 +96,9 @@ class MotorFmu:
             FmuError: there is none of that name, it is no Float64 of the motors' size in the usual
                 unit, or it is fixed and to be set in a run.
         """
-        if name not in self._variables:
+        if name not in self.variables:
             raise FmuError(f"motor FMU {self.path} has no parameter '{name}'; export it with one")
-        if tunable and self._variables[name].variability == "fixed":
+        if tunable and self.variables[name].variability == "fixed":
             raise FmuError(
                 f"motor FMU {self.path} has '{name}' as fixed; export it as tunable, or let all "
                 "motors be equal"
@@ -168,7 +130,7 @@ class MotorFmu:
 
     def restart(self, slave: Any, runs: np.ndarray) -> None:
         """Start the motors of an instance of arrays anew whose number has changed."""
-        slave.setInt64([self._variables[RESTART].valueReference], runs.tolist())
+        slave.setInt64([self.variables[RESTART].valueReference], runs.tolist())
 
 
 class Motor:
@@ -189,18 +151,11 @@ class Motor:
         self.fmu = fmu
         self.name = name
         self._motors = motors
-        self.log: deque[str] = deque(maxlen=_LOG_LENGTH)
+        self.log = new_log()
         self._returns = False  # whether the state before a step will be restored
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         try:
-            with _LOADING, contextlib.chdir("."):
-                self.slave: Any = FMU3Slave(
-                    instanceName=name,
-                    guid=fmu.description.guid,
-                    modelIdentifier=fmu.interface.modelIdentifier,
-                    unzipDirectory=str(fmu.folder),
-                )
-                self.slave.instantiate(loggingOn=True, logMessage=self._append_log)
+            self.slave: Any = fmu.load(name, self.log)
             fmu.configure(self.slave, motors)
             if fmu.closed_loop is not None:
                 self.slave.setBoolean([fmu.closed_loop], [False])
@@ -211,13 +166,13 @@ class Motor:
         except Exception as error:  # fmpy raises plain Exceptions
             tool = " without its tool" if fmu.interface.needsExecutionTool else ""
             raise self.error(0.0, f"cannot be initialised{tool} ({error})") from error
-        self._finalizer = weakref.finalize(self, _free, self.slave)
+        self._finalizer = weakref.finalize(self, end, self.slave)
         functions = (
             self.slave.dll.fmi3SetFloat64,
             self.slave.dll.fmi3DoStep,
             self.slave.dll.fmi3GetFloat64,
         )
-        self.addresses = Addresses(*(_address(function) for function in functions))
+        self.addresses = Addresses(*(function_address(function) for function in functions))
         self.instance = int(self.slave.component)
 
     def set_inputs(self, values: np.ndarray, tick: int, dt_s: float) -> None:
@@ -282,28 +237,11 @@ class Motor:
         except FMICallException as error:
             raise self.error(time_s, f"{what} (fmi3Status {error.status})") from error
 
-    def _append_log(self, _environment: Any, _status: int, _category: bytes, text: bytes) -> None:
-        self.log.append(text[:_LOG_BYTES].decode("utf-8", "replace"))
-
     def error(self, time_s: float, what: str) -> FmuError:
         """The error that tells which instance failed, when, and what the FMU said last."""
-        said = f": {self.log[-1]}" if self.log else ""
-        return FmuError(
-            f"FMU {self.fmu.path.name}, instance {self.name}, at {time_s:.5f} s {what}{said}"
-        )
+        return self.fmu.failure(self.name, self.log, time_s, what)
 
     def close(self) -> None:
         """Free the instance; further calls are errors."""
         with calling("its end"):
             self._finalizer()
-
-
-def _free(slave: Any) -> None:
-    slave.terminate()
-    slave.freeInstance()
-
-
-def _address(function: Any) -> int:
-    address = ctypes.cast(function, ctypes.c_void_p).value
-    assert address is not None  # ctypes has resolved the symbol already
-    return address

@@ -12,12 +12,11 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from xml.parsers import expat
 
-from fmpy.model_description import BaseUnit, CoSimulation, ModelDescription, ModelVariable
+from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable
 
-from cosim.base.config import whole_ratio
-from cosim.base.errors import UserError
+from cosim.fmi.fmu import FmuError, check_steps
+from cosim.fmi.units import base_unit, exponents, unit_of
 from fmus.variables import Unit, load_table
 
 INPUTS = ("omega_des", "omega_noise", "d")
@@ -27,52 +26,17 @@ OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
 RESTART = "restart"
 
-MAX_DESCRIPTION_BYTES = 2**23  # parsed, it takes some thirty times as much
 
-_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-
-
-class FmuError(UserError):
-    """An FMU that cannot be used, or that failed while it ran; the message names it."""
-
-
-def require_plain(description: Path) -> None:
-    """Refuse a modelDescription.xml that could be far more than it looks, before it is parsed.
+def require_fmi_3(path: Path, description: ModelDescription) -> None:
+    """Refuse an FMU of another standard.
 
     Raises:
-        ValueError: it is very large, or has a document type: there entities and other files come
-            from, and no FMU needs one.
-        xml.parsers.expat.ExpatError: it is no XML.
-    """
-    if description.stat().st_size > MAX_DESCRIPTION_BYTES:
-        raise ValueError(f"{description.name} is larger than {MAX_DESCRIPTION_BYTES >> 20} MiB")
-
-    def refuse(*_: object) -> None:
-        raise ValueError(f"{description.name} has a document type; export it without")
-
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = refuse
-    parser.Parse(description.read_bytes(), True)
-
-
-def co_simulation(path: Path, description: ModelDescription) -> CoSimulation:
-    """The FMI 3.0 Co-Simulation interface of an FMU.
-
-    Raises:
-        FmuError: it has none, or one whose binary's name is no C identifier.
+        FmuError: it is none of FMI 3.0.
     """
     if not str(description.fmiVersion).startswith("3."):
         raise FmuError(
             f"motor FMU {path} is FMI {description.fmiVersion}; export it as FMI 3.0 Co-Simulation"
         )
-    if description.coSimulation is None:
-        raise FmuError(f"motor FMU {path} has no Co-Simulation interface; export it with one")
-    name = str(description.coSimulation.modelIdentifier)
-    if not (name.isascii() and name.isidentifier()):  # it could lead out of the archive's folder
-        raise FmuError(
-            f"motor FMU {path} has modelIdentifier {name!r}; export it as a C identifier"
-        )
-    return description.coSimulation
 
 
 def array_size(path: Path, variables: Mapping[str, ModelVariable]) -> int | None:
@@ -136,7 +100,7 @@ def check_variable(
         raise FmuError(f"{said} as {'an array' if sizes else 'a scalar'}; export it as {mend}")
     if variable.clocks:
         raise FmuError(f"{said} tied to a clock; export it without")
-    declared = variable.unit or (variable.declaredType and variable.declaredType.unit)
+    declared = unit_of(variable)
     unit = _units().get(variable.name)
     if declared and unit and not _same_unit(declared, description, unit):
         raise FmuError(f"{said} in {declared}; export it in {unit.name}")
@@ -163,27 +127,9 @@ def check_use(
             f"motor FMU {path} has canBeInstantiatedOnlyOncePerProcess, and {motors} motors are "
             "needed at once; export it without"
         )
-    for needed, able in (
-        ("save its state (canGetAndSetFMUState)", interface.canGetAndSetFMUstate),
-        (
-            "vary its step (canHandleVariableCommunicationStepSize)",
-            interface.canHandleVariableCommunicationStepSize,
-        ),
-    ):
-        if adaptive and not able:
-            raise FmuError(
-                f"motor FMU {path} cannot {needed}, which --driver adaptive needs; "
-                "use --driver compiled"
-            )
-    if interface.fixedInternalStepSize is not None:
-        internal_s = float(interface.fixedInternalStepSize)  # fmpy leaves the text
-        if not internal_s > 0.0:
-            raise FmuError(
-                f"motor FMU {path} has fixedInternalStepSize = {internal_s:g}; "
-                "export it with a positive one"
-            )
-        name = "dt_s" if adaptive else "communication_step_s"
-        whole_ratio(name, least_step_s, f"fixedInternalStepSize of motor FMU {path}", internal_s)
+    needs = "which --driver adaptive needs; use --driver compiled" if adaptive else None
+    name = "dt_s" if adaptive else "communication_step_s"
+    check_steps(interface, f"motor FMU {path}", (name, least_step_s), needs)
 
 
 @cache
@@ -195,13 +141,11 @@ def _units() -> dict[str, Unit]:
 
 
 def _same_unit(name: str, description: ModelDescription, unit: Unit) -> bool:
-    base: BaseUnit | None = next(
-        (u.baseUnit for u in description.unitDefinitions if u.name == name), None
-    )
+    base = base_unit(name, description)
     if base is None:  # a unit may go without a definition in SI base units
         return name == unit.name
     return (
-        all(getattr(base, exponent) == unit.base.get(exponent, 0) for exponent in _EXPONENTS)
+        exponents(base) == exponents(unit.base)
         and math.isclose(base.factor, 1.0)
         and base.offset == 0.0
     )

@@ -18,8 +18,6 @@ from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.coupling.assembly import Motors
 from cosim.coupling.calls import (
-    FMI_OK,
-    FMI_WARNING,
     INCOMPLETE,
     NOT_FINITE,
     Calls,
@@ -30,6 +28,7 @@ from cosim.coupling.calls import (
 from cosim.coupling.plant import Plant, begin_period, begin_step, push_bodies, react, step_robots
 from cosim.coupling.sampling import end_period, restore_ended, sample_tick
 from cosim.coupling.signals import SIGNALS, RawSamples, Samples, State
+from cosim.fmi.abi import FMI_OK, FMI_WARNING
 from cosim.physics.lanes import Width, width_of
 
 _ONE = width_of(1)

@@ -10,7 +10,7 @@ from fmus.build import build_fmus
 from fmus.compiler import host_target
 from fmus.models import MODELS, Fmi, Model
 from fmus.ssp.description import FMI, Ssp, render_ssd, render_ssv
-from fmus.ssp.system import System, robots_with_motors
+from fmus.ssp.system import SspSystem, robots_with_motors
 
 VALUES = "resources/parameters.ssv"
 
@@ -18,7 +18,7 @@ VALUES = "resources/parameters.ssv"
 def build_ssp(
     out_dir: Path,
     versions: Sequence[Ssp] = ("1.0", "2.0"),
-    system: System | None = None,
+    system: SspSystem | None = None,
     targets: Sequence[str] = (),
     progress: Progress = silent,
 ) -> list[Path]:

@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 from fmus.description import to_bytes
 from fmus.models import Fmi, Model
 from fmus.origin import read_origin
-from fmus.ssp.system import System
+from fmus.ssp.system import SspSystem
 from fmus.variables import load_table
 
 Ssp = Literal["1.0", "2.0"]
@@ -28,7 +28,7 @@ _SPACES = {
 _TYPE: dict[Ssp, str] = {"1.0": "Real", "2.0": "Float64"}
 
 
-def render_ssd(system: System, version: Ssp, sources: Mapping[Model, str]) -> bytes:
+def render_ssd(system: SspSystem, version: Ssp, sources: Mapping[Model, str]) -> bytes:
     """The system's description.
 
     Args:
@@ -71,7 +71,7 @@ def render_ssd(system: System, version: Ssp, sources: Mapping[Model, str]) -> by
     return to_bytes(root)
 
 
-def render_ssv(system: System, version: Ssp) -> bytes:
+def render_ssv(system: SspSystem, version: Ssp) -> bytes:
     """All parameters of a system by `component.name`, for importers that take them so."""
     root = _root("ssv:ParameterSet", version, PARAMETER_SET)
     values = {f"{c.name}.{name}": v for c in system.components for name, v in c.values.items()}
@@ -94,7 +94,7 @@ def _add_parameters(held: ET.Element, version: Ssp, values: Mapping[str, float |
         ET.SubElement(parameter, f"ssv:{kind}", value=text)
 
 
-def _add_units(root: ET.Element, system: System) -> None:
+def _add_units(root: ET.Element, system: SspSystem) -> None:
     tables = [load_table(component.model) for component in system.components]
     units = {unit.name: unit for table in tables for unit in table.units}
     listing = ET.SubElement(root, "ssd:Units")

@@ -10,7 +10,7 @@ SHAFT = ("theta", "omega", "omega_dot")
 POSE = ("x", "y", "z", "q_w", "q_x", "q_y", "q_z")
 
 
-class Component(NamedTuple):
+class SspComponent(NamedTuple):
     """An FMU in a system.
 
     Attributes:
@@ -27,7 +27,7 @@ class Component(NamedTuple):
     shown: tuple[str, ...] = ()
 
 
-class Connection(NamedTuple):
+class SspConnection(NamedTuple):
     """From an output of one component to an input of another; both by their names."""
 
     start: str
@@ -36,13 +36,13 @@ class Connection(NamedTuple):
     input: str
 
 
-class System(NamedTuple):
+class SspSystem(NamedTuple):
     """Components in the order in which they are to step, and what is connected."""
 
     name: str
     description: str
-    components: tuple[Component, ...]
-    connections: tuple[Connection, ...]
+    components: tuple[SspComponent, ...]
+    connections: tuple[SspConnection, ...]
 
 
 class Robot(NamedTuple):
@@ -67,7 +67,9 @@ PAIR = (
 )
 
 
-def robots_with_motors(robots: tuple[Robot, ...] = PAIR, *, motors_first: bool = False) -> System:
+def robots_with_motors(
+    robots: tuple[Robot, ...] = PAIR, *, motors_first: bool = False
+) -> SspSystem:
     """Robots on an open floor, each with its two motors, which are at rest at first.
 
     Args:
@@ -75,15 +77,15 @@ def robots_with_motors(robots: tuple[Robot, ...] = PAIR, *, motors_first: bool =
         motors_first: whether the system is for masters that step one component after the other, in
             their order, instead of all at once.
     """
-    components: list[Component] = []
-    connections: list[Connection] = []
+    components: list[SspComponent] = []
+    connections: list[SspConnection] = []
     for k, robot in enumerate(robots, start=1):
         body = f"robot{k}"
         for motor, speed in zip(MOTORS, robot.speeds, strict=True):
             name = f"motor{k}{motor}"
-            components.append(Component(name, "VibrationMotor", {"omega_des": speed}))
+            components.append(SspComponent(name, "VibrationMotor", {"omega_des": speed}))
             fitting = load_table("MiniRobot").terminals[f"motor_{motor}"]
-            connections += [Connection(name, s, body, fitting[s]) for s in SHAFT]
+            connections += [SspConnection(name, s, body, fitting[s]) for s in SHAFT]
         start: dict[str, float | bool] = {
             "x_start": robot.x,
             "y_start": robot.y,
@@ -91,8 +93,8 @@ def robots_with_motors(robots: tuple[Robot, ...] = PAIR, *, motors_first: bool =
         }
         if motors_first:
             start["extrapolate"] = False
-        components.append(Component(body, "MiniRobot", start, POSE))
-    return System(
+        components.append(SspComponent(body, "MiniRobot", start, POSE))
+    return SspSystem(
         "robots",
         f"{len(robots)} mini-robots, each a body with two vibration motors, on an open floor",
         tuple(components),

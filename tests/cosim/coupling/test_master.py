@@ -271,14 +271,14 @@ def test_adaptive_driver_takes_fewer_steps_for_the_same_motion(motor_fmu):
 def test_adaptive_driver_says_which_states_it_may_return_to(motor_fmu, monkeypatch):
     """An FMU may forget what is before a point that no state will be restored from."""
     calls = []
-    instantiate = FMU3Slave.__init__
+    instantiate = FMU3Slave.instantiate
 
     def logged(slave, **options):
         instantiate(slave, **options)
-        if options["instanceName"] == "r1.D":
+        if slave.instanceName == "r1.D":
             slave.fmiCallLogger = calls.append
 
-    monkeypatch.setattr(FMU3Slave, "__init__", logged)
+    monkeypatch.setattr(FMU3Slave, "instantiate", logged)
     state, motors = lone_robot(motor_fmu)
     driver = AdaptiveDriver(motors)
     samples, raw = new_samples(3, 1), new_raw_samples(0, 1)

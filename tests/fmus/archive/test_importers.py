@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from cosim.base.jit import kernel
-from cosim.coupling.calls import do_step, exchange_float64
+from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.abi import exchange_3
 from fmus import references
 from fmus.build import build_fmus, cached_fmu
 from fmus.compiler import host_target
@@ -66,7 +67,7 @@ def step_through(instance, step_function, get_function, references, rows, step_s
         status = max(status, do_step(step_function, instance, k * step_s, step_s))
         value = rows.ctypes.data + 8 * k * rows.shape[1]
         where, count = references.ctypes.data, rows.shape[1]
-        status = max(status, exchange_float64(get_function, instance, where, count, value, count))
+        status = max(status, exchange_3(get_function, (instance, where, count, value, count)))
     return status
 
 

@@ -12,12 +12,14 @@ import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
 from typing import IO
+from xml.parsers import expat
 
 from cosim.base.storage import cache_dir, replacing
 
 # Far above what FMUs hold, far below what fills a disk.
 MAX_ENTRIES = 10_000
 MAX_BYTES = 2**30  # packed, and all files together unpacked
+MAX_DESCRIPTION_BYTES = 2**23  # parsed, it takes some thirty times as much
 MAX_NAME_BYTES = 200  # of a file, and of each folder that it is in
 MAX_RATIO = 200  # unpacked to packed; binaries are packed to a third, tables of zeros to 1/1000
 
@@ -57,6 +59,25 @@ def unpack(path: Path, needed: tuple[str, ...]) -> Path:
                 if entry.filename.startswith(needed):
                     _unpack_entry(archive, entry, folder / entry.filename)
     return folder
+
+
+def require_plain(description: Path) -> None:
+    """Refuse a description that could be far more than it looks, before it is parsed.
+
+    Raises:
+        ValueError: it is very large, or has a document type: there entities and other files come
+            from, and no FMU or system needs one.
+        xml.parsers.expat.ExpatError: it is no XML.
+    """
+    if description.stat().st_size > MAX_DESCRIPTION_BYTES:
+        raise ValueError(f"{description.name} is larger than {MAX_DESCRIPTION_BYTES >> 20} MiB")
+
+    def refuse(*_: object) -> None:
+        raise ValueError(f"{description.name} has a document type; export it without")
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.Parse(description.read_bytes(), True)
 
 
 def _check(entries: list[zipfile.ZipInfo], packed_bytes: int) -> None:

@@ -1,0 +1,307 @@
+/* Small models with closed-form steps, as FMUs of FMI 2.0 and 3.0 in one library.
+
+Which model an instance is, its GUID or instantiation token says. Every variable has a slot, whose
+number is its value reference (see small.py); inputs hold over a step. Only what a master for
+Co-Simulation calls is here. */
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fmi2FunctionTypes.h"
+#include "fmi3FunctionTypes.h"
+
+#pragma GCC visibility push(default)
+
+enum { SLOTS = 48, MOST = 8 };
+enum { OK, WARNING, DISCARD, ERROR };
+
+typedef struct {
+    double real[SLOTS];
+    int64_t whole[SLOTS];
+    double array[2][MOST];
+    double time;
+    bool ends;
+} State;
+
+typedef struct {
+    char model;
+    bool events;
+    fmi3LogMessageCallback log_3;
+    fmi2CallbackLogger log_2;
+    void *environment;
+    State s;
+} Instance;
+
+static int say(Instance *c, int status, const char *text) {
+    if (c->log_3) c->log_3(c->environment, (fmi3Status)status, "logStatusError", text);
+    if (c->log_2) c->log_2(c->environment, "", (fmi2Status)status, "logStatusError", text);
+    return status;
+}
+
+static Instance *make(const char *token) {
+    Instance *c = calloc(1, sizeof *c);
+    if (!c) return NULL;
+    double *r = c->s.real;
+    c->model = token[0];
+    switch (c->model) {
+    case 'o': r[1] = 1, r[2] = 1, r[4] = 1; break;                        /* oscillator */
+    case 'd': r[1] = 1, r[2] = 1, r[4] = r[5] = INFINITY; break;          /* dahlquist */
+    case 'b': r[1] = 1, r[3] = 9.81, r[4] = 0.7; break;                   /* ball */
+    case 's': c->s.whole[1] = 1, c->s.whole[2] = 10; break;               /* stair */
+    case 'f': c->s.whole[8] = 1; break;                                   /* feedthrough */
+    case 'a': c->s.whole[1] = 3; break;                                   /* array */
+    default: free(c); return NULL;
+    }
+    return c;
+}
+
+/* The ball flies until the end or the floor; returns whether it has reached the floor. */
+static bool fly(State *s, double end) {
+    double *h = &s->real[1], *v = &s->real[2], g = s->real[3], left = end - s->time;
+    double hit = (*v + sqrt(*v * *v + 2 * g * *h)) / g;
+    bool floor = hit <= left;
+    double t = floor ? hit : left;
+    *h = floor ? 0 : *h + *v * t - 0.5 * g * t * t;
+    *v -= g * t;
+    s->time = floor ? s->time + t : end;
+    return floor;
+}
+
+static void bounce(State *s) { s->real[2] *= -s->real[4]; }
+
+static int step(Instance *c, double time, double h, bool *event) {
+    State *s = &c->s;
+    double *r = s->real;
+    double end = time + h;
+    *event = false;
+    s->time = time;
+    switch (c->model) {
+    case 'o': {
+        double w = sqrt((r[2] + r[3]) / r[1]), rest = (r[6] + r[3] * r[7]) / (r[2] + r[3]);
+        double x = r[4] - rest, v = r[5], co = cos(w * h), si = sin(w * h);
+        r[4] = rest + x * co + v / w * si;
+        r[5] = v * co - w * x * si;
+        break;
+    }
+    case 'd':
+        if (h > r[5] * (1 + 1e-9)) return say(c, DISCARD, "the step is too long");
+        if (end > r[4] * (1 + 1e-9)) return say(c, ERROR, "cannot go on");
+        r[2] = r[3] / r[1] + (r[2] - r[3] / r[1]) * exp(-r[1] * h);
+        break;
+    case 'b':
+        while (s->time < end && fly(s, end)) {
+            if (c->events) {
+                *event = true;
+                return OK;
+            }
+            bounce(s);
+            if (s->real[2] < 1e-3) return say(c, ERROR, "the ball has come to rest");
+        }
+        break;
+    case 's':
+        s->whole[1] = 1 + (int64_t)floor(end + 1e-9);
+        if (s->whole[1] >= s->whole[2]) s->ends = true;
+        break;
+    }
+    s->time = end;
+    return OK;
+}
+
+static double real_of(const Instance *c, unsigned vr) {
+    const double *r = c->s.real;
+    if (c->model == 'o' && vr == 8) return r[3] * (r[4] - r[7]);
+    if (c->model == 'f' && vr % 2) return r[vr - 1];
+    return r[vr];
+}
+
+static int64_t whole_of(const Instance *c, unsigned vr) {
+    return c->model == 'f' && vr % 2 ? c->s.whole[vr - 1] : c->s.whole[vr];
+}
+
+/* Getters and setters: of FMI 2.0 without the number of values, of 3.0 with it. */
+#define ACCESS_2(NAME, TYPE, OF, FIELD)                                                            \
+    fmi2Status fmi2Get##NAME(fmi2Component c, const fmi2ValueReference vr[], size_t n,             \
+                             TYPE values[]) {                                                      \
+        for (size_t k = 0; k < n; k++) values[k] = (TYPE)OF(c, vr[k]);                             \
+        return fmi2OK;                                                                             \
+    }                                                                                              \
+    fmi2Status fmi2Set##NAME(fmi2Component c, const fmi2ValueReference vr[], size_t n,             \
+                             const TYPE values[]) {                                                \
+        for (size_t k = 0; k < n; k++) ((Instance *)c)->s.FIELD[vr[k]] = values[k];                \
+        return fmi2OK;                                                                             \
+    }
+ACCESS_2(Real, fmi2Real, real_of, real)
+ACCESS_2(Integer, fmi2Integer, whole_of, whole)
+ACCESS_2(Boolean, fmi2Boolean, whole_of, whole)
+
+#define ACCESS_3(NAME, TYPE, OF, FIELD)                                                            \
+    fmi3Status fmi3Get##NAME(fmi3Instance c, const fmi3ValueReference vr[], size_t n,              \
+                             TYPE values[], size_t size) {                                         \
+        if (n != size) return fmi3Error;                                                           \
+        for (size_t k = 0; k < n; k++) values[k] = (TYPE)OF(c, vr[k]);                             \
+        return fmi3OK;                                                                             \
+    }                                                                                              \
+    fmi3Status fmi3Set##NAME(fmi3Instance c, const fmi3ValueReference vr[], size_t n,              \
+                             const TYPE values[], size_t size) {                                   \
+        if (n != size) return fmi3Error;                                                           \
+        for (size_t k = 0; k < n; k++) ((Instance *)c)->s.FIELD[vr[k]] = values[k];                \
+        return fmi3OK;                                                                             \
+    }
+ACCESS_3(Float32, fmi3Float32, real_of, real)
+ACCESS_3(Int8, fmi3Int8, whole_of, whole)
+ACCESS_3(UInt8, fmi3UInt8, whole_of, whole)
+ACCESS_3(Int16, fmi3Int16, whole_of, whole)
+ACCESS_3(UInt16, fmi3UInt16, whole_of, whole)
+ACCESS_3(Int32, fmi3Int32, whole_of, whole)
+ACCESS_3(UInt32, fmi3UInt32, whole_of, whole)
+ACCESS_3(Int64, fmi3Int64, whole_of, whole)
+ACCESS_3(UInt64, fmi3UInt64, whole_of, whole)
+ACCESS_3(Boolean, fmi3Boolean, whole_of, whole)
+
+/* Float64 may be arrays: input 2 and output 3 of the model array, of the size that 1 says. */
+fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                          fmi3Float64 values[], size_t size) {
+    Instance *i = c;
+    size_t place = 0;
+    for (size_t k = 0; k < n; k++) {
+        size_t length = i->model == 'a' ? (size_t)i->s.whole[1] : 1;
+        if (place + length > size) return fmi3Error;
+        for (size_t j = 0; j < length; j++)
+            values[place++] = i->model != 'a' ? real_of(i, vr[k])
+                                              : (1 + (vr[k] == 3)) * i->s.array[0][j];
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                          const fmi3Float64 values[], size_t size) {
+    Instance *i = c;
+    size_t place = 0;
+    for (size_t k = 0; k < n; k++) {
+        size_t length = i->model == 'a' ? (size_t)i->s.whole[1] : 1;
+        if (place + length > size) return fmi3Error;
+        for (size_t j = 0; j < length; j++)
+            *(i->model == 'a' ? &i->s.array[0][j] : &i->s.real[vr[k]]) = values[place++];
+    }
+    return fmi3OK;
+}
+
+/* FMI 2.0 */
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                              const fmi2CallbackFunctions *functions, fmi2Boolean visible,
+                              fmi2Boolean logging) {
+    Instance *c = make(guid);
+    if (c && logging) c->log_2 = functions->logger, c->environment = functions->componentEnvironment;
+    return c;
+}
+void fmi2FreeInstance(fmi2Component c) { free(c); }
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean defined, fmi2Real tolerance,
+                               fmi2Real start, fmi2Boolean stops, fmi2Real stop) {
+    ((Instance *)c)->s.time = start;
+    return fmi2OK;
+}
+fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2Terminate(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real h, fmi2Boolean final) {
+    bool event;
+    int status = step(c, time, h, &event);
+    return (fmi2Status)(status == OK && ((Instance *)c)->s.ends ? DISCARD : status);
+}
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {
+    *value = ((Instance *)c)->s.ends;
+    return fmi2OK;
+}
+
+/* FMI 3.0 */
+fmi3Instance fmi3InstantiateCoSimulation(
+    fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
+    fmi3Boolean logging, fmi3Boolean events, fmi3Boolean early,
+    const fmi3ValueReference required[], size_t n, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update) {
+    Instance *c = make(token);
+    if (c) c->events = events && early;
+    if (c && logging) c->log_3 = log, c->environment = environment;
+    return c;
+}
+void fmi3FreeInstance(fmi3Instance c) { free(c); }
+fmi3Status fmi3EnterConfigurationMode(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3ExitConfigurationMode(fmi3Instance c) {
+    int64_t n = ((Instance *)c)->s.whole[1];
+    return ((Instance *)c)->model == 'a' && (n < 1 || n > MOST) ? fmi3Error : fmi3OK;
+}
+fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean defined, fmi3Float64 tolerance,
+                                       fmi3Float64 start, fmi3Boolean stops, fmi3Float64 stop) {
+    ((Instance *)c)->s.time = start;
+    return fmi3OK;
+}
+fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3Terminate(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3EnterEventMode(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3EnterStepMode(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Boolean *ends,
+                                    fmi3Boolean *nominals, fmi3Boolean *values,
+                                    fmi3Boolean *defined, fmi3Float64 *next) {
+    Instance *i = c;
+    *again = *ends = *nominals = *values = *defined = false;
+    if (i->model == 'b' && i->s.real[1] == 0 && i->s.real[2] < 0) bounce(&i->s);
+    return fmi3OK;
+}
+fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 h, fmi3Boolean final,
+                      fmi3Boolean *event, fmi3Boolean *ends, fmi3Boolean *early,
+                      fmi3Float64 *reached) {
+    Instance *i = c;
+    int status = step(i, time, h, event);
+    *ends = i->s.ends;
+    *early = *event;
+    *reached = i->s.time;
+    return (fmi3Status)status;
+}
+
+/* States are plain data. */
+#define STATES(S, N, TYPE)                                                                         \
+    fmi##S##Status fmi##S##GetFMU##N(TYPE c, fmi##S##FMU##N *state) {                              \
+        if (!*state) *state = malloc(sizeof(State));                                               \
+        memcpy(*state, &((Instance *)c)->s, sizeof(State));                                        \
+        return fmi##S##OK;                                                                         \
+    }                                                                                              \
+    fmi##S##Status fmi##S##SetFMU##N(TYPE c, fmi##S##FMU##N state) {                               \
+        memcpy(&((Instance *)c)->s, state, sizeof(State));                                         \
+        return fmi##S##OK;                                                                         \
+    }                                                                                              \
+    fmi##S##Status fmi##S##FreeFMU##N(TYPE c, fmi##S##FMU##N *state) {                             \
+        free(*state);                                                                              \
+        *state = NULL;                                                                             \
+        return fmi##S##OK;                                                                         \
+    }
+STATES(2, state, fmi2Component)
+STATES(3, State, fmi3Instance)
+
+/* The rest is there because importers look for it. */
+#define NONE(NAME) int NAME(void) { return ERROR; }
+NONE(fmi2GetTypesPlatform) NONE(fmi2GetVersion) NONE(fmi2SetDebugLogging) NONE(fmi2Reset)
+NONE(fmi2GetString) NONE(fmi2SetString) NONE(fmi2SerializedFMUstateSize)
+NONE(fmi2SerializeFMUstate) NONE(fmi2DeSerializeFMUstate) NONE(fmi2GetDirectionalDerivative)
+NONE(fmi2EnterEventMode) NONE(fmi2NewDiscreteStates) NONE(fmi2EnterContinuousTimeMode)
+NONE(fmi2CompletedIntegratorStep) NONE(fmi2SetTime) NONE(fmi2SetContinuousStates)
+NONE(fmi2GetDerivatives) NONE(fmi2GetEventIndicators) NONE(fmi2GetContinuousStates)
+NONE(fmi2GetNominalsOfContinuousStates) NONE(fmi2SetRealInputDerivatives)
+NONE(fmi2GetRealOutputDerivatives) NONE(fmi2CancelStep) NONE(fmi2GetStatus)
+NONE(fmi2GetRealStatus) NONE(fmi2GetIntegerStatus) NONE(fmi2GetStringStatus) NONE(fmi3GetVersion)
+NONE(fmi3SetDebugLogging) NONE(fmi3InstantiateModelExchange)
+NONE(fmi3InstantiateScheduledExecution) NONE(fmi3Reset) NONE(fmi3GetString) NONE(fmi3GetBinary)
+NONE(fmi3GetClock) NONE(fmi3SetString) NONE(fmi3SetBinary) NONE(fmi3SetClock)
+NONE(fmi3GetNumberOfVariableDependencies) NONE(fmi3GetVariableDependencies)
+NONE(fmi3SerializedFMUStateSize) NONE(fmi3SerializeFMUState) NONE(fmi3DeserializeFMUState)
+NONE(fmi3GetDirectionalDerivative) NONE(fmi3GetAdjointDerivative) NONE(fmi3GetIntervalDecimal)
+NONE(fmi3GetIntervalFraction) NONE(fmi3GetShiftDecimal) NONE(fmi3GetShiftFraction)
+NONE(fmi3SetIntervalDecimal) NONE(fmi3SetIntervalFraction) NONE(fmi3SetShiftDecimal)
+NONE(fmi3SetShiftFraction) NONE(fmi3EvaluateDiscreteStates) NONE(fmi3EnterContinuousTimeMode)
+NONE(fmi3CompletedIntegratorStep) NONE(fmi3SetTime) NONE(fmi3SetContinuousStates)
+NONE(fmi3GetContinuousStateDerivatives) NONE(fmi3GetEventIndicators) NONE(fmi3GetContinuousStates)
+NONE(fmi3GetNominalsOfContinuousStates) NONE(fmi3GetNumberOfEventIndicators)
+NONE(fmi3GetNumberOfContinuousStates) NONE(fmi3GetOutputDerivatives)
+NONE(fmi3ActivateModelPartition)

@@ -1,0 +1,163 @@
+"""The Modelica Association's reference FMUs in our master, against the outputs that they publish.
+
+Their sources come from a folder of the user's: a copy of
+https://github.com/modelica/Reference-FMUs. Every model is compiled for this machine, as FMI 2.0
+where there is such a description and as FMI 3.0, and run over the times of its published output.
+Stair's steps and Van der Pol's place are passed on through Feedthrough, too, from one standard to
+the other.
+"""
+
+import csv
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fmpy import platform, platform_tuple, sharedLibraryExtension
+
+from benchmarks.coupled.small import compile_c
+from cosim.base.errors import UserError
+from cosim.fmi.fmu import Fmu
+from cosim.system.graph import Component, Connection
+from cosim.system.system import System
+
+MODELS = ("BouncingBall", "Dahlquist", "Feedthrough", "Stair", "StateSpace", "VanDerPol")
+_FLAGS = ("-std=gnu99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-DDISABLE_PREFIX")
+_TRUTHS = {"true": 1.0, "false": 0.0}
+
+
+def build(source: Path, folder: Path) -> dict[tuple[str, int], Path]:
+    """FMUs in a folder, by model and standard.
+
+    Raises:
+        UserError: the source folder lacks a model.
+        BuildError: the compiler fails.
+    """
+    found = {}
+    for model in MODELS:
+        if not (source / model / "model.c").is_file():
+            raise UserError(
+                f"--src {source}: it has no {model}/model.c; name a copy of "
+                "https://github.com/modelica/Reference-FMUs"
+            )
+        for fmi in (2, 3):
+            description = source / model / f"FMI{fmi}.xml"
+            if description.is_file():
+                found[model, fmi] = _pack(source, folder, model, fmi, description)
+    return found
+
+
+def _pack(source: Path, folder: Path, model: str, fmi: int, description: Path) -> Path:
+    names = (f"src/fmi{fmi}Functions.c", "src/cosimulation.c", f"{model}/model.c")
+    folders = (source / "include", source / model)
+    library = compile_c(
+        [source / name for name in names], folders, (*_FLAGS, f"-DFMI_VERSION={fmi}")
+    )
+    path = folder / f"{model}{fmi}.fmu"
+    place = platform if fmi == 2 else platform_tuple
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(description, "modelDescription.xml")
+        archive.writestr(f"binaries/{place}/{model}{sharedLibraryExtension}", library)
+    return path
+
+
+def published(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times (n,) in s and values (n, …) by name of a file of outputs; texts are left out."""
+    with path.open(encoding="utf-8", newline="") as file:
+        header, *rows = list(csv.reader(file))
+    found = {}
+    for name, *texts in zip(header, *rows, strict=True):
+        if not name.startswith(("String", "Binary")):
+            values = np.array([[_number(each) for each in text.split()] for text in texts])
+            found[name] = values[:, 0] if values.shape[1] == 1 else values
+    return found.pop(header[0]), found
+
+
+def _number(text: str) -> float:
+    return _TRUTHS[text] if text in _TRUTHS else float(text)
+
+
+def measure(src: Path) -> dict[str, Any]:
+    """Largest deviations from what is published, by model and standard."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        fmus = build(src, Path(folder))
+        for (model, fmi), path in fmus.items():
+            time_s, expected = published(src / model / f"{model}_out.csv")
+            modes = (False, True) if (model, fmi) == ("BouncingBall", 3) else (False,)
+            rows += [_compared(model, fmi, path, time_s, expected, events) for events in modes]
+        passed = [_passed_on(fmus, source, target) for source in (2, 3) for target in (2, 3)]
+    return {"models": rows, "passed_on": passed}
+
+
+def _compared(
+    model: str,
+    fmi: int,
+    path: Path,
+    time_s: np.ndarray,
+    expected: dict[str, np.ndarray],
+    events: bool,
+) -> dict[str, Any]:
+    known = Fmu(path).variables  # FMI 2.0 has fewer types
+    expected = {name: values for name, values in expected.items() if name in known}
+    names = [f"{model}.{name}" for name in expected]
+    step_s = round(float(time_s[1] - time_s[0]), 9)
+    component = Component(model, path)
+    with System([component], step_s=step_s, record=names, event_mode=events) as system:
+        until_s = round(float(time_s[-1]) / step_s) * step_s
+        run = system.run(until_s)
+    deviation, largest = 0.0, 0.0
+    for name, values in expected.items():
+        largest = max(largest, float(np.abs(values).max()))
+        found = run.signals[f"{model}.{name}"].astype(float)
+        deviation = max(deviation, float(np.abs(found - values).max()))
+    return {
+        "model": model,
+        "fmi": fmi,
+        "event_mode": events,
+        "rows": len(time_s),
+        "variables": len(expected),
+        "largest": largest,
+        "deviation": deviation,
+        "ended": run.ended,
+    }
+
+
+def _passed_on(fmus: dict[tuple[str, int], Path], source: int, target: int) -> dict[str, Any]:
+    """Whether Feedthrough puts out what Stair and Van der Pol put out, a step later."""
+    components = [
+        Component("stair", fmus["Stair", source]),
+        Component("van_der_pol", fmus["VanDerPol", source]),
+        Component("through", fmus["Feedthrough", target]),
+    ]
+    pairs = {"stair.counter": "Int32", "van_der_pol.x0": "Float64_continuous"}
+    connections = [Connection(name, f"through.{to}_input") for name, to in pairs.items()]
+    with System(components, connections, step_s=0.2) as system:
+        run = system.run(8.0)
+    same = all(
+        (run.signals[f"through.{to}_output"][1:] == run.signals[name][:-1]).all()
+        for name, to in pairs.items()
+    )
+    return {"from_fmi": source, "to_fmi": target, "same": same}
+
+
+def show(found: dict[str, Any]) -> None:
+    """Print the deviations."""
+    print(f"{'model':14s}{'FMI':>4s}{'variables':>11s}{'rows':>6s}{'up to':>9s}{'deviation':>11s}")
+    for row in found["models"]:
+        note = " (event mode)" if row["event_mode"] else ""
+        note += f"; {row['ended']}" if row["ended"] else ""
+        print(
+            f"{row['model']:14s}{row['fmi']:4d}{row['variables']:11d}{row['rows']:6d}"
+            f"{row['largest']:9.4g}{row['deviation']:11.2g}{note}"
+        )
+    for row in found["passed_on"]:
+        word = "the same values" if row["same"] else "OTHER VALUES"
+        print(f"passed on from FMI {row['from_fmi']} to FMI {row['to_fmi']}: {word}")
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)

@@ -1,0 +1,248 @@
+"""Small FMUs of FMI 2.0 and 3.0 to couple: their descriptions, and the one library of `models.c`.
+
+They are the models of the reference FMUs of the Modelica Association, written anew and solved in
+closed form, so that what a master makes wrong is all that is wrong; and an oscillator to couple
+with another one.
+"""
+
+import hashlib
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
+
+from fmpy import platform, platform_tuple, sharedLibraryExtension
+
+from cosim.base.storage import cache_dir, cached
+from fmus.compiler import FLAGS, BuildError, compiler_command, compiler_version, fmi_headers
+
+SOURCE = Path(__file__).with_name("models.c")
+_UNITS = {
+    "N": 'kg="1" m="1" s="-2"',
+    "m": 'm="1"',
+    "mm": 'm="1" factor="0.001"',
+    "s": 's="1"',
+}
+_OF_FMI_2 = {"Float64": "Real", "Int32": "Integer", "Boolean": "Boolean"} | {
+    "Enumeration": "Enumeration"
+}
+_KINDS = ("Float64", "Int32", "Boolean", "Enumeration", "Float32", "Int8", "UInt8", "Int16",
+          "UInt16", "UInt32", "Int64", "UInt64")  # fmt: skip
+
+
+class Variable(NamedTuple):
+    """A variable of a small model.
+
+    Attributes:
+        slot: in `models.c`, its value reference.
+        name: of the variable.
+        kind: its type in FMI 3.0.
+        causality: of the variable.
+        start: value, as text.
+        unit: one of those that are defined here.
+        needs: slots of inputs that an output depends on.
+        size: slot of the structural parameter that is its dimension.
+    """
+
+    slot: int
+    name: str
+    kind: str = "Float64"
+    causality: str = "output"
+    start: str | None = None
+    unit: str | None = None
+    needs: tuple[int, ...] = ()
+    size: int | None = None
+
+
+def _feedthrough() -> Iterable[Variable]:
+    """Inputs of all types, each with the output that it is passed on to."""
+    starts = {"Boolean": "false", "Enumeration": "1"}
+    for k, kind in enumerate(_KINDS):
+        slot = 2 * k + 2
+        yield Variable(slot, f"{kind}_input", kind, "input", starts.get(kind, "0"))
+        yield Variable(slot + 1, f"{kind}_output", kind, needs=(slot,))
+
+
+_TIME = Variable(0, "time", causality="independent", unit="s")
+MODELS = {
+    "oscillator": (
+        Variable(1, "m", causality="parameter", start="1"),
+        Variable(2, "k", causality="parameter", start="1"),
+        Variable(3, "k_c", causality="parameter", start="0"),
+        Variable(4, "x", start="1", unit="m"),
+        Variable(5, "v", start="0"),
+        Variable(6, "F_in", causality="input", start="0", unit="N"),
+        Variable(7, "x_in", causality="input", start="0", unit="m"),
+        Variable(8, "F", unit="N", needs=(7,)),
+    ),
+    "dahlquist": (
+        Variable(1, "k", causality="parameter", start="1"),
+        Variable(2, "x", start="1"),
+        Variable(3, "u", causality="input", start="0"),
+        Variable(4, "fails_at", causality="parameter", start="1e300", unit="s"),
+        Variable(5, "longest", causality="parameter", start="1e300", unit="s"),
+    ),
+    "ball": (
+        Variable(1, "h", start="1"),
+        Variable(2, "v", start="0"),
+        Variable(3, "g", causality="parameter", start="9.81"),
+        Variable(4, "e", causality="parameter", start="0.7"),
+    ),
+    "stair": (
+        Variable(1, "counter", "Int32", start="1"),
+        Variable(2, "last", "Int32", "parameter", start="10"),
+    ),
+    "feedthrough": tuple(_feedthrough()),
+    "array": (
+        Variable(1, "n", "UInt64", "structuralParameter", "3"),
+        Variable(2, "u", "Float64", "input", "0 0 0", size=1),
+        Variable(3, "y", "Float64", needs=(2,), size=1),
+    ),
+}
+
+
+def small_fmu(
+    path: Path,
+    model: str,
+    fmi: int,
+    *,
+    units: Mapping[str, str] | None = None,
+    able: bool = True,
+    told: bool = True,
+    internal_s: float | None = None,
+) -> Path:
+    """Write one of `MODELS` as an FMU for this machine.
+
+    Args:
+        path: of the FMU.
+        model: a key of `MODELS`.
+        fmi: 2 or 3.
+        units: by variables, instead of the usual ones.
+        able: whether it says that its state can be saved, and its step varied.
+        told: whether it says what outputs depend on.
+        internal_s: fixed internal step that it says it has, in FMI 3.0.
+    """
+    named = units or {}
+    variables = [v._replace(unit=named.get(v.name, v.unit)) for v in (_TIME, *MODELS[model])]
+    if fmi == 2:
+        variables = [v for v in variables if v.kind in _OF_FMI_2]
+    text = (_description_2 if fmi == 2 else _description_3)(model, variables, able, told)
+    if internal_s is not None:
+        fixed = f'<CoSimulation fixedInternalStepSize="{internal_s}"'
+        text = text.replace("<CoSimulation", fixed)
+    folder = platform if fmi == 2 else platform_tuple
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", text)
+        name = f"binaries/{folder}/{model}{sharedLibraryExtension}"
+        archive.writestr(name, _library())
+    return path
+
+
+def _library() -> bytes:
+    """The compiled models, from the cache."""
+    name = f"{source_key([SOURCE])}{sharedLibraryExtension}"
+
+    def make() -> bytes:
+        return compile_c([SOURCE], [fmi_headers()], FLAGS)
+
+    path = cache_dir("fmus") / f"small-{name}"
+    return cached(path, Path.read_bytes, make, lambda content, place: place.write_bytes(content))
+
+
+def source_key(sources: Iterable[Path]) -> str:
+    """What names a library in the cache: a hash of its sources and its compiler."""
+    found = hashlib.sha256(repr((compiler_version(), FLAGS)).encode())
+    for source in sources:
+        found.update(source.read_bytes())
+    return found.hexdigest()[:16]
+
+
+def compile_c(sources: Iterable[Path], folders: Iterable[Path], flags: Iterable[str]) -> bytes:
+    """A shared library for this machine.
+
+    Args:
+        sources: C files.
+        folders: with header files.
+        flags: of the compiler.
+
+    Raises:
+        BuildError: no compiler was found, or it failed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / f"library{sharedLibraryExtension}"
+        headers = [f"-I{each}" for each in folders]
+        command = [*compiler_command(), *flags, *headers, *map(str, sources), "-o", str(output)]
+        done = subprocess.run([*command, "-lm"], capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise BuildError(f"the C compiler failed: {done.stderr.strip()}")
+        return output.read_bytes()
+
+
+def _attributes(v: Variable, **others: str | None) -> str:
+    """Attributes that both standards have at a variable, and others."""
+    output = v.causality == "output"
+    fixed = {"parameter": "fixed", "structuralParameter": "fixed"}
+    changing = "continuous" if v.kind.startswith("Float") else "discrete"
+    values = {
+        "name": v.name,
+        "valueReference": str(v.slot),
+        "causality": v.causality,
+        "variability": fixed.get(v.causality, changing),
+        "initial": ("exact" if v.start else "calculated") if output else None,
+        **others,
+    }
+    return " ".join(f"{k}={quoteattr(value)}" for k, value in values.items() if value is not None)
+
+
+def _unit_definitions() -> str:
+    units = "".join(f'<Unit name="{n}"><BaseUnit {base}/></Unit>' for n, base in _UNITS.items())
+    return f"<UnitDefinitions>{units}</UnitDefinitions>"
+
+
+def _description_3(model: str, variables: list[Variable], able: bool, told: bool) -> str:
+    flag = str(able).lower()
+    text, unknowns = "", ""
+    for v in variables:
+        declared = "Option" if v.kind == "Enumeration" else None
+        attributes = _attributes(v, start=v.start, unit=v.unit, declaredType=declared)
+        dimension = f'<Dimension valueReference="{v.size}"/>' if v.size else ""
+        text += f"<{v.kind} {attributes}>{dimension}</{v.kind}>\n"
+        needs = f' dependencies="{" ".join(map(str, v.needs))}"' if told else ""
+        unknowns += f'<Output valueReference="{v.slot}"{needs}/>' * (v.causality == "output")
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="{model}" instantiationToken="{model}">
+<CoSimulation modelIdentifier="{model}" canGetAndSetFMUState="{flag}"
+  canHandleVariableCommunicationStepSize="{flag}" hasEventMode="true"/>
+{_unit_definitions()}
+<TypeDefinitions><EnumerationType name="Option"><Item name="one" value="1"/>
+<Item name="two" value="2"/></EnumerationType></TypeDefinitions>
+<ModelVariables>{text}</ModelVariables>
+<ModelStructure>{unknowns}</ModelStructure>
+</fmiModelDescription>"""
+
+
+def _description_2(model: str, variables: list[Variable], able: bool, told: bool) -> str:
+    flag = str(able).lower()
+    text, unknowns = "", ""
+    places = {v.slot: k for k, v in enumerate(variables, 1)}
+    for v in variables:
+        kind = _OF_FMI_2[v.kind]
+        values = {"start": v.start, "unit": v.unit if kind == "Real" else None}
+        values["declaredType"] = "Option" if kind == "Enumeration" else None
+        inner = " ".join(f'{k}="{value}"' for k, value in values.items() if value is not None)
+        text += f"<ScalarVariable {_attributes(v)}><{kind} {inner}/></ScalarVariable>\n"
+        needs = f' dependencies="{" ".join(str(places[n]) for n in v.needs)}"' if told else ""
+        unknowns += f'<Unknown index="{places[v.slot]}"{needs}/>' * (v.causality == "output")
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="{model}" guid="{model}">
+<CoSimulation modelIdentifier="{model}" canGetAndSetFMUstate="{flag}"
+  canHandleVariableCommunicationStepSize="{flag}"/>
+{_unit_definitions()}
+<TypeDefinitions><SimpleType name="Option"><Enumeration><Item name="one" value="1"/>
+<Item name="two" value="2"/></Enumeration></SimpleType></TypeDefinitions>
+<ModelVariables>{text}</ModelVariables>
+<ModelStructure><Outputs>{unknowns}</Outputs></ModelStructure>
+</fmiModelDescription>"""

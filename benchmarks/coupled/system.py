@@ -1,0 +1,138 @@
+"""Orders of the master for any FMUs on two coupled masses, and what a step of it costs.
+
+Errors are those of the places against the closed solution of the coupled system. The cost is that
+of a compiled step of both oscillators, and of the same step through fmpy's Python classes; both are
+first held to the same bits.
+"""
+
+import math
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, get_args
+
+from benchmarks.coupled.two_masses import CONNECTIONS, PLACES, error, simulated, two_masses
+from cosim.fmi.fmu import Fmu, end, new_log
+from cosim.system.graph import Component
+from cosim.system.system import Algorithm, System
+
+UNTIL_S = 1.0
+STEPS_S = (4e-4, 2e-4, 1e-4, 5e-5)
+TOLERANCES = (1e-2, 1e-3, 1e-4)
+SHORTEST_S = 1e-6
+_STEP_S = 1e-4
+
+
+class PythonLoop:
+    """The same Jacobi master, step by step through fmpy."""
+
+    def __init__(self, components: list[Component]) -> None:
+        self._slaves = []
+        fmu = self._fmu = components[0].fmu
+        assert isinstance(fmu, Fmu)
+        for component in components:
+            slave = fmu.load(component.name, new_log())
+            for name, value in component.start.items():
+                slave.setFloat64([fmu.variables[name].valueReference], [value])
+            slave.enterInitializationMode()
+            self._slaves.append(slave)
+        self._reference = {name: v.valueReference for name, v in fmu.variables.items()}
+        self.outputs = self._get()
+        self._set()
+        for slave in self._slaves:
+            slave.exitInitializationMode()
+        self.outputs = self._get()
+        self.steps = 0
+
+    def _get(self) -> list[list[float]]:
+        places = [self._reference[name] for name in ("x", "v", "F")]
+        return [slave.getFloat64(places) for slave in self._slaves]
+
+    def _set(self) -> None:
+        first, second = self._slaves
+        first.setFloat64([self._reference["F_in"]], [self.outputs[1][2]])
+        second.setFloat64([self._reference["x_in"]], [self.outputs[0][0]])
+
+    def run(self, steps: int, step_s: float) -> None:
+        """Make so many steps."""
+        for k in range(self.steps, self.steps + steps):
+            self._set()
+            for slave in self._slaves:
+                slave.doStep(k * step_s, step_s)
+            self.outputs = self._get()
+        self.steps += steps
+
+    def close(self) -> None:
+        """Free both."""
+        for slave in self._slaves:
+            end(slave)
+
+
+def measure(rounds: int) -> dict[str, Any]:
+    """Errors by algorithm and step, orders, errors by tolerance, and times of a step in ns."""
+    found: dict[str, Any] = {"fixed": [], "adaptive": []}
+    with tempfile.TemporaryDirectory() as folder:
+        components = two_masses(Path(folder))
+        for algorithm in get_args(Algorithm):
+            errors = []
+            for step_s in STEPS_S:
+                run, _ = simulated(components, UNTIL_S, step_s, algorithm)
+                errors.append(error(run))
+                order = math.log2(errors[-2] / errors[-1]) if errors[1:] else None
+                row = {"algorithm": algorithm, "step_s": step_s, "error_m": errors[-1]}
+                found["fixed"].append(row | {"order": order})
+            for tolerance in TOLERANCES:
+                run, system = simulated(components, UNTIL_S, SHORTEST_S, algorithm, tolerance)
+                row = {"algorithm": algorithm, "tolerance": tolerance, "error_m": error(run)}
+                found["adaptive"].append(row | {"steps": system.steps, "rejected": system.rejected})
+        found |= _costs(components, rounds)
+    return found
+
+
+def _costs(components: list[Component], rounds: int) -> dict[str, float]:
+    """Times of a step of both oscillators in ns, and their ratio; the best round of each."""
+    few, many = 500, 100_000
+    by_python = PythonLoop(components)
+    best = {"fmpy": math.inf, "compiled": math.inf}
+    with System(components, CONNECTIONS, step_s=_STEP_S) as system:
+        by_python.run(few, _STEP_S)
+        run = system.run(few * _STEP_S)
+        if [each[0] for each in by_python.outputs] != [run.signals[n][-1] for n in PLACES]:
+            raise AssertionError("fmpy's loop and the compiled one give different bits")
+        done = few
+        for _ in range(rounds):
+            begin = time.perf_counter_ns()
+            by_python.run(few, _STEP_S)
+            best["fmpy"] = min(best["fmpy"], (time.perf_counter_ns() - begin) / few)
+            done += many
+            begin = time.perf_counter_ns()
+            system.run(done * _STEP_S, every=many)
+            best["compiled"] = min(best["compiled"], (time.perf_counter_ns() - begin) / many)
+    by_python.close()
+    return {
+        "ns_fmpy": best["fmpy"],
+        "ns_compiled": best["compiled"],
+        "ratio_fmpy_to_compiled": best["fmpy"] / best["compiled"],
+    }
+
+
+def show(found: dict[str, Any]) -> None:
+    """Print errors, orders and times."""
+    print(f"{'algorithm':14s}{'step':>9s}{'error':>12s}{'order':>8s}")
+    for row in found["fixed"]:
+        order = "" if row["order"] is None else f"{row['order']:8.3f}"
+        print(f"{row['algorithm']:14s}{row['step_s']:9g}{row['error_m']:12.3e}{order}")
+    print(f"{'algorithm':14s}{'tolerance':>9s}{'error':>12s}{'steps':>8s}{'rejected':>10s}")
+    for row in found["adaptive"]:
+        print(
+            f"{row['algorithm']:14s}{row['tolerance']:9g}{row['error_m']:12.3e}"
+            f"{row['steps']:8d}{row['rejected']:10d}"
+        )
+    print(f"a step of both: fmpy {found['ns_fmpy']:.0f} ns, compiled {found['ns_compiled']:.0f} ns")
+    print(f"fmpy's loop takes {found['ratio_fmpy_to_compiled']:.0f} times as long")
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)

@@ -1,0 +1,63 @@
+"""Two masses on springs, coupled by a third: the test problem of co-simulation, and its solution.
+
+Force–displacement coupling: the first oscillator gets a force and tells where it is, the second
+one gets that place, has the coupling spring, and tells its force. Masses of 1 kg, springs of 10,
+1000 and 100 N/m; the first mass begins at 1 m. The models solve their own equation exactly for
+inputs that hold, so what is wrong is the master's.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.coupled.small import small_fmu
+from cosim.fmi.fmu import Fmu
+from cosim.system.graph import Component, Connection
+from cosim.system.system import Algorithm, System, SystemRun
+
+MASS_KG, SPRINGS, COUPLING = 1.0, (10.0, 1000.0), 100.0
+X_0 = (1.0, 0.0)
+PLACES = ("first.x", "second.x")
+
+
+def two_masses(folder: Path, standards: tuple[int, int] = (3, 3)) -> list[Component]:
+    """The oscillators as components, each of its FMI standard."""
+    made = {fmi: small_fmu(folder / f"{fmi}.fmu", "oscillator", fmi) for fmi in set(standards)}
+    fmus = {fmi: Fmu(path) for fmi, path in made.items()}
+    first, second = SPRINGS
+    return [
+        Component("first", fmus[standards[0]], {"m": MASS_KG, "k": first, "x": X_0[0]}),
+        Component(
+            "second", fmus[standards[1]], {"m": MASS_KG, "k": second, "k_c": COUPLING, "x": X_0[1]}
+        ),
+    ]
+
+
+CONNECTIONS = [Connection("second.F", "first.F_in"), Connection("first.x", "second.x_in")]
+
+
+def simulated(
+    components: list[Component],
+    until_s: float,
+    step_s: float,
+    algorithm: Algorithm,
+    tolerance: float | None = None,
+) -> tuple[SystemRun, System]:
+    """The run of the coupled oscillators, and their system as it is then, closed."""
+    options = {"algorithm": algorithm, "step_s": step_s, "tolerance": tolerance}
+    with System(components, CONNECTIONS, **options) as system:
+        return system.run(until_s), system
+
+
+def exact(time_s: np.ndarray) -> np.ndarray:
+    """Places (2, n) of both masses, by the modes of the coupled system."""
+    first, second = SPRINGS
+    stiffness = [[first + COUPLING, -COUPLING], [-COUPLING, second + COUPLING]]
+    squares, modes = np.linalg.eigh(np.array(stiffness) / MASS_KG)
+    return modes @ ((modes.T @ X_0)[:, None] * np.cos(np.sqrt(squares)[:, None] * time_s))
+
+
+def error(run: SystemRun) -> float:
+    """Largest error of a place in m."""
+    found = np.array([run.signals[name] for name in PLACES])
+    return float(np.abs(found - exact(run.time_s)).max())

@@ -1,0 +1,223 @@
+"""FMUs for Co-Simulation of FMI 2.0 and 3.0: unpacked, checked, and loaded with fmpy."""
+
+import contextlib
+import copy
+import ctypes
+import errno
+import threading
+import weakref
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+from fmpy.fmi3 import FMU3Slave
+from fmpy.model_description import CoSimulation, ModelDescription
+
+from cosim.base.config import whole_ratio
+from cosim.base.errors import UserError
+from cosim.fmi.archive import require_plain, unpack
+
+# fmpy changes the working directory of the process while it loads a binary, and does not change it
+# back where that fails.
+_LOADING = threading.Lock()
+# What is kept of an FMU's messages, which may come in floods.
+_LOG_LENGTH, _LOG_BYTES = 100, 2000
+_FOLDERS = (fmpy.platform_tuple, fmpy.platform)  # of binaries, of FMI 3.0 and 2.0
+
+
+class FmuError(UserError):
+    """An FMU that cannot be used, or that failed while it ran; the message names it."""
+
+
+class Fmu:
+    """An unpacked FMU from which instances are made.
+
+    Attributes:
+        path: the .fmu file.
+        folder: where it is unpacked.
+        description: fmpy's model description.
+        interface: fmpy's description of its Co-Simulation capabilities.
+        standard: 2 or 3, of FMI.
+        variables: fmpy's descriptions of its variables, by name.
+
+    Raises:
+        FmuError: the file is missing, is no FMU, or cannot run here.
+        OSError: the file cannot be read, or the cache cannot be written.
+    """
+
+    # What messages call it, where its path comes from, and how to get another one.
+    noun, place, mend = "FMU", "check its path", "export it again"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if not path.is_file():
+            raise FmuError(f"{self.noun} {path} does not exist; {self.place}")
+        needed = (*(f"binaries/{name}/" for name in _FOLDERS), "resources/")
+        try:
+            self.folder = unpack(path, ("modelDescription.xml", *needed))
+            require_plain(self.folder / "modelDescription.xml")
+            self.description: ModelDescription = fmpy.read_model_description(self.folder)
+        except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
+            # Not the archive's fault, unless it leads to a place in the file that cannot be.
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:
+                raise
+            reason = " ".join(str(error).split())
+            raise FmuError(f"{self.noun} {path} is broken ({reason}); {self.mend}") from error
+        self.check_standard()
+        self.standard = int(str(self.description.fmiVersion)[0])
+        if self.description.coSimulation is None:
+            raise FmuError(f"{self.noun} {path} has no Co-Simulation interface; export it with one")
+        self.interface: CoSimulation = self.description.coSimulation
+        name = str(self.interface.modelIdentifier)
+        if not (name.isascii() and name.isidentifier()):  # it could lead out of the folder
+            raise FmuError(
+                f"{self.noun} {path} has modelIdentifier {name!r}; export it as a C identifier"
+            )
+        folder = _FOLDERS[0 if self.standard == 3 else 1]
+        library = f"{name}{fmpy.sharedLibraryExtension}"
+        if not (self.folder / "binaries" / folder / library).is_file():
+            raise FmuError(
+                f"{self.noun} {path} has no binary for {folder}; export it for this platform"
+            )
+        self.variables = {v.name: v for v in self.description.modelVariables}
+        self._loaded: Any = None  # the binary in fmpy's hands; slaves are copies of it
+
+    def check_standard(self) -> None:
+        """Refuse an FMU of a standard that cannot be stepped.
+
+        Raises:
+            FmuError: it is neither of FMI 2.0 nor 3.0.
+        """
+        version = str(self.description.fmiVersion)
+        if not version.startswith(("2.", "3.")):
+            raise FmuError(
+                f"{self.noun} {self.path} is FMI {version}; export it as FMI 2.0 or 3.0 "
+                "Co-Simulation"
+            )
+
+    def load(self, name: str, log: deque[str], *, events: bool = False) -> Any:
+        """A new instance, as fmpy's slave, to be freed by `free`.
+
+        Args:
+            name: of the instance, as it shall appear in messages.
+            log: gets what the FMU reports.
+            events: whether it may return early and leave events to the caller (FMI 3.0).
+
+        Raises:
+            Exception: the binary does not load, or makes no instance.
+        """
+        with _LOADING, contextlib.chdir("."):
+            if self._loaded is None:
+                self._loaded = (FMU3Slave if self.standard == 3 else FMU2Slave)(
+                    guid=self.description.guid,
+                    modelIdentifier=self.interface.modelIdentifier,
+                    unzipDirectory=str(self.folder),
+                    instanceName=None,
+                )
+                weakref.finalize(self._loaded, fmpy.freeLibrary, self._loaded.dll._handle)
+            slave = copy.copy(self._loaded)
+            slave.instanceName, slave.loaded = name, self._loaded  # which outlives it so
+            # A reference to the slave in the callback would keep both for ever.
+            if self.standard == 3:
+                slave.instantiate(
+                    loggingOn=True,
+                    eventModeUsed=events,
+                    earlyReturnAllowed=events,
+                    logMessage=lambda *told: log.append(_text(told[3])),
+                )
+            else:
+                slave.instantiate(callbacks=_callbacks(log), loggingOn=True)
+        return slave
+
+    def failure(self, name: str, log: deque[str], time_s: float, what: str) -> FmuError:
+        """The error that tells which instance failed, when, and what the FMU said last."""
+        said = f": {log[-1]}" if log else ""
+        return FmuError(f"FMU {self.path.name}, instance {name}, at {time_s:.5f} s {what}{said}")
+
+
+def check_steps(
+    interface: CoSimulation, said: str, step: tuple[str, float], varied: str | None
+) -> None:
+    """Refuse an FMU that cannot make the steps that a run makes.
+
+    Args:
+        interface: its capabilities.
+        said: what it is called in messages.
+        step: name and duration in s of the communication step, or of the one that all others are
+            multiples of.
+        varied: None if steps are all equal; where they vary and are taken back, what needs that
+            and how to do without.
+
+    Raises:
+        FmuError: it lacks a capability.
+        ConfigError: its internal step does not divide the communication step.
+    """
+    for needed, able in (
+        ("save its state (canGetAndSetFMUState)", interface.canGetAndSetFMUstate),
+        (
+            "vary its step (canHandleVariableCommunicationStepSize)",
+            interface.canHandleVariableCommunicationStepSize,
+        ),
+    ):
+        if varied and not able:
+            raise FmuError(f"{said} cannot {needed}, {varied}")
+    if interface.fixedInternalStepSize is not None:
+        internal_s = float(interface.fixedInternalStepSize)  # fmpy leaves the text
+        if not internal_s > 0.0:
+            raise FmuError(
+                f"{said} has fixedInternalStepSize = {internal_s:g}; export it with a positive one"
+            )
+        whole_ratio(*step, f"fixedInternalStepSize of {said}", internal_s)
+
+
+def new_log() -> deque[str]:
+    """Room for what an FMU reports last, oldest first."""
+    return deque(maxlen=_LOG_LENGTH)
+
+
+def _text(message: bytes | None) -> str:
+    return (message or b"")[:_LOG_BYTES].decode("utf-8", "replace")
+
+
+def _callbacks(log: deque[str]) -> Any:
+    """What an FMU of FMI 2.0 is given: a logger into `log`, and the C library's memory."""
+    allocate = ctypes.cast(fmpy.calloc, fmi2CallbackAllocateMemoryTYPE)
+    release = ctypes.cast(fmpy.free, fmi2CallbackFreeMemoryTYPE)
+
+    def told(_environment: Any, _name: Any, _status: int, _category: Any, text: Any) -> None:
+        log.append(_text(text))
+
+    return fmi2CallbackFunctions(
+        logger=fmi2CallbackLoggerTYPE(told), allocateMemory=allocate, freeMemory=release
+    )
+
+
+def end(slave: Any) -> None:
+    """End an instance that was initialised, and free it."""
+    with contextlib.suppress(FMICallException):  # one that failed has ended already
+        slave.terminate()
+    free(slave)
+
+
+def free(slave: Any) -> None:
+    """Free an instance; its binary stays until all of them and the FMU are gone."""
+    if isinstance(slave, FMU3Slave):
+        slave.fmi3FreeInstance(slave.component)
+    else:
+        slave.fmi2FreeInstance(slave.component)
+
+
+def function_address(function: Any) -> int:
+    """Address of a C function for compiled code."""
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    assert address is not None  # ctypes has resolved the symbol already
+    return address

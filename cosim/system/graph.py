@@ -1,0 +1,244 @@
+"""What a system is made of: components, their connections, and the refusal of what cannot be.
+
+A variable is named "component.variable"; names of either may have points in them, too.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fmpy.model_description import ModelVariable
+
+from cosim.base.errors import UserError
+from cosim.fmi.fmu import Fmu
+from cosim.fmi.units import base_unit, conversion, unit_of
+
+Node = tuple[str, str]  # component and variable
+_CLASSES = {"Boolean": "Boolean", "Enumeration": "Enumeration"}  # others are numbers
+
+
+class GraphError(UserError):
+    """A system that cannot be; the message names the component, variable or connection."""
+
+
+class Component(NamedTuple):
+    """An FMU in a system.
+
+    Attributes:
+        name: of its own, at most once in a system.
+        fmu: the .fmu file, or what was read from it before.
+        start: values of parameters, inputs and start values by the names of variables; texts as in
+            XML are read by the variable's type, arrays are sequences or texts with spaces.
+    """
+
+    name: str
+    fmu: Path | Fmu
+    start: Mapping[str, Any] = {}
+
+
+class Connection(NamedTuple):
+    """An output that sets an input: target = factor · source + offset, in the target's unit.
+
+    Attributes:
+        source, target: "component.variable".
+        factor, offset: behind the conversion of units.
+        convert: whether units are converted; if not, they may be any.
+    """
+
+    source: str
+    target: str
+    factor: float = 1.0
+    offset: float = 0.0
+    convert: bool = True
+
+
+class Link(NamedTuple):
+    """A checked connection.
+
+    Attributes:
+        source, target: component and variable.
+        factor, offset: with the conversion of units in them.
+    """
+
+    source: Node
+    target: Node
+    factor: float
+    offset: float
+
+
+def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
+    """The FMU of each component by its name; one that several have is read once.
+
+    Raises:
+        GraphError: there is no component, two have one name, or an FMU cannot be there twice.
+        FmuError: an FMU cannot be used.
+    """
+    if not components:
+        raise GraphError("the system has no component; give it one")
+    files: dict[Path, Fmu] = {}
+    found: dict[str, Fmu] = {}
+    for name, fmu, _ in components:
+        path = fmu.path if isinstance(fmu, Fmu) else fmu
+        if name in found:
+            raise GraphError(f"two components are named {name}; rename one")
+        if path in files and files[path].interface.canBeInstantiatedOnlyOncePerProcess:
+            raise GraphError(
+                f"component {name}: {path} has canBeInstantiatedOnlyOncePerProcess, and another "
+                "component is of it; export it without"
+            )
+        found[name] = files.setdefault(
+            path, fmu if isinstance(fmu, Fmu) else files.get(path) or Fmu(path)
+        )
+    return found
+
+
+def find(fmus: Mapping[str, Fmu], name: str) -> Node:
+    """Component and variable of "component.variable".
+
+    Raises:
+        GraphError: there is none.
+    """
+    parts = name.split(".")
+    for k in range(1, len(parts)):
+        component, variable = ".".join(parts[:k]), ".".join(parts[k:])
+        if component in fmus:
+            if variable not in fmus[component].variables:
+                raise GraphError(
+                    f"component {component} has no variable '{variable}'; its modelDescription.xml "
+                    "names those it has"
+                )
+            return component, variable
+    raise GraphError(f"'{name}' is no variable of a component; components are {', '.join(fmus)}")
+
+
+def outputs(fmus: Mapping[str, Fmu], *types: str, but: bool = False) -> list[Node]:
+    """Outputs of some types, or of all but those."""
+    return [
+        (component, str(v.name))
+        for component, fmu in fmus.items()
+        for v in fmu.description.modelVariables
+        if v.causality == "output" and (v.type in types) != but
+    ]
+
+
+def check_connections(fmus: Mapping[str, Fmu], connections: Iterable[Connection]) -> list[Link]:
+    """Connections with their components and variables, in the order given.
+
+    Raises:
+        GraphError: one has an unknown end, goes from or to what is no output or input, joins types
+            or units that do not match, or sets an input that another one sets.
+    """
+    links: list[Link] = []
+    taken: set[Node] = set()
+    for connection in connections:
+        source, target = find(fmus, connection.source), find(fmus, connection.target)
+        said = f"connection {connection.source} -> {connection.target}"
+        from_, to = (fmus[end[0]].variables[end[1]] for end in (source, target))
+        for variable, causality in ((from_, "output"), (to, "input")):
+            if variable.causality != causality:
+                end = connection.source if causality == "output" else connection.target
+                raise GraphError(
+                    f"{said}: {end} is of causality {variable.causality}; connect an {causality}"
+                )
+        if target in taken:
+            raise GraphError(f"{said}: another connection sets this input; remove one")
+        taken.add(target)
+        _check_types(said, from_, to)
+        factor, offset = connection.factor, connection.offset
+        if connection.convert and (found := _conversion(said, fmus, source, target)) != (1.0, 0.0):
+            factor, offset = factor * found[0], factor * found[1] + offset
+        if (factor, offset) != (1.0, 0.0) and to.type not in ("Real", "Float64", "Float32"):
+            raise GraphError(
+                f"{said}: values of type {to.type} cannot be scaled; remove the transformation"
+            )
+        links.append(Link(source, target, factor, offset))
+    return links
+
+
+def _check_types(said: str, source: ModelVariable, target: ModelVariable) -> None:
+    kinds = [_CLASSES.get(str(v.type), "number") for v in (source, target)]
+    if kinds[0] != kinds[1] or not keeps(str(source.type), str(target.type)):
+        raise GraphError(
+            f"{said}: {source.type} does not fit into {target.type}; connect variables of one type"
+        )
+    for variable in (source, target):
+        if variable.clocks:
+            raise GraphError(f"{said}: '{variable.name}' is tied to a clock; export it without")
+
+
+def keeps(source: str, target: str) -> bool:
+    """Whether every value of an FMI type is one of another, of the same or the other standard."""
+    source, target = (_OF_FMI_3.get(name, name) for name in (source, target))
+    if source == target:
+        return source not in ("String", "Binary", "Clock")
+    if target.startswith("Float"):
+        exact_bits = 53 if target == "Float64" else 24
+        return source == "Float32" or (source in _BITS and _BITS[source] <= exact_bits)
+    if source not in _BITS or target not in _BITS:
+        return False
+    signs = source.startswith("U"), target.startswith("U")
+    return signs in ((True, False), (signs[0], signs[0])) and _BITS[source] < _BITS[target]
+
+
+_OF_FMI_3 = {"Real": "Float64", "Integer": "Int32"}
+_BITS = {f"{sign}Int{bits}": bits for sign in ("", "U") for bits in (8, 16, 32, 64)}
+
+
+def _conversion(
+    said: str, fmus: Mapping[str, Fmu], source: Node, target: Node
+) -> tuple[float, float]:
+    """Factor and offset between the units of two variables, where both have one."""
+    ends = []
+    for component, name in (source, target):
+        description = fmus[component].description
+        unit = unit_of(fmus[component].variables[name])
+        if unit is None:
+            return 1.0, 0.0
+        ends.append((unit, base_unit(unit, description)))
+    found = conversion(*ends)
+    if found is None:
+        raise GraphError(
+            f"{said}: units {ends[0][0]} and {ends[1][0]} do not match; connect variables of one "
+            "quantity, with units that are defined"
+        )
+    return found
+
+
+def exchanges_to_settle(fmus: Mapping[str, Fmu], links: Sequence[Link]) -> int:
+    """How many exchanges of all outputs initialisation takes, so that each input is up to date.
+
+    Outputs pass on what their components' inputs get, where the modelDescription says so or does
+    not say.
+
+    Raises:
+        GraphError: inputs and outputs pass on one to the other in a circle.
+    """
+    before: dict[Node, set[Node]] = {}  # of every connected output, those it depends on
+    source_of = {link.target: link.source for link in links}
+    for source in source_of.values():
+        component, name = source
+        inputs = [v for v in _passed_on(fmus[component], name) if (component, v) in source_of]
+        before[source] = {source_of[component, v] for v in inputs}
+    try:
+        order = list(TopologicalSorter(before).static_order())
+    except CycleError as error:
+        circle = " <- ".join(".".join(node) for node in error.args[1])
+        raise GraphError(
+            f"outputs depend on one another in a circle at initialisation ({circle}); open it, or "
+            "declare in the modelDescription which inputs an output does not depend on"
+        ) from error
+    depth: dict[Node, int] = {}
+    for node in order:
+        depth[node] = 1 + max((depth[each] for each in before[node]), default=0)
+    return max(depth.values(), default=0)
+
+
+def _passed_on(fmu: Fmu, output: str) -> list[str]:
+    """Inputs on which an output depends at initialisation."""
+    description = fmu.description
+    for unknown in (*description.initialUnknowns, *description.outputs):
+        variable = unknown.variable
+        if variable is not None and variable.name == output and unknown.dependencies is not None:
+            return [str(v.name) for v in unknown.dependencies if v.causality == "input"]
+    return [name for name, v in fmu.variables.items() if v.causality == "input"]

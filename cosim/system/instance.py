@@ -1,0 +1,194 @@
+"""One running FMU of a system, reached through fmpy outside of steps: start, modes, states, end."""
+
+import ctypes
+import weakref
+from collections.abc import Iterable
+from operator import index
+from typing import Any, NamedTuple
+
+import numpy as np
+from fmpy.model_description import ModelVariable
+
+from cosim.fmi.fmu import Fmu, FmuError, end, free, function_address, new_log
+from cosim.system.graph import Component, GraphError
+
+_ABLE = ("parameter", "input", "structuralParameter")
+_TRUTHS = {"true": True, "1": True, "false": False, "0": False}
+
+
+class Exchange(NamedTuple):
+    """How values of an FMI type are exchanged.
+
+    Attributes:
+        function: what the names of getter and setter end in.
+        dtype: of a value in memory, as numpy names it.
+    """
+
+    function: str
+    dtype: str
+
+
+_INTEGERS = {f"{sign}Int{8 * size}": f"{sign[:1].lower() or 'i'}{size}"
+             for sign in ("", "U") for size in (1, 2, 4, 8)}  # fmt: skip
+_KINDS = {
+    2: {
+        "Real": Exchange("Real", "f8"),
+        "Integer": Exchange("Integer", "i4"),
+        "Boolean": Exchange("Boolean", "i4"),
+        "Enumeration": Exchange("Integer", "i4"),
+    },
+    3: {
+        "Float64": Exchange("Float64", "f8"),
+        "Float32": Exchange("Float32", "f4"),
+        "Boolean": Exchange("Boolean", "u1"),
+        "Enumeration": Exchange("Int64", "i8"),
+        **{name: Exchange(name, dtype) for name, dtype in _INTEGERS.items()},
+    },
+}
+
+
+class Instance:
+    """An instance of a component's FMU, freed with this object or by `close`.
+
+    Attributes:
+        name: of the component.
+        fmu: of which it is.
+        log: what the FMU has reported last, oldest first.
+        handle: its address.
+        events: whether it leaves events to the master.
+
+    Raises:
+        GraphError: a start value is of no variable that can have one, or does not fit it.
+        FmuError: the FMU does not load, or refuses a start value.
+    """
+
+    def __init__(self, component: Component, fmu: Fmu, *, events: bool = False) -> None:
+        self.name, self.fmu = component.name, fmu
+        self.log = new_log()
+        self.events = events and fmu.standard == 3 and fmu.interface.hasEventMode
+        self._start = {name: self._checked(name) for name in component.start}
+        self._values = component.start
+        try:
+            self._slave = fmu.load(self.name, self.log, events=self.events)
+        except Exception as error:  # fmpy raises plain Exceptions
+            tool = " without its tool" if fmu.interface.needsExecutionTool else ""
+            raise self.failure(0.0, f"does not load{tool} ({error})") from error
+        self._finalizer = weakref.finalize(self, free, self._slave)
+        self.handle = int(self._slave.component)
+        sizes = [v for v in self._start.values() if v.causality == "structuralParameter"]
+        if sizes:
+            self._set_up("enterConfigurationMode")
+            self._set(sizes)
+            self._set_up("exitConfigurationMode")
+        self._set(v for v in self._start.values() if v.causality != "structuralParameter")
+
+    def kind(self, variable: ModelVariable) -> Exchange | None:
+        """How a variable's values are exchanged; None of those that are not (texts, clocks)."""
+        return _KINDS[self.fmu.standard].get(str(variable.type))
+
+    def shape(self, variable: ModelVariable) -> tuple[int, ...]:
+        """Dimensions of a variable, () of a scalar."""
+        return tuple(
+            int(d.start if d.variable is None else self._size(d.variable))
+            for d in variable.dimensions
+        )
+
+    def _size(self, parameter: ModelVariable) -> int:
+        return int(self._values.get(str(parameter.name), parameter.start))
+
+    def begin(self, start_s: float, tolerance: float | None) -> None:
+        """Enter Initialization Mode; raises FmuError."""
+        if self.fmu.standard == 2:
+            self._set_up("setupExperiment", tolerance=tolerance, startTime=start_s)
+            self._set_up("enterInitializationMode")
+        else:
+            self._set_up("enterInitializationMode", tolerance=tolerance, startTime=start_s)
+
+    def end_initialization(self) -> None:
+        """Be ready for steps; raises FmuError."""
+        self._set_up("exitInitializationMode")
+        self._finalizer.detach()
+        self._finalizer = weakref.finalize(self, end, self._slave)
+        if self.events:
+            while self._set_up("updateDiscreteStates")[0]:
+                pass
+            self._set_up("enterStepMode")
+
+    def _set_up(self, function: str, **arguments: Any) -> Any:
+        try:
+            return getattr(self._slave, function)(**arguments)
+        except Exception as error:
+            raise self.failure(0.0, f"cannot be initialised ({error})") from error
+
+    def _checked(self, name: str) -> ModelVariable:
+        """A variable that may get a start value."""
+        variable = self.fmu.variables.get(name)
+        if variable is None:
+            raise GraphError(
+                f"component {self.name} has no variable '{name}' for a start value; its "
+                "modelDescription.xml names those it has"
+            )
+        free_to_start = variable.causality in _ABLE or variable.initial in ("exact", "approx")
+        if not free_to_start or variable.variability == "constant":
+            raise GraphError(
+                f"component {self.name}: '{name}' of causality {variable.causality} takes no start "
+                "value; set parameters and inputs"
+            )
+        return variable
+
+    def _set(self, variables: Iterable[ModelVariable]) -> None:
+        """Give variables their start values."""
+        for variable in variables:
+            name = str(variable.name)
+            values = self._converted(variable, self._values[name])
+            kind = self.kind(variable)
+            setter = getattr(self._slave, f"set{kind.function if kind else variable.type}")
+            try:
+                setter([variable.valueReference], values)
+            except Exception as error:
+                raise self.failure(0.0, f"refuses the start value of {name} ({error})") from error
+
+    def _converted(self, variable: ModelVariable, value: Any) -> list[Any]:
+        """Values in the order of memory."""
+        kind, shape = str(variable.type), self.shape(variable)
+        if isinstance(value, str):
+            values = value.split() if shape and kind != "String" else [value]
+        else:
+            values = np.ravel(value).tolist()
+        said = f"component {self.name}: start value {value!r} of '{variable.name}'"
+        if len(values) != (size := int(np.prod(shape))):
+            raise GraphError(f"{said} has {len(values)} values; give it {size}")
+        if kind in ("Binary", "Clock"):
+            raise GraphError(f"{said}: values of type {kind} cannot be set; leave it out")
+        try:
+            if kind == "String":
+                return [str(each) for each in values]
+            if kind == "Boolean":
+                return [_TRUTHS[str(each).lower()] for each in values]
+            if kind.startswith(("Float", "Real")):
+                return [float(each) for each in values]
+            items = variable.declaredType.items if variable.declaredType else []
+            named = {item.name: int(str(item.value)) for item in items}
+            return [
+                named[v] if v in named else int(v) if isinstance(v, str) else index(v)
+                for v in values
+            ]
+        except (ValueError, KeyError, TypeError) as error:
+            raise GraphError(f"{said} is no {kind}; mend it") from error
+
+    def address(self, function: str) -> int:
+        """Address of a C function, given without the prefix of its standard; 0 if there is none."""
+        found = getattr(self._slave.dll, f"fmi{self.fmu.standard}{function}", None)
+        return 0 if found is None else function_address(found)
+
+    def free_state(self, state: int) -> None:
+        """Free a saved state."""
+        self._slave.freeFMUState(ctypes.c_void_p(state))
+
+    def failure(self, time_s: float, what: str) -> FmuError:
+        """The error that tells which component failed, when, and what it said last."""
+        return self.fmu.failure(self.name, self.log, time_s, what)
+
+    def close(self) -> None:
+        """End and free it; further calls are errors."""
+        self._finalizer()

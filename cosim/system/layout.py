@@ -1,0 +1,237 @@
+"""The values of a system in one block of memory, and tables of what is copied and called.
+
+The block begins with what is got from components (outputs that are connected or recorded); inputs
+that are set follow. A getter or setter takes all variables of one type of a component in one call.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.system.graph import GraphError, Link, Node
+from cosim.system.instance import Instance
+
+WORD = 8  # bytes; what every variable begins at a multiple of
+TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")  # of values, by their number
+# Columns of `Tables.components`: addresses, then first and last + 1 rows of the other tables.
+(
+    STANDARD, HANDLE, DO_STEP, GET_STATE, SET_STATE, ASK, ENTER_EVENTS, UPDATE, ENTER_STEPS,
+    EVENTS, DISCRETE, FIRST_SET, END_SET, FIRST_GET, END_GET, FIRST_COPY, END_COPY, COLUMNS,
+) = range(18)  # fmt: skip
+# Columns of `Tables.exchanges`, and of `Tables.copies`.
+FUNCTION, REFERENCES, COUNT, VALUES, SIZE = range(5)
+SOURCE, TARGET, SOURCE_TYPE, TARGET_TYPE, NUMBER, SCALED = range(6)
+
+
+class Place(NamedTuple):
+    """Where a variable's values are.
+
+    Attributes:
+        offset: in bytes from the begin of the block.
+        dtype: of a value, as numpy names it.
+        shape: () of a scalar.
+        truth: whether they are Boolean.
+    """
+
+    offset: int
+    dtype: str
+    shape: tuple[int, ...]
+    truth: bool
+
+    @property
+    def number(self) -> int:
+        """How many values there are."""
+        return int(np.prod(self.shape))
+
+    @property
+    def size(self) -> int:
+        """Bytes of the values."""
+        return self.number * np.dtype(self.dtype).itemsize
+
+    def read(self, rows: np.ndarray) -> np.ndarray:
+        """Values (n, *shape) of rows (n, bytes) of the block."""
+        values = np.ascontiguousarray(rows[:, self.offset : self.offset + self.size])
+        found = values.view(self.dtype).reshape(len(rows), *self.shape)
+        return found.astype(bool) if self.truth else found
+
+
+class Memory(NamedTuple):
+    """The block as arrays of every type of `TYPES`, and of words."""
+
+    f8: np.ndarray
+    f4: np.ndarray
+    i1: np.ndarray
+    u1: np.ndarray
+    i2: np.ndarray
+    u2: np.ndarray
+    i4: np.ndarray
+    u4: np.ndarray
+    i8: np.ndarray
+    u8: np.ndarray
+
+
+class Tables(NamedTuple):
+    """What compiled code needs of a system; int64 unless said otherwise.
+
+    Attributes:
+        components: (C, COLUMNS).
+        exchanges: (E, 5), getters and setters to call.
+        copies: (K, 6), from outputs to inputs; places in multiples of the values' sizes.
+        scales: (K, 2) float64, factor and offset.
+        checked: (V, 2), indices of the first values of checked outputs, and their number.
+        nominal: (V,) float64, their usual sizes.
+        states: (C,), saved states.
+        counts: (C, 3): steps, rollbacks, and ns spent where that is measured.
+        room: (10,), for what calls write.
+    """
+
+    components: np.ndarray
+    exchanges: np.ndarray
+    copies: np.ndarray
+    scales: np.ndarray
+    checked: np.ndarray
+    nominal: np.ndarray
+    states: np.ndarray
+    counts: np.ndarray
+    room: np.ndarray
+
+
+class Layout:
+    """Memory and tables of instances and their links.
+
+    Attributes:
+        places: of every variable that is got or set.
+        words: of what is got, at the begin of the block.
+        memory: the block.
+        tables: for compiled code.
+
+    Raises:
+        GraphError: a link joins arrays of different shapes, or a variable cannot be exchanged.
+    """
+
+    def __init__(
+        self,
+        instances: Mapping[str, Instance],
+        links: Sequence[Link],
+        recorded: Sequence[Node],
+        checked: Sequence[Node],
+    ) -> None:
+        """Make both.
+
+        Args:
+            instances: by component, in the order in which they step.
+            links: between them.
+            recorded: variables that are got, too.
+            checked: outputs of 64 bits whose errors matter, which are got, too.
+        """
+        self._instances = instances
+        self.places: dict[Node, Place] = {}
+        self._end = 0
+        got = dict.fromkeys([*(link.source for link in links), *recorded, *checked])
+        gets = self._groups(list(got))
+        self.words = self._end // WORD
+        sets = self._groups([link.target for link in links])
+        block = np.zeros(max(self._end, WORD), dtype=np.uint8)
+        self.memory = Memory(*(block.view(dtype) for dtype in TYPES))
+        self._references: list[np.ndarray] = []  # keeps what tables have addresses of
+        names = list(instances)
+        components = np.zeros((len(names), COLUMNS), dtype=np.int64)
+        exchanges: list[tuple[int, ...]] = []
+        by_target = sorted(links, key=lambda link: names.index(link.target[0]))
+        for row, (name, instance) in zip(components, instances.items(), strict=True):
+            self._fill(row, instance)
+            row[FIRST_SET] = len(exchanges)
+            exchanges += [self._call("Set", name, *group) for group in sets.get(name, {}).items()]
+            row[END_SET] = row[FIRST_GET] = len(exchanges)
+            exchanges += [self._call("Get", name, *group) for group in gets.get(name, {}).items()]
+            row[END_GET] = len(exchanges)
+            mine = [k for k, link in enumerate(by_target) if link.target[0] == name]
+            row[FIRST_COPY], row[END_COPY] = (mine[0], mine[-1] + 1) if mine else (0, 0)
+            inputs = [v for group in sets.get(name, {}).values() for v in group]
+            row[DISCRETE] = any(instance.fmu.variables[v].variability == "discrete" for v in inputs)
+        self.tables = Tables(
+            components,
+            np.array(exchanges, dtype=np.int64).reshape(-1, 5),
+            np.array([self._copy(k) for k in by_target], dtype=np.int64).reshape(-1, 6),
+            np.array([link[2:] for link in by_target]).reshape(-1, 2),
+            np.array([(self.places[n].offset // WORD, self.places[n].number) for n in checked],
+                     dtype=np.int64).reshape(-1, 2),
+            np.array([self._nominal(n) for n in checked]),
+            np.zeros(len(names), dtype=np.int64),
+            np.zeros((len(names), 3), dtype=np.int64),
+            np.zeros(10, dtype=np.int64),
+        )  # fmt: skip
+
+    def _groups(self, nodes: Sequence[Node]) -> dict[str, dict[str, list[str]]]:
+        """Variables by component and function, with their places behind what is there already."""
+        groups: dict[str, dict[str, list[str]]] = {}
+        for component, name in nodes:
+            instance = self._instances[component]
+            variable = instance.fmu.variables[name]
+            kind = instance.kind(variable)
+            if kind is None:
+                raise GraphError(
+                    f"component {component}: '{name}' of type {variable.type} can be neither "
+                    "recorded nor connected; choose numbers, Boolean or Enumeration"
+                )
+            groups.setdefault(component, {}).setdefault(kind.function, []).append(name)
+        for component, by_function in groups.items():
+            instance = self._instances[component]
+            for names in by_function.values():
+                for name in names:
+                    variable = instance.fmu.variables[name]
+                    kind = instance.kind(variable)
+                    assert kind is not None
+                    truth = variable.type == "Boolean"
+                    place = Place(self._end, kind.dtype, instance.shape(variable), truth)
+                    self.places[component, name] = place
+                    self._end += place.size
+                self._end += -self._end % WORD
+        return groups
+
+    def _fill(self, row: np.ndarray, instance: Instance) -> None:
+        third = instance.fmu.standard == 3
+        row[STANDARD], row[HANDLE], row[EVENTS] = 2 + third, instance.handle, instance.events
+        row[DO_STEP] = instance.address("DoStep")
+        row[GET_STATE] = instance.address("GetFMUState" if third else "GetFMUstate")
+        row[SET_STATE] = instance.address("SetFMUState" if third else "SetFMUstate")
+        if third:
+            row[ENTER_EVENTS] = instance.address("EnterEventMode")
+            row[UPDATE] = instance.address("UpdateDiscreteStates")
+            row[ENTER_STEPS] = instance.address("EnterStepMode")
+        else:
+            row[ASK] = instance.address("GetBooleanStatus")
+
+    def _call(self, verb: str, component: str, function: str, names: list[str]) -> tuple[int, ...]:
+        """Row of `Tables.exchanges`."""
+        instance = self._instances[component]
+        variables = [instance.fmu.variables[name] for name in names]
+        references = np.array([v.valueReference for v in variables], dtype=np.uint32)
+        self._references.append(references)
+        places = [self.places[component, name] for name in names]
+        return (
+            instance.address(verb + function),
+            references.ctypes.data,
+            len(references),
+            self.memory.u1.ctypes.data + places[0].offset,
+            sum(place.number for place in places),
+        )
+
+    def _copy(self, link: Link) -> tuple[int, ...]:
+        """Row of `Tables.copies`."""
+        source, target = self.places[link.source], self.places[link.target]
+        if source.shape != target.shape:
+            raise GraphError(
+                f"connection {'.'.join(link.source)} -> {'.'.join(link.target)}: shapes "
+                f"{source.shape} and {target.shape} do not match; connect arrays of one shape"
+            )
+        places = [p.offset // np.dtype(p.dtype).itemsize for p in (source, target)]
+        types = [TYPES.index(p.dtype) for p in (source, target)]
+        scaled = (link.factor, link.offset) != (1.0, 0.0)
+        return *places, *types, source.number, scaled
+
+    def _nominal(self, node: Node) -> float:
+        variable = self._instances[node[0]].fmu.variables[node[1]]
+        declared = variable.nominal or (variable.declaredType and variable.declaredType.nominal)
+        return abs(float(declared or 1.0)) or 1.0

@@ -1,0 +1,25 @@
+"""Small FMUs of both standards, read once."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from benchmarks.coupled.small import small_fmu
+from cosim.fmi.fmu import Fmu
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Fmu]:
+    """An FMU by model, standard, and what differs from the usual one."""
+    folder = tmp_path_factory.mktemp("small")
+    made: dict[str, Fmu] = {}
+
+    def make(model: str, fmi: int = 3, **differences) -> Fmu:
+        key = repr((model, fmi, differences))
+        if key not in made:
+            path: Path = folder / f"{len(made)}.fmu"
+            made[key] = Fmu(small_fmu(path, model, fmi, **differences))
+        return made[key]
+
+    return make

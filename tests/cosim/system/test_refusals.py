@@ -1,0 +1,136 @@
+"""Systems that cannot be: one sentence that names component, variable or connection."""
+
+import pytest
+
+from cosim.base.config import ConfigError
+from cosim.base.errors import UserError
+from cosim.fmi.fmu import FmuError
+from cosim.system.graph import Component, Connection, GraphError
+from cosim.system.system import System
+
+
+@pytest.fixture
+def refused(small):
+    """What the refusal of a system says; components a (oscillator), b and c (feedthrough)."""
+
+    def said(*connections: Connection, error: type[UserError] = GraphError, **options) -> str:
+        through = small("feedthrough")
+        components = options.pop("components", None) or [
+            Component("a", small("oscillator")),
+            Component("b", through),
+            Component("c", through),
+        ]
+        with pytest.raises(error) as caught:
+            System(components, connections, step_s=0.1, **options)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
+
+    return said
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "words"),
+    [
+        ("a.y", "b.Float64_input", "component a has no variable 'y'"),
+        ("d.x", "b.Float64_input", "'d.x' is no variable of a component; components are a, b, c"),
+        ("x", "b.Float64_input", "'x' is no variable of a component"),
+        ("a.F_in", "b.Float64_input", "a.F_in is of causality input; connect an output"),
+        ("b.Float64_output", "a.k", "a.k is of causality parameter; connect an input"),
+        ("b.Boolean_output", "c.Int32_input", "Boolean does not fit into Int32"),
+        ("b.Int32_output", "c.Boolean_input", "Int32 does not fit into Boolean"),
+        ("b.Int32_output", "c.Enumeration_input", "Int32 does not fit into Enumeration"),
+        ("b.Float64_output", "c.Float32_input", "Float64 does not fit into Float32"),
+        ("b.Int64_output", "c.Float64_input", "Int64 does not fit into Float64"),
+        ("b.UInt32_output", "c.Int32_input", "UInt32 does not fit into Int32"),
+        ("b.Int8_output", "c.UInt64_input", "Int8 does not fit into UInt64"),
+        ("a.F", "a.x_in", "units N and m do not match"),
+    ],
+)
+def test_connection_is_refused_by_its_ends(refused, source, target, words):
+    assert words in refused(Connection(source, target))
+
+
+def test_input_has_one_connection(refused):
+    target = "c.Float64_input"
+    said = refused(Connection("b.Float64_output", target), Connection("a.v", target))
+    assert said == f"connection a.v -> {target}: another connection sets this input; remove one"
+
+
+def test_integers_are_not_scaled(refused):
+    said = refused(Connection("b.Int32_output", "c.Int32_input", 2.0))
+    assert "values of type Int32 cannot be scaled" in said
+
+
+def test_circle_of_direct_feedthrough_is_named(refused, small):
+    pairs = [("b", "c"), ("c", "b")]
+    circle = [Connection(f"{a}.Float64_output", f"{b}.Float64_input") for a, b in pairs]
+    said = refused(*circle)
+    assert "depend on one another in a circle at initialisation" in said
+    assert "b.Float64_output <- c.Float64_output <- b.Float64_output" in said
+    other = [Connection(f"{a}.Float64_output", f"{b}.Float64_input") for a, b in [("b", "c")]]
+    back = [Connection("c.Int32_output", "b.Int32_input")]
+    through = small("feedthrough", told=False)  # any output may depend on any input
+    components = [Component(name, through) for name in "bc"]
+    assert "in a circle" in refused(*other, *back, components=components)
+    through = small("feedthrough")
+    System([Component(name, through) for name in "bc"], other + back, step_s=0.1).close()
+
+
+def test_arrays_have_one_shape(refused, small):
+    arrays = small("array")
+    components = [Component("p", arrays, {"n": 2, "u": [0, 0]}), Component("q", arrays)]
+    said = refused(Connection("p.y", "q.u"), components=components)
+    assert "shapes (2,) and (3,) do not match" in said
+
+
+@pytest.mark.parametrize(
+    ("start", "words"),
+    [
+        ({"z": 1}, "component s has no variable 'z' for a start value"),
+        ({"Float64_output": 1}, "'Float64_output' of causality output takes no start value"),
+        ({"Float64_input": "fast"}, "start value 'fast' of 'Float64_input' is no Float64"),
+        ({"Int32_input": 1.5}, "start value 1.5 of 'Int32_input' is no Int32"),
+        ({"Boolean_input": "maybe"}, "start value 'maybe' of 'Boolean_input' is no Boolean"),
+        ({"Int32_input": [1, 2]}, "start value [1, 2] of 'Int32_input' has 2 values; give it 1"),
+    ],
+)
+def test_start_value_is_refused(refused, small, start, words):
+    components = [Component("s", small("feedthrough"), start)]
+    assert words in refused(components=components)
+
+
+def test_components_are_named_once_and_there(refused, small, tmp_path):
+    twice = [Component("a", small("ball")), Component("a", small("stair"))]
+    assert refused(components=twice) == "two components are named a; rename one"
+    missing = [Component("a", tmp_path / "none.fmu")]
+    assert "does not exist; check its path" in refused(components=missing, error=FmuError)
+    with pytest.raises(GraphError, match="no component"):
+        System([])
+
+
+def test_steps_have_to_fit(refused, small):
+    words = "cannot save its state (canGetAndSetFMUState), which a tolerance needs"
+    components = [Component("a", small("dahlquist", 2, able=False))]
+    assert words in refused(components=components, tolerance=1e-3, error=FmuError)
+    assert "tolerance 0: choose one above 0" in refused(tolerance=0.0)
+    assert "longest step nan: choose one above 0" in refused(longest_step_s=float("nan"))
+    said = refused(tolerance=1e-3, longest_step_s=0.25, error=ConfigError)
+    assert said.startswith("longest step = 0.25 s is no whole multiple of step = 0.1 s")
+    with System([Component("a", small("ball"))], step_s=0.1) as system:
+        with pytest.raises(ConfigError, match=r"time to run to = 0\.25 s is no whole multiple"):
+            system.run(0.25)
+        with pytest.raises(GraphError, match="time to run inf: choose one above 0"):
+            system.run(float("inf"))
+        system.run(0.1)
+        with pytest.raises(GraphError, match=r"is at 0.1 s; run it to a later time"):
+            system.run(0.1)
+    with pytest.raises(GraphError, match="been closed; make it anew"):
+        system.run(0.2)
+
+
+def test_fixed_internal_step_divides_the_step(refused, small):
+    components = [Component("a", small("ball", internal_s=0.03))]
+    said = refused(components=components, error=ConfigError)
+    assert said.startswith("step = 0.1 s is no whole multiple of fixedInternalStepSize of FMU ")
+    components = [Component("a", small("ball", internal_s=0.0))]
+    assert "fixedInternalStepSize = 0;" in refused(components=components, error=FmuError)
