@@ -11,7 +11,7 @@ from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars
 from cosim.base.storage import replacing, write_json
-from cosim.coupling.isolation import Isolation
+from cosim.fmi.isolation import Isolation
 from cosim.navigation.options import Physics
 
 if TYPE_CHECKING:

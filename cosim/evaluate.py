@@ -15,7 +15,7 @@ from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars
-from cosim.coupling.isolation import Isolation
+from cosim.fmi.isolation import Isolation
 from cosim.navigation.options import Driving
 
 

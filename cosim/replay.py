@@ -13,7 +13,7 @@ import tyro
 from cosim.base.command import Json, MotorFmuFile, parse, print_json
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars, silent
-from cosim.coupling.isolation import Isolation
+from cosim.fmi.isolation import Isolation
 
 if TYPE_CHECKING:
     from cosim.reading.rrd import RecordingData

@@ -14,7 +14,7 @@ from cosim.base.command import Jobs, parse, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars, under_way
-from cosim.coupling.isolation import Isolation
+from cosim.fmi.isolation import Isolation
 from cosim.navigation.options import Driving
 from cosim.recording.live import DEFAULT_VIEWER
 

@@ -20,9 +20,9 @@ from cosim.coupling.assembly import (
     robot_properties,
 )
 from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.isolation import calling
 from cosim.coupling.master import CompiledDriver
 from cosim.coupling.signals import Samples, new_raw_samples, new_samples, new_state
+from cosim.fmi.isolation import calling
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
 from cosim.physics.rotation import headings

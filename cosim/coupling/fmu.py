@@ -25,8 +25,8 @@ from cosim.coupling.interface import (
     check_variable,
     require_fmi_3,
 )
-from cosim.coupling.isolation import calling
 from cosim.fmi.fmu import Fmu, FmuError, end, function_address, new_log
+from cosim.fmi.isolation import calling
 
 
 class Addresses(NamedTuple):

@@ -9,7 +9,7 @@ import tyro
 from cosim.base.command import Json, MotorFmuFile, parse, print_json, show_table
 from cosim.base.errors import UserError, run_command
 from cosim.base.progress import progress_bars, under_way
-from cosim.coupling.isolation import Isolation
+from cosim.fmi.isolation import Isolation
 from cosim.presets.preset import PAPER
 
 

@@ -1,6 +1,6 @@
 """`python -m cosim.system`: simulate a system of FMUs from an SSP file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -9,6 +9,7 @@ import tyro
 from cosim.base.command import Json, parse, print_json, show_table
 from cosim.base.errors import UserError, run_command
 from cosim.base.progress import progress_bars
+from cosim.fmi.isolation import Isolation
 
 if TYPE_CHECKING:
     from cosim.system.run import SystemRun
@@ -50,6 +51,7 @@ class SimulateSystem:
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Where to write what was recorded: .csv or .parquet."""
     json: Json = False
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
     def __post_init__(self) -> None:
         if self.out is not None and self.out.suffix not in (".csv", ".parquet"):
@@ -59,6 +61,7 @@ class SimulateSystem:
 def main() -> None:
     """Command line; see `SimulateSystem`."""
     options = parse(SimulateSystem, "cosim.system")
+    options.isolation.enter("cosim.system", options.file)
     from cosim.system.run import write_run
     from cosim.system.ssp import read_system
     from cosim.system.system import System

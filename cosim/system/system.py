@@ -13,6 +13,7 @@ from cosim.base.config import whole_ratio
 from cosim.base.progress import Progress, silent
 from cosim.fmi.abi import FMI_OK
 from cosim.fmi.fmu import check_steps, function_address
+from cosim.fmi.isolation import calling
 from cosim.system.graph import (
     Component,
     Connection,
@@ -120,11 +121,12 @@ class System:
         self._over = False
         self._instances: dict[str, Instance] = {}
         try:
-            for component in components:
-                instance = Instance(component, fmus[component.name], events=event_mode)
-                self._instances[component.name] = instance
-            self._layout = Layout(self._instances, links, self._recorded, checked)
-            self._initialise(exchanges)
+            with calling("its initialisation"):
+                for component in components:
+                    instance = Instance(component, fmus[component.name], events=event_mode)
+                    self._instances[component.name] = instance
+                self._layout = Layout(self._instances, links, self._recorded, checked)
+                self._initialise(exchanges)
         except BaseException:
             self.close()
             raise
@@ -186,7 +188,8 @@ class System:
             self._now[ROW] = 0
             size = min(left, ROWS_AT_ONCE)
             room = np.empty(size, dtype=np.int64), np.empty((size, layout.words), dtype=np.int64)
-            found = run(layout.tables, layout.memory, scheme, self._now, until, *room)
+            with calling(f"what begins at {self.time_s:g} s of simulated time"):
+                found = run(layout.tables, layout.memory, scheme, self._now, until, *room)
             status, component, _ = found
             self._over = status != FMI_OK
             self._check(*found)

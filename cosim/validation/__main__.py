@@ -14,7 +14,7 @@ from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars
 from cosim.base.storage import replacing, write_json
-from cosim.coupling.isolation import Isolation
+from cosim.fmi.isolation import Isolation
 
 
 @dataclass(frozen=True, kw_only=True)

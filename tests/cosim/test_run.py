@@ -145,8 +145,8 @@ def test_trained_policy_is_found_again(runs):
     ("arguments", "sentence"),
     [
         (["--scenario", "7"], "unknown scenario '7'"),
-        (["--motor-fmu", "nowhere.fmu"], "nowhere.fmu does not exist"),
-        (["--motor-fmu", __file__], "is broken"),
+        (["--no-isolate", "--motor-fmu", "nowhere.fmu"], "nowhere.fmu does not exist"),
+        (["--no-isolate", "--motor-fmu", __file__], "is broken"),
         (["--dt", "3e-5"], "no whole multiple"),
         (["--mu", "-1"], "mu = -1.0 must be"),
         (["--speed", "9"], "would make the robot hop; the largest possible is 4."),

@@ -356,7 +356,7 @@ MOVES = {
 }
 # By kind of file: its name, the hostile ones, and the command that meets it.
 KINDS = {
-    "fmu": ("mine.fmu", FMUS, ("cosim.run", "--scenario", "1a", "--motor-fmu")),
+    "fmu": ("mine.fmu", FMUS, ("cosim.run", "--no-isolate", "--scenario", "1a", "--motor-fmu")),
     "policy": ("policy.npz", POLICIES, ("agent.evaluate",)),
     "scenario": ("mine.toml", SCENARIOS, ("agent.train", "--scenario")),
     "world": ("world.toml", WORLDS, ("cosim.run", "--world")),

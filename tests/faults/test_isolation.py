@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.coupling.isolation import Isolation
+from cosim.fmi.isolation import Isolation
 from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
 
 SCENARIO = """
@@ -20,6 +20,19 @@ rows = 8
 [[robots]]
 target = [1, 6]
 starts = [[6, 1]]
+"""
+
+
+SYSTEM = """<?xml version="1.0"?>
+<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+    version="1.0" name="one">
+  <ssd:System name="one">
+    <ssd:Elements>
+      <ssd:Component name="motor" type="application/x-fmu-sharedlibrary"
+          source="resources/Faulty.fmu"/>
+    </ssd:Elements>
+  </ssd:System>
+</ssd:SystemStructureDescription>
 """
 
 
@@ -100,6 +113,19 @@ def test_what_never_returns_is_ended(drive):
     _, ended = drive("hang", "--isolate-limit", "2", check=False)
     assert ended.returncode == 2
     assert "did not return from the RL step from 2 s of simulated time within 2 s" in ended.stderr
+
+
+@pytest.mark.faults
+def test_a_system_of_faulty_fmus_ends_in_a_sentence(faulty_fmu, tmp_path):
+    with zipfile.ZipFile(tmp_path / "one.ssp", "w") as archive:
+        archive.write(faulty_fmu, "resources/Faulty.fmu")
+        archive.writestr("SystemStructure.ssd", SYSTEM)
+    command = [sys.executable, "-m", "cosim.system", tmp_path / "one.ssp", "--until", "3"]
+    environment = os.environ | {"FAULT": "crash", "FAULT_FROM": "2.5"}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    (sentence,) = ended.stderr.splitlines()
+    assert "an FMU of one.ssp crashed (SIGSEGV) in what begins at" in sentence
 
 
 @pytest.mark.faults

@@ -210,7 +210,9 @@ def test_command_writes_what_it_recorded(archive, command, tmp_path, suffix):
 
     out = tmp_path / f"run.{suffix}"
     arguments = ["--algorithm", "gauss-seidel", "--profile", "--out", out, "--json", "--every", 10]
-    done = command(simulate, archive(), *arguments, "--record", "first.x", "second.F")
+    done = command(
+        simulate, archive(), *arguments, "--no-isolate", "--record", "first.x", "second.F"
+    )
     assert (done.returncode, done.stderr) == (0, ""), done.stderr
     told = json.loads(done.stdout.splitlines()[-1])
     assert (told["steps"], told["rejected"], told["ended"]) == (100, 0, None)
@@ -233,7 +235,7 @@ def test_command_writes_what_it_recorded(archive, command, tmp_path, suffix):
     ],
 )
 def test_command_refuses_in_one_sentence(archive, command, arguments, words):
-    done = command(simulate, archive(), *arguments)
+    done = command(simulate, archive(), "--no-isolate", *arguments)
     assert done.returncode == 2
     assert words in done.stderr
     assert done.stderr.count("\n") == 1

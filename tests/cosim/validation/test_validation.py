@@ -125,7 +125,15 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, caps
 
     monkeypatch.setattr(measurement, "measured_speed", refused)
     monkeypatch.setattr(measurement, "drive_by_the_clock", refused)
-    arguments = ["--quick", "--json", "--out", str(tmp_path), "--motor-fmu", str(motor_fmu)]
+    arguments = [
+        "--quick",
+        "--json",
+        "--out",
+        str(tmp_path),
+        "--motor-fmu",
+        str(motor_fmu),
+        "--no-isolate",
+    ]
     monkeypatch.setattr(sys, "argv", ["cosim.validation", *arguments])
     command.main()
     printed = json.loads(capsys.readouterr().out.splitlines()[-1])

@@ -32,13 +32,13 @@ _LIMIT_S = 300.0  # the reference driver may take a minute for an RL step
 
 @dataclass(frozen=True, kw_only=True)
 class Isolation:
-    """Whether motor FMUs run in a process of their own."""
+    """Whether FMUs run in a process of their own."""
 
     isolate: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Run in a process of its own, so that a motor FMU which crashes, ends the process or never
-    returns is named with the simulated time. So does every command with --motor-fmu."""
+    """Run in a process of its own, so that an FMU which crashes, ends the process or never returns
+    is named with the simulated time. So does every command with FMUs that are not built in."""
     no_isolate: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Run a motor FMU of --motor-fmu in the process of the command."""
+    """Run FMUs that are not built in in the process of the command."""
     isolate_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Wall-clock time in s that an isolated FMU may take for an RL step; by default 300."""
 
@@ -48,28 +48,28 @@ class Isolation:
         if self.isolate_limit is not None and not self.isolate_limit > 0.0:
             raise ConfigError("--isolate-limit must be positive")
 
-    def enter(self, module: str, motor_fmu: Path | None) -> None:
+    def enter(self, module: str, foreign: Path | None) -> None:
         """Go on in a child process if FMUs are to be isolated: returns only where they may run.
 
         Args:
             module: of the command, whose arguments are those of this process.
-            motor_fmu: that is not the built-in one, if any.
+            foreign: FMU that is not built in, or archive of such, if any.
 
         Raises:
             ConfigError: what is said has no effect.
             FmuError: the child ended otherwise than by Python, or a call took too long.
             SystemExit: with the child's status.
         """
-        if self.no_isolate and motor_fmu is None:
+        if self.no_isolate and foreign is None:
             raise ConfigError("--no-isolate has no effect without --motor-fmu; leave it out")
-        if self.no_isolate or (motor_fmu is None and not self.isolate):
+        if self.no_isolate or (foreign is None and not self.isolate):
             if self.isolate_limit is not None:
                 raise ConfigError("--isolate-limit has no effect without --isolate; leave it out")
         elif _NOTES in os.environ:
             atexit.register(_note(_ENDED).touch)
             threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
         else:
-            _run_in_child(module, motor_fmu, self.isolate_limit or _LIMIT_S)
+            _run_in_child(module, foreign, self.isolate_limit or _LIMIT_S)
 
 
 @contextlib.contextmanager
@@ -100,10 +100,12 @@ def _end_with_parent(parent: int) -> None:
     os._exit(1)
 
 
-def _run_in_child(module: str, motor_fmu: Path | None, limit_s: float) -> NoReturn:
-    from cosim.coupling.interface import FmuError  # noqa: PLC0415 - not for every --help
+def _run_in_child(module: str, foreign: Path | None, limit_s: float) -> NoReturn:
+    from cosim.fmi.fmu import FmuError  # noqa: PLC0415 - not for every --help
 
-    fmu = f"FMU {motor_fmu.name}" if motor_fmu is not None else "the built-in FMU"
+    fmu = "the built-in FMU"
+    if foreign is not None:
+        fmu = f"{'FMU' if foreign.suffix == '.fmu' else 'an FMU of'} {foreign.name}"
     with tempfile.TemporaryDirectory(prefix="minirobots-") as folder:
         notes = Path(folder)
         command = [sys.executable, "-m", module, *sys.argv[1:]]
