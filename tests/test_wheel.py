@@ -26,12 +26,15 @@ DATA = {
     "cosim/presets/icra2006.toml",
 }
 SESSION = """
-import agent, analysis, cosim
+import hashlib, agent, analysis, cosim
 policy = agent.train("1a", method="paper", episodes=20_000)
 policy.save("policy.npz")
 episode = cosim.simulate("1a", agent.load("policy.npz"), time_limit=4.0)
 episode.save("episode.rrd")
-print(analysis.open("episode.rrd").outcome, *(p.__file__ for p in (agent, analysis, cosim)))
+bits = hashlib.sha256()
+for name, signal in sorted(episode.signals.items()):
+    bits.update(name.encode() + signal.values.tobytes())
+print(bits.hexdigest(), analysis.open("episode.rrd").outcome, *(p.__file__ for p in (agent, analysis, cosim)))
 """
 
 
@@ -76,14 +79,20 @@ def packages(tmp_path_factory) -> dict[str, Path]:
     return {kind: build(folder / kind, kind, "") for kind in ("wheel", "sdist")}
 
 
+@pytest.fixture(scope="module")
+def found() -> dict[str, str]:
+    """What the first installation has found."""
+    return {}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "version"), [("wheel", "3.11"), ("wheel", "3.12"), ("wheel", "3.13"), ("sdist", None)]
 )
 def test_installed_package_works_without_the_checkout_and_a_compiler(
-    kind, version, packages, tmp_path
+    kind, version, packages, found, tmp_path
 ):
-    """In an environment, a cache and a folder in which nothing is yet."""
+    """In an environment, a cache and a folder in which nothing is yet; same bits everywhere."""
     environment, work = tmp_path / "environment", tmp_path / "work"
     work.mkdir()
     python = environment / "bin" / "python"
@@ -111,7 +120,8 @@ def test_installed_package_works_without_the_checkout_and_a_compiler(
     assert "timeout" in text
     (recording,) = work.glob("runs/1a-*/episodes/ep_000.rrd")
     assert recording.stat().st_size > 100_000
-    outcome, *files = run(python, "-c", SESSION).split()
+    bits, outcome, *files = run(python, "-c", SESSION).split()
+    assert found.setdefault("bits", bits) == bits
     assert outcome == "timeout"
     assert all(Path(file).is_relative_to(environment) for file in files)
     assert {path.name for path in work.iterdir()} == {
