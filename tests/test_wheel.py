@@ -34,7 +34,8 @@ episode.save("episode.rrd")
 bits = hashlib.sha256()
 for name, signal in sorted(episode.signals.items()):
     bits.update(name.encode() + signal.values.tobytes())
-print(bits.hexdigest(), analysis.open("episode.rrd").outcome, *(p.__file__ for p in (agent, analysis, cosim)))
+print(bits.hexdigest(), analysis.open("episode.rrd").outcome)
+print(*(p.__file__ for p in (agent, analysis, cosim)))
 """
 
 
