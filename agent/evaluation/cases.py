@@ -92,6 +92,7 @@ class Case:
         policy = self.policy
         # what is recorded of an episode does not change it
         records = [ROOT / "cosim" / folder / "episode.py" for folder in ("recording", "reading")]
+        records.append(ROOT / "agent" / "policies.py")
         acts = Path(inspect.getfile(type(policy)))
         return CaseIdentity(
             scenario=policy.config.scenario.name,
