@@ -9,9 +9,15 @@ import time
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cosim.base.config import CoSimConfig
+from cosim.base.params import TIMING
+from cosim.coupling.master import NotFiniteError
 from cosim.fmi.isolation import Isolation
+from cosim.navigation.cosimulation import CoSimulation
+from cosim.scenarios.scenario import Scenario
 from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
 
 SCENARIO = """
@@ -58,8 +64,8 @@ def faulty_fmu(motor_fmu, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def drive(faulty_fmu, tmp_path_factory):
-    """Runs the main command with the faulty FMU, which is calibrated while it is sound."""
+def begin(faulty_fmu, tmp_path_factory):
+    """Runs the main command with the faulty FMU."""
     folder = tmp_path_factory.mktemp("drive")
     (folder / "one.toml").write_text(SCENARIO)
     number = 0
@@ -75,9 +81,15 @@ def drive(faulty_fmu, tmp_path_factory):
         environment = os.environ | {"FAULT": fault, "FAULT_FROM": str(fault_from)}
         return out, start(list(map(str, command)), env=environment, **words | keywords)
 
-    _, sound = run("none", check=False)
-    assert sound.returncode == 0, sound.stderr
     return run
+
+
+@pytest.fixture(scope="module")
+def drive(begin):
+    """The same with an FMU that was calibrated while it was sound."""
+    _, sound = begin("none", check=False)
+    assert sound.returncode == 0, sound.stderr
+    return begin
 
 
 FAULTS = {
@@ -93,11 +105,8 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize(
-    "fault",
-    [name if name in {"crash", "nan"} else pytest.param(name, marks=pytest.mark.faults)
-     for name in FAULTS],
-)  # fmt: skip
+@pytest.mark.faults
+@pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_named_with_the_time(fault, drive):
     out, ended = drive(fault, check=False)
     assert ended.returncode == 2
@@ -109,23 +118,51 @@ def test_a_fault_is_named_with_the_time(fault, drive):
         assert not list((out / "episodes").glob("*.rrd"))
 
 
+def test_a_crash_in_a_calibration_is_named(begin):
+    out, ended = begin("crash", fault_from=0.005, check=False)
+    assert ended.returncode == 2
+    assert "FMU Faulty.fmu crashed (SIGSEGV) in what begins at 0 s of a trial" in ended.stderr
+    assert not list(out.rglob("*.rrd"))
+
+
+@pytest.mark.parametrize("fault", ["nan", "inf"])
+def test_the_first_signal_that_is_no_number_is_named(fault, faulty_fmu, monkeypatch):
+    monkeypatch.setenv("FAULT", fault)
+    monkeypatch.setenv("FAULT_FROM", "0.005")
+    scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
+    config = CoSimConfig(timing=TIMING._replace(rl_step_s=0.01))
+    system = CoSimulation(scenario, faulty_fmu, config)
+    system.reset(((15, 15),), np.random.SeedSequence(0))
+    words = rf"omega of motor D of robot 1 is {fault} at 0\.00501 s of simulated time"
+    with pytest.raises(NotFiniteError, match=words):
+        system.advance(np.array([0]))
+
+
+@pytest.mark.faults
 def test_what_never_returns_is_ended(drive):
     _, ended = drive("hang", "--isolate-limit", "2", check=False)
     assert ended.returncode == 2
     assert "did not return from the RL step from 2 s of simulated time within 2 s" in ended.stderr
 
 
-@pytest.mark.faults
-def test_a_system_of_faulty_fmus_ends_in_a_sentence(faulty_fmu, tmp_path):
+@pytest.mark.parametrize(
+    ("fault", "limit_s", "words"),
+    [
+        ("crash", 300, "an FMU of one.ssp crashed (SIGSEGV) in what begins at"),
+        ("hang", 10, "an FMU of one.ssp did not return from"),
+    ],
+)
+def test_a_system_of_faulty_fmus_ends_in_a_sentence(fault, limit_s, words, faulty_fmu, tmp_path):
     with zipfile.ZipFile(tmp_path / "one.ssp", "w") as archive:
         archive.write(faulty_fmu, "resources/Faulty.fmu")
         archive.writestr("SystemStructure.ssd", SYSTEM)
     command = [sys.executable, "-m", "cosim.system", tmp_path / "one.ssp", "--until", "3"]
-    environment = os.environ | {"FAULT": "crash", "FAULT_FROM": "2.5"}
+    command += ["--isolate-limit", str(limit_s)]
+    environment = os.environ | {"FAULT": fault, "FAULT_FROM": "2.5"}
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     (sentence,) = ended.stderr.splitlines()
-    assert "an FMU of one.ssp crashed (SIGSEGV) in what begins at" in sentence
+    assert words in sentence
 
 
 @pytest.mark.faults

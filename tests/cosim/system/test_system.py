@@ -266,7 +266,7 @@ def test_time_of_components_is_measured_where_wanted(masses):
 
 def test_instances_go_before_their_binary(small):
     path = small("ball").path
-    for _ in range(20):  # in whichever order the garbage collector finds them
+    for _ in range(4):  # in whichever order the garbage collector finds them
         fmu = Fmu(path)
         instance = Instance(Component("a", fmu), fmu)
         instance.begin(0.0, None)
