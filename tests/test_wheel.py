@@ -93,7 +93,10 @@ def found() -> dict[str, str]:
 def test_installed_package_works_without_the_checkout_and_a_compiler(
     kind, version, packages, found, tmp_path
 ):
-    """In an environment, a cache and a folder in which nothing is yet; same bits everywhere."""
+    """In an environment, a cache and a folder in which nothing is yet; same bits everywhere.
+
+    uv must find (or fetch) the three interpreters.
+    """
     environment, work = tmp_path / "environment", tmp_path / "work"
     work.mkdir()
     python = environment / "bin" / "python"
