@@ -1,5 +1,6 @@
 """`python -m cosim.replay`: an episode run again from its recording, and every signal compared."""
 
+import math
 import sys
 import tempfile
 from dataclasses import dataclass, field, replace
@@ -96,19 +97,20 @@ def replay(
     from cosim.episodes import EpisodeOrigin, Task, simulate_tasks
     from cosim.navigation.episode import RunningEpisode
     from cosim.navigation.options import Physics
-    from cosim.reading.episode import EPISODE, read_episode
+    from cosim.reading.episode import EPISODE
     from cosim.reading.rrd import read_rrd
     from cosim.recording.episode import EpisodeRecorder
 
-    facts, data = read_episode(recording).facts, read_rrd(recording)
-    path = policy or recording.absolute().parents[1] / "policy.npz"
-    loaded = load_policy(path)
-    fmu = Physics(motor_fmu=motor_fmu).fmu(progress)
-    with parsing(recording, EPISODE), tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "again.rrd"
+    data = read_rrd(recording)
+    with parsing(recording, EPISODE):
         origin = msgspec.json.decode(data.properties["origin"]["task"], type=EpisodeOrigin)
-        task = Task.again(origin, fmu, loaded)
-        loaded.require_scenario(task.scenario, f"{path}: the policy")
+        level = data.properties["episode"]["record"]
+        then = msgspec.json.decode(data.properties["episode"]["versions"], type=dict[str, str])
+    path = policy or recording.absolute().parents[1] / "policy.npz"
+    loaded = load_policy(path, origin.scenario)
+    task = Task.again(origin, Physics(motor_fmu=motor_fmu).fmu(progress), loaded)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "again.rrd"
 
         def recorder(episode: RunningEpisode) -> EpisodeRecorder:
             return EpisodeRecorder(
@@ -117,7 +119,7 @@ def replay(
                 task.config,
                 data.recording_id,
                 {},
-                level=facts["record"],
+                level=level,
                 policies=loaded.maps(),
                 drawn=episode.drawn,
             )
@@ -129,7 +131,7 @@ def replay(
             pass
         replayed = read_rrd(file)
     now = versions()
-    changed = {k: (v, now.get(k, "")) for k, v in facts["versions"].items() if v != now.get(k)}
+    changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
     return _compared(data, replayed, changed)
 
 
@@ -161,9 +163,15 @@ def _series(data: "RecordingData") -> dict[str, tuple[np.ndarray, np.ndarray]]:
 def _first_difference(ours: tuple[np.ndarray, ...], theirs: tuple[np.ndarray, ...]) -> int | None:
     """Index of the first sample that is not the same bits; None if all are."""
     count = min(len(ours[0]), len(theirs[0]))
-    for k in range(count):
-        if any(a[k].tobytes() != b[k].tobytes() for a, b in zip(ours, theirs, strict=True)):
-            return k
+    equal = np.full(count, fill_value=True)
+    for a, b in zip(ours, theirs, strict=True):
+        if a.shape[1:] != b.shape[1:]:
+            return 0
+        if a.dtype == b.dtype == np.float64:  # NaN is equal to itself, and 0 not to −0
+            a, b = (np.ascontiguousarray(part).view(np.int64) for part in (a, b))  # noqa: PLW2901
+        equal &= (a[:count] == b[:count]).reshape(count, math.prod(a.shape[1:])).all(axis=1)
+    if not equal.all():
+        return int(equal.argmin())
     return None if len(ours[0]) == len(theirs[0]) else count
 
 

@@ -1,8 +1,8 @@
 """Builds the FMUs: renders their tables, has their C code compiled and packs the archives.
 
-`python -m fmus.build --out DIR` writes the FMUs; `cached_fmu` gives the co-simulation one that is
-built on first use. Numerical work is in C files
-like `vibration_motor/motor.h`, not here.
+`python -m fmus.build --out DIR` writes the FMUs; `cached_fmu` gives the co-simulation one: that of
+the wheel, or one that is built on first use. Numerical work is in C files like
+`vibration_motor/motor.h`.
 """
 
 import hashlib

@@ -4,7 +4,6 @@
 (n, robots, 7) after every millisecond as .npy.
 """
 
-import ctypes
 import subprocess
 import sys
 import tempfile
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fmus.judge.importer import link_ecospy
 from fmus.ssp.system import POSE
 
 PERIOD_S = 1e-3
@@ -37,8 +37,7 @@ def run_fmpy(archive: str, step_s: float, duration_s: float) -> np.ndarray:
 
 
 def run_ecospy(archive: str, step_s: float, duration_s: float) -> np.ndarray:
-    # ecospy links to tbb without saying where; PyPI's tbb lies in the environment's lib folder.
-    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
+    link_ecospy()
     from ecospy import EcosSimulation
 
     with EcosSimulation(step_size=step_s, ssp_path=archive) as simulation:

@@ -16,6 +16,7 @@ from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu
 from cosim.coupling.interface import ELECTRICAL, INPUTS, OUTPUTS, check_use
 from cosim.coupling.plant import Plant
+from cosim.fmi.isolation import calling
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
 from cosim.physics.properties import body_params, properties_of
@@ -126,6 +127,7 @@ class Motors:
             fmu.electrical,
         )
 
+    @calling("the start of its motors")
     def restart(
         self, columns: Sequence[int], parameters: Sequence[tuple[MotorParams, MotorParams]]
     ) -> None:
@@ -225,6 +227,7 @@ class Motors:
         assert motor is not None
         return motor.error(self.calls.ticks[place] * dt_s, what)
 
+    @calling("its end")
     def close(self) -> None:
         """Free the instances."""
         for place, motor in self._running():

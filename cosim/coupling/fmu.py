@@ -26,7 +26,6 @@ from cosim.coupling.interface import (
     require_fmi_3,
 )
 from cosim.fmi.fmu import Fmu, FmuError, end, function_address, new_log
-from cosim.fmi.isolation import calling
 
 
 class Addresses(NamedTuple):
@@ -118,8 +117,7 @@ class MotorFmu(Fmu):
         Raises:
             FmuError: the FMU lacks a parameter, refuses it, to load or to be initialised.
         """
-        with calling("its initialisation"):
-            return Motor(self, name, parameters or {}, motors)
+        return Motor(self, name, parameters or {}, motors)
 
     def configure(self, slave: Any, motors: int) -> None:
         """Say how many motors an instance of arrays has."""
@@ -232,8 +230,7 @@ class Motor:
     @contextlib.contextmanager
     def _named_errors(self, time_s: float, what: str) -> Iterator[None]:
         try:
-            with calling(f"a call at {time_s:.5f} s of simulated time"):
-                yield
+            yield
         except FMICallException as error:
             raise self.error(time_s, f"{what} (fmi3Status {error.status})") from error
 
@@ -243,5 +240,4 @@ class Motor:
 
     def close(self) -> None:
         """Free the instance; further calls are errors."""
-        with calling("its end"):
-            self._finalizer()
+        self._finalizer()

@@ -45,7 +45,8 @@ class NotFiniteError(UserError):
 
     def __init__(self, state: State, tick: int) -> None:
         values = np.concatenate([state.inputs, state.outputs, state.bodies])
-        row, self.column = np.argwhere(~np.isfinite(values))[0].tolist()
+        size = np.nan_to_num(np.abs(values), nan=np.inf, posinf=np.inf)
+        row, self.column = map(int, np.unravel_index(size.argmax(), size.shape))
         self.signal, self.tick = SIGNALS[row], tick
         value = values[row, self.column]
         super().__init__(f"{self.signal} of robot {self.column + 1} is {value} after tick {tick}")

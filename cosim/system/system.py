@@ -221,6 +221,7 @@ class System:
         what = "returned early for ever" if status == STUCK else said
         raise instance.failure(self.time_s, what)
 
+    @calling("its end")
     def close(self) -> None:
         """Free all instances; further calls are errors."""
         if hasattr(self, "_finalizer"):

@@ -149,9 +149,7 @@ def main() -> None:
         )
     with progress_bars() as progress:
         tools, fmus = judges(options), artefacts(options.out / "fmus")
-        asked = [
-            (t, a) for t in tools for a in fmus if a.fmi in t.standards and a.model in t.models
-        ]
+        asked = [(t, a) for t in tools for a in fmus if t.takes(a)]
         verdicts = []
         for done, (tool, artefact) in enumerate(asked):
             progress("judging", done, len(asked), f"{tool.name}: {artefact.name}")

@@ -14,10 +14,14 @@ from fmus.models import Model
 from fmus.references import EXPERIMENTS, ReferenceRun, outputs_of
 
 
+def link_ecospy() -> None:
+    """Load what ecospy links to without saying where: PyPI's tbb, in the environment."""
+    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
+
+
 def run_ecospy(fmu: str, experiment: ReferenceRun, outputs: list[str]) -> list[list[float]]:
     """Rows of outputs, by ecospy."""
-    # ecospy links to tbb without saying where; PyPI's tbb lies in the environment's lib folder.
-    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
+    link_ecospy()
     from ecospy import EcosSimulation, EcosSimulationStructure  # noqa: PLC0415
 
     with EcosSimulationStructure() as structure:
