@@ -10,6 +10,7 @@ import msgspec
 from cosim.base.errors import UserError
 from cosim.base.params import (
     ESTIMATOR,
+    SHIELD,
     SPEED_NOISE,
     STEERING,
     TABLE_I,
@@ -19,6 +20,7 @@ from cosim.base.params import (
     MotorParams,
     NoiseParams,
     RobotParams,
+    ShieldParams,
     SteeringParams,
     TimingParams,
     describe,
@@ -63,6 +65,9 @@ class CoSimConfig:
             for another direction (the paper's stops).
         safety_margin_m: gap that the safety layer (`cosim.navigation.safety`) keeps between the
             plans of robots, and from obstacles; 0 switches it off.
+        shield: whether robots are kept apart whatever their policies want
+            (`cosim.control.shield`); it has a safety layer of its own.
+        shielding: what the shield keeps.
         open_loop: what goes without feedback: motors get the voltage that gives their set point in
             the mean instead of the loop of Eq. (14), and robots keep no course while they drive.
         preset: name of the machine, see `cosim.presets`.
@@ -85,6 +90,8 @@ class CoSimConfig:
     world: World = IDEAL
     through: bool = False
     safety_margin_m: float = 0.0
+    shield: bool = False
+    shielding: ShieldParams = SHIELD
     open_loop: tuple[Loop, ...] = ()
     preset: str = "paper"
     sources: tuple[tuple[str, str], ...] = ()
@@ -103,6 +110,15 @@ class CoSimConfig:
         if not 0.0 <= self.safety_margin_m < float("inf"):
             raise ConfigError(
                 f"safety_margin_m = {self.safety_margin_m} must be finite and not negative"
+            )
+        if self.shield and self.safety_margin_m:
+            raise ConfigError(
+                "safety_margin_m has no effect beside the shield, which has a margin of its own; "
+                "leave one of them out"
+            )
+        if self.shield and "heading" in self.open_loop:
+            raise ConfigError(
+                "the shield needs robots that keep their course; leave heading out of open_loop"
             )
         for record, names in (
             (self.robot, ("mass_kg", "diameter_m", "height_m", "com_height_m", "foot_radius_m")),
@@ -146,6 +162,7 @@ class CoSimConfig:
             self.timing,
             self.steering,
             self.estimator,
+            self.shielding,
         )
 
     def _check_geometry(self) -> None:
@@ -244,6 +261,7 @@ class CoSimConfig:
             "open_loop": (" ".join(self.open_loop), "what goes without feedback"),
             "preset": (self.preset, "machine that the parameters are of"),
             "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),
+            "shield": (self.shield, "whether robots are kept apart whatever policies want"),
         }
         parts = (*self._records, self.world)
         sources = {name: {"source": text} for name, text in self.sources}

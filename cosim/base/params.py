@@ -199,6 +199,25 @@ class EstimatorParams(NamedTuple):
     ] = 9e-4
 
 
+class ShieldParams(NamedTuple):
+    """What the shield keeps, see `cosim.control.shield` and docs/shield.md."""
+
+    stopping_m: Annotated[
+        float,
+        Quantity("m", "measured: twice the largest", "from a look at a robot until it rests"),
+    ] = 1.5e-4
+    room_m: Annotated[
+        float, Quantity("m", "assumed: several retreats that fail", "room below which robots stop")
+    ] = 6e-4
+    loss_m: Annotated[
+        float, Quantity("m", "assumed: more than the vibration", "room that a retreat may cost")
+    ] = 1e-4
+    retreat_m: Annotated[float, Quantity("m", "assumed: one cell", "length of a retreat")] = 0.01
+    deviations: Annotated[
+        float, Quantity("1", "assumed", "standard deviations that bound an estimate's error")
+    ] = 5.0
+
+
 class Fig3Params(NamedTuple):
     """1-DOF platform that gives the motion printed in Fig. 3; the paper states none of these."""
 
@@ -241,6 +260,7 @@ SPEED_NOISE = NoiseParams()
 TIMING = TimingParams()
 STEERING = SteeringParams()
 ESTIMATOR = EstimatorParams()
+SHIELD = ShieldParams()
 FIG_3 = Fig3Params()
 FIG_7 = Fig7Params()
 

@@ -20,6 +20,7 @@ _MAX_PATCHES = 1000  # the dynamics look at one by one
 _MOST_DEVIATIONS = 3.0
 # Children of an episode's seed: motors' noise has the first ones.
 _WORLD_CHILD, CAMERA_CHILD = 1_000_000, 2_000_000  # of the camera's noise, the first robot's
+DETOUR_CHILD = 3_000_000
 
 
 class WorldError(UserError):

@@ -18,14 +18,16 @@ from cosim.base.jit import inlined
 from cosim.base.params import SteeringParams
 from cosim.physics.rotation import wrapped
 
-HOLD, START, TURN, DRIVE, DIRECT, PAST = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
-MODES = ("hold", "start", "turn", "drive", "direct", "past")
+HOLD, START, TURN, DRIVE, DIRECT, PAST, RETREAT = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+MODES = ("hold", "start", "turn", "drive", "direct", "past", "retreat")
 
 # Layout of one robot's command, float64: what is commanded, then what the controller remembers.
 GOAL_X, GOAL_Y = 0, 1  # end of the line, m
 OMEGA_D, OMEGA_E = 0, 1  # in mode DIRECT: the set points themselves, rad/s
 DIRECTION = 2  # of the line, rad
-MODE = 3  # HOLD, START (a fresh command), TURN, DRIVE, DIRECT, or PAST the end and driving on
+# HOLD, START (a fresh command), TURN, DRIVE, DIRECT, PAST the end and driving on, or RETREAT, which
+# drives and neither turns on the spot nor drives on
+MODE = 3
 SENSE = 4  # 1.0 drives forwards, −1.0 backwards
 HEADING_ERROR = 5  # rad, for inspection
 DITHER_PHASE = 6  # phase between the motors that the dither has added, rad; with its sign
@@ -66,7 +68,8 @@ def steer(
     dx, dy = command[GOAL_X] - x, command[GOAL_Y] - y
     remaining = ux * dx + uy * dy
     if remaining <= 0.0:
-        command[MODE] = PAST if command[THROUGH] > 0.0 else HOLD
+        on = command[THROUGH] > 0.0 and command[MODE] != RETREAT
+        command[MODE] = PAST if on else HOLD
         if command[MODE] == HOLD:
             command[HEADING_ERROR] = 0.0
             return 0.0, 0.0

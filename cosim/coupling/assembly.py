@@ -36,6 +36,8 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         *motor_mounts(config.robot, config.motor),
         steering,
         config.estimator,
+        config.shielding,
+        config.shield,
         PairParams(config.robot.diameter_m, config.robot.mu_robots),
         end_on_collision,
         config.ticks_per_period,

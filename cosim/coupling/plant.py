@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.base.params import EstimatorParams, SteeringParams
+from cosim.base.params import EstimatorParams, ShieldParams, SteeringParams
 from cosim.control.camera import INTERVAL, look
 from cosim.control.estimation import POSE, take_command
+from cosim.control.shield import guard
 from cosim.control.steering import SPEED, YAW_RATE, steer
 from cosim.coupling.signals import (
     AIRBORNE,
@@ -56,6 +57,8 @@ class Plant(NamedTuple):
         mount_d, mount_e: motors D and E, likewise.
         steering: gains and speeds.
         estimator: of every robot.
+        shield: what is kept where it is on.
+        shielded: whether it is.
         pair: contact of robots with each other and with obstacles.
         end_on_collision: whether such a contact is a COLLISION that ends the run.
         ticks_per_period: ticks of dt per control period.
@@ -75,6 +78,8 @@ class Plant(NamedTuple):
     mount_e: MotorMount
     steering: SteeringParams
     estimator: EstimatorParams
+    shield: ShieldParams
+    shielded: bool
     pair: PairParams
     end_on_collision: bool
     ticks_per_period: int
@@ -108,6 +113,21 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
     near = walls = 0
     for episode in range(state.running.shape[0]):
         first = episode * robots
+        if state.running[episode]:
+            for column in range(first, first + robots):
+                _look(plant, state, column, period_s)
+            if plant.shielded:
+                guard(
+                    state.commands,
+                    state.estimates,
+                    state.shields,
+                    first,
+                    robots,
+                    state.boards[episode],
+                    state.obstacles[episode],
+                    plant.pair.diameter,
+                    plant.shield,
+                )
         for column in range(first, first + robots):
             if not state.running[episode]:
                 for row in range(2 * MOTORS):
@@ -142,16 +162,21 @@ def _motor_input(plant: Plant, omega: float) -> float:
 
 
 @inlined
+def _look(plant: Plant, state: State, column: int, period_s: float) -> None:
+    """Find out where a robot is, as far as it can be known."""
+    body, camera, sight = state.bodies[:, column], state.cameras[column], state.sight[:, column]
+    pose = (body[0], body[1], heading((body[3], body[4], body[5], body[6])))
+    estimate = state.estimates[column]
+    look(camera, state.frames[column], estimate, sight, pose, period_s, plant.estimator)
+
+
+@inlined
 def _steer(plant: Plant, state: State, column: int, period_s: float) -> tuple[float, float]:
     """Set points of a robot by where it thinks it is."""
-    body, camera = state.bodies[:, column], state.cameras[column]
     command, estimate = state.commands[column], state.estimates[column]
-    pose = (body[0], body[1], heading((body[3], body[4], body[5], body[6])))
-    sight = state.sight[:, column]
-    look(camera, state.frames[column], estimate, sight, pose, period_s, plant.estimator)
     x, y, angle = estimate[POSE], estimate[POSE + 1], estimate[POSE + 2]
     set_points = steer(command, x, y, angle, period_s, plant.steering)
-    if camera[INTERVAL] > 0.0:
+    if state.cameras[column, INTERVAL] > 0.0:
         take_command(estimate, command[SPEED], command[YAW_RATE], period_s)
     return set_points
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from cosim.control.camera import CAMERA_SIZE, FRAME_SIZE, NOISE
 from cosim.control.estimation import ESTIMATE_SIZE
+from cosim.control.shield import SHIELD_SIZE
 from cosim.control.steering import COMMAND_SIZE
 from cosim.physics.body_state import BODY_SIGNALS, QUATERNION, STATE_SIZE
 from cosim.physics.properties import PROPERTIES
@@ -49,6 +50,7 @@ class State(NamedTuple):
         bodies: (STATE_SIZE, B), layout in cosim.physics.body_state.
         properties: (PROPERTIES, B), layout in cosim.physics.properties.
         commands: (B, COMMAND_SIZE), layout in cosim.control.steering.
+        shields: (B, SHIELD_SIZE), layout in cosim.control.shield.
         set_points: (2, B) motor speeds that the steering asks for.
         inputs: (6, B) omega_des (or V_in where motors are in open loop), omega_noise, d.
         outputs: (6, B) theta, omega, omega_dot.
@@ -83,6 +85,7 @@ class State(NamedTuple):
     bodies: np.ndarray
     properties: np.ndarray
     commands: np.ndarray
+    shields: np.ndarray
     set_points: np.ndarray
     inputs: np.ndarray
     outputs: np.ndarray
@@ -193,6 +196,7 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         bodies,
         _aligned(PROPERTIES, columns),
         np.zeros((columns, COMMAND_SIZE)),
+        np.zeros((columns, SHIELD_SIZE)),
         *(_aligned(count, columns) for count in rows),
         touching=np.zeros(columns),
         touched=whole(columns),

@@ -58,6 +58,8 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
         config.reaction,
         config.on_collision,
         config.through,
+        config.shield,
+        config.shielding,
         config.open_loop,
     )
 

@@ -15,9 +15,10 @@ import numpy as np
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, RUNNING, Outcome
 from cosim.base.params import SAFETY_MARGIN_M
-from cosim.base.world import CAMERA_CHILD, draw_world, generator, gravity
+from cosim.base.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator, gravity
 from cosim.control.camera import camera_of, draw_sight
 from cosim.control.estimation import POSE
+from cosim.control.shield import PARKED, STOPS
 from cosim.control.steering import (
     DIRECTION,
     DRIVE,
@@ -39,7 +40,7 @@ from cosim.navigation.features import (
 )
 from cosim.navigation.measures import Measures
 from cosim.navigation.observing import cells_of, nearest_squared, observe
-from cosim.navigation.safety import WAIT, board_of, permitted
+from cosim.navigation.safety import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics.body_state import POSITION, standing_state
 from cosim.scenarios.scenario import Cell, Scenario
 
@@ -135,11 +136,11 @@ class RunningEpisode:
         self._targets = np.array(scenario.targets)
         self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
         self._events, self._columns = state.events[columns], columns
-        self._estimates = state.estimates[columns]
+        self._estimates, self._shields = state.estimates[columns], state.shields[columns]
         sensor, period_s = config.world.sensor, config.timing.control_period_s
         self._estimates[:] = 0.0
         state.cameras[columns] = camera_of(sensor, period_s)
-        self._commands[:] = 0.0
+        self._commands[:] = self._shields[:] = 0.0
         self._commands[:, THROUGH] = config.through
         for robot, cell in enumerate(starts):
             x, y = scenario.centre_m(cell)
@@ -149,6 +150,7 @@ class RunningEpisode:
             self._estimates[robot, POSE : POSE + 3] = x, y, facing
         self._noise = noise_generators(seed, n)
         self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
+        self._detours = generator(seed, DETOUR_CHILD)
         self._step = self._tick = 0
         self.conflicts = 0
         self._arrived = np.zeros(n, dtype=bool)
@@ -205,6 +207,7 @@ class RunningEpisode:
         where = cells_of(self._bodies[:, POSITION][:, :2].copy(), self._board.cell_m)  # really
         self._arrived |= completed & (where == self._targets).all(axis=1)
         self._commands[self._arrived, MODE] = HOLD
+        self._shields[:, PARKED] = self._arrived
         events = self._events.copy()
         self.outcome = self._judge(int(events.max()))
         step = Step(
@@ -254,20 +257,24 @@ class RunningEpisode:
 
     def _permitted(self, robot: int, direction: int) -> int:
         """What the safety layer makes of a direction; without the layer it is only counted."""
-        commands, margin_m = self._commands, self.config.safety_margin_m
+        commands, margin_m = self._commands, self.config.safety_margin_m or SAFETY_MARGIN_M
         goals = commands[:, GOAL_X : GOAL_Y + 1].copy()
         goals[commands[:, MODE] == HOLD] = np.nan
         goals[robot] = np.nan
-        allowed = permitted(
-            self._board,
-            self._positions_m(),
-            goals,
-            robot,
-            direction,
-            margin_m or SAFETY_MARGIN_M,
-        )
+        shield = self.config.shield
+        asked = self._board, self._positions_m(), goals, robot, direction, margin_m, shield
+        allowed = permitted(*asked, NEAREST_FIRST)
         self.conflicts += allowed != direction
-        return allowed if margin_m else direction
+        if shield and allowed not in (direction, WAIT) and self._detours.random() < 0.5:
+            # Robots that only ever yield to the nearest side may do so to each other for ever.
+            others = self._detours.permutation(NEAREST_FIRST[1:])
+            allowed = permitted(*asked, np.concatenate([NEAREST_FIRST[:1], others]))
+        return allowed if shield or self.config.safety_margin_m else direction
+
+    @property
+    def shield_stops(self) -> int:
+        """Moves that the shield has ended."""
+        return int(self._shields[:, STOPS].sum())
 
     def _positions_m(self) -> np.ndarray:
         """Where the robots think they are, (N, 2)."""

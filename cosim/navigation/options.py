@@ -147,6 +147,10 @@ class Driving(Physics, Deciding):
     """What happens when a robot touches another one or an obstacle: the episode ends, or they push
     each other on."""
     safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
+    shield: bool = False
+    """Keep robots apart, off obstacles and on the board whatever their policies want: a monitor in
+    the control loop stops a robot in time and lets it retreat (docs/shield.md). How far robots go
+    until they rest is measured once for every machine and world."""
     open_loop: tuple[Loop, ...] = ()
     """What goes without feedback: motors, which then get a constant voltage for every set point
     instead of the loop of Eq. (14), and heading, the course that robots keep while they drive."""
@@ -173,6 +177,7 @@ class Driving(Physics, Deciding):
             steering=steering,
             on_collision=self.on_collision,
             safety_margin_m=self.safety_margin,
+            shield=self.shield,
             open_loop=self.open_loop,
         )
 
@@ -183,6 +188,14 @@ class Driving(Physics, Deciding):
         world: World = IDEAL,
     ) -> tuple[CoSimConfig, Path]:
         """See `Physics.prepare`; robots drive as fast as they can without hopping, if slower."""
+        from cosim.calibration.stopping import shielded  # noqa: PLC0415 - as above
+
+        config, fmu = self._driving(diameter_m, progress, world)
+        return (shielded(config, fmu, progress) if config.shield else config), fmu
+
+    def _driving(
+        self, diameter_m: float | None, progress: Progress, world: World
+    ) -> tuple[CoSimConfig, Path]:
         if self.speed is not None:
             return super().prepare(diameter_m, progress, world)
         from cosim.calibration.cache import calibrated_slower  # noqa: PLC0415 - as above

@@ -29,6 +29,7 @@ class EpisodeResult(msgspec.Struct, frozen=True):
             (`cosim.navigation.safety`). An episode without conflicts is, bit for bit, the same with
             the layer off and on at its default margin.
         drawn: what the episode has drawn from its world, None if that draws nothing.
+        shield_stops: moves that the shield has ended, None without it.
     """
 
     outcome: Outcome
@@ -44,6 +45,7 @@ class EpisodeResult(msgspec.Struct, frozen=True):
     energy_j_by_robot: tuple[float, ...]
     conflicts: int
     drawn: dict[str, dict[str, float]] | None = None
+    shield_stops: int | None = None
 
     @property
     def wall_s(self) -> float:
@@ -77,6 +79,7 @@ def result_of(episode: RunningEpisode, starts: tuple[Cell, ...], wall_s: float) 
         energy_j_by_robot=energies,
         conflicts=episode.conflicts,
         drawn=episode.drawn.table() if episode.config.world.draws else None,
+        shield_stops=episode.shield_stops if episode.config.shield else None,
     )
 
 

@@ -1,5 +1,8 @@
 """Optional safety layer: a robot begins no move that comes too close to another robot's plan.
 
+It keeps robots out of each other's path; that they never touch is the shield's part
+(`cosim.control.shield`), which has this layer with it.
+
 A plan is the line from where a robot is to where it is going; a robot that stands has a point. A
 move whose plan is blocked by a robot that is moving waits for it; one blocked by a robot that
 stands or by an obstacle yields to the nearest direction that is free. Policies know nothing of the
@@ -18,7 +21,7 @@ from cosim.scenarios.scenario import Scenario
 
 WAIT = -1
 # nearest direction first, and of two equally near the one to the left
-_TURNS = (0, 1, -1, 2, -2, 3, -3, 4)
+NEAREST_FIRST = np.array([0, 1, -1, 2, -2, 3, -3, 4])
 _ROUNDING_M = 1e-9
 
 Point = tuple[float, float]
@@ -97,6 +100,8 @@ def permitted(
     robot: int,
     direction: int,
     margin_m: float,
+    on_board_only: bool,
+    turns: np.ndarray,
 ) -> int:
     """The direction that a robot may take when it wants another.
 
@@ -107,18 +112,20 @@ def permitted(
         robot: that decides; it stands.
         direction: index of the direction that it wants.
         margin_m: least gap to the other robots' plans and to obstacles.
+        on_board_only: whether a direction that leaves the board is not free even if wanted.
+        turns: (8,) int64, from the wanted direction to those that are tried, 0 the first.
 
     Returns:
         The direction itself if it is free, WAIT if a moving robot blocks it or nothing is free,
-        else the nearest free direction.
+        else the first free direction.
     """
     here = (positions[robot, 0], positions[robot, 1])
-    for turn in _TURNS:
+    for turn in turns:
         candidate = (direction + turn) % DIRECTION_COUNT
         column = cell_of(here[0], board.cell_m) + DIRECTIONS[candidate, 0]
         row = cell_of(here[1], board.cell_m) + DIRECTIONS[candidate, 1]
         on_board = 0 <= column < board.columns and 0 <= row < board.rows
-        if turn != 0 and not on_board:
+        if (turn != 0 or on_board_only) and not on_board:
             continue
         plan = (here, ((column + 0.5) * board.cell_m, (row + 0.5) * board.cell_m))
         if _meets_obstacle(board, plan, margin_m):

@@ -11,7 +11,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import SAFETY_MARGIN_M
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
-from cosim.navigation.safety import WAIT, board_of, line_to_line, permitted
+from cosim.navigation.safety import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
 from cosim.scenarios.scenario import Scenario
 
 E, N, W, S = 0, 2, 4, 6
@@ -19,6 +19,7 @@ FACING = Scenario(
     "facing", "swap places", ((12, 5), (3, 12)), (((3, 5),), ((12, 5),)), 16, 16, zone=(7, 7, 8, 8)
 )
 BOARD = board_of(FACING)
+USUAL = SAFETY_MARGIN_M, False, NEAREST_FIRST
 
 coordinate = st.floats(-1.0, 1.0)
 points = st.tuples(coordinate, coordinate)
@@ -57,13 +58,15 @@ def goals_of(positions, *directions):
 def test_who_waits_and_who_yields(other, moving, wanted, expected):
     positions = positions_at((4, 5), other)
     goals = goals_of(positions, None, moving)
-    assert permitted(BOARD, positions, goals, 0, wanted, SAFETY_MARGIN_M) == expected
+    assert permitted(BOARD, positions, goals, 0, wanted, *USUAL) == expected
 
 
 def test_yielding_never_leads_off_the_board():
     positions = positions_at((0, 5), (5, 5))
     for wanted in range(8):
-        allowed = permitted(BOARD, positions, goals_of(positions), 0, wanted, SAFETY_MARGIN_M)
+        allowed = permitted(
+            BOARD, positions, goals_of(positions), 0, wanted, SAFETY_MARGIN_M, False, NEAREST_FIRST
+        )
         if allowed not in (wanted, WAIT):
             assert DIRECTIONS[allowed, 0] >= 0
 

@@ -14,7 +14,7 @@ from cosim.base.outcome import COLLISION, RUNNING
 from cosim.base.params import SAFETY_MARGIN_M, TABLE_I, TIMING
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
-from cosim.navigation.safety import WAIT, board_of, permitted
+from cosim.navigation.safety import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics import collision as solid
 from cosim.recording.episode_log import EpisodeLog
 from cosim.scenarios.file import find_scenario
@@ -153,7 +153,8 @@ def allowed(obstacles, wanted):
     """What the layer makes of a direction of a robot in cell (8, 5)."""
     scenario = Scenario("o", "", ((25, 25),), (((29, 29),),), obstacles=obstacles)
     here, stands = np.array([scenario.centre_m((8, 5))]), np.full((1, 2), np.nan)
-    return permitted(board_of(scenario), here, stands, 0, wanted, SAFETY_MARGIN_M)
+    asked = here, stands, 0, wanted, SAFETY_MARGIN_M, False, NEAREST_FIRST
+    return permitted(board_of(scenario), *asked)
 
 
 ABOVE, BELOW = (tuple((x, y) for x in range(17)) for y in (9, 1))

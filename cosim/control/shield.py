@@ -1,0 +1,149 @@
+"""The shield: a monitor that keeps robots apart whatever their policies want (docs/shield.md).
+
+Every control period, before the steering, it looks at where robots are estimated to be. The room
+of a robot is its distance to another one, an obstacle or the board's edge, less what stopping and the
+errors of the estimates can cost. A robot with little room stops, but for one at a time, which
+retreats straight along its own axis and is stopped when that costs room. A robot without room does
+not move.
+"""
+
+import math
+
+import numpy as np
+
+from cosim.base.jit import inlined
+from cosim.base.params import ShieldParams
+from cosim.control.estimation import COVARIANCE, POSE
+from cosim.control.steering import (
+    DIRECTION,
+    GOAL_X,
+    GOAL_Y,
+    HEADING_ERROR,
+    HOLD,
+    MODE,
+    RETREAT,
+    SENSE,
+)
+
+# Layout of what the shield knows of one robot, float64.
+PARKED = 0  # 1.0: it has arrived, and does not retreat
+REFERENCE = 1  # room when its retreat began, m
+FAILURES = 2  # retreats given up since it had room
+STOPS = 3  # moves and retreats that the shield has ended
+SHIELD_SIZE = 4
+
+
+@inlined
+def guard(
+    commands: np.ndarray,
+    estimates: np.ndarray,
+    shields: np.ndarray,
+    first: int,
+    robots: int,
+    board: np.ndarray,
+    obstacles: np.ndarray,
+    diameter_m: float,
+    params: ShieldParams,
+) -> None:
+    """Stop the robots of an episode that lack room, and let one of them retreat.
+
+    Args:
+        commands: (B, COMMAND_SIZE), see `cosim.control.steering`; changed.
+        estimates: (B, ESTIMATE_SIZE), see `cosim.control.estimation`.
+        shields: (B, SHIELD_SIZE), see the layout; changed.
+        first: column of the episode's first robot; the others follow.
+        robots: their number.
+        board: (2,) extent of the board in m.
+        obstacles: (M, 4) rectangles left, bottom, right, top in m.
+        diameter_m: of every robot.
+        params: what to keep.
+    """
+    retreating, chosen, best, along = False, -1, -math.inf, 0.0
+    for i in range(first, first + robots):
+        command, shield = commands[i], shields[i]
+        room, away_x, away_y = _room(
+            estimates, i, first, robots, board, obstacles, diameter_m, params
+        )
+        if room >= params.room_m:
+            shield[FAILURES] = 0.0
+            retreating |= command[MODE] == RETREAT
+            continue
+        if command[MODE] == RETREAT:
+            if room >= max(0.0, shield[REFERENCE] - params.loss_m):
+                retreating = True
+                continue
+            shield[FAILURES] += 1.0
+        if command[MODE] != HOLD:
+            command[MODE], command[HEADING_ERROR] = HOLD, 0.0
+            shield[STOPS] += 1.0
+        if room < 0.0 or shield[PARKED] > 0.0:
+            continue
+        heading = estimates[i, POSE + 2]
+        cosine = math.cos(heading) * away_x + math.sin(heading) * away_y
+        # Who has failed least, then who faces most along the line, and of equals the last one.
+        merit = abs(cosine) - 2.0 * shield[FAILURES]
+        if merit >= best:
+            chosen, best, along = i, merit, cosine
+            shield[REFERENCE] = room
+    if chosen >= 0 and not retreating:
+        sense = 1.0 if along >= 0.0 else -1.0
+        if shields[chosen, FAILURES] % 2.0 == 1.0:
+            sense = -sense
+        _retreat(commands[chosen], estimates[chosen], sense, params.retreat_m)
+
+
+@inlined
+def _retreat(command: np.ndarray, estimate: np.ndarray, sense: float, length_m: float) -> None:
+    """Command a straight line along the robot's axis, forwards (1.0) or backwards (−1.0)."""
+    heading = estimate[POSE + 2]
+    command[MODE], command[SENSE] = RETREAT, sense
+    command[DIRECTION] = heading if sense > 0.0 else heading + math.pi
+    command[GOAL_X] = estimate[POSE] + sense * length_m * math.cos(heading)
+    command[GOAL_Y] = estimate[POSE + 1] + sense * length_m * math.sin(heading)
+
+
+@inlined
+def _error(estimate: np.ndarray, params: ShieldParams) -> float:
+    """Bound on the distance of a robot from where it is estimated to be, m; 0 without a camera."""
+    variance = max(estimate[COVARIANCE], estimate[COVARIANCE + 4])
+    return params.deviations * math.sqrt(variance)
+
+
+@inlined
+def _room(
+    estimates: np.ndarray,
+    i: int,
+    first: int,
+    robots: int,
+    board: np.ndarray,
+    obstacles: np.ndarray,
+    diameter_m: float,
+    params: ShieldParams,
+) -> tuple[float, float, float]:
+    """Least room of a robot in m, and the direction away from what leaves it no more (x, y)."""
+    x, y = estimates[i, POSE], estimates[i, POSE + 1]
+    alone = params.stopping_m + _error(estimates[i], params)  # what the robot itself may cost
+    least, away_x, away_y = x - alone, 1.0, 0.0
+    for room, toward_x, toward_y in (
+        (board[0] - x - alone, -1.0, 0.0),
+        (y - alone, 0.0, 1.0),
+        (board[1] - y - alone, 0.0, -1.0),
+    ):
+        if room < least:
+            least, away_x, away_y = room, toward_x, toward_y
+    for k in range(len(obstacles)):
+        dx = x - min(max(x, obstacles[k, 0]), obstacles[k, 2])
+        dy = y - min(max(y, obstacles[k, 1]), obstacles[k, 3])
+        distance = math.sqrt(dx * dx + dy * dy)
+        if distance - 0.5 * diameter_m - alone < least:
+            least, away_x, away_y = distance - 0.5 * diameter_m - alone, dx, dy
+    for j in range(first, first + robots):
+        if j == i:
+            continue
+        dx, dy = x - estimates[j, POSE], y - estimates[j, POSE + 1]
+        both = alone + params.stopping_m + _error(estimates[j], params)
+        room = math.sqrt(dx * dx + dy * dy) - diameter_m - both
+        if room < least:
+            least, away_x, away_y = room, dx, dy
+    length = math.sqrt(away_x * away_x + away_y * away_y)
+    return least, away_x / length, away_y / length
