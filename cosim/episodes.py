@@ -8,9 +8,9 @@ import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
@@ -57,6 +57,8 @@ class Task:
             for none.
         watch: sees every RL step, the episode, and the wall-clock time that it took so far, in s.
         driver: of the co-simulation.
+        redrawn: RL steps from whose start on speed noise and camera frames come from another seed,
+            by their numbers; a recording does not tell.
     """
 
     scenario: Scenario
@@ -68,6 +70,7 @@ class Task:
     recorder: Callable[[RunningEpisode], EpisodeRecorder] | None = None
     watch: Callable[[Step, RunningEpisode, float], None] = lambda step, episode, wall_s: None
     driver: str = "compiled"
+    redrawn: Mapping[int, np.random.SeedSequence] = field(default_factory=dict)
 
     @property
     def origin(self) -> EpisodeOrigin:
@@ -116,6 +119,7 @@ class _Attended:
         self.number = number
         self._task = task
         self._wall_s = 0.0
+        self._steps = 0
         self.episode = batch.begin(place, task.scenario, task.starts, task.seed, task.config)
         self._open = contextlib.ExitStack()
         self._recorder = task.recorder and self._open.enter_context(task.recorder(self.episode))
@@ -123,11 +127,14 @@ class _Attended:
             self._recorder.tell("origin", {"task": msgspec.json.encode(task.origin).decode()})
 
     def act(self) -> np.ndarray:
+        if (seed := self._task.redrawn.get(self._steps)) is not None:
+            self.episode.draw_from(seed)
         return self._task.policy.act(self.episode.observation)
 
     def take(self, step: Step, wall_s: float) -> None:
         """Watch and record an RL step that took so long."""
         self._wall_s += wall_s
+        self._steps += 1
         self._task.watch(step, self.episode, self._wall_s)
         if self._recorder is not None:
             policy = self._task.policy

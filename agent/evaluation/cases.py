@@ -82,9 +82,24 @@ class Case:
                 f"scenario {self.policy.config.scenario.name} has only {available} starts, "
                 f"not {count}; ask for at most that many, or for all"
             )
-        sequence = np.random.SeedSequence(self.seed, spawn_key=(_ORDER,))
-        order = np.random.default_rng(sequence).permutation(available)
-        return [int(index) for index in order[:count]]
+        return self._order()[:count]
+
+    def cover(self, count: int) -> list[int]:
+        """Indices that go round all starts, again and again, each with noise of its own.
+
+        Every round has an order of its own; the first one is that of `sample`.
+
+        Args:
+            count: how many; the beginning of any larger number.
+        """
+        available = len(self.starts)
+        rounds = range(-(-count // available))
+        return [k * available + index for k in rounds for index in self._order(k)][:count]
+
+    def _order(self, number: int = 0) -> list[int]:
+        key = (_ORDER, number) if number else (_ORDER,)
+        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=key))
+        return rng.permutation(len(self.starts)).tolist()
 
     @cached_property
     def identity(self) -> CaseIdentity:
@@ -110,8 +125,8 @@ class Case:
         return digest_of(self.identity)
 
     def start_cells(self, index: int) -> tuple[Cell, ...]:
-        """Start cell of each robot."""
-        return tuple((int(x), int(y)) for x, y in self.starts[index])
+        """Start cell of each robot; beyond the last start they begin again, see `cover`."""
+        return tuple((int(x), int(y)) for x, y in self.starts[index % len(self.starts)])
 
     def recorder(self, path: Path, index: int, drawn: Drawn) -> EpisodeRecorder:
         """Recorder of the episode from a start."""

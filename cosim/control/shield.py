@@ -1,8 +1,8 @@
 """The shield: a monitor that keeps robots apart whatever their policies want (docs/shield.md).
 
 Every control period, before the steering, it looks at where robots are estimated to be. The room
-of a robot is its distance to another one, an obstacle or the board's edge, less what stopping and the
-errors of the estimates can cost. A robot with little room stops, but for one at a time, which
+of a robot is its distance to another one, an obstacle or the board's edge, less what stopping and
+the errors of the estimates can cost. A robot with little room stops, but for one at a time, which
 retreats straight along its own axis and is stopped when that costs room. A robot without room does
 not move.
 """

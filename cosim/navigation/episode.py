@@ -148,9 +148,8 @@ class RunningEpisode:
             facing = math.copysign(math.pi / 2.0, scenario.size_m[1] / 2.0 - y)
             self._bodies[robot] = standing_state(config.robot, x, y, facing)
             self._estimates[robot, POSE : POSE + 3] = x, y, facing
-        self._noise = noise_generators(seed, n)
-        self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
         self._detours = generator(seed, DETOUR_CHILD)
+        self.draw_from(seed)
         self._step = self._tick = 0
         self.conflicts = 0
         self._arrived = np.zeros(n, dtype=bool)
@@ -161,6 +160,12 @@ class RunningEpisode:
         self.measures = Measures(positions_m, config.timing.control_period_s)
         self.outcome = Outcome.RUNNING
         self.observation = self._observe()
+
+    def draw_from(self, seed: np.random.SeedSequence) -> None:
+        """Draw speed noise and camera frames from a seed from now on; the world stays as drawn."""
+        n = self.scenario.robots
+        self._noise = noise_generators(seed, n)
+        self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
 
     @property
     def time_s(self) -> float:

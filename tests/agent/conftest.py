@@ -1,7 +1,40 @@
+from pathlib import Path
+
 import pytest
+
+from agent.process.config import ProcessConfig
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.settings import LearningConfig
+from agent.training.store import train_policy
+from cosim.scenarios.scenario import Scenario
+
+# Targets one cell away, straight ahead: an episode takes some simulated seconds.
+NEAR = Scenario(
+    "near",
+    "",
+    ((3, 6), (10, 6)),
+    (((3, 7), (3, 8)), ((10, 5), (10, 4))),
+    columns=14,
+    rows=14,
+    zone=(0, 0, 0, 0),
+)
 
 
 @pytest.fixture
 def fresh_cache(tmp_path, monkeypatch):
     """A cache of policies and bounds of this test's own."""
     monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture(scope="module")
+def near_policy() -> Policy:
+    """A policy of two robots with four starts, none of which fails."""
+    config = PolicyConfig(NEAR, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
+    return train_policy(config)[0]
+
+
+@pytest.fixture(scope="module")
+def near_file(near_policy, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("policy") / "policy.npz"
+    near_policy.save(path)
+    return path

@@ -9,12 +9,9 @@ import cosim.evaluate
 from agent.evaluation.cases import Case
 from agent.evaluation.dynamics import EvaluationReport, evaluate, report_of
 from agent.evaluation.outcomes import summary
-from agent.evaluation.result_file import ResultFile, ResultFileError
+from agent.evaluation.result_file import ResultFile
+from agent.evaluation.row_file import ResultFileError
 from agent.evaluation.statistics import rate
-from agent.process.config import ProcessConfig
-from agent.training.policy import Policy, PolicyConfig, Seed
-from agent.training.settings import LearningConfig
-from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
@@ -22,38 +19,11 @@ from cosim.base.params import TABLE_I
 from cosim.evaluate import Evaluate
 from cosim.navigation.options import Driving
 from cosim.navigation.result import EpisodeResult
-from cosim.scenarios.scenario import Scenario
-
-# Targets one cell away, straight ahead: an episode takes some simulated seconds.
-NEAR = Scenario(
-    "near",
-    "",
-    ((3, 6), (10, 6)),
-    (((3, 7), (3, 8)), ((10, 5), (10, 4))),
-    columns=14,
-    rows=14,
-    zone=(0, 0, 0, 0),
-)
 
 
-@pytest.fixture(scope="module")
-def policy() -> Policy:
-    config = PolicyConfig(NEAR, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
-    return train_policy(config)[0]
-
-
-@pytest.fixture(scope="module")
-def policy_file(policy, tmp_path_factory):
-    path = tmp_path_factory.mktemp("policy") / "policy.npz"
-    policy.save(path)
-    return path
-
-
-def run(policy_file, out, *, starts=None, recordings=0, jobs=1, **physics):
+def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics):
     driving = Driving(**physics)
-    evaluated = evaluate(
-        [policy_file], driving, out, starts=starts, recordings=recordings, jobs=jobs
-    )
+    evaluated = evaluate([near_file], driving, out, starts=starts, recordings=recordings, jobs=jobs)
     return evaluated[0], report_of(evaluated, seed=0)
 
 
@@ -65,10 +35,10 @@ def without_wall_clock(results: dict[int, EpisodeResult]) -> dict[int, EpisodeRe
 
 
 @pytest.fixture(scope="module")
-def whole(policy_file, tmp_path_factory):
+def whole(near_file, tmp_path_factory):
     """All four starts, two at a time, one success recorded."""
     out = tmp_path_factory.mktemp("whole")
-    return run(policy_file, out, jobs=2, recordings=1)
+    return run(near_file, out, jobs=2, recordings=1)
 
 
 def test_report_counts_every_start(whole):
@@ -86,18 +56,18 @@ def test_report_counts_every_start(whole):
     assert len({r.starts for r in evaluated.results().values()}) == 4
 
 
-def test_jobs_and_interruptions_change_nothing(whole, policy_file, tmp_path):
+def test_jobs_and_interruptions_change_nothing(whole, near_file, tmp_path):
     evaluated, _ = whole
-    first, _ = run(policy_file, tmp_path, starts=2)
+    first, _ = run(near_file, tmp_path, starts=2)
     assert len(first.results()) == 2
     kept = first.file.path.read_bytes()
     # a process killed while it wrote a third result
     first.file.path.write_bytes(kept + b'{"index": 3, "outc')
-    second, _ = run(policy_file, tmp_path)
+    second, _ = run(near_file, tmp_path)
     assert second.file.path.read_bytes().startswith(kept + b'{"outcome":')
     assert without_wall_clock(second.results()) == without_wall_clock(evaluated.results())
     written = second.file.path.read_bytes()
-    run(policy_file, tmp_path)
+    run(near_file, tmp_path)
     assert second.file.path.read_bytes() == written
 
 
@@ -109,8 +79,8 @@ def test_success_is_recorded(whole):
     assert evaluated.recordings[index].stat().st_size > 100_000
 
 
-def test_failure_is_listed_and_recorded(policy_file, tmp_path):
-    _, report = run(policy_file, tmp_path, starts=1, time_limit=2.0, recordings=1)
+def test_failure_is_listed_and_recorded(near_file, tmp_path):
+    _, report = run(near_file, tmp_path, starts=1, time_limit=2.0, recordings=1)
     (row,) = report.policies
     assert (row.success, row.timeout, row.failing_starts) == (0.0, 1.0, 1)
     assert row.path_length_cm is row.path_ratio_to_grid is None
@@ -119,20 +89,20 @@ def test_failure_is_listed_and_recorded(policy_file, tmp_path):
     assert failure.recording == row.recordings[0]
 
 
-def test_samples_are_seeded_and_nested(policy, motor_fmu):
-    case = Case(policy, CoSimConfig(), motor_fmu, 0)
+def test_samples_are_seeded_and_nested(near_policy, motor_fmu):
+    case = Case(near_policy, CoSimConfig(), motor_fmu, 0)
     assert sorted(case.sample(None)) == [0, 1, 2, 3]
     assert case.sample(2) == case.sample(None)[:2]
-    others = {tuple(Case(policy, CoSimConfig(), motor_fmu, k).sample(None)) for k in range(9)}
+    others = {tuple(Case(near_policy, CoSimConfig(), motor_fmu, k).sample(None)) for k in range(9)}
     assert len(others) > 1
     with pytest.raises(UserError, match="scenario near has only 4 starts, not 5"):
         case.sample(5)
 
 
-def test_every_configuration_has_its_own_file(policy, motor_fmu, tmp_path):
-    case = Case(policy, CoSimConfig(), motor_fmu, 0)
+def test_every_configuration_has_its_own_file(near_policy, motor_fmu, tmp_path):
+    case = Case(near_policy, CoSimConfig(), motor_fmu, 0)
     slippery = CoSimConfig(robot=TABLE_I._replace(mu=0.1))
-    other_policy = replace(policy, q=policy.q + 1.0)
+    other_policy = replace(near_policy, q=near_policy.q + 1.0)
     others = [
         replace(case, config=slippery),
         replace(case, seed=1),
@@ -156,8 +126,8 @@ def test_wilson_interval(count, episodes, low, high):
     assert rate(count, episodes) == pytest.approx((count / episodes, low, high), abs=1e-5)
 
 
-def test_no_episode_gives_no_numbers(policy, motor_fmu):
-    values = msgspec.structs.asdict(summary(Case(policy, CoSimConfig(), motor_fmu, 0), {}))
+def test_no_episode_gives_no_numbers(near_policy, motor_fmu):
+    values = msgspec.structs.asdict(summary(Case(near_policy, CoSimConfig(), motor_fmu, 0), {}))
     assert values.pop("episodes") == 0
     assert set(values.values()) == {None}
 
@@ -176,18 +146,18 @@ def test_bad_options_are_refused(options, message):
         Evaluate(policies=(), **options)
 
 
-def test_command_prints_json_last(command, whole, policy_file):
+def test_command_prints_json_last(command, whole, near_file):
     evaluated, report = whole
     out = evaluated.file.path.parent
     options = ("--starts", "all", "--out", out, "--recordings", 1, "--json")
-    done = command(cosim.evaluate, policy_file, *options)  # everything is there already
+    done = command(cosim.evaluate, near_file, *options)  # everything is there already
     assert done.returncode == 0, done.stderr
     assert "outcomes with 95 % intervals" in done.stdout
     assert msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport) == report
 
 
-def test_policy_of_another_scenario_is_refused(command, policy_file, tmp_path):
-    done = command(cosim.evaluate, policy_file, "--scenario", "4", "--out", tmp_path / "out")
+def test_policy_of_another_scenario_is_refused(command, near_file, tmp_path):
+    done = command(cosim.evaluate, near_file, "--scenario", "4", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "was trained on scenario near" in done.stderr
