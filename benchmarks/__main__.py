@@ -21,6 +21,7 @@ from cosim.base.progress import progress_bars, under_way
 
 COUNTS = {
     "boards",
+    "episodes",
     "exchanges",
     "machines",
     "phases",
@@ -29,6 +30,7 @@ COUNTS = {
     "scalar_starts",
     "seeds",
     "starts",
+    "unshielded",
 }
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 
@@ -43,6 +45,26 @@ class Benchmark:
         for name, value in asdict(self).items():
             if name in COUNTS and value < 1:
                 raise UserError(f"--{name.replace('_', '-')} must be at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adversaries(Benchmark):
+    """Let policies that want robots to collide loose on the shield, and on robots without it.
+
+    What has been simulated is kept in --out: the same command goes on.
+    """
+
+    episodes: int = 2000
+    """Episodes with the shield, of four kinds of adversaries in turn, 250 each."""
+    unshielded: int = 1000
+    """Episodes without it."""
+    robots: Literal[2, 3] = 2
+    """Robots on the board."""
+    world: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """World of the episodes (.toml with a table [world]), by default the paper's."""
+    jobs: Jobs = -1
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/adversaries")
+    """Folder of results."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,6 +314,7 @@ class Training(Benchmark):
 
 
 MODULES: dict[type[Benchmark], str] = {
+    Adversaries: "reliability.adversaries",
     Convergence: "convergence",
     CosimStep: "cosim_step",
     DriveMap: "drive_map",

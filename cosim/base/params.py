@@ -212,6 +212,9 @@ class ShieldParams(NamedTuple):
     loss_m: Annotated[
         float, Quantity("m", "assumed: more than the vibration", "room that a retreat may cost")
     ] = 1e-4
+    stray_m: Annotated[
+        float, Quantity("m", "benchmarks steering: driving", "gap of plans beyond that of stopping")
+    ] = 1e-3
     retreat_m: Annotated[float, Quantity("m", "assumed: one cell", "length of a retreat")] = 0.01
     deviations: Annotated[
         float, Quantity("1", "assumed", "standard deviations that bound an estimate's error")

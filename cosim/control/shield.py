@@ -103,6 +103,15 @@ def _retreat(command: np.ndarray, estimate: np.ndarray, sense: float, length_m: 
 
 
 @inlined
+def plan_margin(estimates: np.ndarray, params: ShieldParams) -> float:
+    """Gap in m between plans of robots whose drives the shield will not end, unless they stray."""
+    error = 0.0
+    for robot in range(len(estimates)):
+        error = max(error, _error(estimates[robot], params))
+    return 2.0 * (params.stopping_m + error) + params.room_m + params.stray_m
+
+
+@inlined
 def _error(estimate: np.ndarray, params: ShieldParams) -> float:
     """Bound on the distance of a robot from where it is estimated to be, m; 0 without a camera."""
     variance = max(estimate[COVARIANCE], estimate[COVARIANCE + 4])

@@ -18,7 +18,7 @@ from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator, gravity
 from cosim.control.camera import camera_of, draw_sight
 from cosim.control.estimation import POSE
-from cosim.control.shield import PARKED, STOPS
+from cosim.control.shield import PARKED, STOPS, plan_margin
 from cosim.control.steering import (
     DIRECTION,
     DRIVE,
@@ -262,11 +262,13 @@ class RunningEpisode:
 
     def _permitted(self, robot: int, direction: int) -> int:
         """What the safety layer makes of a direction; without the layer it is only counted."""
-        commands, margin_m = self._commands, self.config.safety_margin_m or SAFETY_MARGIN_M
+        commands, shield = self._commands, self.config.shield
+        margin_m = self.config.safety_margin_m or SAFETY_MARGIN_M
+        if shield:
+            margin_m = plan_margin(self._estimates, self.config.shielding)
         goals = commands[:, GOAL_X : GOAL_Y + 1].copy()
         goals[commands[:, MODE] == HOLD] = np.nan
         goals[robot] = np.nan
-        shield = self.config.shield
         asked = self._board, self._positions_m(), goals, robot, direction, margin_m, shield
         allowed = permitted(*asked, NEAREST_FIRST)
         self.conflicts += allowed != direction

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import SAFETY_MARGIN_M
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.params import SAFETY_MARGIN_M, TIMING
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
 from cosim.navigation.safety import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
@@ -79,14 +79,36 @@ class Straight:
         return np.round(np.arctan2(offsets[:, 1], offsets[:, 0]) / (math.pi / 4)).astype(int) % 8
 
 
-@pytest.mark.parametrize("margin_m", [0.0, SAFETY_MARGIN_M])
-def test_robots_that_would_collide_do_not_with_the_layer(motor_fmu, margin_m):
-    system = CoSimulation(FACING, motor_fmu, CoSimConfig(safety_margin_m=margin_m))
+def drive(motor_fmu, config):
+    system = CoSimulation(FACING, motor_fmu, config)
     starts = tuple(cells[0] for cells in FACING.starts)
     outcome = run_episode(system, Straight(), starts, np.random.SeedSequence(0), lambda step: None)
+    return system, outcome
+
+
+@pytest.mark.parametrize("kept", [{}, {"safety_margin_m": SAFETY_MARGIN_M}, {"shield": True}])
+def test_robots_that_would_collide_do_not_with_the_layer(motor_fmu, kept):
+    system, outcome = drive(motor_fmu, CoSimConfig(**kept))
     assert system.conflicts > 0
-    if margin_m:
+    if kept:
         assert outcome != "collision"
         assert system.measures.min_distance_m > FACING.robot_diameter_m
     else:
         assert outcome == "collision"
+
+
+def test_the_shield_alone_keeps_robots_apart(motor_fmu, monkeypatch):
+    """Without a safety layer they meet, and are parted, again and again."""
+    monkeypatch.setattr("cosim.navigation.episode.permitted", lambda *asked: asked[4])
+    timing = TIMING._replace(episode_limit_s=30.0)
+    system, outcome = drive(motor_fmu, CoSimConfig(shield=True, timing=timing))
+    assert outcome == "timeout"
+    assert system.episode.shield_stops >= 2
+    assert system.measures.min_distance_m > FACING.robot_diameter_m
+
+
+def test_what_the_shield_cannot_go_with_is_refused():
+    with pytest.raises(ConfigError, match="safety_margin_m has no effect beside the shield"):
+        CoSimConfig(shield=True, safety_margin_m=0.003)
+    with pytest.raises(ConfigError, match="keep their course"):
+        CoSimConfig(shield=True, open_loop=("heading",))

@@ -1,0 +1,264 @@
+"""Policies that want robots to collide, against the shield: how close they bring them.
+
+On a board of 16 x 16 cells with an obstacle, robots begin next to each other, anywhere. In half of
+the blocks robots drive on at the end of their moves, and are asked only every 2 s: they leave the
+lines that they had planned. Blocks are kept as they are done: the same command goes on.
+"""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from agent.evaluation.cases import CaseIdentity
+from agent.evaluation.row_file import Header, RowFile
+from cosim.base.command import show_table, workers
+from cosim.base.config import CoSimConfig
+from cosim.base.outcome import Outcome
+from cosim.base.params import TABLE_I
+from cosim.base.progress import progress_bars
+from cosim.base.provenance import code_digest, digest_of, with_imports
+from cosim.base.world import IDEAL
+from cosim.episodes import Task, simulate_tasks
+from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
+from cosim.navigation.features import DIRECTION_COUNT, Observation
+from cosim.navigation.options import Driving
+from cosim.scenarios.file import in_world, read_world
+from cosim.scenarios.scenario import Cell, Scenario, touches_obstacle
+
+SIDE, CELL_M = 16, 0.01
+NEAR_CELLS = 7.0  # farthest distance of robots at the start
+TARGETS = ((2, 2), (13, 13), (2, 13))
+OBSTACLES = ((7, 7), (8, 7))
+KINDS = {"short": 2.0, "random": 3.0, "greedy": 4.0, "learnt": 4.0}  # s of their episodes
+BLOCK = 250  # episodes of a kind, with a learner of their own
+WANDERING = 0.1  # share of decisions that the greedy and the learnt leave to chance
+_REACH, _RATE, _DISCOUNT = 9, 0.3, 0.8  # of the learnt: cells that it tells apart, Q-learning
+
+
+class Block(msgspec.Struct, frozen=True):
+    """Episodes of a kind; `least_gap_mm` is the smallest of all, between robots."""
+
+    number: int
+    kind: str
+    episodes: int
+    contacts: int
+    off_board: int
+    least_gap_mm: float
+    stops: int
+
+
+class Random:
+    """Any direction."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng = rng
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Direction index of each robot."""
+        return self.rng.integers(DIRECTION_COUNT, size=len(observation.cells))
+
+
+class Greedy(Random):
+    """Straight at the nearest robot."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Direction index of each robot."""
+        chosen = np.array([self.choice(offset) for offset in _offsets(observation)])
+        wanders = self.rng.random(len(chosen)) < WANDERING
+        return np.where(wanders, super().act(observation), chosen)
+
+    def choice(self, offset: np.ndarray) -> int:
+        """Direction for the offset (x, y) of the nearest robot in cells."""
+        return round(math.atan2(offset[1], offset[0]) / (math.pi / 4.0)) % DIRECTION_COUNT
+
+
+class Learnt(Greedy):
+    """Q-learning, one table for all robots: every millimetre closer is a reward.
+
+    What it learns of one episode of a block the next ones have.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        super().__init__(rng)
+        self._q = np.zeros((2 * _REACH + 1, 2 * _REACH + 1, DIRECTION_COUNT))
+
+    def choice(self, offset: np.ndarray) -> int:
+        """See `Greedy`."""
+        return int(np.argmax(self._q[tuple(offset + _REACH)]))
+
+    def learn(self, step: Step) -> None:
+        """Take what the robots did in an RL step."""
+        position = step.samples.position[:, :, :2]
+        for robot, (before, after) in enumerate(
+            zip(_offsets(step.before), _offsets(step.after), strict=True)
+        ):
+            others = np.delete(position, robot, axis=1)
+            gaps = np.linalg.norm(others - position[:, robot, None], axis=2).min(axis=1)
+            value = self._q[tuple(after + _REACH)].max()
+            entry = *(before + _REACH), step.action[robot]
+            target = 1e3 * float(gaps[0] - gaps[-1]) + _DISCOUNT * value
+            self._q[entry] += _RATE * (target - self._q[entry])
+
+
+POLICIES = {"short": Greedy, "random": Random, "greedy": Greedy, "learnt": Learnt}
+
+
+def _offsets(observation: Observation) -> np.ndarray:
+    """(N, 2) offset of the nearest other robot of each in cells, clipped."""
+    cells = observation.cells
+    apart = cells[None] - cells[:, None]
+    squared = (apart**2).sum(axis=2)
+    np.fill_diagonal(squared, np.iinfo(np.int64).max)
+    nearest = apart[np.arange(len(cells)), squared.argmin(axis=1)]
+    return nearest.clip(-_REACH, _REACH)
+
+
+def arena(robots: int) -> Scenario:
+    """The board; every cell where a robot does not touch the obstacle is a start of all."""
+    targets, walls = TARGETS[:robots], np.array([(x, y, x + 1, y + 1) for x, y in OBSTACLES])
+    radius = 0.5 * TABLE_I.diameter_m / CELL_M
+    cells = tuple(
+        (x, y)
+        for x in range(SIDE)
+        for y in range(SIDE)
+        if not touches_obstacle(x + 0.5, y + 0.5, radius**2, walls)
+    )
+    starts = (cells,) * robots
+    return Scenario(
+        "arena", "", targets, starts, SIDE, SIDE, CELL_M, (7, 7, 8, 8), obstacles=OBSTACLES
+    )
+
+
+def near_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:
+    """Start cells of robots that do not touch, each near another one."""
+    cells = scenario.starts[0]
+    while True:
+        starts = tuple(cells[k] for k in rng.integers(len(cells), size=scenario.robots))
+        squared = [(a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 for a, b in combinations(starts, 2)]
+        if min(squared) > scenario.squared_contact and max(squared) <= NEAR_CELLS**2:
+            return starts
+
+
+def _simulate(
+    number: int, kind: str, episodes: int, scenario: Scenario, config: CoSimConfig, fmu: Path
+) -> Block:
+    """A block; it is determined by its number and the rest, whatever else runs."""
+    root = np.random.SeedSequence(number)
+    policy: SupportsAct = POLICIES[kind](np.random.default_rng(root))
+    stops = 0
+
+    def watch(step: Step, episode: RunningEpisode, _: float) -> None:
+        nonlocal stops
+        if isinstance(policy, Learnt):
+            policy.learn(step)
+        if step.outcome:
+            stops += episode.shield_stops
+
+    tasks = []
+    for seed in root.spawn(episodes):
+        starts = near_starts(scenario, np.random.default_rng(seed))
+        tasks.append(Task(scenario, fmu, config, policy, starts, seed, watch=watch))
+    results = [result for _, result in simulate_tasks(tasks, 1)]
+    outcomes = [result.outcome for result in results]
+    gaps = [10.0 * (r.min_distance_cm or 0.0) - 1e3 * scenario.robot_diameter_m for r in results]
+    return Block(
+        number,
+        kind,
+        episodes,
+        outcomes.count(Outcome.COLLISION),
+        outcomes.count(Outcome.OUT_OF_BOARD),
+        min(gaps),
+        stops,
+    )
+
+
+def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> RowFile[Block]:
+    """The file of the blocks."""
+    identity = CaseIdentity(
+        scenario=scenario.name,
+        scenario_digest=scenario.digest(),
+        policy_digest=digest_of(KINDS, BLOCK),
+        seed=0,
+        motor_fmu_digest=digest_of(fmu),
+        parameters={name: row["value"] for name, row in config.table().items()},
+        code_digest=code_digest(with_imports([Path(__file__)])),
+    )
+    header = Header(**msgspec.structs.asdict(identity), digest=digest_of(identity))
+    return RowFile(folder / f"{scenario.name}-{header.digest}.jsonl", header, Block)
+
+
+def attack(
+    episodes: int, robots: int, shield: bool, world: Path | None, jobs: int, out: Path
+) -> list[Block]:
+    """Blocks of so many episodes in all, one kind after the other; those of the file are there."""
+    said = read_world(world) if world else IDEAL
+    jobs = workers(jobs)
+    scenario = in_world(arena(robots), said)
+    config, fmu = Driving(shield=shield).prepare(scenario.robot_diameter_m, world=said)
+    file = _file(scenario, config, fmu, out)
+    known = {block.number: block for block in file.rows}
+    numbers = range(-(-episodes // BLOCK))
+
+    def size(number: int) -> int:
+        return min(BLOCK, episodes - number * BLOCK)
+
+    def block(number: int) -> Block:
+        kind = tuple(KINDS)[number % len(KINDS)]
+        through = number // len(KINDS) % 2 == 1
+        timing = config.timing._replace(episode_limit_s=KINDS[kind])
+        mine = replace(config, timing=timing, through=through)
+        return _simulate(number, kind, size(number), scenario, mine, fmu)
+
+    missing = [n for n in numbers if n not in known or known[n].episodes < size(n)]
+    with progress_bars() as progress, ThreadPoolExecutor(jobs) as pool:
+        for done, row in enumerate(pool.map(block, missing), len(numbers) - len(missing) + 1):
+            file.append(row)
+            known[row.number] = row
+            contacts = sum(b.contacts + b.off_board for b in known.values())
+            said_so = f"{done * BLOCK} episodes, {contacts} contacts"
+            progress("attacking", done, len(numbers), said_so)
+    return [known[n] for n in numbers]
+
+
+def measure(
+    episodes: int, unshielded: int, robots: int, world: Path | None, jobs: int, out: Path
+) -> dict[str, Any]:
+    """What the adversaries achieve against the shield and, in fewer episodes, without it."""
+    rows = []
+    for shield, count in ((False, unshielded), (True, episodes)):
+        blocks = attack(count, robots, shield, world, jobs, out)
+        for kind in KINDS:
+            mine = [block for block in blocks if block.kind == kind]
+            total = sum(block.episodes for block in mine)
+            if total:
+                rows.append(
+                    {
+                        "shield": shield,
+                        "kind": kind,
+                        "episodes": total,
+                        "contacts": sum(block.contacts for block in mine),
+                        "off_board": sum(block.off_board for block in mine),
+                        "least_gap_mm": min(block.least_gap_mm for block in mine),
+                        "stops": sum(block.stops for block in mine),
+                    }
+                )
+    return {"robots": robots, "world": str(world or "ideal"), "rows": rows}
+
+
+def show(found: dict[str, Any]) -> None:
+    """Print a row per kind, without and with the shield."""
+    header = ("shield", "adversary", "episodes", "contacts", "off board", "least gap, mm", "stops")
+    rows = [("on" if row["shield"] else "off", *list(row.values())[1:]) for row in found["rows"]]
+    show_table(None, header, [tuple(map(str, row)) for row in rows], names=2)
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)
