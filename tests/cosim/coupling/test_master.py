@@ -9,7 +9,7 @@ from fmpy.fmi3 import FMU3Slave
 
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
-from cosim.base.params import ESTIMATOR, STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.base.params import ESTIMATOR, SHIELD, STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.control.steering import (
     DIRECT,
     DIRECTION,
@@ -41,6 +41,8 @@ def plant_with(**changes) -> Plant:
         *motor_mounts(TABLE_I, TABLE_II),
         STEERING,
         ESTIMATOR,
+        SHIELD,
+        False,  # not shielded
         PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots),
         end_on_collision=True,
         ticks_per_period=100,
