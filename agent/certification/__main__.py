@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from agent.certification.claims import parse_claim
+from agent.certification.claims import LEAST_CONFIDENCE, parse_claim
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.errors import UserError, run_command
 from cosim.base.progress import progress_bars
@@ -15,6 +15,7 @@ from cosim.fmi.isolation import Isolation
 from cosim.navigation.options import Driving
 
 NOT_CERTIFIED_STATUS = 1
+_MOST = 10**6
 # Options that only one kind of work has.
 _OF = {
     "claim": ("confidence", "episodes", "budget_minutes"),
@@ -84,11 +85,13 @@ class Certify:
             raise UserError("--policy is missing; name a policy.npz")
         if self.claim is not None:
             parse_claim(self.claim)
-        if not 0.5 <= self.confidence < 1.0:
-            raise UserError("--confidence must be at least 0.5 and less than 1")
-        for name, least in {"seed": 0, "sample": 0, "roots": 2, "branches": 2}.items():
-            if getattr(self, name) < least:
-                raise UserError(f"--{name} must be at least {least}")
+        if not LEAST_CONFIDENCE <= self.confidence < 1.0:
+            raise UserError(f"--confidence must be at least {LEAST_CONFIDENCE} and less than 1")
+        if self.seed < 0:
+            raise UserError("--seed must not be negative")
+        for name, least in {"sample": 0, "roots": 2, "branches": 2}.items():
+            if not least <= getattr(self, name) <= _MOST:
+                raise UserError(f"--{name} must be from {least} to {_MOST}")
         if self.episodes is not None and self.episodes < 1:
             raise UserError("--episodes must be at least 1")
         if self.budget_minutes is not None and self.budget_minutes < 0.0:

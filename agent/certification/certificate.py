@@ -10,16 +10,19 @@ from pathlib import Path
 
 import msgspec
 
-from agent.certification.claims import Claim, complement
+from agent.certification.claims import LEAST_CONFIDENCE, Claim, complement
 from agent.certification.sequential import Decision, SequentialTest, Verdict
 from agent.evaluation.cases import Case, CaseIdentity
 from agent.evaluation.result_file import ResultFile
 from agent.policies import method_name
 from agent.process.exact import enumerable
 from cosim.base.config import CoSimConfig
+from cosim.base.errors import UserError
 from cosim.base.provenance import code_digest, digest_of, versions, with_imports
+from cosim.base.reading import Kind, read_json
 from cosim.navigation.result import EpisodeResult
 
+_CERTIFICATE = Kind("certificate", "make it again with --claim", UserError)
 CERTIFICATE_FILE, POLICY_FILE = "certificate.json", "policy.npz"
 
 
@@ -110,6 +113,19 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True):
     code_digest: str
     versions: dict[str, str]
     issued: str
+
+    def __post_init__(self) -> None:
+        if not LEAST_CONFIDENCE <= self.confidence < 1.0 or self.case.seed < 0:
+            raise ValueError("its confidence or its seed cannot be")
+
+
+def read_certificate(path: Path) -> Certificate:
+    """A certificate by its file.
+
+    Raises:
+        UserError: there is none, or it is damaged.
+    """
+    return read_json(path, _CERTIFICATE, Certificate)
 
 
 def claim_test(claim: Claim, confidence: float, case: Case) -> SequentialTest:

@@ -13,6 +13,7 @@ from agent.certification.certificate import (
     judge,
     known,
     lasting,
+    read_certificate,
 )
 from agent.certification.claims import parse_claim
 from agent.evaluation.cases import Case, CaseIdentity, Job, run_jobs
@@ -22,10 +23,9 @@ from agent.policies import load_policy
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import versions
-from cosim.base.reading import Kind, read_json, require_file
+from cosim.base.reading import Kind, require_file
 from cosim.navigation.options import Physics
 
-_CERTIFICATE = Kind("certificate", "make it again with --claim", UserError)
 _RESULTS = Kind("file of the certificate's results", "keep both in one folder", UserError)
 # What a certificate is about: with another one it says nothing.
 _SUBJECT = {
@@ -80,12 +80,12 @@ def check(
     Raises:
         UserError: a file is missing, damaged or another's; or of the FMU.
     """
-    certificate: Certificate = read_json(path, _CERTIFICATE, Certificate)
+    certificate = read_certificate(path)
     claim, then = parse_claim(certificate.claim), certificate.case
     header = Header(**msgspec.structs.asdict(then), digest=certificate.digest)
-    require_file(path.parent / certificate.results, _RESULTS)
-    rows = RowFile(path.parent / certificate.results, header, IndexedResult).rows
-    results = {row.index: row.result for row in rows}
+    file = path.parent / Path(certificate.results).name
+    require_file(file, _RESULTS)
+    results = {row.index: row.result for row in RowFile(file, header, IndexedResult).rows}
     loaded = load_policy(policy or path.parent / POLICY_FILE)
     fmu = Physics(motor_fmu=motor_fmu).fmu(progress)
     case = Case(loaded, certificate.config, fmu, then.seed)

@@ -19,8 +19,8 @@ def show_certificate(certificate: Certificate) -> None:
     )
     if certificate.verdict == "undecided":
         print(
-            f"nothing is certified yet: without further episodes against it the claim is after "
-            f"{evidence.enough}; the same command goes on"
+            f"{evidence.enough} episodes would certify it if no more of them speak against it; go "
+            "on with more --episodes or --budget-minutes"
         )
 
 

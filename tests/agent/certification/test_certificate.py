@@ -8,7 +8,7 @@ import pytest
 
 import agent.certification.__main__ as certify_command
 from agent.certification.__main__ import Certify
-from agent.certification.certificate import Certificate
+from agent.certification.certificate import Certificate, read_certificate
 from agent.certification.check import CheckReport, check
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import SplittingReport, estimate_collisions
@@ -38,7 +38,7 @@ def out(case, tmp_path_factory):
 
 
 def read(folder) -> Certificate:
-    return msgspec.json.decode((folder / "certificate.json").read_bytes(), type=Certificate)
+    return read_certificate(folder / "certificate.json")
 
 
 def lasting(certificate: Certificate) -> Certificate:
@@ -85,9 +85,11 @@ def test_it_goes_on_where_it_ended(out, case, tmp_path):
 
 
 def test_a_bad_policy_is_refused(near_policy, case, tmp_path):
-    config = replace(case.config, timing=case.config.timing._replace(episode_limit_s=20.0))
+    config = replace(case.config, timing=case.config.timing._replace(episode_limit_s=10.0))
     bad = replace(case, policy=replace(near_policy, q=-near_policy.q), config=config)
-    certificate = certify(bad, parse_claim("failure < 0.05"), CONFIDENCE, tmp_path, jobs=1)
+    certificate = certify(
+        bad, parse_claim("failure < 0.05"), CONFIDENCE, tmp_path, episodes=4, jobs=1
+    )
     assert certificate.verdict == "refused"
     evidence = certificate.evidence
     assert evidence.against == evidence.episodes == 2
@@ -149,7 +151,7 @@ def test_undecided_exits_with_one(out, command, near_file):
     options = ("--policy", near_file, "--claim", "timeout < 0.1", "--episodes", 5, "--out", out)
     done = command(certify_command, *options, "--json")
     assert done.returncode == 1, done.stderr
-    assert "nothing is certified yet" in done.stdout
+    assert "138 episodes would certify it" in done.stdout
     certificate = msgspec.json.decode(done.stdout.splitlines()[-1], type=Certificate)
     assert (certificate.verdict, certificate.evidence.episodes) == ("undecided", 5)
 
@@ -215,7 +217,7 @@ def test_splitting_simulates_and_keeps_branches(case, tmp_path, monkeypatch):
         ({"splitting": True, "budget_minutes": 1.0}, "--budget-minutes has no effect"),
         ({"splitting": True, "gaps": (5.0, 10.0)}, "--gaps must fall"),
         ({"claim": "collision < 0.1", "episodes": 0}, "--episodes must be at least 1"),
-        ({"splitting": True, "seed": -1}, "--seed must be at least 0"),
+        ({"splitting": True, "seed": -1}, "--seed must not be negative"),
     ],
 )
 def test_options_that_cannot_be_are_refused(options, message, tmp_path):
