@@ -26,7 +26,6 @@ from cosim.base.storage import write_json
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode, Step
 
-GAPS_MM = (40.0, 20.0, 10.0, 5.0, 2.0)
 SPLITTING_FILE = "splitting.json"
 _FORKS = 3_000_000  # child of an episode's seed, beside those of `cosim.base.world`
 
@@ -86,9 +85,9 @@ def estimate_collisions(
     case: Case,
     out: Path,
     *,
-    roots: int = 100,
-    branches: int = 4,
-    gaps_mm: Sequence[float] = GAPS_MM,
+    roots: int,
+    branches: int,
+    gaps_mm: Sequence[float],
     jobs: int = 2,
     progress: Progress = silent,
 ) -> SplittingReport:
