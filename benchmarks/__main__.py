@@ -21,11 +21,13 @@ from cosim.base.progress import progress_bars, under_way
 
 COUNTS = {
     "boards",
+    "branches",
     "episodes",
     "exchanges",
     "machines",
     "phases",
     "repeats",
+    "roots",
     "rounds",
     "scalar_starts",
     "seeds",
@@ -260,6 +262,31 @@ class Sensitivity(Benchmark):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Splitting(Benchmark):
+    """Hold the rate of collisions by splitting against that of plain episodes.
+
+    Of the paper's policy, without safety layer. What has been simulated is kept in --out: the same
+    command goes on.
+    """
+
+    scenario: str = "4"
+    """Scenario of two robots or more."""
+    episodes: int = 100
+    """Plain episodes."""
+    roots: int = 40
+    """Independent episodes that are split."""
+    branches: int = 4
+    """Branches that an episode has after a level."""
+    gaps: tuple[float, ...] = (10.0, 3.0)
+    """Levels: gaps between the robots in mm."""
+    seed: int = 0
+    """Of the plain episodes; the roots have the next one."""
+    jobs: Jobs = -1
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/splitting")
+    """Folder of results."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Ssp(Benchmark):
     """Hold masters not written here on the SSP archives of two robots against ours.
 
@@ -328,6 +355,7 @@ MODULES: dict[type[Benchmark], str] = {
     Recording: "recording",
     ReferenceFmus: "coupled.reference_fmus",
     Sensitivity: "sensitivity",
+    Splitting: "reliability.splitting",
     Ssp: "masters.ssp",
     Steering: "steering",
     System: "coupled.system",

@@ -54,10 +54,10 @@ class RowFile(Generic[Row]):
             with replacing(path) as temporary:
                 temporary.write_bytes(_line(header))
             return
+        self._read(whole.splitlines(), header.digest)
         if whole != content:
             with path.open("r+b") as file:
                 file.truncate(len(whole))
-        self._read(whole.splitlines(), header.digest)
 
     def _read(self, lines: list[bytes], digest: str) -> None:
         for number, line in enumerate(lines, 1):

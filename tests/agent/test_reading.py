@@ -12,6 +12,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from agent.certification.certificate import issue, read_certificate
+from agent.certification.claims import parse_claim
 from agent.evaluation.cases import Case
 from agent.evaluation.result_file import ResultFile
 from agent.moves.model import ObservedMoves, build_model
@@ -28,6 +30,7 @@ from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
+from cosim.base.storage import write_json
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
@@ -71,6 +74,8 @@ def seeds(tmp_path_factory):
     (folder / "moves.json").write_text(json.dumps(moves))
     (folder / "settings.toml").write_text('[process]\nfeatures = ["x", "y"]\n[learning]\neta = 1\n')
     write_caption(Caption("fig03", "Motion", "it slides", ("5 µm",), {"step_um": 5.0}), folder)
+    results = ResultFile(folder, Case(policy, CoSimConfig(), cached_fmu(), 0))
+    write_json(folder / "certificate.json", issue(results, parse_claim("success > 0.5"), 0.9))
     return {
         "policy": (path, Policy.load),
         "training": (path.with_name(LOG_FILE), TrainingLog.load),
@@ -78,11 +83,14 @@ def seeds(tmp_path_factory):
         "moves": (folder / "moves.json", read_moves),
         "scenario": (EXAMPLE, find_scenario),
         "settings": (folder / "settings.toml", read_settings),
+        "certificate": (folder / "certificate.json", read_certificate),
         "caption": (folder / "fig03.json", lambda p: read_caption(p.parent, p.stem)),
     }
 
 
-KINDS = ("policy", "training", "checkpoint", "moves", "scenario", "settings", "caption")
+KINDS = (
+    "policy", "training", "checkpoint", "moves", "scenario", "settings", "caption", "certificate",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -1,0 +1,1 @@
+"""Claims about policies in the dynamics, certified by episodes at a declared confidence."""

@@ -1,0 +1,229 @@
+"""Certificates: what is claimed of a policy, what episodes decided, and what they were.
+
+A certificate is a folder: `certificate.json`, the policy and the results of the episodes.
+"""
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from itertools import takewhile
+from pathlib import Path
+
+import msgspec
+
+from agent.certification.claims import LEAST_CONFIDENCE, Claim, complement
+from agent.certification.sequential import Decision, SequentialTest, Verdict
+from agent.evaluation.cases import Case, CaseIdentity
+from agent.evaluation.result_file import ResultFile
+from agent.policies import method_name
+from agent.process.exact import enumerable
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import UserError
+from cosim.base.provenance import code_digest, digest_of, versions, with_imports
+from cosim.base.reading import Kind, read_json
+from cosim.navigation.result import EpisodeResult
+
+_CERTIFICATE = Kind("certificate", "make it again with --claim", UserError)
+CERTIFICATE_FILE, POLICY_FILE = "certificate.json", "policy.npz"
+
+
+class Look(msgspec.Struct, frozen=True):
+    """A look at the episodes that would have certified the claim.
+
+    Attributes:
+        episodes: after which it was.
+        allowed: most of them that may speak against the claim.
+        level: its share of 1 - confidence.
+        chance: bound of the probability to pass it for a policy whose rate is the limit.
+    """
+
+    episodes: int
+    allowed: int
+    level: float
+    chance: float
+
+
+class Evidence(msgspec.Struct, frozen=True, kw_only=True):
+    """What decided.
+
+    Attributes:
+        episodes: until the decision, or known so far.
+        against: those that speak against the claim.
+        outcomes: how many ended how.
+        enough: episodes after which the claim is certified if no more speak against it.
+        looks: up to that one.
+        results_digest: of the episodes' results, but for the wall-clock time.
+        simulated_s: simulated time of the episodes together.
+        wall_s: wall-clock time that they took, of all threads together.
+    """
+
+    episodes: int
+    against: int
+    outcomes: dict[str, int]
+    enough: int
+    looks: tuple[Look, ...]
+    results_digest: str
+    simulated_s: float
+    wall_s: float
+
+
+class CoveredStarts(msgspec.Struct, frozen=True):
+    """Starts that the claim is about.
+
+    Attributes:
+        starts: combinations of start cells without contact.
+        all: whether these are all that there are, or a sample of them.
+        rounds: how many times the episodes went round them.
+    """
+
+    starts: int
+    all: bool
+    rounds: float
+
+
+class Certificate(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of certificate.json.
+
+    Attributes:
+        claim: in words.
+        confidence: with which a verdict is right, whatever the policy.
+        verdict: certified, refused, or undecided as the episodes are too few.
+        evidence, starts: see the classes.
+        method: by which the policy was trained.
+        case: what decides the results: digests of policy, scenario, motor FMU and code, parameters,
+            and the seed of starts and noise.
+        digest: of the case.
+        config: of the co-simulation, with its world.
+        results: name of the file with the results of all episodes.
+        code_digest: of all that simulates and judges.
+        versions: of packages.
+        issued: when.
+    """
+
+    schema_version: int = 1
+    claim: str
+    confidence: float
+    verdict: Verdict
+    evidence: Evidence
+    starts: CoveredStarts
+    method: str
+    case: CaseIdentity
+    digest: str
+    config: CoSimConfig
+    results: str
+    code_digest: str
+    versions: dict[str, str]
+    issued: str
+
+    def __post_init__(self) -> None:
+        if not LEAST_CONFIDENCE <= self.confidence < 1.0 or self.case.seed < 0:
+            raise ValueError("its confidence or its seed cannot be")
+
+
+def read_certificate(path: Path) -> Certificate:
+    """A certificate by its file.
+
+    Raises:
+        UserError: there is none, or it is damaged.
+    """
+    return read_json(path, _CERTIFICATE, Certificate)
+
+
+def claim_test(claim: Claim, confidence: float, case: Case) -> SequentialTest:
+    """The test that a claim has to pass."""
+    return SequentialTest(claim.limit, complement(confidence), len(case.starts))
+
+
+def known(
+    case: Case, results: Mapping[int, EpisodeResult], most: int | None = None
+) -> dict[int, EpisodeResult]:
+    """The longest beginning of the episodes of `Case.cover` that is there, in its order.
+
+    What ends first is no sample: an episode counts when all before it are known.
+
+    Args:
+        case: whose episodes they are.
+        results: by index.
+        most: of them that are looked at, None for all.
+    """
+    count = len(results) if most is None else min(most, len(results))
+    return {k: results[k] for k in takewhile(results.__contains__, case.cover(count))}
+
+
+def decide(claim: Claim, test: SequentialTest, results: Mapping[int, EpisodeResult]) -> Decision:
+    """What episodes in their order have decided."""
+    return test.decide(result.outcome in claim.against for result in results.values())
+
+
+def lasting(result: EpisodeResult) -> EpisodeResult:
+    """A result without what differs from run to run."""
+    return msgspec.structs.replace(result, realtime_factor=1.0, recording=None)
+
+
+def judge(
+    case: Case, test: SequentialTest, claim: Claim, results: Mapping[int, EpisodeResult]
+) -> tuple[Verdict, Evidence]:
+    """The verdict on a claim, and what it stands on.
+
+    Args:
+        case: whose episodes they are.
+        test: that the claim has to pass.
+        claim: to be judged.
+        results: `known` ones.
+    """
+    verdict, episodes, against = decide(claim, test, results)
+    indices = case.cover(episodes)
+    decisive = [results[k] for k in indices]
+    ended = [str(result.outcome) for result in decisive]
+    looks = tuple(
+        Look(n, k, test.level(k), test.chance(k, n))
+        for k in range(against + 1)
+        for n in [test.enough(k)]
+    )
+    return verdict, Evidence(
+        episodes=episodes,
+        against=against,
+        outcomes={outcome: ended.count(outcome) for outcome in sorted(set(ended))},
+        enough=looks[-1].episodes,
+        looks=looks,
+        results_digest=digest_of(indices, [lasting(result) for result in decisive]),
+        simulated_s=sum(result.sim_time_s for result in decisive),
+        wall_s=sum(result.wall_s for result in decisive),
+    )
+
+
+def code_of_certificates() -> str:
+    """Hash of all code that simulates and judges."""
+    here = Path(__file__).parent
+    return code_digest(with_imports([here / "certificate.py", here / "measurement.py"]))
+
+
+def issue(
+    file: ResultFile, claim: Claim, confidence: float, episodes: int | None = None
+) -> Certificate:
+    """The certificate of the episodes that are known.
+
+    Args:
+        file: their results.
+        claim: to be judged.
+        confidence: declared, below 1.
+        episodes: most that are looked at, None for all.
+    """
+    case = file.case
+    test = claim_test(claim, confidence, case)
+    verdict, evidence = judge(case, test, claim, known(case, file.results, episodes))
+    starts = len(case.starts)
+    return Certificate(
+        claim=claim.text,
+        confidence=confidence,
+        verdict=verdict,
+        evidence=evidence,
+        starts=CoveredStarts(starts, enumerable(case.policy.process), evidence.episodes / starts),
+        method=method_name(case.policy),
+        case=case.identity,
+        digest=case.digest,
+        config=case.config,
+        results=file.path.name,
+        code_digest=code_of_certificates(),
+        versions=versions(),
+        issued=datetime.now(UTC).isoformat(timespec="seconds"),
+    )

@@ -1,0 +1,121 @@
+"""Checks a certificate: its episodes judged anew, and a sample of them simulated again."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from agent.certification.certificate import (
+    POLICY_FILE,
+    Certificate,
+    claim_test,
+    code_of_certificates,
+    judge,
+    known,
+    lasting,
+    read_certificate,
+)
+from agent.certification.claims import parse_claim
+from agent.evaluation.cases import Case, CaseIdentity, Job, run_jobs
+from agent.evaluation.result_file import IndexedResult
+from agent.evaluation.row_file import Header, RowFile
+from agent.policies import load_policy
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress, silent
+from cosim.base.provenance import versions
+from cosim.base.reading import Kind, require_file
+from cosim.navigation.options import Physics
+
+_RESULTS = Kind("file of the certificate's results", "keep both in one folder", UserError)
+# What a certificate is about: with another one it says nothing.
+_SUBJECT = {
+    "policy_digest": "the policy",
+    "scenario_digest": "the policy's scenario",
+    "motor_fmu_digest": "the motor FMU",
+}
+
+
+class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
+    """A certificate beside what is found now.
+
+    Attributes:
+        certificate: file.
+        claim, verdict: of it.
+        compared: episodes that were simulated again.
+        differences: in words; none if it stands. Of an episode that ended alike other numbers
+            differ.
+        changes: versions and digests that are not those of the certificate, then and now. They do
+            no harm while there are no differences.
+    """
+
+    certificate: str
+    claim: str
+    verdict: str
+    compared: int
+    differences: tuple[str, ...]
+    changes: dict[str, tuple[str, str]]
+
+
+def check(
+    path: Path,
+    *,
+    policy: Path | None = None,
+    motor_fmu: Path | None = None,
+    sample: int = 20,
+    seed: int = 0,
+    jobs: int = 2,
+    progress: Progress = silent,
+) -> CheckReport:
+    """Judge the results of a certificate anew, and simulate some of its episodes again.
+
+    Args:
+        path: certificate.json, beside its results.
+        policy: by default that beside the certificate.
+        motor_fmu: of the episodes, the built-in one by default.
+        sample: how many episodes to simulate.
+        seed: of that sample.
+        jobs: threads.
+        progress: is told how many episodes are simulated.
+
+    Raises:
+        UserError: a file is missing, damaged or another's; or of the FMU.
+    """
+    certificate = read_certificate(path)
+    claim, then = parse_claim(certificate.claim), certificate.case
+    header = Header(**msgspec.structs.asdict(then), digest=certificate.digest)
+    file = path.parent / Path(certificate.results).name
+    require_file(file, _RESULTS)
+    results = {row.index: row.result for row in RowFile(file, header, IndexedResult).rows}
+    loaded = load_policy(policy or path.parent / POLICY_FILE)
+    fmu = Physics(motor_fmu=motor_fmu).fmu(progress)
+    case = Case(loaded, certificate.config, fmu, then.seed)
+    before, now = _facts(then, certificate), _facts(case.identity)
+    differences = [f"{name} is another one" for k, name in _SUBJECT.items() if before[k] != now[k]]
+    episodes = certificate.evidence.episodes
+    looked_at = known(case, results, episodes)
+    test = claim_test(claim, certificate.confidence, case)
+    if judge(case, test, claim, looked_at) != (certificate.verdict, certificate.evidence):
+        differences.append("verdict and evidence are not what the results say")
+    drawn = np.random.default_rng(seed).permutation(list(looked_at))[:sample].tolist()
+    ended = run_jobs([Job(case, index) for index in drawn], jobs)
+    for count, (job, result) in enumerate(ended, 1):
+        progress("episodes", count, len(drawn), f"{count}/{len(drawn)}")
+        was = results[job.index]
+        if lasting(result) != lasting(was):
+            differences.append(f"episode {job.index}: {was.outcome} then, {result.outcome} now")
+    return CheckReport(
+        certificate=str(path),
+        claim=certificate.claim,
+        verdict=certificate.verdict,
+        compared=len(drawn),
+        differences=tuple(differences),
+        changes={k: (v, now.get(k, "")) for k, v in before.items() if v != now.get(k)},
+    )
+
+
+def _facts(case: CaseIdentity, certificate: Certificate | None = None) -> dict[str, str]:
+    """Digests and versions, of a certificate or of today."""
+    digests = {k: v for k, v in msgspec.structs.asdict(case).items() if k.endswith("_digest")}
+    if certificate is None:
+        return digests | {"code_digest": code_of_certificates()} | versions()
+    return digests | {"code_digest": certificate.code_digest} | certificate.versions

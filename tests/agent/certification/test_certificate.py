@@ -1,0 +1,235 @@
+"""Certificates of real short episodes: made, continued, refused, checked."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+import agent.certification.__main__ as certify_command
+from agent.certification.__main__ import Certify
+from agent.certification.certificate import Certificate, read_certificate
+from agent.certification.check import CheckReport, check
+from agent.certification.claims import parse_claim
+from agent.certification.collisions import SplittingReport, estimate_collisions
+from agent.certification.measurement import case_of, certify
+from agent.evaluation.cases import Job
+from agent.policies import load_policy
+from cosim.base.errors import UserError
+from cosim.base.outcome import Outcome
+from cosim.base.world import Sensor, World
+from cosim.episodes import simulate_tasks
+from cosim.navigation.options import Driving
+
+CLAIM, CONFIDENCE = parse_claim("success > 0.5"), 0.9  # five successes certify it
+
+
+@pytest.fixture(scope="module")
+def case(near_file, motor_fmu):
+    return case_of(near_file, Driving(), 0)
+
+
+@pytest.fixture(scope="module")
+def out(case, tmp_path_factory):
+    """A certificate of five episodes."""
+    folder = tmp_path_factory.mktemp("certificate")
+    certify(case, CLAIM, CONFIDENCE, folder, jobs=1)
+    return folder
+
+
+def read(folder) -> Certificate:
+    return read_certificate(folder / "certificate.json")
+
+
+def lasting(certificate: Certificate) -> Certificate:
+    """A certificate without what differs from run to run."""
+    evidence = msgspec.structs.replace(certificate.evidence, wall_s=0.0)
+    return msgspec.structs.replace(certificate, evidence=evidence, issued="")
+
+
+def test_a_certificate_says_what_it_stands_on(out, case, near_policy):
+    certificate = read(out)
+    assert certificate.verdict == "certified"
+    evidence = certificate.evidence
+    assert (evidence.episodes, evidence.against, evidence.outcomes) == (5, 0, {"success": 5})
+    assert [(look.episodes, look.allowed, look.chance) for look in evidence.looks] == [
+        (5, 0, 0.5**5)
+    ]
+    assert certificate.starts.rounds == 5 / 4
+    assert certificate.starts.all
+    assert certificate.case.policy_digest == near_policy.digest()
+    assert certificate.config == case.config
+    assert load_policy(out / "policy.npz").digest() == near_policy.digest()
+
+
+def test_starts_are_covered_evenly_with_noise_of_their_own(case):
+    indices = case.cover(12)
+    assert sorted(indices) == list(range(12))
+    assert indices[:4] == case.sample(None)
+    for k in (0, 4, 8):
+        cells = [case.start_cells(index) for index in indices[k : k + 4]]
+        assert len(set(cells)) == 4
+    assert len({Job(case, k).task().seed.generate_state(1)[0] for k in indices}) == 12
+
+
+def test_it_goes_on_where_it_ended(out, case, tmp_path):
+    first = certify(case, CLAIM, CONFIDENCE, tmp_path, episodes=2, jobs=1)
+    assert (first.verdict, first.evidence.episodes, first.evidence.enough) == ("undecided", 2, 5)
+    (file,) = tmp_path.glob("*.jsonl")
+    kept = file.read_bytes()
+    none = certify(case, CLAIM, CONFIDENCE, tmp_path, budget_minutes=0.0)
+    assert lasting(none) == lasting(first)
+    second = certify(case, CLAIM, CONFIDENCE, tmp_path, jobs=2)
+    assert file.read_bytes().startswith(kept)
+    assert lasting(second) == lasting(read(out))
+
+
+def test_a_bad_policy_is_refused(near_policy, case, tmp_path):
+    config = replace(case.config, timing=case.config.timing._replace(episode_limit_s=10.0))
+    bad = replace(case, policy=replace(near_policy, q=-near_policy.q), config=config)
+    certificate = certify(
+        bad, parse_claim("failure < 0.05"), CONFIDENCE, tmp_path, episodes=4, jobs=1
+    )
+    assert certificate.verdict == "refused"
+    evidence = certificate.evidence
+    assert evidence.against == evidence.episodes == 2
+    assert Outcome.SUCCESS not in evidence.outcomes
+
+
+def test_a_check_finds_every_bit_again(out, command):
+    done = command(certify_command, "--check", out / "certificate.json", "--sample", 2, "--json")
+    assert done.returncode == 0, done.stderr
+    report = msgspec.json.decode(done.stdout.splitlines()[-1], type=CheckReport)
+    assert (report.compared, report.differences, report.changes) == (2, (), {})
+
+
+@pytest.fixture
+def copied(out, tmp_path):
+    for path in out.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    return tmp_path
+
+
+def test_a_check_finds_a_changed_result(copied, command):
+    (file,) = copied.glob("*.jsonl")
+    header, line, *rest = file.read_bytes().splitlines(keepends=True)
+    changed = msgspec.json.decode(line)
+    changed["path_length_cm"] += 1e-6
+    line = msgspec.json.encode(changed) + b"\n"
+    file.write_bytes(b"".join([header, line, *rest]))
+    done = command(certify_command, "--check", copied / "certificate.json", "--sample", 5)
+    assert done.returncode == 1
+    assert "verdict and evidence are not what the results say" in done.stdout
+    assert f"episode {changed['index']}: success then, success now" in done.stdout
+    assert done.stdout.count("then,") == 1
+
+
+def test_a_check_says_what_has_changed(copied, near_policy):
+    path = copied / "certificate.json"
+    certificate = msgspec.json.decode(path.read_bytes())
+    certificate["versions"]["numpy"] = "1.0"
+    path.write_bytes(msgspec.json.encode(certificate))
+    report = check(path, sample=0)
+    assert report.differences == ()
+    assert {name: then for name, (then, _) in report.changes.items()} == {"numpy": "1.0"}
+    replace(near_policy, q=near_policy.q + 1.0).save(copied / "other.npz")
+    report = check(path, policy=copied / "other.npz", sample=0)
+    assert "the policy is another one" in report.differences
+    assert "policy_digest" in report.changes
+
+
+def test_a_missing_file_is_named(copied, command):
+    (file,) = copied.glob("*.jsonl")
+    file.unlink()
+    done = command(certify_command, "--check", copied / "certificate.json")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f"{file}: no such file of the certificate's results" in done.stderr
+
+
+def test_undecided_exits_with_one(out, command, near_file):
+    options = ("--policy", near_file, "--claim", "timeout < 0.1", "--episodes", 5, "--out", out)
+    done = command(certify_command, *options, "--json")
+    assert done.returncode == 1, done.stderr
+    assert "138 episodes would certify it" in done.stdout
+    certificate = msgspec.json.decode(done.stdout.splitlines()[-1], type=Certificate)
+    assert (certificate.verdict, certificate.evidence.episodes) == ("undecided", 5)
+
+
+@pytest.fixture
+def camera_case(near_policy, case):
+    seen = World(sensor=Sensor(30.0, 50.0, 0.5, 1.0), motor_spread=0.05)
+    return replace(case, config=replace(case.config, world=seen))
+
+
+def test_a_branch_has_the_past_of_its_root_and_noise_of_its_own(camera_case):
+    tracks, drawn = [], []
+
+    def simulate(**redrawn):
+        track = []
+
+        def watch(step, episode, _):
+            track.append((step.samples.position.copy(), step.samples.omega.copy()))
+            drawn.append(episode.drawn)
+
+        task = replace(Job(camera_case, 0).task(), watch=watch, **redrawn)
+        ((_, result),) = simulate_tasks([task], 1)
+        tracks.append(track)
+        return result
+
+    first = simulate()
+    assert simulate(redrawn={1: np.random.SeedSequence(5)}) != first
+    past, future = list(zip(*tracks, strict=False))[:2]
+    assert all((a == b).all() for a, b in zip(*past, strict=True))
+    assert not any((a == b).all() for a, b in zip(*future, strict=True))
+    assert all(world == drawn[0] for world in drawn)
+
+
+def test_splitting_simulates_and_keeps_branches(case, tmp_path, monkeypatch):
+    def estimate() -> SplittingReport:
+        return estimate_collisions(case, tmp_path, roots=2, branches=2, gaps_mm=(30.0,), jobs=1)
+
+    report = estimate()
+    # robots are so close at once: each root is split after its first RL step
+    assert [level.probability for level in report.levels] == [1.0, 0.0]
+    assert (report.simulated, report.collision, report.high) == (4, 0.0, 0.0)
+    assert report.roots_with_collision == 0
+    assert report.highest == pytest.approx(1.0 - 0.025**0.5)
+    assert report.worth is None
+
+    def refuse(tasks, _):
+        assert not tasks
+        return iter(())
+
+    monkeypatch.setattr("agent.certification.collisions.simulate_tasks", refuse)
+    assert estimate() == report
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "give one of --claim, --check and --splitting"),
+        ({"claim": "collision < 0.1", "splitting": True}, "give one of"),
+        ({"claim": "collision < 0.1"}, "--policy is missing"),
+        ({"claim": "safe"}, "claim 'safe' is none"),
+        ({"claim": "collision < 0.1", "confidence": 1.0}, "--confidence"),
+        ({"claim": "collision < 0.1", "roots": 5}, "--roots has no effect without --splitting"),
+        ({"splitting": True, "budget_minutes": 1.0}, "--budget-minutes has no effect"),
+        ({"splitting": True, "gaps": (5.0, 10.0)}, "--gaps must fall"),
+        ({"claim": "collision < 0.1", "episodes": 0}, "--episodes must be at least 1"),
+        ({"splitting": True, "seed": -1}, "--seed must not be negative"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(options, message, tmp_path):
+    policy = {} if message.startswith("--policy") else {"policy": tmp_path / "policy.npz"}
+    with pytest.raises(UserError, match=message):
+        Certify(**policy, **options)
+
+
+def test_robots_that_push_each_other_on_have_no_collisions(near_file, tmp_path, command):
+    options = ("--policy", near_file, "--on-collision", "continue", "--out", tmp_path / "out")
+    for work in (("--claim", "collision < 0.5"), ("--splitting",)):
+        done = command(certify_command, *options, *work)
+        assert done.returncode == 2
+        assert "leave out --on-collision continue" in done.stderr
+    assert not (tmp_path / "out").exists()
