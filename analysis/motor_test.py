@@ -9,6 +9,7 @@ import tyro
 from analysis.motor.options import StepTest
 from cosim.base.command import Json, MotorFmuFile, parse, print_json
 from cosim.base.errors import run_command
+from cosim.fmi.isolation import Isolation
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,13 @@ class MotorTest:
     motor_fmu: MotorFmuFile = None
     json: Json = False
     test: Annotated[StepTest, tyro.conf.OmitArgPrefixes] = field(default_factory=StepTest)
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
 
 def main() -> None:
     """Command line; see `MotorTest`."""
     options = parse(MotorTest, "analysis.motor_test")
+    options.isolation.enter("analysis.motor_test", options.motor_fmu)
     from analysis.motor.step_test import record
     from fmus.build import cached_fmu
 

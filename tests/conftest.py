@@ -48,6 +48,20 @@ def pytest_configure(config: pytest.Config) -> None:
             shutil.rmtree(folder)
 
         config.add_cleanup(forget)
+    if sys.dont_write_bytecode:
+        _keep_bytecode(config)
+
+
+def _keep_bytecode(config: pytest.Config) -> None:
+    """Where Python is told to keep no bytecode, keep it for the session: commands start often."""
+    folder = tempfile.mkdtemp(prefix="minirobots-bytecode-")
+    patch = pytest.MonkeyPatch()
+    patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+    patch.setenv("PYTHONPYCACHEPREFIX", folder)
+    patch.setattr(sys, "pycache_prefix", folder)
+    patch.setattr(sys, "dont_write_bytecode", False)
+    config.add_cleanup(lambda: shutil.rmtree(folder))
+    config.add_cleanup(patch.undo)
 
 
 class _ByFixtures(LoadScopeScheduling):

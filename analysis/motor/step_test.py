@@ -16,6 +16,7 @@ from analysis.motor.instance import running
 from analysis.motor.options import StepTest
 from analysis.reading.motor_test import LOOPS, SIGNALS, MotorTestError, Response
 from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.isolation import calling
 from cosim.recording.file import Recording, properties, scalars, simulated
 
 SAMPLE_S = 1e-3
@@ -48,10 +49,11 @@ def _simulate(motor: MotorFmu, test: StepTest, loop: str) -> Response:
     with running(motor, closed_loop=loop == "closed_loop", **start) as (fmu, reference):
         wanted = [reference[name] for name in ("omega", "V_s", "i")]
         for k in range(count + 1):
-            fmu.setFloat64([reference["d"]], [disturbance[k]])
-            rows[k] = fmu.getFloat64(wanted)
-            if k < count:
-                fmu.doStep(k * SAMPLE_S, SAMPLE_S)
+            with calling(f"what begins at {k * SAMPLE_S:g} s of the {loop.replace('_', ' ')} test"):
+                fmu.setFloat64([reference["d"]], [disturbance[k]])
+                rows[k] = fmu.getFloat64(wanted)
+                if k < count:
+                    fmu.doStep(k * SAMPLE_S, SAMPLE_S)
     set_point = np.full(count + 1, test.omega_des)
     omega, voltage, current = rows.T
     time_s = np.arange(count + 1) * SAMPLE_S

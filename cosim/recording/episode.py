@@ -1,9 +1,9 @@
 """One co-simulated episode as a Rerun recording: every signal of every RL step.
 
 What is recorded is `cosim.recording.series`, how often `cosim.recording.levels`, what moves in the
-3D view `cosim.recording.episode_scene`, the log in words `cosim.recording.episode_log`. Some RL
+3D view `cosim.recording.episode_scene`, the log in words `cosim.recording.episode_log`. Many RL
 steps are written together, one chunk per entity: few long chunks are written, stored and read
-several times faster than many short ones.
+several times faster than many short ones, and Rerun keeps an index of all of them in memory.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,8 @@ from cosim.recording.series import (
 )
 from cosim.scenarios.scenario import Scenario
 
-_BATCH_S = 10.0  # simulated time that is written together: what a killed process can lose
+_BATCH_S = 10.0  # simulated time whose rows are made together
+_GATHERED_S = 60.0  # simulated time that is sent together: what a killed process can lose
 _ROUNDING_S = 1e-9
 _BURSTS_S = TIMING.rl_step_s  # least time between two bursts, however short RL steps are
 
@@ -91,6 +92,8 @@ class EpisodeRecorder:
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
         self._batch: list[_Decided] = []
         self._next_burst_s = 0.0
+        self._live = viewer is not None
+        self._next_flush_s = 0.0
         self._log = EpisodeLog(scenario, config)
         blueprint = episode_blueprint(
             scenario.robots,
@@ -180,7 +183,13 @@ class EpisodeRecorder:
             self._write_rewards(name, robot)
         self._write_log()
         self._batch.clear()
-        self.file.flush()
+        self._write_out(self._end_s(steps[-1]))
+
+    def _write_out(self, time_s: float) -> None:
+        """Write out what there is up to a simulated time: soon the first, then every minute's."""
+        if self._live or time_s > self._next_flush_s - _ROUNDING_S:
+            self._next_flush_s = _GATHERED_S * (1.0 + (time_s + _ROUNDING_S) // _GATHERED_S)
+            self.file.flush()
 
     def _send(
         self, entity: str, time_s: np.ndarray, values: np.ndarray, rl_step: Any = None

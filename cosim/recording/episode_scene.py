@@ -18,6 +18,8 @@ from cosim.recording.series import block_ends, reduce
 from cosim.scenarios.scenario import Scenario
 
 TRAIL_PERIOD_S = 0.5
+LONGEST_TRAIL_S = 600.0  # every RL step records all of it
+_TRAIL_POINTS = round(LONGEST_TRAIL_S / TRAIL_PERIOD_S)
 # The weight on a foot makes an arrow of 1 cm; impacts of tens of newtons would leave the picture.
 _METRES_PER_NEWTON = 0.03
 _LONGEST_ARROW_M = 0.09
@@ -108,7 +110,7 @@ class EpisodeScene:
         )
 
     def _write_track(self, steps: list[Step]) -> None:
-        """The trail so far and the cells visited so far, at the end of each RL step."""
+        """The trail of late and the cells visited so far, at the end of each RL step."""
         timing, cell = self._config.timing, self._scenario.cell_m
         every = round(TRAIL_PERIOD_S / timing.control_period_s)
         ends, trails, visited_ends, visited = [], [], [], []
@@ -118,7 +120,7 @@ class EpisodeScene:
             if len(step.samples.omega):
                 track = step.samples.position[::every, self._robot].copy()
                 track[:, 2] = _TRAIL_HEIGHT_M
-                self._trail = np.vstack([self._trail, track])
+                self._trail = np.vstack([self._trail, track])[-_TRAIL_POINTS:]
                 ends.append(end_s)
                 trails.append(self._trail)
             known = len(self._visited)

@@ -1,10 +1,11 @@
 """Rerun files that are whole or say so: one `.rrd` from opening to renaming.
 
 Data goes to `<name>.rrd.part` and gets its name when it is complete, and on request to a viewer at
-the same time. Rerun drops bad data and writes on a full disk without a word, so strict mode is on,
-free space is checked, every flush has a time limit and writes are ours
-(`cosim.recording.piped_file`). What is written is decided by the callers, how a viewer is found by
-`cosim.recording.live`.
+the same time. What an entity is given between two flushes becomes one chunk: the index of chunks,
+which Rerun keeps in memory for the end of the file, takes kilobytes for each. Rerun drops bad data
+and writes on a full disk without a word, so strict mode is on, free space is checked, every flush
+has a time limit and writes are ours (`cosim.recording.piped_file`). What is written is decided by
+the callers, how a viewer is found by `cosim.recording.live`.
 """
 
 import atexit
@@ -12,11 +13,12 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
@@ -32,6 +34,30 @@ LEAST_FREE_BYTES = 50_000_000
 
 class RecordingError(UserError):
     """A recording that cannot be written; the message names the file and the mend."""
+
+
+class _Rows(NamedTuple):
+    """Rows of one entity, as they were taken."""
+
+    times: list[rr.TimeColumn]
+    columns: list[rr.ComponentColumn]
+
+
+class _Joined(rr.ComponentColumn):
+    """A column, of times or of a component, whose rows are those of several."""
+
+    def __init__(self, parts: Sequence[Any]) -> None:
+        self._array = pa.concat_arrays([part.as_arrow_array() for part in parts])
+        self._first = parts[0]
+
+    def timeline_name(self) -> str:
+        return self._first.timeline_name()
+
+    def component_descriptor(self) -> rr.ComponentDescriptor:
+        return self._first.component_descriptor()
+
+    def as_arrow_array(self) -> pa.Array:
+        return self._array
 
 
 class Recording:
@@ -63,6 +89,7 @@ class Recording:
         self._part = path.with_name(path.name + ".part")
         self._open = True
         self._viewer, self._lost = viewer, False
+        self._gathered: dict[str, list[_Rows]] = {}  # of each entity, to be sent as one chunk
         path.parent.mkdir(parents=True, exist_ok=True)
         self.check_space()
         self.stream = rr.RecordingStream(
@@ -101,8 +128,8 @@ class Recording:
         self.stream.log(entity, *what, static=True)
 
     def columns(self, entity: str, times: list[rr.TimeColumn], columns: Any) -> None:
-        """Send the rows of one entity, one per time."""
-        self.stream.send_columns(entity, times, columns)
+        """Take rows of one entity, one per time; the next flush sends them."""
+        self._gathered.setdefault(entity, []).append(_Rows(times, list(columns)))
 
     def flush(self) -> None:
         """Write out what was logged so far.
@@ -117,7 +144,17 @@ class Recording:
             raise self._incomplete(error) from error
 
     def _hand_over(self) -> None:
-        """Have Rerun write out what it holds."""
+        """Have Rerun write out what was gathered, and what else it holds."""
+        for entity in list(self._gathered):
+            rows = self._gathered.pop(entity)
+            times = [_Joined(parts) for parts in zip(*(r.times for r in rows), strict=True)]
+            columns = [_Joined(parts) for parts in zip(*(r.columns for r in rows), strict=True)]
+            self.stream.send_columns(entity, times, columns)
+            if self._viewer is None:  # one that is gone would be waited for each time
+                self._write_through()  # what is on its way is in memory several times
+        self._write_through()
+
+    def _write_through(self) -> None:
         try:
             self.stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         except Exception as error:

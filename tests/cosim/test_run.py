@@ -167,8 +167,7 @@ def test_bad_input_gets_one_sentence(run, arguments, sentence):
 
 def test_default_method_observes_moves_and_trains_on_them(run, tmp_path, monkeypatch):
     """In the small: a move or two of every kind instead of two dozen."""
-    few = functools.partial(observe.observe_moves, moves_per_kind=1)
-    monkeypatch.setattr(observe, "observe_moves", few)
+    monkeypatch.setattr(observe, "MOVES_PER_KIND", 1)
     monkeypatch.setattr(observe, "WALKS", 1)
     monkeypatch.setattr(observe, "cache_dir", lambda kind: tmp_path / kind)
     out = tmp_path / "run"

@@ -125,6 +125,17 @@ def test_a_crash_in_a_calibration_is_named(begin):
     assert not list(out.rglob("*.rrd"))
 
 
+def test_a_crash_in_a_motor_test_is_named(faulty_fmu, tmp_path):
+    command = [sys.executable, "-m", "analysis.motor_test", "--motor-fmu", faulty_fmu]
+    command += ["--out", tmp_path / "test.rrd"]
+    environment = os.environ | {"FAULT": "crash", "FAULT_FROM": "0.005"}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    words = "FMU Faulty.fmu crashed (SIGSEGV) in what begins at 0.005 s of the open loop test"
+    assert words in ended.stderr
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("fault", ["nan", "inf"])
 def test_the_first_signal_that_is_no_number_is_named(fault, faulty_fmu, monkeypatch):
     monkeypatch.setenv("FAULT", fault)

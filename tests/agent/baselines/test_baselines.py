@@ -1,6 +1,5 @@
 """The table of learners: how it is made, goes on and is written, and what it says."""
 
-import functools
 import json
 
 import pytest
@@ -40,8 +39,7 @@ def done(board, command):
     """With one move of every kind, instead of two dozen, to say what moves take."""
     options = ("--quick", "--scenarios", board, "--learners", "shortest", "double_q", "--json")
     with pytest.MonkeyPatch.context() as patch:
-        few = functools.partial(observe.observe_moves, moves_per_kind=1)
-        patch.setattr(observe, "observe_moves", few)
+        patch.setattr(observe, "MOVES_PER_KIND", 1)
         patch.setattr(observe, "WALKS", 1)
         patch.setattr(observe, "cache_dir", lambda kind: board.parent / kind)
         ended = command(command_module, *options, "--out", board.parent / "out")

@@ -72,7 +72,7 @@ def tiny(tmp_path_factory):
 
 
 def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_path, command):
-    options = ("--scenario", tiny, "--algorithm", "ddqn", "--steps", 8000, "--json")
+    options = ("--scenario", tiny, "--algorithm", "ddqn", "--steps", 5000, "--json")
     done = command(deep, *options, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout.splitlines()[-1])

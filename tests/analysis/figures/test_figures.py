@@ -63,15 +63,16 @@ def test_small_pictures_are_small(results, tmp_path, monkeypatch):
 
 
 def test_missing_results_are_named_with_their_command(tmp_path, monkeypatch, capsys):
-    draw(monkeypatch, "all", "--results", tmp_path, "--out", tmp_path / "out")
+    out = ("--results", tmp_path, "--out", tmp_path / "out", "--small")
+    draw(monkeypatch, "all", *out)
     page = capsys.readouterr().out
     for name, needed in FIGURES.items():
         expected = f"not drawn: {name}: run `python -m " if needed else f"{name}.png"
         assert expected in page
     with pytest.raises(UserError, match="leave out --strict"):
-        draw(monkeypatch, "all", "--results", tmp_path, "--out", tmp_path / "out", "--strict")
+        draw(monkeypatch, "fig03", "fig05", *out, "--strict")
     with pytest.raises(UserError, match="no figure could be drawn"):
-        draw(monkeypatch, "fig03", "--results", tmp_path, "--out", tmp_path / "out")
+        draw(monkeypatch, "fig03", *out)
 
 
 def test_damaged_results_leave_the_other_figures(tmp_path, monkeypatch, capsys):

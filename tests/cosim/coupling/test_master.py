@@ -85,7 +85,7 @@ def advance(
     straight=False,
     **changes,
 ):
-    """20 000 ticks of two robots that drive to the right, or the right one towards the other.
+    """100 ticks a period of two robots that drive to the right, or the right one towards the other.
 
     The driver is "reference", or a number of lanes.
     """
@@ -151,16 +151,17 @@ def same(first, second):
     ids=lambda changes: "-".join(changes) or "default",
 )
 def test_drivers_lanes_and_arrays_agree_in_every_bit(motor_fmu, array_fmu, coupling):
+    coupling = {"periods": 60, **coupling}
     reference = advance(motor_fmu, "reference", **coupling)
-    assert reference[0] == (PERIODS, 0)
+    assert reference[0] == (60, 0)
     assert np.abs(reference[2].omega[-1]).min() > 800.0  # the motors did run
     for fmu in (motor_fmu, array_fmu):
-        for lanes in {1, 2, host_lanes()}:
+        for lanes in {2, host_lanes()}:
             assert same(advance(fmu, lanes, **coupling), reference), (fmu, lanes)
 
 
-@pytest.mark.slow  # compiles for widths that this processor would not choose
-@pytest.mark.parametrize("lanes", sorted({4, 8, 16} - {host_lanes()}))
+@pytest.mark.slow  # compiles for widths that nothing chooses on this processor
+@pytest.mark.parametrize("lanes", sorted({1, 4, 8, 16} - {host_lanes()}))
 @pytest.mark.parametrize("gap_m", [0.1, 0.0499])
 def test_any_number_of_lanes_gives_the_same_bits(array_fmu, lanes, gap_m):
     reference = advance(array_fmu, "reference", gap_m=gap_m)
@@ -199,7 +200,7 @@ def test_robots_slide_along_obstacles_and_around_their_corners(motor_fmu):
     """Both drive, askew, along walls of two obstacles; the right one passes their end."""
     obstacles = np.array([[0.0, 0.17505, 0.15, 0.2], [0.15, 0.17505, 0.151, 0.3]])
     how = {"obstacles": obstacles, "end_on_collision": False, "straight": True}
-    for periods, drivers in ((100, ("reference", 1)), (900, (1, 2, host_lanes()))):
+    for periods, drivers in ((100, ("reference", 2)), (900, (2, host_lanes()))):
         results = [advance(motor_fmu, driver, periods=periods, **how) for driver in drivers]
         assert results[0][2].touching_share[:, 1].max() > 0.0
         assert all(same(result, results[0]) for result in results[1:])
@@ -246,27 +247,28 @@ def test_orders_of_coupling_converge_on_each_other(motor_fmu):
         assert fine < 0.01 * moved
 
 
-def lone_robot(motor_fmu):
-    state = new_state(1, 1, 1)
+def lone_robot(motor_fmu, columns=1):
+    state = new_state(1, 1, columns)
     put_down(state, 0, 0.05, 0.0)
     state.commands[0, GOAL_X] = 0.2
     state.running[0] = 1
-    return state, new_motors(motor_fmu, 1, 1)
+    return state, new_motors(motor_fmu, columns, 1)
 
 
 def test_adaptive_driver_takes_fewer_steps_for_the_same_motion(motor_fmu):
     periods = 50
     # no way back to FMUs
     plant = plant_with(robots=1, steering=STEERING._replace(heading_gain_1_s=0.0))
-    noise, raw = np.zeros((periods, 1, 2)), new_raw_samples(0, 1)
+    noise, raw = np.zeros((periods, 2, 2)), new_raw_samples(0, 2)
     state, motors = lone_robot(motor_fmu)
     driver = AdaptiveDriver(motors)
-    driver.advance(plant, state, noise, new_samples(periods, 1), raw)
+    driver.advance(plant, state, noise[:, :1], new_samples(periods, 1), new_raw_samples(0, 1))
     assert driver.rejected > 0  # the start needs short steps
     assert driver.steps < periods * plant.ticks_per_period / 5
-    other, motors = lone_robot(motor_fmu)
-    CompiledDriver(motors).advance(plant, other, noise, new_samples(periods, 1), raw)
-    assert np.array_equal(state.outputs, other.outputs)  # the FMUs do not depend on the step
+    other, motors = lone_robot(motor_fmu, columns=2)
+    CompiledDriver(motors, 2).advance(plant, other, noise, new_samples(periods, 2), raw)
+    # the FMUs do not depend on the step
+    assert np.array_equal(state.outputs, other.outputs[:, : state.outputs.shape[1]])
     assert state.bodies[:2, 0] == pytest.approx(other.bodies[:2, 0], abs=2e-7)
 
 
@@ -398,7 +400,7 @@ def test_an_episode_depends_on_nobody_in_its_batch(fmu, request):
                 TABLE_I, 0.05 + gap * (column - 4), 0.15, 0.1 * place
             )
         for k in range(first, 3):
-            CompiledDriver(own, 1).advance(
+            CompiledDriver(own, 2).advance(
                 plant,
                 alone,
                 speeds[k][:, :6].copy(),

@@ -126,7 +126,7 @@ WORLDS = [
 ]
 
 
-@pytest.mark.parametrize(("driver", "step_s"), [("compiled", 0.2), ("reference", 0.04)])
+@pytest.mark.parametrize(("driver", "step_s"), [("compiled", 0.2), ("reference", 0.02)])
 def test_worlds_share_a_batch_and_keep_their_bits(driver, step_s, array_fmu):
     """Each episode is that of a batch of its own, whatever the number of lanes."""
     scenario, starts, way = EPISODES[0]

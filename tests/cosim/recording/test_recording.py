@@ -289,6 +289,20 @@ def test_recorder_on_a_full_disk_writes_nothing_twice(recorded, tmp_path):
     assert len(rows(path, "/sim/r1/motors/omega")[0]) == 5 * 2000
 
 
+def test_rows_between_two_flushes_are_one_chunk(tmp_path):
+    """Rerun keeps an index of all chunks in memory."""
+    path, entity = tmp_path / "episode.rrd", "/sim/r1/heading"
+    time_s = np.arange(0.0, 6.0)
+    with Recording(path, "test", episode_blueprint(1, SCENARIO.size_m)) as file:
+        for block in (time_s[:1], time_s[1:3], time_s[3:]):
+            file.columns(entity, simulated(block, block.astype(int)), scalars(2.0 * block))
+    (chunk,) = (c for c in RrdReader(str(path)).stream() if c.entity_path == entity)
+    assert np.array_equal(chunk.to_record_batch().column("rl_step").to_numpy(), time_s)
+    found_s, values = rows(path, entity)
+    assert np.array_equal(found_s, time_s)
+    assert np.array_equal(values.ravel(), 2.0 * time_s)
+
+
 def test_unwritable_folder_is_named():
     with pytest.raises(OSError, match="/proc"):
         Recording(Path("/proc/none/x.rrd"), "test", episode_blueprint(1, SCENARIO.size_m))
