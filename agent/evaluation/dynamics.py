@@ -174,6 +174,7 @@ class EvaluationReport(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     mu: float
     safety_margin_m: float
+    shield: bool
     world: World
     policies: tuple[PolicyRow, ...]
 
@@ -203,6 +204,7 @@ def report_of(evaluated: list[Evaluated], seed: int) -> EvaluationReport:
         seed=seed,
         mu=config.robot.mu,
         safety_margin_m=config.safety_margin_m,
+        shield=config.shield,
         world=config.world,
         policies=tuple(rows),
     )
