@@ -28,6 +28,9 @@ COMMANDS = {
     "evaluate-grid": Command("agent.evaluate", "EvaluateOnGrid", "the same on the grid, exactly"),
     "transfer": Command("cosim.transfer", "Transfer", "success in the dynamics by method"),
     "robustness": Command("cosim.robustness", "Robustness", "success in worlds not ideal"),
+    "falsify": Command(
+        "agent.falsification.__main__", "Falsify", "the worst episodes of a policy, searched for"
+    ),
     "experiments": Command(
         "agent.experiments.__main__", "Experiments", "the paper's learning experiments"
     ),
