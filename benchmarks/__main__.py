@@ -16,7 +16,7 @@ import tyro
 from cosim.base.command import Jobs, Json, MotorFmuFile, print_json
 from cosim.base.config import whole_ratio
 from cosim.base.errors import UserError, run_command
-from cosim.base.params import TABLE_I, TIMING
+from cosim.base.params import SAFETY_MARGIN_HELP, TABLE_I, TIMING
 from cosim.base.progress import progress_bars, under_way
 
 COUNTS = {
@@ -170,6 +170,35 @@ class Evaluation(Benchmark):
     scalar_starts: int = 24
     """Those of them to be simulated one by one as well."""
     jobs: Jobs = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Falsification(Benchmark):
+    """Count the episodes that searches need to find the first collision of a policy.
+
+    By evolution and at random, in the same ranges and with the same seeds. Episodes are kept in
+    --out: the same command goes on.
+    """
+
+    scenario: str = "4"
+    """Scenario of two robots or more."""
+    method: str = "shortest"
+    """By which the policy is made, see `python -m cosim.run --help`; one that collides rarely."""
+    safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
+    ranges: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Ranges to search, as of `minirobots falsify`."""
+    seeds: int = 3
+    """Searches of each kind."""
+    episodes: int = 200
+    """Episodes of a search that finds nothing."""
+    jobs: Jobs = -1
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/falsification")
+    """Folder of results and recordings."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.episodes < 1:
+            raise UserError("--episodes must be at least 1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -348,6 +377,7 @@ MODULES: dict[type[Benchmark], str] = {
     Endurance: "reliability.endurance",
     Envs: "learning.envs",
     Evaluation: "evaluation",
+    Falsification: "reliability.falsification",
     FmuStep: "fmu_step",
     Identification: "identification",
     MovesLearning: "learning.moves_learning",

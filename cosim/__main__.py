@@ -31,6 +31,9 @@ COMMANDS = {
     "certify": Command(
         "agent.certification.__main__", "Certify", "a claim about a policy, with its confidence"
     ),
+    "falsify": Command(
+        "agent.falsification.__main__", "Falsify", "the worst episodes of a policy, searched for"
+    ),
     "experiments": Command(
         "agent.experiments.__main__", "Experiments", "the paper's learning experiments"
     ),

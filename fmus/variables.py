@@ -187,7 +187,7 @@ def _variable(
     reference: int,
     row: dict[str, Any],
     displays: dict[str, str | None],
-    about: dict[str, str],
+    about: dict[str, Any],
 ) -> Variable:
     row["type"] = row.get("type", "Float64")
     row["dimension"] = None if row.pop("scalar", False) else about.get("dimension")
@@ -196,8 +196,9 @@ def _variable(
     for key in ("depends", "parameters"):
         row[key] = tuple(row.get(key, ()))
     row["items"] = tuple((item["name"], item["description"]) for item in row.get("items", ()))
-    if record := row.pop("record", None):
-        row["tunable"] = record == about.get("tunable")
+    record = row.pop("record", None)
+    row["tunable"] = (record or row["name"]) in about.get("tunable", ())
+    if record:
         value, quantity = params.describe(getattr(params, record))[row.pop("field", row["name"])]
         row = {"description": quantity.description, "unit": quantity.unit, "start": value} | row
     elif causality in {"input", "parameter"}:

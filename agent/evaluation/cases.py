@@ -128,13 +128,22 @@ class Case:
         """Start cell of each robot; beyond the last start they begin again, see `cover`."""
         return tuple((int(x), int(y)) for x, y in self.starts[index % len(self.starts)])
 
+    def config_of(self, index: int) -> CoSimConfig:
+        """Configuration of an episode."""
+        return self.config
+
+    def noise_seed(self, index: int) -> np.random.SeedSequence:
+        """Seed of the speed noise of an episode, and of what its world draws."""
+        return np.random.SeedSequence(self.seed, spawn_key=(_NOISE, index))
+
     def recorder(self, path: Path, index: int, drawn: Drawn) -> EpisodeRecorder:
         """Recorder of the episode from a start."""
         scenario = self.policy.config.scenario
         facts = episode_facts(scenario, self.seed, self.fmu, index, self.start_cells(index))
         facts |= {"train_episodes": self.policy.episodes, "method": method_name(self.policy)}
         identity = f"{self.digest}-{index}"
-        return EpisodeRecorder(path, scenario, self.config, identity, facts, drawn=drawn)
+        config = self.config_of(index)
+        return EpisodeRecorder(path, scenario, config, identity, facts, drawn=drawn)
 
 
 @dataclass(frozen=True)
@@ -162,10 +171,10 @@ class Job:
         return Task(
             case.policy.config.scenario,
             case.fmu,
-            case.config,
+            case.config_of(self.index),
             case.policy,
             case.start_cells(self.index),
-            np.random.SeedSequence(case.seed, spawn_key=(_NOISE, self.index)),
+            case.noise_seed(self.index),
             None
             if path is None
             else lambda episode: case.recorder(path, self.index, episode.drawn),

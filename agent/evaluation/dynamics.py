@@ -4,7 +4,7 @@ The counterpart of `agent.evaluation.grid`, which is exact on the grid. Results 
 come; the command line is `cosim.evaluate`.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -119,18 +119,35 @@ def evaluate(
     for job, result in tracked(run_jobs(missing, jobs), len(missing), progress, "episodes"):
         files[job.case.digest].add(job.index, result)
     unrecorded = list({job.key: job for e in evaluated for job in e.unrecorded()}.values())
-    recorded = run_jobs(unrecorded, jobs)
-    for job, result in tracked(recorded, len(unrecorded), progress, "recordings"):
-        first = files[job.case.digest].results[job.index]
+    record(unrecorded, files, jobs, progress)
+    return evaluated
+
+
+def record(
+    jobs: Sequence[Job], files: Mapping[str, ResultFile], threads: int, progress: Progress = silent
+) -> None:
+    """Simulate episodes again and record them.
+
+    Args:
+        jobs: with the paths of their recordings.
+        files: with their results, by digest of the case.
+        threads: of the simulation.
+        progress: is told how many are recorded.
+
+    Raises:
+        UserError: an episode ends otherwise than the first time.
+    """
+    for job, result in tracked(run_jobs(jobs, threads), len(jobs), progress, "recordings"):
+        file = files[job.case.digest]
+        first = file.results[job.index]
         again = msgspec.structs.replace(
             result, recording=None, realtime_factor=first.realtime_factor
         )
         if again != first:
             raise UserError(
                 f"{job.recording}: the same episode ended otherwise when it was simulated again; "
-                f"{files[job.case.digest].path} was made by another machine or library: remove it"
+                f"{file.path} was made by another machine or library: remove it"
             )
-    return evaluated
 
 
 def tracked(

@@ -258,6 +258,7 @@ class CoSimConfig:
             "through": (self.through, "whether robots drive on at the end of a move until asked"),
             "mu_patches": (str(self.world.mu_patches), "cells with another mu"),
             "payload_offset_mm": (str(self.world.payload_offset_mm), "forwards and to the left"),
+            "motor_phases_deg": (str(self.world.motor_phases_deg), "initial phases of the motors"),
             "open_loop": (" ".join(self.open_loop), "what goes without feedback"),
             "preset": (self.preset, "machine that the parameters are of"),
             "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),

@@ -15,6 +15,7 @@ from cosim.base.params import MotorParams, Quantity
 
 Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
 
+_MOST_PHASE_DEG = 360.0
 _MAX_PATCHES = 1000  # the dynamics look at one by one
 # Drawn factors stay within so many standard deviations of 1.
 _MOST_DEVIATIONS = 3.0
@@ -92,6 +93,8 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
         floor_tilt_deg: slope of the floor; every episode draws where it falls.
         payload_g: on every robot, at the height of its centre of mass.
         payload_offset_mm: of the payload, forwards and to the left of the robot's axis.
+        motor_phases_deg: angles at which the motors begin, r1.D, r1.E, r2.D and so on; 0, and by
+            default all, with the eccentric mass straight down.
         sensor: the camera.
         obstacles: cells [x, y] and rectangles that stand on the floor as well.
     """
@@ -108,6 +111,7 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
         float, Quantity("g", "world", "on every robot, at the height of its centre of mass")
     ] = 0.0
     payload_offset_mm: tuple[float, float] = (0.0, 0.0)
+    motor_phases_deg: tuple[float, ...] = ()
     sensor: Sensor = Sensor()
     obstacles: tuple[tuple[int, ...], ...] = ()
 
@@ -126,6 +130,12 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
                 f"world.mu_patches has {len(self.mu_patches)} patches, more than {_MAX_PATCHES}; "
                 "join or leave out some"
             )
+        for phase_deg in self.motor_phases_deg:
+            if not -_MOST_PHASE_DEG <= phase_deg <= _MOST_PHASE_DEG:
+                raise WorldError(
+                    f"world.motor_phases_deg has {phase_deg:g}, which is not usable; give "
+                    f"{-_MOST_PHASE_DEG:g} to {_MOST_PHASE_DEG:g}"
+                )
         if any(self.payload_offset_mm) and not self.payload_g:
             raise WorldError(
                 "world.payload_offset_mm has no effect without a payload; give payload_g"
@@ -206,3 +216,28 @@ def gravity(world: World, drawn: Drawn, g: float) -> tuple[float, float, float]:
     slope, direction = math.radians(world.floor_tilt_deg), math.radians(drawn.tilt_direction_deg)
     along = g * math.sin(slope)
     return along * math.cos(direction), along * math.sin(direction), -g * math.cos(slope)
+
+
+def motor_phases(world: World, robots: int) -> np.ndarray:
+    """Angles at which the motors of an episode begin.
+
+    Args:
+        world: as declared.
+        robots: N.
+
+    Returns:
+        (N, 2) rad of motors D and E, 0 where the mass hangs straight down; NaN where the world says
+        nothing.
+
+    Raises:
+        WorldError: the world has phases of another number of motors.
+    """
+    phases_deg, motors = world.motor_phases_deg, 2 * robots
+    if not phases_deg:
+        return np.full((robots, 2), np.nan)
+    if len(phases_deg) != motors:
+        raise WorldError(
+            f"world.motor_phases_deg has {len(phases_deg)} angles, but the robots have {motors} "
+            "motors; give one for each of r1.D, r1.E, r2.D, ..."
+        )
+    return np.radians(phases_deg).reshape(robots, 2)

@@ -14,7 +14,7 @@ from cosim.base.params import TABLE_II, MotorParams, open_loop_voltage
 from cosim.base.world import generator
 from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu
-from cosim.coupling.interface import ELECTRICAL, INPUTS, OUTPUTS, check_use
+from cosim.coupling.interface import ELECTRICAL, INPUTS, OUTPUTS, PHASE, check_use
 from cosim.coupling.plant import Plant
 from cosim.fmi.isolation import calling
 from cosim.physics.collision import PairParams
@@ -131,7 +131,10 @@ class Motors:
 
     @calling("the start of its motors")
     def restart(
-        self, columns: Sequence[int], parameters: Sequence[tuple[MotorParams, MotorParams]]
+        self,
+        columns: Sequence[int],
+        parameters: Sequence[tuple[MotorParams, MotorParams]],
+        phases: np.ndarray | None = None,
     ) -> None:
         """Bring the motors of an episode's robots to their start, in the order of the robots.
 
@@ -139,27 +142,41 @@ class Motors:
             columns: of the robots.
             parameters: of each robot's motors D and E. One that is the configuration's leaves an
                 FMU what it began with.
+            phases: (robots, 2) rad at which motors D and E begin; NaN, and by default all, as the
+                FMU says.
 
         Raises:
             FmuError: the FMU refuses to load, a parameter, or initialisation; or motors in arrays
                 differ in a parameter that is fixed.
         """
+        if phases is None:
+            phases = np.full((len(columns), len(MOTOR_NAMES)), np.nan)
         if self._fmu.arrays:
             motors = self._instances[0] or self._put(0, "motors", {}, len(self._runs))
             for name in MotorParams._fields:
-                values = np.array([[getattr(p, name) for p in pair] for pair in parameters])
-                self._tune(motors, columns, name, values.T)
+                values = np.array([[getattr(p, name) for p in pair] for pair in parameters]).T
+                usual = getattr(self._usual, name)
+                self._tune(motors, columns, name, values, values == usual)
+            self._tune(motors, columns, PHASE, phases.T, np.isnan(phases.T))
             self._runs.reshape(len(MOTOR_NAMES), -1)[:, columns] += 1
             motors.restart(self._runs)
             return
         for robot, (column, pair) in enumerate(zip(columns, parameters, strict=True)):
             for motor, (name, own) in enumerate(zip(MOTOR_NAMES, pair, strict=True)):
-                differences = _differences(own, self._usual)
-                self._put(2 * column + motor, f"r{robot + 1}.{name}", differences)
+                values = _differences(own, self._usual)
+                if not math.isnan(phase := float(phases[robot, motor])):
+                    values[PHASE] = phase
+                self._put(2 * column + motor, f"r{robot + 1}.{name}", values)
 
-    def _tune(self, motors: Motor, columns: Sequence[int], name: str, values: np.ndarray) -> None:
-        """Give the motors of some columns their values (2, columns) of a parameter."""
-        at_usual = values == getattr(self._usual, name)
+    def _tune(
+        self,
+        motors: Motor,
+        columns: Sequence[int],
+        name: str,
+        values: np.ndarray,
+        at_usual: np.ndarray,
+    ) -> None:
+        """Give some columns' motors their values (2, columns) of a parameter, or the usual ones."""
         if name not in self._own:
             if at_usual.all():
                 return

@@ -25,6 +25,7 @@ OPEN_INPUTS, CLOSED_LOOP = ("V_in", *INPUTS[1:]), "closed_loop"
 OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
 RESTART = "restart"
+PHASE = "theta_start"  # parameter: angle at the start
 
 
 def require_fmi_3(path: Path, description: ModelDescription) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.world import motor_phases
 from cosim.control.camera import NOISE, SIGHT, frames_in_flight, frames_within
 from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import (
@@ -139,7 +140,8 @@ class Batch:
         Raises:
             ConfigError: the configuration or the number of robots is not that of the batch, or the
                 robots' diameter is not the scenario's.
-            FmuError: the FMU refuses to be initialised.
+            WorldError: the world has initial phases of another number of motors.
+            FmuError: the FMU refuses to be initialised, or has no initial phase.
         """
         config = config or self.config
         if shared(config) != shared(self.config):
@@ -160,8 +162,10 @@ class Batch:
         state.boards[place] = scenario.size_m
         self._make_room_for_frames(frames_in_flight(config.world.sensor))
         self._put_rectangles(place, scenario, config)
+        phases = motor_phases(config.world, self.robots)
         episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
-        self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors)
+        self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors, phases)
+        state.outputs[: len(MOTOR_NAMES), columns] = np.nan_to_num(phases.T)
         self._state.running[place] = 1
         self.episodes[place] = episode
         return episode

@@ -13,7 +13,8 @@ from cosim.__main__ import COMMANDS
 
 # What takes long to load, and no options need.
 HEAVY = {
-    "fmpy", "gymnasium", "joblib", "matplotlib", "numba", "pyarrow", "rerun", "rich", "scipy",
+    "cma", "fmpy", "gymnasium", "joblib", "matplotlib", "numba", "pyarrow", "rerun", "rich",
+    "scipy",
 }  # fmt: skip
 # Prints, by command, the start of its help and what it has loaded so far.
 HELP_OF_ALL = """

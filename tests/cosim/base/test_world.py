@@ -19,6 +19,7 @@ SEED = np.random.SeedSequence(7)
         (World, {"motor_spread": -0.1}, "world.motor_spread"),
         (World, {"mu": -1.0}, "world.mu"),
         (World, {"floor_tilt_deg": 90.0}, "world.floor_tilt_deg"),
+        (World, {"motor_phases_deg": (0.0, 400.0)}, "world.motor_phases_deg has 400"),
         (World, {"payload_offset_mm": (1.0, 0.0)}, "no effect without a payload"),
         (Sensor, {"rate_hz": 30.0, "dropout": 1.0}, "world.sensor.dropout"),
         (Sensor, {"delay_ms": 50.0}, "world.sensor.delay_ms has no effect without a camera"),

@@ -303,6 +303,15 @@ def test_arrays_of_fixed_parameters_are_for_equal_motors(edited_fmu, array_fmu):
     motors.close()
 
 
+def test_a_motor_without_an_initial_phase_is_refused_where_one_is_asked_for(edited_fmu, motor_fmu):
+    other = edited_fmu(lambda root: variable(root, "theta_start").set("name", "begin"), motor_fmu)
+    motors = Motors(MotorFmu(other), CoSimConfig(), 1)
+    motors.restart([0], EQUAL[:1])
+    with pytest.raises(FmuError, match="has no parameter 'theta_start'; export it with one"):
+        motors.restart([0], EQUAL[:1], np.zeros((1, 2)))
+    motors.close()
+
+
 @pytest.mark.parametrize("fmu", ["motor_fmu", "array_fmu"])
 def test_usual_motors_have_what_their_fmu_begins_with(fmu, request, monkeypatch):
     """Before and after a run with motors of their own, where that is not Table II as well."""

@@ -8,7 +8,7 @@ import pytest
 
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
-from cosim.base.world import Patch, Sensor, World
+from cosim.base.world import Patch, Sensor, World, WorldError
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import Batch
 from cosim.scenarios.scenario import Scenario
@@ -152,6 +152,36 @@ def test_worlds_share_a_batch_and_keep_their_bits(driver, step_s, array_fmu):
             assert np.array_equal(ours, theirs)
 
 
+@pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
+def test_motors_begin_at_the_phases_of_their_world(order, motor_fmu, array_fmu):
+    """To the same bits in all drivers, and no phase is left to the next episode of a place."""
+    phases_deg = (90.0, -45.0, 10.0, 180.0)
+    timing = TIMING._replace(rl_step_s=0.01, communication_step_s=2e-5)
+    usual = CoSimConfig(timing=timing, order=order)
+    turned = usual.in_world(World(motor_phases_deg=phases_deg))
+
+    def simulate(fmu, *configs, **options):
+        batch, steps = Batch(fmu, usual, 2, 1, **options), []
+        for config in configs:
+            batch.begin(0, *EPISODES[0][:2], np.random.SeedSequence(0), config)
+            steps.append(batch.advance({0: np.array([NORTH, NORTH])})[0])
+        batch.close()
+        return steps[-1]
+
+    for fmu in (motor_fmu, array_fmu):
+        step = simulate(fmu, turned)
+        first_rad = step.raw.theta[0].reshape(-1)
+        np.testing.assert_allclose(first_rad, np.radians(phases_deg), atol=1e-3)
+        others = [{"lanes": 8}, {"driver": "reference"}]
+        for options in others:
+            for a, b in zip(step.samples, simulate(fmu, turned, **options).samples, strict=True):
+                assert np.array_equal(a, b)
+        for a, b in zip(
+            simulate(fmu, turned, usual).samples, simulate(fmu, usual).samples, strict=True
+        ):
+            assert np.array_equal(a, b)
+
+
 @pytest.mark.parametrize("mu", [0.1, 0.2])
 def test_a_still_robot_slides_down_a_floor_steeper_than_its_friction(mu, array_fmu):
     """In the direction that the episode has drawn, as Galileo says."""
@@ -190,5 +220,9 @@ def test_what_does_not_fit_a_batch_is_refused(array_fmu):
     batch, seed = Batch(array_fmu, CoSimConfig(), 1, 2), np.random.SeedSequence(0)
     with pytest.raises(ConfigError, match="scenario large has 2 robots, a place of the batch 1"):
         batch.begin(0, LARGE, ((5, 5), (20, 5)), seed)
+    with pytest.raises(WorldError, match="has 4 angles, but the robots have 2 motors"):
+        scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
+        turned = CoSimConfig(world=World(motor_phases_deg=(0.0,) * 4))
+        batch.begin(0, scenario, ((15, 15),), seed, turned)
     with pytest.raises(ConfigError, match="by more than its world"):
         batch.begin(0, LARGE, ((5, 5), (20, 5)), seed, CoSimConfig(order="jacobi"))

@@ -25,7 +25,7 @@ def test_variables_are_those_of_one_motor_but_for_their_dimension(array_fmu, fmu
         assert (v.description, v.unit, v.nominal) == tuple(
             getattr(alone[v.name], key) for key in ("description", "unit", "nominal")
         )
-        tunable = v.name in TABLE_II._fields
+        tunable = v.name in {*TABLE_II._fields, "theta_start"}
         assert v.variability == ("tunable" if tunable else alone[v.name].variability)
         scalar = v.name in {"time", "step_size", "closed_loop"}
         assert v.shape == (() if scalar else (4,)) or (scalar and not v.dimensions)

@@ -164,3 +164,17 @@ def test_a_restart_waits_for_the_step_and_happens_once(array):
     assert alone.do_step(0.0, 3 * STEP_S) == OK
     assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)[:, 0]).all()
     assert motors.get("theta")[0, 1] > before[0, 1]
+
+
+def test_a_motor_may_start_anew_from_another_angle(array):
+    motors = array(2).start(omega_des=700.0)
+    assert motors.do_step(0.0, 0.05) == OK
+    before = motors.get(*NAMES)
+    assert motors.set(theta_start=[2.0, 1.0]) == OK
+    assert (motors.get(*NAMES) == before).all()  # it acts with a restart only
+    assert motors.set(restart=[1, 0]) == OK
+    assert motors.do_step(0.05, STEP_S) == OK
+    alone = array(1).start(omega_des=700.0, theta_start=2.0)
+    assert alone.do_step(0.0, STEP_S) == OK
+    assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)[:, 0]).all()
+    assert motors.get("theta")[0, 1] > before[0, 1]

@@ -86,7 +86,7 @@ def test_values_out_of_range_are_refused_by_name(array, name, value, word):
     assert motors.save() == before
 
 
-@pytest.mark.parametrize("name", ["theta_start", "omega_start", "step_size"])
+@pytest.mark.parametrize("name", ["omega_start", "step_size"])
 def test_what_is_no_motors_is_fixed_once_the_simulation_runs(array, name):
     motors = array(3).start()
     refused(motors, motors.set(**{name: 1e-5}), name, "fixed parameter")

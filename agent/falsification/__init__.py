@@ -1,0 +1,1 @@
+"""The worst episodes of a policy: searched for within declared ranges, kept as regression cases."""

@@ -1,0 +1,262 @@
+"""Runs a search over episodes of the co-simulation, and keeps each episode as it comes.
+
+A generation is simulated at once. An interrupted search is asked the same again and told the
+results that are kept, so that it goes on as if nothing had happened.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from agent.evaluation.cases import Case, CaseIdentity, Job, run_jobs
+from agent.evaluation.dynamics import record
+from agent.evaluation.result_file import ResultFile
+from agent.evaluation.row_file import ResultFileError
+from agent.falsification.found import FoundCase, FoundCases, Sought, case_of, cost, fails
+from agent.falsification.ranges import ChosenEpisode, Range, Space
+from agent.falsification.search import GENERATION, SearchName, new_search
+from agent.policies import load_policy
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.progress import Progress, silent, under_way
+from cosim.base.provenance import code_digest, with_imports
+from cosim.base.storage import write_json
+from cosim.base.world import IDEAL
+from cosim.episodes import compile_kernels
+from cosim.navigation.options import Driving
+from cosim.navigation.result import EpisodeResult
+from cosim.scenarios.file import in_world, read_world
+from cosim.scenarios.scenario import Cell
+
+REPORT_FILE, CASES_FILE = "falsification.json", "cases.json"
+
+
+@dataclass(frozen=True)
+class SearchedCase(Case):
+    """A case whose episodes have the starts, seeds and worlds that a search chooses.
+
+    Attributes:
+        space: that it chooses from.
+        search: how it chooses.
+        objective: what it looks for.
+        points: chosen so far, by number of the episode.
+    """
+
+    space: Space
+    search: SearchName
+    objective: Sought
+    points: list[ChosenEpisode] = field(default_factory=list)
+
+    @cached_property
+    def identity(self) -> CaseIdentity:
+        """What decides the result of every episode, the search too."""
+        own = super().identity
+        searched = {
+            "search": self.search,
+            "objective": self.objective,
+            "generation": float(GENERATION),
+        }
+        ranges = {f"range of {k}": str(ends) for k, ends in self.space.ranges.items()}
+        codes = f"{own.code_digest}-{code_digest(with_imports([Path(__file__)]))}"
+        parameters = own.parameters | searched | ranges
+        return msgspec.structs.replace(own, parameters=parameters, code_digest=codes)
+
+    def start_cells(self, index: int) -> tuple[Cell, ...]:
+        """See `Case.start_cells`."""
+        return self.points[index].starts
+
+    def config_of(self, index: int) -> CoSimConfig:
+        """See `Case.config_of`."""
+        return self.config.in_world(self.points[index].world)
+
+    def noise_seed(self, index: int) -> np.random.SeedSequence:
+        """See `Case.noise_seed`."""
+        return np.random.SeedSequence(self.points[index].seed)
+
+
+class FalsificationReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of falsification.json.
+
+    Attributes:
+        policy, scenario: what was tested.
+        objective, search, seed: of the search.
+        ranges: that were searched, by name.
+        episodes: simulated.
+        first: how many episodes the search needed to find one that it is after; None if it did not.
+        found: how many of them it found.
+        outcomes: how many episodes ended so, by outcome.
+        worst: the worst episodes, the worst one first.
+        results: file of all episodes.
+    """
+
+    schema_version: int = 1
+    policy: str
+    scenario: str
+    objective: Sought
+    search: SearchName
+    seed: int
+    ranges: dict[str, Range]
+    episodes: int
+    first: int | None
+    found: int
+    outcomes: dict[str, int]
+    worst: tuple[FoundCase, ...]
+    results: str
+
+
+def falsify(
+    policy_file: Path,
+    physics: Driving,
+    out: Path,
+    *,
+    ranges: Mapping[str, Range],
+    objective: Sought = "gap",
+    search: SearchName = "cma",
+    episodes: int = 200,
+    seed: int = 0,
+    until_found: bool = False,
+    keep: int = 3,
+    jobs: int = 2,
+    progress: Progress = silent,
+) -> FalsificationReport:
+    """Search the worst episodes of a policy, and write what was found.
+
+    Args:
+        policy_file: the policy.
+        physics: of the co-simulation.
+        out: folder of the report, cases, results and recordings.
+        ranges: that differ from the default ones, by name.
+        objective: the smallest gap, or the longest time.
+        search: how to choose episodes.
+        episodes: how many, those of earlier runs included.
+        seed: of the search.
+        until_found: whether to end with the generation in which the first one is found.
+        keep: how many of the worst to record.
+        jobs: threads; the results do not depend on it.
+        progress: is told what is prepared and simulated.
+
+    Returns:
+        The content of falsification.json.
+
+    Raises:
+        UserError: see its message.
+    """
+    policy = load_policy(policy_file)
+    world = IDEAL if physics.world is None else read_world(physics.world)
+    scenario = policy.config.scenario
+    policy.require_scenario(in_world(scenario, world), f"{policy_file}: the policy")
+    if objective == "gap" and scenario.robots == 1:
+        raise ConfigError(
+            f"scenario {scenario.name} has one robot, which has no gap to another; search for the "
+            "longest time (--objective time)"
+        )
+    config, fmu = physics.prepare(scenario.robot_diameter_m, progress, world)
+    case = SearchedCase(
+        policy, config, fmu, seed, Space(scenario, config, ranges), search, objective
+    )
+    file = ResultFile(out, case)
+    _simulate(case, file, episodes, until_found=until_found, jobs=jobs, progress=progress)
+    results = {k: file.results[k] for k in range(len(case.points))}
+    order = sorted(results, key=lambda k: (cost(results[k], scenario, objective), k))
+    failing = [k for k in order if fails(results[k], scenario, objective)]
+    recordings = _record(case, file, order[:keep], out, jobs, progress)
+    cases = {k: _case(case, k, results[k], recordings) for k in {*failing, *order[:keep]}}
+    kept = FoundCases(
+        scenario=scenario,
+        config=config,
+        objective=objective,
+        policy=str(policy_file),
+        policy_digest=policy.digest(),
+        cases=tuple(cases[k] for k in order if k in cases),
+    )
+    write_json(out / CASES_FILE, kept)
+    outcomes = [str(result.outcome) for result in results.values()]
+    report = FalsificationReport(
+        policy=str(policy_file),
+        scenario=scenario.name,
+        objective=objective,
+        search=search,
+        seed=seed,
+        ranges=case.space.ranges,
+        episodes=len(results),
+        first=1 + min(failing) if failing else None,
+        found=len(failing),
+        outcomes={name: outcomes.count(name) for name in sorted(set(outcomes))},
+        worst=kept.cases[: max(keep, 1)],
+        results=str(file.path),
+    )
+    write_json(out / REPORT_FILE, report)
+    return report
+
+
+def _simulate(
+    case: SearchedCase,
+    file: ResultFile,
+    episodes: int,
+    *,
+    until_found: bool,
+    jobs: int,
+    progress: Progress,
+) -> None:
+    """Simulate what is missing of a search."""
+    scenario, space = case.policy.config.scenario, case.space
+    search = new_search(case.search, space.steps, case.seed)
+    least = np.inf
+    compiled = False
+    while len(case.points) < episodes:
+        vectors = search.ask()
+        numbers = range(len(case.points), min(len(case.points) + GENERATION, episodes))
+        case.points.extend(space.point(vector) for vector in vectors[: len(numbers)])
+        missing = [Job(case, k) for k in numbers if k not in file.results]
+        if missing and not compiled:
+            with under_way(progress, "preparing the kernels"):
+                compile_kernels(missing[0].task(), len(missing), jobs)
+            compiled = True
+        for job, result in run_jobs(missing, jobs):
+            file.add(job.index, result)
+        results = [file.results[k] for k in numbers]
+        if any(r.starts != case.start_cells(k) for k, r in zip(numbers, results, strict=True)):
+            raise ResultFileError(
+                f"{file.path}: the search asked for other episodes on another machine or with "
+                "another library; move it away or choose another --out"
+            )
+        costs = np.array([cost(result, scenario, case.objective) for result in results])
+        least = min(least, float(costs.min()))
+        worst = f"gap {least:.2f} cm" if case.objective == "gap" else f"time {-least:.0f} s"
+        done = len(case.points)
+        progress("episodes", done, episodes, f"{done}/{episodes}  {worst}")
+        if until_found and any(fails(result, scenario, case.objective) for result in results):
+            progress("episodes", episodes, episodes, f"{done}/{episodes}  {worst}")
+            return
+        if len(numbers) == GENERATION:
+            search.tell(vectors, costs)
+
+
+def _record(
+    case: SearchedCase,
+    file: ResultFile,
+    numbers: list[int],
+    out: Path,
+    jobs: int,
+    progress: Progress,
+) -> dict[int, Path]:
+    """Recordings of some episodes, which are made if they are not there."""
+    paths = {
+        k: out / "recordings" / f"{file.path.stem}-{k:06d}-{file.results[k].outcome}.rrd"
+        for k in numbers
+    }
+    missing = [Job(case, k, path) for k, path in paths.items() if not path.exists()]
+    record(missing, {case.digest: file}, jobs, progress)
+    return paths
+
+
+def _case(
+    case: SearchedCase, number: int, result: EpisodeResult, recordings: Mapping[int, Path]
+) -> FoundCase:
+    point, scenario = case.points[number], case.policy.config.scenario
+    found = case_of(number, result, (point.seed, point.world), scenario, case.objective)
+    path = recordings.get(number)
+    return msgspec.structs.replace(found, recording=None if path is None else str(path))

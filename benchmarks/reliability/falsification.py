@@ -1,0 +1,104 @@
+"""How many episodes searches need to find the first collision of a policy that collides rarely."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from agent.falsification.measurement import FalsificationReport, falsify
+from agent.falsification.ranges import read_ranges
+from agent.falsification.search import SEARCHES
+from agent.method import method_policy
+from benchmarks.__main__ import run_alone
+from cosim.base.command import show_table, workers
+from cosim.base.progress import progress_bars
+from cosim.base.storage import write_json
+from cosim.navigation.options import Driving
+from cosim.scenarios.file import find_scenario
+
+
+@dataclass(frozen=True)
+class Searched:
+    """A search with a seed.
+
+    Attributes:
+        search, seed: of the search.
+        episodes: simulated, all of the generation in which the first collision was found.
+        first: episodes up to it, None if none was found.
+        least_gap_cm: of all episodes.
+    """
+
+    search: str
+    seed: int
+    episodes: int
+    first: int | None
+    least_gap_cm: float | None
+
+
+def measure(
+    scenario: str,
+    method: str,
+    safety_margin: float,
+    ranges: Path | None,
+    seeds: int,
+    episodes: int,
+    jobs: int,
+    out: Path,
+) -> dict[str, Any]:
+    """Searches until the first collision; episodes that are in `out` are not simulated again."""
+    rows, declared = [], {} if ranges is None else read_ranges(ranges)
+    setting = f"{scenario}-{method}-{safety_margin:g}-{ranges.stem if ranges else 'default'}"
+    with progress_bars() as progress:
+        *_, policy = method_policy(method, find_scenario(scenario), progress=progress)
+        for seed in range(seeds):
+            for search in SEARCHES:
+                report = falsify(
+                    policy,
+                    Driving(safety_margin=safety_margin),
+                    out / f"{setting}-{search}-{seed}",
+                    ranges=declared,
+                    search=search,
+                    episodes=episodes,
+                    seed=seed,
+                    until_found=True,
+                    keep=1,
+                    jobs=workers(jobs),
+                    progress=progress,
+                )
+                rows.append(_row(report))
+    found = {"scenario": scenario, "method": method, "safety_margin_m": safety_margin}
+    found |= {"ranges": declared, "budget": episodes, "rows": [asdict(row) for row in rows]}
+    write_json(out / "falsification.json", found)
+    return found
+
+
+def _row(report: FalsificationReport) -> Searched:
+    least = report.worst[0].gap_cm
+    return Searched(report.search, report.seed, report.episodes, report.first, least)
+
+
+def show(found: dict[str, Any]) -> None:
+    """Print a row per search and seed, and the medians."""
+    budget, rows = found["budget"], found["rows"]
+    cells = [
+        [
+            row["search"],
+            str(row["seed"]),
+            str(row["first"] or f"more than {row['episodes']}"),
+            f"{row['least_gap_cm']:.3f} cm",
+        ]
+        for row in rows
+    ]
+    margin_mm = 1e3 * found["safety_margin_m"]
+    title = f"scenario {found['scenario']}, method {found['method']}, margin {margin_mm:g} mm"
+    header = ("search", "seed", "episodes to the first collision", "least gap")
+    show_table(None, header, cells, names=2, title=title)
+    for search in SEARCHES:
+        first = [row["first"] or budget + 1 for row in rows if row["search"] == search]
+        middle = median(first)
+        shown = f"more than {budget}" if middle > budget else f"{middle:g}"
+        print(f"{search}: median {shown}")
+
+
+if __name__ == "__main__":
+    run_alone(__file__)
