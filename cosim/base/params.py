@@ -219,6 +219,9 @@ class ShieldParams(NamedTuple):
     deviations: Annotated[
         float, Quantity("1", "assumed", "standard deviations that bound an estimate's error")
     ] = 5.0
+    jitter: Annotated[
+        float, Quantity("1", "assumed", "share of that bound which room_m and loss_m grow by")
+    ] = 0.3
 
 
 class Fig3Params(NamedTuple):

@@ -61,15 +61,16 @@ def guard(
     retreating, chosen, best, along = False, -1, -math.inf, 0.0
     for i in range(first, first + robots):
         command, shield = commands[i], shields[i]
-        room, away_x, away_y = _room(
+        room, error, away_x, away_y = _room(
             estimates, i, first, robots, board, obstacles, diameter_m, params
         )
-        if room >= params.room_m:
+        jitter = params.jitter * error
+        if room >= params.room_m + jitter:
             shield[FAILURES] = 0.0
             retreating |= command[MODE] == RETREAT
             continue
         if command[MODE] == RETREAT:
-            if room >= max(0.0, shield[REFERENCE] - params.loss_m):
+            if room >= max(0.0, shield[REFERENCE] - params.loss_m - jitter):
                 retreating = True
                 continue
             shield[FAILURES] += 1.0
@@ -106,16 +107,19 @@ def _retreat(command: np.ndarray, estimate: np.ndarray, sense: float, length_m: 
 def plan_margin(estimates: np.ndarray, params: ShieldParams) -> float:
     """Gap in m between plans of robots whose drives the shield will not end, unless they stray."""
     error = 0.0
-    for robot in range(len(estimates)):
-        error = max(error, _error(estimates[robot], params))
-    return 2.0 * (params.stopping_m + error) + params.room_m + params.stray_m
+    for i in range(len(estimates)):
+        for j in range(i):
+            variance = _variance(estimates[i]) + _variance(estimates[j])
+            error = max(error, params.deviations * math.sqrt(variance))
+    room_m = params.room_m + params.jitter * error
+    return 2.0 * params.stopping_m + error + room_m + params.stray_m
 
 
 @inlined
-def _error(estimate: np.ndarray, params: ShieldParams) -> float:
-    """Bound on the distance of a robot from where it is estimated to be, m; 0 without a camera."""
-    variance = max(estimate[COVARIANCE], estimate[COVARIANCE + 4])
-    return params.deviations * math.sqrt(variance)
+def _variance(estimate: np.ndarray) -> float:
+    """Of a position in any direction, m²; 0 without a camera."""
+    xx, xy, yy = estimate[COVARIANCE], estimate[COVARIANCE + 1], estimate[COVARIANCE + 4]
+    return 0.5 * (xx + yy) + math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
 
 
 @inlined
@@ -128,10 +132,11 @@ def _room(
     obstacles: np.ndarray,
     diameter_m: float,
     params: ShieldParams,
-) -> tuple[float, float, float]:
-    """Least room of a robot in m, and the direction away from what leaves it no more (x, y)."""
-    x, y = estimates[i, POSE], estimates[i, POSE + 1]
-    alone = params.stopping_m + _error(estimates[i], params)  # what the robot itself may cost
+) -> tuple[float, float, float, float]:
+    """Least room of a robot in m, the error in it, and the direction away from what leaves it."""
+    x, y, variance = estimates[i, POSE], estimates[i, POSE + 1], _variance(estimates[i])
+    error = params.deviations * math.sqrt(variance)
+    alone = params.stopping_m + error
     least, away_x, away_y = x - alone, 1.0, 0.0
     for room, toward_x, toward_y in (
         (board[0] - x - alone, -1.0, 0.0),
@@ -150,9 +155,10 @@ def _room(
         if j == i:
             continue
         dx, dy = x - estimates[j, POSE], y - estimates[j, POSE + 1]
-        both = alone + params.stopping_m + _error(estimates[j], params)
-        room = math.sqrt(dx * dx + dy * dy) - diameter_m - both
+        # Errors of two robots are independent.
+        of_both = params.deviations * math.sqrt(variance + _variance(estimates[j]))
+        room = math.sqrt(dx * dx + dy * dy) - diameter_m - 2.0 * params.stopping_m - of_both
         if room < least:
-            least, away_x, away_y = room, dx, dy
+            least, error, away_x, away_y = room, of_both, dx, dy
     length = math.sqrt(away_x * away_x + away_y * away_y)
-    return least, away_x / length, away_y / length
+    return least, error, away_x / length, away_y / length
