@@ -22,7 +22,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.outcome import Outcome
 from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars
-from cosim.base.provenance import code_digest, digest_of, with_imports
+from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
 from cosim.base.world import IDEAL
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
@@ -180,6 +180,7 @@ def _simulate(
 
 def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> RowFile[Block]:
     """The file of the blocks."""
+    records = [ROOT / "cosim" / folder / "episode.py" for folder in ("recording", "reading")]
     identity = CaseIdentity(
         scenario=scenario.name,
         scenario_digest=scenario.digest(),
@@ -187,7 +188,7 @@ def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> R
         seed=0,
         motor_fmu_digest=digest_of(fmu),
         parameters={name: row["value"] for name, row in config.table().items()},
-        code_digest=code_digest(with_imports([Path(__file__)])),
+        code_digest=code_digest(with_imports([Path(__file__)], but=records)),
     )
     header = Header(**msgspec.structs.asdict(identity), digest=digest_of(identity))
     return RowFile(folder / f"{scenario.name}-{header.digest}.jsonl", header, Block)

@@ -77,6 +77,7 @@ def episode_blueprint(
             ("heading rad", "/sim/{r}/heading"),
             ("velocity m/s", "/sim/{r}/velocity"),
             ("heading error rad", "/sim/{r}/heading_error"),
+            ("mode of the steering", "/sim/{r}/mode"),
             *([("distance to the nearest robot m", "/sim/{r}/distance_m")] * (robots > 1)),
         ),
         *camera

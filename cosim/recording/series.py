@@ -77,6 +77,7 @@ SIGNALS = (
     ),
     SignalSpec("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
     SignalSpec("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
+    SignalSpec("mode", ("mode",), "1", "slow", "last", lambda s: s.mode),
     SignalSpec("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
     SignalSpec("contact/normal_max", _ABC, "N", "slow", "max", lambda s: s.normal_max),
     SignalSpec("contact/friction_max", _ABC, "N", "slow", "max", lambda s: s.friction_max),
