@@ -25,7 +25,8 @@ from cosim.coupling.calls import (
     set_inputs,
     step_motors,
 )
-from cosim.coupling.plant import Plant, begin_period, begin_step, push_bodies, react, step_robots
+from cosim.coupling.period import begin_period
+from cosim.coupling.plant import Plant, begin_step, push_bodies, react, step_robots
 from cosim.coupling.sampling import end_period, restore_ended, sample_tick
 from cosim.coupling.signals import SIGNALS, RawSamples, Samples, State
 from cosim.fmi.abi import FMI_OK, FMI_WARNING

@@ -1,22 +1,18 @@
 """The coupled system between two FMU steps: kernels that both drivers of the master call.
 
-A control period is: steer every robot and set the motors' inputs; per tick, step the motors and
-then the bodies with the forces at the end of the tick; sample. The drivers differ only in how they
-reach the FMUs, so that their signals are the same bits. What happens every tick happens to the
-robots in the lanes of a vector at once, whichever episodes they belong to; the rest robot by robot.
+A control period is: steer every robot and set the motors' inputs (`cosim.coupling.period`); per
+tick, step the motors and then the bodies with the forces at the end of the tick; sample. The
+drivers differ only in how they reach the FMUs, so that their signals are the same bits. What
+happens every tick happens to the robots in the lanes of a vector at once, whichever episodes they
+belong to; the rest robot by robot.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.base.params import EstimatorParams, ShieldParams, SteeringParams
-from cosim.control.camera import INTERVAL, look
-from cosim.control.estimation import POSE, take_command
-from cosim.control.shield import guard
-from cosim.control.steering import SPEED, YAW_RATE, steer
 from cosim.coupling.signals import (
     AIRBORNE,
     FRICTION_PEAK,
@@ -30,16 +26,14 @@ from cosim.physics.body import at_axis, stepped
 from cosim.physics.body_state import read_body, write_body
 from cosim.physics.collision import (
     PairParams,
-    find_near_obstacles,
-    find_near_pairs,
     push_apart,
     push_off,
 )
 from cosim.physics.contact import Impulse
 from cosim.physics.forces import MotorMount, motor_wrench
 from cosim.physics.lanes import Width, any_lane, load, select, store, width_of
-from cosim.physics.properties import BodyParams, feel_patches, read_mount, read_params
-from cosim.physics.rotation import Vector, dot, heading, rotation_matrix, to_body
+from cosim.physics.properties import BodyParams, read_mount, read_params
+from cosim.physics.rotation import Vector, dot, rotation_matrix, to_body
 from cosim.physics.trig import sine_cosine
 
 # Share of the squared friction limit from which a foot slides; the solver's projection rounds.
@@ -90,95 +84,6 @@ class Plant(NamedTuple):
     volts_per_speed: float
     friction_volts: float
     exchange_tolerance: float
-
-
-@inlined
-def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> None:
-    """Steer every robot and put the motors' inputs in place; those of ended episodes stop.
-
-    Args:
-        plant: constants.
-        state: variables; commands and inputs change.
-        noise: (B, 2) speed measurement noise of this period, rad/s.
-        lanes: of the vectors.
-    """
-    period_s = plant.ticks_per_period * plant.body.dt
-    robots, columns = plant.robots, state.bodies.shape[1]
-    for row in range(state.statistics.shape[0]):
-        for column in range(columns):
-            state.statistics[row, column] = 0.0
-    for column in range(columns):
-        state.touching[column] = 0.0
-        state.busy[column] = 0
-    near = walls = 0
-    for episode in range(state.running.shape[0]):
-        first = episode * robots
-        if state.running[episode]:
-            for column in range(first, first + robots):
-                _look(plant, state, column, period_s)
-            if plant.shielded:
-                guard(
-                    state.commands,
-                    state.estimates,
-                    state.shields,
-                    first,
-                    robots,
-                    state.boards[episode],
-                    state.obstacles[episode],
-                    plant.pair.diameter,
-                    plant.shield,
-                )
-        for column in range(first, first + robots):
-            if not state.running[episode]:
-                for row in range(2 * MOTORS):
-                    state.inputs[row, column] = 0.0
-                for motor in range(MOTORS):
-                    state.set_points[motor, column] = 0.0
-                continue
-            omega_d, omega_e = _steer(plant, state, column, period_s)
-            state.set_points[0, column], state.set_points[1, column] = omega_d, omega_e
-            state.inputs[0, column] = _motor_input(plant, omega_d)
-            state.inputs[1, column] = _motor_input(plant, omega_e)
-            state.inputs[2, column], state.inputs[3, column] = noise[column, 0], noise[column, 1]
-            state.busy[column - column % lanes] = 1
-            walls = find_near_obstacles(
-                state.bodies, column, state.obstacles[episode], plant.pair, state.near_walls, walls
-            )
-            if state.patches.shape[1]:
-                feel_patches(
-                    state.properties, state.bodies, column, state.patches[episode], plant.body
-                )
-        if state.running[episode]:
-            near = find_near_pairs(state.bodies, first, robots, plant.pair, state.near, near)
-    state.near_count[0], state.near_count[1] = near, walls
-
-
-@inlined
-def _motor_input(plant: Plant, omega: float) -> float:
-    """What a motor is told for a set point in rad/s: the set point itself, or a voltage."""
-    if not plant.open_loop or omega == 0.0:
-        return omega
-    return plant.volts_per_speed * omega + math.copysign(plant.friction_volts, omega)
-
-
-@inlined
-def _look(plant: Plant, state: State, column: int, period_s: float) -> None:
-    """Find out where a robot is, as far as it can be known."""
-    body, camera, sight = state.bodies[:, column], state.cameras[column], state.sight[:, column]
-    pose = (body[0], body[1], heading((body[3], body[4], body[5], body[6])))
-    estimate = state.estimates[column]
-    look(camera, state.frames[column], estimate, sight, pose, period_s, plant.estimator)
-
-
-@inlined
-def _steer(plant: Plant, state: State, column: int, period_s: float) -> tuple[float, float]:
-    """Set points of a robot by where it thinks it is."""
-    command, estimate = state.commands[column], state.estimates[column]
-    x, y, angle = estimate[POSE], estimate[POSE + 1], estimate[POSE + 2]
-    set_points = steer(command, x, y, angle, period_s, plant.steering)
-    if state.cameras[column, INTERVAL] > 0.0:
-        take_command(estimate, command[SPEED], command[YAW_RATE], period_s)
-    return set_points
 
 
 @inlined
