@@ -11,10 +11,11 @@ import msgspec
 import numpy as np
 
 from cosim.base.config import CoSimConfig
+from cosim.base.params import TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.storage import cache_dir, cached, replacing
-from cosim.base.world import draw_world
+from cosim.base.world import World, draw_world
 from cosim.calibration.trial import Trial
 from cosim.control.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
@@ -71,6 +72,23 @@ def stopping_distances(
     return moved.max(axis=0), period_s * restless.sum(axis=0)
 
 
+def _on_slippery_floor(config: CoSimConfig) -> CoSimConfig:
+    """What decides how a robot stops, and nothing else."""
+    world, clock = config.world, ("dt_s", "communication_step_s", "control_period_s")
+    floor = min([config.robot.mu, *(patch.mu for patch in world.mu_patches)])
+    brought = ("motor_spread", "restitution", "payload_g", "payload_offset_mm")
+    return CoSimConfig(
+        robot=config.robot._replace(mu=floor),
+        motor=config.motor,
+        noise=config.noise,
+        timing=TIMING._replace(**{name: getattr(config.timing, name) for name in clock}),
+        steering=config.steering,
+        order=config.order,
+        reaction=config.reaction,
+        world=World(**{name: getattr(world, name) for name in brought}),
+    )
+
+
 class _Stopping(msgspec.Struct):
     distance_m: float
 
@@ -88,9 +106,8 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
     Raises:
         FmuError: the FMU cannot be used, or failed.
     """
-    floor = min([config.robot.mu, *(patch.mu for patch in config.world.mu_patches)])
     code = code_digest(with_imports([Path(__file__)]))
-    slippery = replace(config, robot=config.robot._replace(mu=floor), shield=False, open_loop=())
+    slippery = _on_slippery_floor(config)
     key = digest_of(slippery, motor_fmu, code)
 
     def make() -> _Stopping:
