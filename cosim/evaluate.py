@@ -4,7 +4,6 @@ The counterpart of `agent.evaluate`, which is exact on the grid; here motors, fr
 decide, and rates have intervals. The work is `agent.evaluation.dynamics`.
 """
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +13,7 @@ import tyro
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
-from cosim.base.progress import progress_bars
+from cosim.base.progress import resumable_bars
 from cosim.fmi.isolation import Isolation
 from cosim.navigation.options import Driving
 
@@ -63,22 +62,18 @@ def main() -> None:
     from agent.evaluation.dynamics import evaluate, report_of
     from agent.evaluation.tables import show
 
-    try:
-        with progress_bars() as progress:
-            evaluated = evaluate(
-                options.policies,
-                options.physics,
-                options.out,
-                starts=None if options.starts == "all" else int(options.starts),
-                seed=options.seed,
-                scenario=options.scenario,
-                recordings=options.recordings,
-                jobs=workers(options.jobs),
-                progress=progress,
-            )
-    except KeyboardInterrupt:
-        print(f"results so far are in {options.out}/; the same command goes on", file=sys.stderr)
-        raise
+    with resumable_bars(options.out, "results") as progress:
+        evaluated = evaluate(
+            options.policies,
+            options.physics,
+            options.out,
+            starts=None if options.starts == "all" else int(options.starts),
+            seed=options.seed,
+            scenario=options.scenario,
+            recordings=options.recordings,
+            jobs=workers(options.jobs),
+            progress=progress,
+        )
     report = report_of(evaluated, options.seed)
     show(report)
     print(f"results in {options.out}/")

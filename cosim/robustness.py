@@ -3,7 +3,6 @@
 Makes the table of docs/robustness.md. The work is `agent.robustness`.
 """
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +14,7 @@ from agent.training.settings import IN_WORLDS, Method
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
-from cosim.base.progress import progress_bars
+from cosim.base.progress import resumable_bars
 from cosim.scenarios.file import find_scenario, read_world
 
 
@@ -71,23 +70,19 @@ def main() -> None:
     from agent.robustness.measurement import EPISODES, QUICK_EPISODES, robustness
     from agent.robustness.table import show
 
-    try:
-        with progress_bars() as progress:
-            report = robustness(
-                options.out,
-                world,
-                scenario=options.scenario,
-                axes=options.axes,
-                methods=options.methods,
-                episodes=QUICK_EPISODES if options.quick else options.episodes or EPISODES,
-                seed=options.seed,
-                budget_minutes=options.budget_minutes,
-                jobs=workers(options.jobs),
-                progress=progress,
-            )
-    except KeyboardInterrupt:
-        print(f"episodes so far are in {options.out}/; the same command goes on", file=sys.stderr)
-        raise
+    with resumable_bars(options.out) as progress:
+        report = robustness(
+            options.out,
+            world,
+            scenario=options.scenario,
+            axes=options.axes,
+            methods=options.methods,
+            episodes=QUICK_EPISODES if options.quick else options.episodes or EPISODES,
+            seed=options.seed,
+            budget_minutes=options.budget_minutes,
+            jobs=workers(options.jobs),
+            progress=progress,
+        )
     show(report)
     print(f"table in {options.out}/: robustness.json, robustness.md, robustness.png")
     if options.json:

@@ -4,7 +4,6 @@ Makes the table of docs/transfer.md: scenarios, methods, friction coefficients, 
 the safety layer. The work is `agent.evaluation.transfer`.
 """
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +14,7 @@ from agent.training.settings import COMPARED, Method
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
-from cosim.base.progress import progress_bars
+from cosim.base.progress import resumable_bars
 from cosim.scenarios.built_in import PAPER
 from cosim.scenarios.file import find_scenario
 
@@ -61,21 +60,17 @@ def main() -> None:
     from agent.evaluation.transfer import transfer
     from agent.evaluation.transfer_table import show
 
-    try:
-        with progress_bars() as progress:
-            report = transfer(
-                options.out,
-                scenarios=options.scenarios,
-                methods=options.methods,
-                seed=options.seed,
-                quick=options.quick,
-                budget_minutes=options.budget_minutes,
-                jobs=workers(options.jobs),
-                progress=progress,
-            )
-    except KeyboardInterrupt:
-        print(f"episodes so far are in {options.out}/; the same command goes on", file=sys.stderr)
-        raise
+    with resumable_bars(options.out) as progress:
+        report = transfer(
+            options.out,
+            scenarios=options.scenarios,
+            methods=options.methods,
+            seed=options.seed,
+            quick=options.quick,
+            budget_minutes=options.budget_minutes,
+            jobs=workers(options.jobs),
+            progress=progress,
+        )
     show(report)
     print(f"table in {options.out}/: transfer.json, transfer.md")
     if options.json:

@@ -1,6 +1,5 @@
 """`python -m agent.baselines`: what learners achieve on the same boards, and at what price."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -63,25 +62,21 @@ def main() -> None:
         require_learners()
     from agent.baselines.measurement import baselines
     from agent.baselines.table import show
-    from cosim.base.progress import progress_bars
+    from cosim.base.progress import resumable_bars
 
-    try:
-        with progress_bars() as progress:
-            report = baselines(
-                options.out,
-                scenarios=options.scenarios or _SCENARIOS[: 2 if options.quick else None],
-                learners=options.learners,
-                seed=options.seed,
-                seeds=options.seeds or (1 if options.quick else 5),
-                episodes=options.episodes or (2 if options.quick else 8),
-                quick=options.quick,
-                budget_minutes=options.budget_minutes,
-                jobs=workers(options.jobs),
-                progress=progress,
-            )
-    except KeyboardInterrupt:
-        print(f"results so far are in {options.out}/; the same command goes on", file=sys.stderr)
-        raise
+    with resumable_bars(options.out, "results") as progress:
+        report = baselines(
+            options.out,
+            scenarios=options.scenarios or _SCENARIOS[: 2 if options.quick else None],
+            learners=options.learners,
+            seed=options.seed,
+            seeds=options.seeds or (1 if options.quick else 5),
+            episodes=options.episodes or (2 if options.quick else 8),
+            quick=options.quick,
+            budget_minutes=options.budget_minutes,
+            jobs=workers(options.jobs),
+            progress=progress,
+        )
     show(report)
     print(f"table in {options.out}/: baselines.json, baselines.md")
     if options.json:

@@ -10,7 +10,7 @@ import tyro
 from agent.certification.claims import LEAST_CONFIDENCE, parse_claim
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.errors import UserError, run_command
-from cosim.base.progress import progress_bars
+from cosim.base.progress import progress_bars, resumable_bars
 from cosim.fmi.isolation import Isolation
 from cosim.navigation.options import Driving
 
@@ -106,15 +106,7 @@ def main() -> None:
     options = parse(Certify, "agent.certification")
     options.isolation.enter("agent.certification", options.physics.motor_fmu)
     work = _check if options.check else _split if options.splitting else _certify
-    try:
-        succeeded = work(options)
-    except KeyboardInterrupt:
-        if not options.check:
-            print(
-                f"episodes so far are in {options.out}/; the same command goes on", file=sys.stderr
-            )
-        raise
-    if not succeeded:
+    if not work(options):
         sys.exit(NOT_CERTIFIED_STATUS)
 
 
@@ -123,7 +115,7 @@ def _certify(options: Certify) -> bool:
     from agent.certification.text import show_certificate
 
     assert options.claim and options.policy
-    with progress_bars() as progress:
+    with resumable_bars(options.out) as progress:
         certificate = certify(
             case_of(options.policy, options.physics, options.seed, progress),
             parse_claim(options.claim),
@@ -168,7 +160,7 @@ def _split(options: Certify) -> bool:
     from agent.certification.text import show_splitting
 
     assert options.policy
-    with progress_bars() as progress:
+    with resumable_bars(options.out) as progress:
         report = estimate_collisions(
             case_of(options.policy, options.physics, options.seed, progress),
             options.out,

@@ -10,7 +10,7 @@ import tyro
 from cosim.base.command import Jobs, Json, parse, print_json, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
-from cosim.base.progress import progress_bars
+from cosim.base.progress import progress_bars, resumable_bars
 from cosim.fmi.isolation import Isolation
 from cosim.navigation.options import Driving
 
@@ -85,25 +85,21 @@ def main() -> None:
     from agent.falsification.ranges import read_ranges
     from agent.falsification.table import show
 
-    try:
-        with progress_bars() as progress:
-            report = falsify(
-                options.policy,
-                options.physics,
-                options.out,
-                ranges={} if options.ranges is None else read_ranges(options.ranges),
-                objective=options.objective,
-                search=options.search,
-                episodes=options.episodes,
-                seed=options.seed,
-                until_found=options.until_found,
-                keep=options.keep,
-                jobs=workers(options.jobs),
-                progress=progress,
-            )
-    except KeyboardInterrupt:
-        print(f"episodes so far are in {options.out}/; the same command goes on", file=sys.stderr)
-        raise
+    with resumable_bars(options.out) as progress:
+        report = falsify(
+            options.policy,
+            options.physics,
+            options.out,
+            ranges={} if options.ranges is None else read_ranges(options.ranges),
+            objective=options.objective,
+            search=options.search,
+            episodes=options.episodes,
+            seed=options.seed,
+            until_found=options.until_found,
+            keep=options.keep,
+            jobs=workers(options.jobs),
+            progress=progress,
+        )
     show(report)
     print(f"results in {options.out}/: falsification.json, cases.json")
     if options.json:

@@ -1,8 +1,10 @@
 """Progress of long work: library code calls back, commands draw bars."""
 
 import contextlib
+import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -65,3 +67,19 @@ def progress_bars(console: "Console | None" = None) -> Iterator[Progress]:
                 bars.update(tasks[task], completed=done, total=total, state=state)
 
         yield progress
+
+
+@contextlib.contextmanager
+def resumable_bars(folder: Path, kept: str = "episodes") -> Iterator[Progress]:
+    """`progress_bars` of a command that goes on where an interrupt ended it, and says so then.
+
+    Args:
+        folder: where it goes on.
+        kept: what is there.
+    """
+    try:
+        with progress_bars() as progress:
+            yield progress
+    except KeyboardInterrupt:
+        print(f"{kept} so far are in {folder}/; the same command goes on", file=sys.stderr)
+        raise

@@ -14,7 +14,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.provenance import code_digest, digest_of, with_imports
-from cosim.base.storage import cache_dir, cached, replacing
+from cosim.base.storage import cache_dir, cached, write_json
 from cosim.base.world import World, draw_world
 from cosim.calibration.trial import Trial
 from cosim.control.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
@@ -89,14 +89,6 @@ def _on_slippery_floor(config: CoSimConfig) -> CoSimConfig:
     )
 
 
-class _Stopping(msgspec.Struct):
-    distance_m: float
-
-    def save(self, path: Path) -> None:
-        with replacing(path) as temporary:
-            temporary.write_bytes(msgspec.json.encode(self))
-
-
 def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
     """A calibrated configuration with the shield for its machine and world.
 
@@ -110,15 +102,18 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
     slippery = _on_slippery_floor(config)
     key = digest_of(slippery, motor_fmu, code)
 
-    def make() -> _Stopping:
+    def make() -> float:
         with under_way(progress, "measuring stopping distances"):
             fmu = MotorFmu(motor_fmu)
             found = [stopping_distances(slippery, fmu, ROBOTS, k)[0].max() for k in range(TRIALS)]
-        return _Stopping(float(max(found)))
+        return float(max(found))
 
-    def load(path: Path) -> _Stopping:
-        return msgspec.json.decode(path.read_bytes(), type=_Stopping)
+    def load(path: Path) -> float:
+        return msgspec.json.decode(path.read_bytes(), type=float)
 
-    stopping = cached(cache_dir("calibrations") / f"{key}.json", load, make, _Stopping.save)
-    distance_m = RESERVE * stopping.distance_m
-    return replace(config, shielding=config.shielding._replace(stopping_m=distance_m))
+    def save(distance_m: float, path: Path) -> None:
+        write_json(path, distance_m)
+
+    distance_m = cached(cache_dir("calibrations") / f"{key}.json", load, make, save)
+    stopping_m = RESERVE * distance_m
+    return replace(config, shielding=config.shielding._replace(stopping_m=stopping_m))

@@ -24,6 +24,7 @@ from cosim.control.steering import (
     RETREAT,
     SENSE,
 )
+from cosim.physics.collision import away_from
 
 # Layout of what the shield knows of one robot, float64.
 PARKED = 0  # 1.0: it has arrived, and does not retreat
@@ -146,8 +147,7 @@ def _room(
         if room < least:
             least, away_x, away_y = room, toward_x, toward_y
     for k in range(len(obstacles)):
-        dx = x - min(max(x, obstacles[k, 0]), obstacles[k, 2])
-        dy = y - min(max(y, obstacles[k, 1]), obstacles[k, 3])
+        dx, dy = away_from(obstacles[k], x, y)
         distance = math.sqrt(dx * dx + dy * dy)
         if distance - 0.5 * diameter_m - alone < least:
             least, away_x, away_y = distance - 0.5 * diameter_m - alone, dx, dy

@@ -133,7 +133,7 @@ def find_near_obstacles(
     """
     reach = 0.5 * pair.diameter + NEAR_M
     for k in range(len(obstacles)):
-        dx, dy = _away(bodies, column, obstacles[k])
+        dx, dy = away_from(obstacles[k], bodies[0, column], bodies[1, column])
         if dx * dx + dy * dy < reach * reach:
             near[count, 0], near[count, 1] = column, k
             count += 1
@@ -141,9 +141,8 @@ def find_near_obstacles(
 
 
 @inlined
-def _away(bodies: np.ndarray, column: int, rectangle: np.ndarray) -> tuple[float, float]:
-    """From the closest point of a rectangle to the centre of a robot, m."""
-    x, y = bodies[0, column], bodies[1, column]
+def away_from(rectangle: np.ndarray, x: float, y: float) -> tuple[float, float]:
+    """From the closest point of a rectangle to a point, m."""
     dx = x - min(max(x, rectangle[0]), rectangle[2])
     return dx, y - min(max(y, rectangle[1]), rectangle[3])
 
@@ -170,7 +169,7 @@ def push_off(
     Returns:
         The normal impulse in N s, 0 if they do not touch.
     """
-    dx, dy = _away(bodies, column, rectangle)
+    dx, dy = away_from(rectangle, bodies[0, column], bodies[1, column])
     distance = math.sqrt(dx * dx + dy * dy)
     nx, ny = dx / distance, dy / distance  # to the robot; the tangent is (−ny, nx)
     radius = 0.5 * pair.diameter
