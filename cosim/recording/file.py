@@ -9,6 +9,7 @@ the callers, how a viewer is found by `cosim.recording.live`.
 """
 
 import atexit
+import ctypes
 import json
 import os
 import shutil
@@ -153,6 +154,7 @@ class Recording:
             if self._viewer is None:  # one that is gone would be waited for each time
                 self._write_through()  # what is on its way is in memory several times
         self._write_through()
+        _give_back_memory()
 
     def _write_through(self) -> None:
         try:
@@ -202,6 +204,13 @@ class Recording:
         except (OSError, RuntimeError, ValueError) as error:
             raise self._incomplete(error) from error
         self._part.replace(self.path)
+
+
+def _give_back_memory() -> None:
+    """Return to the system what allocators keep of chunks that are written, ever more of it."""
+    pa.default_memory_pool().release_unused()
+    if sys.platform == "linux":
+        getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # only glibc has it
 
 
 def _leave(_: rr.RecordingStream) -> None:
