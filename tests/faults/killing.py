@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ OF_THE_CLOCK = {
     "attempts", "cores", "elapsed_s", "episode_wall_s", "realtime_factor", "seconds", "sessions",
     "simulated", "wall_s",
 }  # fmt: skip
+TIMES = re.compile(rb"<caption><strong>Time\.</strong>.*?</table>", re.DOTALL)
 TINY = """
 import runpy, sys
 from pathlib import Path
@@ -123,6 +125,8 @@ def said(path: Path, out: Path) -> Any:
     if path.suffix == ".jsonl":  # episodes in the order in which they ended
         rows = [timeless(json.loads(line)) for line in content.splitlines()]
         return sorted(rows, key=lambda row: row.get("index", -1))
+    if path.suffix == ".html":  # the report's table of how long it took
+        return TIMES.sub(b"", content)
     return content
 
 
