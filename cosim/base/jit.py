@@ -5,7 +5,9 @@ import this one, and all that they import. numba itself only looks at the file o
 kernel, and would run stale code after a change in another. Nor does it expect two processes to
 fill the folder at once, which could take one's machine code for the other's: a lock per kernel
 lets one compile while the others wait for what it writes. And it takes whatever is in its files for
-machine code: they get checksums here, and what is damaged is compiled again.
+machine code: they get checksums here, and what is damaged is compiled again. Signals wait while
+LLVM makes machine code: it calls Python, out of which an exception would not get, so that an
+interrupt would be lost, or machine code.
 """
 
 import contextlib
@@ -13,6 +15,8 @@ import functools
 import hashlib
 import io
 import logging
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager as ContextManager
 from pathlib import Path
@@ -22,6 +26,7 @@ import numba
 from numba import types
 from numba.core import config
 from numba.core.caching import IndexDataCacheFile
+from numba.core.codegen import JitEngine
 from numba.core.compiler_lock import global_compiler_lock
 
 from cosim.base.provenance import ROOT, imported_files, source_digest, with_imports
@@ -43,6 +48,32 @@ _DIGEST = source_digest(_kernel_sources(), numba.__version__)
 _FOLDER = cache_dir("kernels") / _DIGEST
 config.CACHE_DIR = str(_FOLDER)  # pyright: ignore[reportAttributeAccessIssue]
 _PLAIN: bool = config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def uninterrupted(function: Kernel) -> Kernel:
+    """The function, at whose end SIGINT and SIGTERM arrive that came within it."""
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        if threading.current_thread() is not threading.main_thread():
+            return function(*arguments)  # Python has signals arrive in the main thread
+        came: list[int] = []
+        usual = {
+            number: signal.signal(number, lambda number, _: came.append(number))
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
+        try:
+            return function(*arguments)
+        finally:
+            for number, handler in usual.items():
+                signal.signal(number, handler)
+            for number in came[:1]:
+                signal.raise_signal(number)
+
+    return cast(Kernel, call)
+
+
+JitEngine.finalize_object = uninterrupted(JitEngine.finalize_object)
 
 
 def _compiled(function: Callable, lock: ContextManager, **options: bool) -> Any:

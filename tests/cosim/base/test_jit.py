@@ -1,5 +1,8 @@
 """Compiled kernels in the cache: found again, and compiled again where they are damaged."""
 
+import subprocess
+import sys
+
 import pytest
 from numba.core import config
 
@@ -38,3 +41,30 @@ def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
     file.mkdir()
     with pytest.raises(StorageError, match=f"{file}: a folder is where"):
         run()
+
+
+# Ctrl-C while LLVM tells numba that it has made machine code.
+INTERRUPTED = """
+import os, signal, sys
+from numba.core.codegen import JITCodeLibrary
+usual = JITCodeLibrary._object_compiled_hook
+def interrupted(module, content):
+    os.kill(os.getpid(), signal.SIGINT)
+    usual(module, content)
+JITCodeLibrary._object_compiled_hook = interrupted
+from cosim.base.jit import kernel
+def halved(value):
+    return 0.5 * value
+try:
+    kernel(halved)(3.0)
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+def test_an_interrupt_within_the_compiler_is_not_lost(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED)
+    command = [sys.executable, str(script)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "")
