@@ -50,7 +50,7 @@ config.CACHE_DIR = str(_FOLDER)  # pyright: ignore[reportAttributeAccessIssue]
 _PLAIN: bool = config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def uninterrupted(function: Kernel) -> Kernel:
+def _uninterrupted(function: Kernel) -> Kernel:
     """The function, at whose end SIGINT and SIGTERM arrive that came within it."""
 
     @functools.wraps(function)
@@ -61,6 +61,7 @@ def uninterrupted(function: Kernel) -> Kernel:
         usual = {
             number: signal.signal(number, lambda number, _: came.append(number))
             for number in (signal.SIGINT, signal.SIGTERM)
+            if callable(signal.getsignal(number))  # else Python has nothing to do with it
         }
         try:
             return function(*arguments)
@@ -73,7 +74,7 @@ def uninterrupted(function: Kernel) -> Kernel:
     return cast(Kernel, call)
 
 
-JitEngine.finalize_object = uninterrupted(JitEngine.finalize_object)
+JitEngine.finalize_object = _uninterrupted(JitEngine.finalize_object)
 
 
 def _compiled(function: Callable, lock: ContextManager, **options: bool) -> Any:
