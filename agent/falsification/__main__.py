@@ -22,9 +22,9 @@ class Falsify:
     """Search the worst episodes of a policy in the full co-simulation, within declared ranges.
 
     Starts, initial phases of the motors and seeds of the noise are searched, and what --ranges
-    adds of the world: by evolution (CMA-ES), or at random to compare. Every episode is kept as it
-    comes: the same command goes on where an earlier one ended. All failures and the worst episodes
-    become regression cases (cases.json), which --replay runs again.
+    adds of the world. Every episode is kept as it comes: the same command goes on where an earlier
+    one ended. All failures and the worst episodes become regression cases (cases.json), which
+    --replay runs again.
     """
 
     policy: Annotated[Path, tyro.conf.arg(metavar="FILE")]
@@ -37,8 +37,9 @@ class Falsify:
     ranges: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Ranges to search (.toml with a table [ranges], see docs/falsification.md); what it does not
     name has its default: all starts, all phases, 1000 seeds, and the world as declared."""
-    search: Literal["cma", "random"] = "cma"
-    """How episodes are chosen: by evolution, or uniformly at random as a baseline."""
+    search: Literal["surrogate", "cma", "random"] = "surrogate"
+    """How episodes are chosen: from the starts of which a cheap model of observed moves expects the
+    worst; by evolution (CMA-ES); or uniformly at random as a baseline."""
     episodes: int = 200
     """Episodes to simulate, those of earlier runs included."""
     until_found: bool = False

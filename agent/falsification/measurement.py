@@ -19,6 +19,7 @@ from agent.evaluation.row_file import ResultFileError
 from agent.falsification.found import FoundCase, FoundCases, Sought, case_of, cost, fails
 from agent.falsification.ranges import ChosenEpisode, Range, Space
 from agent.falsification.search import GENERATION, SearchName, new_search
+from agent.falsification.surrogate import surrogate_search
 from agent.policies import load_policy
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.progress import Progress, silent, under_way
@@ -114,7 +115,7 @@ def falsify(
     *,
     ranges: Mapping[str, Range],
     objective: Sought = "gap",
-    search: SearchName = "cma",
+    search: SearchName = "surrogate",
     episodes: int = 200,
     seed: int = 0,
     until_found: bool = False,
@@ -203,7 +204,10 @@ def _simulate(
 ) -> None:
     """Simulate what is missing of a search."""
     scenario, space = case.policy.config.scenario, case.space
-    search = new_search(case.search, space.steps, case.seed)
+    if case.search == "surrogate":
+        search = surrogate_search(space, case.policy, case.fmu, case.objective, case.seed, progress)
+    else:
+        search = new_search(case.search, space.steps, case.seed)
     least = np.inf
     compiled = False
     while len(case.points) < episodes:

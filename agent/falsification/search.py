@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 
-SearchName = Literal["cma", "random"]
+SearchName = Literal["surrogate", "cma", "random"]
 SEARCHES: tuple[SearchName, ...] = get_args(SearchName)
 GENERATION = 8  # episodes that are asked for at once
 _FINEST = 0.01  # of a coordinate: what is nearer to each other is taken for the same
@@ -86,8 +86,8 @@ class EvolutionSearch:
         return cma.CMAEvolutionStrategy(vector, 1.0, options)
 
 
-def new_search(name: SearchName, steps: np.ndarray, seed: int) -> Search:
-    """A search from its beginning.
+def new_search(name: Literal["cma", "random"], steps: np.ndarray, seed: int) -> Search:
+    """A search from its beginning that knows no model; see `agent.falsification.surrogate`.
 
     Args:
         name: how it chooses.

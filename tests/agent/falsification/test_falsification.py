@@ -1,6 +1,7 @@
 """A search of a small board: it goes on to the same bits, and its cases are run again."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -11,6 +12,7 @@ from agent.falsification import __main__ as falsification
 from agent.falsification.found import fails, gap_cm, read_cases, run_again
 from agent.falsification.measurement import FalsificationReport, falsify
 from agent.method import method_policy
+from agent.moves import observe
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.navigation.options import Driving
@@ -31,14 +33,18 @@ EPISODES = 12  # a generation and a half
 
 
 @pytest.fixture(scope="module")
-def policy(tmp_path_factory) -> Path:
-    """Of robots that have to swap sides, and have hardly learnt to."""
+def policy(tmp_path_factory) -> Iterator[Path]:
+    """Of robots that have to swap sides, and have hardly learnt to; few moves are observed."""
     folder = tmp_path_factory.mktemp("falsification")
     board = folder / "swap.toml"
     board.write_text(BOARD)
     policy, *_ = method_policy("paper", find_scenario(board), episodes=30)
     policy.save(folder / "policy.npz")
-    return folder / "policy.npz"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(observe, "MOVES_PER_KIND", 1)
+        patch.setattr(observe, "WALKS", 1)
+        patch.setattr(observe, "cache_dir", lambda kind: folder / kind)
+        yield folder / "policy.npz"
 
 
 def search(policy: Path, out: Path, episodes: int = EPISODES, **options) -> FalsificationReport:

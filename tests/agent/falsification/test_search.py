@@ -1,13 +1,17 @@
 """Searches: they depend on their seed and on what they are told, and evolution learns."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
 from agent.falsification.ranges import folded
-from agent.falsification.search import GENERATION, SEARCHES, SearchName, new_search
+from agent.falsification.search import GENERATION, new_search
 
 
-def searched(name: SearchName, seed: int, dimensions: int = 6, generations: int = 25) -> np.ndarray:
+def searched(
+    name: Literal["cma", "random"], seed: int, dimensions: int = 6, generations: int = 25
+) -> np.ndarray:
     """(generations GENERATION,) distances from a point, all vectors told."""
     search, found = new_search(name, np.full(dimensions, 0.2), seed), []
     for _ in range(generations):
@@ -19,7 +23,7 @@ def searched(name: SearchName, seed: int, dimensions: int = 6, generations: int 
     return np.concatenate(found)
 
 
-@pytest.mark.parametrize("name", SEARCHES)
+@pytest.mark.parametrize("name", ["cma", "random"])
 def test_a_search_is_asked_the_same_again(name):
     np.random.seed(3)  # noqa: NPY002 - what others draw from
     expected = np.random.random(2)  # noqa: NPY002
