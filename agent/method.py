@@ -4,7 +4,9 @@
 "moves" on moves observed in co-simulation, with the bearing of the other robot, "robust" on moves
 of many worlds (`agent.moves.worlds`), "prompt" on moves of robots that are asked when their moves
 end and drive through cells (`--through`), for the time these take. "shortest" and "quickest" learn
-nothing: they are the optimal joint paths on the grid, by length or by moves, which are computed.
+nothing: they are the optimal joint paths on the grid, by length or by moves, which are computed. So
+is "roundabout", for any number of robots: each one's shortest path as if alone, counter-clockwise
+about the middle of the board and round the others' targets; who meets whom is left to the shield.
 `python -m cosim.run` uses "moves", with `--through` "prompt".
 """
 
@@ -107,6 +109,8 @@ def method_of(config: PolicyConfig) -> Method | None:
 
 
 def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
+    if method == "roundabout":
+        return ProcessConfig(features=("x", "y"), target_obstacle="disk"), LearningConfig()
     if method in COMPUTED:
         features = ("x", "y") if scenario.robots == 1 else ("x", "y", "p")
         return ProcessConfig(features=features), LearningConfig()

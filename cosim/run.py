@@ -45,8 +45,9 @@ class Run:
     """How agents learn: on moves observed in co-simulation (moves, the default, the first time
     some 20 s more), on moves with --through (prompt, the default with --through), on moves of many
     worlds (robust), on the grid as in Section V (paper), or on the grid with moves that go astray
-    (slip); or, of one or two robots, the joint paths that are optimal on the grid by length
-    (shortest) or by moves (quickest), computed without learning."""
+    (slip). Or they are computed without learning: of one or two robots the joint paths that are
+    optimal on the grid by length (shortest) or by moves (quickest), of any number each one's own
+    path counter-clockwise about the middle of the board (roundabout, with --shield)."""
     train_episodes: int | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves, and
     3 000 000 for robust and prompt."""

@@ -114,7 +114,7 @@ def solve(
 
 @kernel
 def iterate_alone(after: np.ndarray, costs: np.ndarray, value: np.ndarray) -> None:
-    """The same for one robot: `after` (cells, 8), `value` (cells,)."""
+    """The same for one robot: `after` and `costs` (cells, 8), `value` (cells,)."""
     changed = True
     while changed:
         changed = False
@@ -122,7 +122,7 @@ def iterate_alone(after: np.ndarray, costs: np.ndarray, value: np.ndarray) -> No
             for a in range(DIRECTION_COUNT):
                 p_after = after[p, a]
                 if p_after not in (BLOCKED, p):
-                    cost = costs[a] + value[p_after]
+                    cost = costs[p, a] + value[p_after]
                     if cost < value[p]:
                         value[p] = cost
                         changed = True

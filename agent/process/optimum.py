@@ -4,6 +4,9 @@ Dijkstra's algorithm over the joint process of one or two robots (`agent.process
 length and for moves separately; no learning. Where the joint process is too large (three robots and
 more, two on a large board), each robot's own optimum, as if it were alone, is a lower bound: marked
 as relaxed.
+
+And the tables of policies that are computed: the optimum of one or two robots, and for any number a
+rule of the road, which is no optimum.
 """
 
 from pathlib import Path
@@ -11,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.process.config import Objective
+from agent.process.config import Computed
 from agent.process.exact import Evaluation
 from agent.process.grid import SQRT_2
 from agent.process.joint import (
@@ -29,10 +32,11 @@ from cosim.base.outcome import SUCCESS
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import cache_dir, cached, replacing
-from cosim.navigation.features import DIRECTION_COUNT
+from cosim.navigation.features import DIRECTION_COUNT, DIRECTIONS
 
 _PATH_COSTS = np.array([1.0, SQRT_2] * (DIRECTION_COUNT // 2))
 _STEP_COSTS = np.ones(DIRECTION_COUNT)
+_CLOCKWISE_COST = 3.0  # assumed: of a cell's way clockwise in a roundabout, beside its length
 
 
 class Bound(NamedTuple):
@@ -77,13 +81,19 @@ def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
     after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
     robots, cells = after.shape[:2]
     if relaxed or robots == 1:
-        value = np.where(after[:, :, 0] == np.arange(cells), 0.0, np.inf)
-        for i in range(robots):
-            iterate_alone(after[i], costs, value[i])
+        value = _alone(after, np.tile(costs, (cells, 1)))
         return value if relaxed else value[0]
     free, end = joint_states(process)
     value = np.where(end, 0.0, np.inf)
     solve(process, after, costs, free, value)
+    return value
+
+
+def _alone(after: np.ndarray, costs: np.ndarray) -> np.ndarray:
+    """(N, cells) float64, least cost of each robot alone, by the cost of moves (cells, 8)."""
+    value = np.where(after[:, :, 0] == np.arange(len(costs)), 0.0, np.inf)
+    for i in range(len(after)):
+        iterate_alone(after[i], costs, value[i])
     return value
 
 
@@ -112,12 +122,14 @@ def optimum(process: Process) -> Bound:
     return cached(path, _load, make, _save)
 
 
-def optimal_tables(process: Process, objective: Objective) -> tuple[np.ndarray, np.ndarray]:
-    """Tables by which one robot moves optimally, or two together, from wherever they are.
+def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, np.ndarray]:
+    """Tables by which robots move, from wherever they are, without having learnt.
 
     Args:
-        process: of one robot with features x and y, or of two with x, y and p.
-        objective: shortest paths, or the quickest ones: the fewest moves, of all robots together.
+        process: of one robot with features x and y, or of two with x, y and p; for "roundabout" of
+            any number with x and y, and with the others' targets as disks.
+        objective: the optimum of one robot, or of two together, by path length or by moves; or the
+            shortest paths of robots as if each were alone, in a roundabout.
 
     Returns:
         Action values (N, states, 8) float32, minus the least cost that a move leads to, and (N,
@@ -126,6 +138,8 @@ def optimal_tables(process: Process, objective: Objective) -> tuple[np.ndarray, 
     Raises:
         UserError: the joint process is too large.
     """
+    if objective == "roundabout":
+        return _roundabout(process)
     bound = optimum(process)
     robots, columns, rows = process.terrain.shape
     if bound.relaxed:
@@ -139,17 +153,39 @@ def optimal_tables(process: Process, objective: Objective) -> tuple[np.ndarray, 
     costs = _PATH_COSTS if objective == "shortest" else _STEP_COSTS
     after = np.stack([cells_after(process, i) for i in range(robots)])
     if robots == 1:
-        free = (value > 0.0) & (value < np.inf)
-        reached = costs + value[after[0]]
-        possible = free[:, None] & (after[0] != BLOCKED) & (reached < np.inf)
-        table = np.where(possible, -reached, IMPOSSIBLE)[None]
-        return table.astype(np.float32), free[None]
+        return _tables_alone(after, costs, value[None])
     free, _ = joint_states(process)
     table = np.full((2, *free.shape, DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
     tabulate(process, after, costs, free, value, table)
     free &= value < np.inf
     decided = np.stack([free, free.T]).reshape(2, -1)
     return table.reshape(2, -1, DIRECTION_COUNT), decided
+
+
+def _roundabout(process: Process) -> tuple[np.ndarray, np.ndarray]:
+    """Shortest paths of robots alone, where clockwise about the middle of the board costs more.
+
+    Robots that all turn one way follow each other, where straight paths meet head on.
+    """
+    robots, columns, rows = process.terrain.shape
+    sides = np.array([columns - 2, rows - 2])
+    cells = np.stack(np.divmod(np.arange(sides.prod()), sides[1]), axis=1)
+    x, y = np.moveaxis(cells[:, None] + 0.5 * DIRECTIONS - 0.5 * (sides - 1), 2, 0)
+    turn = x * DIRECTIONS[:, 1] - y * DIRECTIONS[:, 0]  # along the move, times the lever
+    lever = np.maximum(np.hypot(x, y), np.finfo(float).tiny)
+    costs = _PATH_COSTS + _CLOCKWISE_COST * np.maximum(0.0, -turn / lever)
+    after = np.stack([cells_after(process, i) for i in range(robots)])
+    return _tables_alone(after, costs, _alone(after, costs))
+
+
+def _tables_alone(
+    after: np.ndarray, costs: np.ndarray, value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What `computed_tables` returns, of robots alone."""
+    free = (value > 0.0) & (value < np.inf)
+    reached = costs + np.take_along_axis(value[:, None], after, axis=2)
+    possible = free[..., None] & (after != BLOCKED) & (reached < np.inf)
+    return np.where(possible, -reached, IMPOSSIBLE).astype(np.float32), free
 
 
 def _load(path: Path) -> Bound:

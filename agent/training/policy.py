@@ -16,7 +16,7 @@ import numpy as np
 
 from agent.moves.model import ObservedMoves
 from agent.process.acting import on_grid
-from agent.process.config import Objective, ProcessConfig, refuse_without_effect
+from agent.process.config import Computed, ProcessConfig, refuse_without_effect
 from agent.process.exact import Evaluation, cell_map, evaluate
 from agent.process.greedy import GreedyPolicy, PolicyError
 from agent.training.learning import TrainingState
@@ -72,7 +72,7 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     learning: LearningConfig
     seed: Seed
     moves: ObservedMoves | None = None
-    objective: Objective | None = None
+    objective: Computed | None = None
     schema_version: int = SCHEMA_VERSION
     kernel_version: str | int = msgspec.field(default_factory=_training_code)
 

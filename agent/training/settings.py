@@ -11,14 +11,14 @@ from typing import Any, Literal, TypeVar, get_args
 
 import msgspec
 
-from agent.process.config import Objective, ProcessConfig, require
+from agent.process.config import Computed, ProcessConfig, require
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 
 # See `agent.method`.
-Method = Literal["moves", "paper", "slip", "robust", "prompt", Objective]
+Method = Literal["moves", "paper", "slip", "robust", "prompt", Computed]
 METHODS: tuple[Method, ...] = get_args(Method)
-COMPUTED: tuple[Objective, ...] = get_args(Objective)
+COMPUTED: tuple[Computed, ...] = get_args(Computed)
 BEST: Method = "moves"
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal
 IN_WORLDS: tuple[Method, ...] = (*COMPARED, "robust")  # where they are not

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from agent.process.greedy import PolicyError
-from agent.process.optimum import optimal_tables
+from agent.process.optimum import computed_tables
 from agent.process.readings import build_process
 from agent.training.learning import initial_state
 from agent.training.loop import (
@@ -127,6 +127,6 @@ def find_or_compute(config: PolicyConfig, *, again: bool = False) -> tuple[Polic
 def _computed(config: PolicyConfig) -> Policy:
     assert config.objective is not None
     process = build_process(config.scenario, config.process)
-    tables, decided = optimal_tables(process, config.objective)
+    tables, decided = computed_tables(process, config.objective)
     unused = np.zeros(1, dtype=np.uint64)
     return Policy(config, tables[None], decided.astype(np.uint32), unused, episodes=0)

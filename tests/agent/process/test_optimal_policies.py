@@ -1,21 +1,25 @@
 """Optimal joint paths as policies: they reach the bound from every start, alone and in pairs."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 
 import cosim.run
 from agent.method import method_config, method_of, method_policy
 from agent.process import grid
-from agent.process.config import ProcessConfig
+from agent.process.config import Objective, ProcessConfig
 from agent.process.exact import evaluate
 from agent.process.optimum import optimum
 from agent.process.readings import build_process
 from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
-from agent.training.settings import COMPUTED, LearningConfig
+from agent.training.settings import LearningConfig
 from agent.training.store import find_or_compute
 from cosim.base.errors import UserError
 from cosim.base.outcome import SUCCESS
-from cosim.navigation.features import Observation
+from cosim.navigation.features import DIRECTIONS, Observation
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario, ScenarioError
 
@@ -24,6 +28,7 @@ CROSSING = Scenario(
     columns=5, rows=6, zone=(2, 2, 2, 2), obstacles=((0, 3),), robot_diameter_m=0.02,
 )  # fmt: skip
 PAIR = ("x", "y", "p")
+OBJECTIVES = get_args(Objective)
 
 
 def require_bound(policy, objective):
@@ -39,7 +44,7 @@ def require_bound(policy, objective):
     np.testing.assert_allclose(reached, bound, rtol=1e-12)
 
 
-@pytest.mark.parametrize("method", COMPUTED)
+@pytest.mark.parametrize("method", OBJECTIVES)
 @pytest.mark.parametrize(
     "name", ["1b", *(pytest.param(n, marks=pytest.mark.slow) for n in ("2", "3", "4", "5-doorway"))]
 )
@@ -51,7 +56,7 @@ def test_computed_policies_reach_the_bound_from_every_start(name, method):
     assert path.stat().st_size < 6_000_000  # the tables of a pair take 52 MB
 
 
-@pytest.mark.parametrize("objective", COMPUTED)
+@pytest.mark.parametrize("objective", OBJECTIVES)
 @pytest.mark.parametrize("collision", ["cells", "swept"])
 def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision, objective):
     process = ProcessConfig(features=PAIR, collision=collision)
@@ -64,6 +69,37 @@ def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision, objective):
     seen = Observation(*(np.array(v) for v in (((1, 5), (3, 0)), (2, 2), (0, 0), (2, 2))))
     rows = [(1 * 6 + 5) * 30 + 3 * 6 + 0, (3 * 6 + 0) * 30 + 1 * 6 + 5]
     assert policy.states(seen).tolist() == rows
+
+
+def test_in_a_roundabout_every_robot_takes_the_cheapest_path_of_its_own():
+    policy, *_ = method_policy("roundabout", find_scenario("4-cross"))
+    assert method_of(policy.config) == "roundabout"
+    targets = np.array(policy.config.scenario.targets)
+    for robot, target in enumerate(targets):
+        others = np.delete(targets, robot, axis=0)
+        edges = []
+        for x, y in np.ndindex(30, 30):
+            for dx, dy in DIRECTIONS.tolist():
+                end = np.array([x + dx, y + dy])
+                near = ((others - end) ** 2).sum(axis=1).min() <= 25
+                if not (end >= 0).all() or not (end < 30).all() or near:
+                    continue
+                middle = np.array([x + dx / 2 - 14.5, y + dy / 2 - 14.5])
+                turn = middle[0] * dy - middle[1] * dx  # positive counter-clockwise
+                against = max(0.0, -turn / np.hypot(*middle)) if middle.any() else 0.0
+                edges.append((end @ [30, 1], 30 * x + y, np.hypot(dx, dy) + 3.0 * against))
+        ends, starts, costs = zip(*edges, strict=True)
+        cost = dijkstra(coo_array((costs, (ends, starts)), (900, 900)), indices=target @ [30, 1])
+        decided = policy.visits[robot] > 0
+        assert decided.sum() > 700
+        best = -policy.values[robot].max(axis=1)
+        np.testing.assert_allclose(best[decided], cost[decided], rtol=1e-6)
+
+
+def test_robots_that_turn_one_way_meet_on_the_grid_less_than_straight_ones():
+    """In scenario 4 from no start, where learners that see each other need millions of moves."""
+    policy, *_ = method_policy("roundabout", find_scenario("4"))
+    assert (policy.evaluate().outcome == SUCCESS).all()
 
 
 def test_the_cell_of_a_partner_off_the_board_is_one_at_its_edge():
