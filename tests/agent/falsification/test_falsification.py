@@ -181,7 +181,7 @@ def test_what_cannot_be_is_refused(policy, command, arguments, said):
 
 @pytest.mark.slow
 def test_a_collision_that_was_found_is_found_again(array_fmu):
-    """The first one of `python -m benchmarks falsification`."""
+    """One of `python -m benchmarks falsification`."""
     found = read_cases(Path(__file__).with_name("collision.json"))
     policy, *_ = method_policy("shortest", found.scenario)
     assert policy.digest() == found.policy_digest
