@@ -176,8 +176,8 @@ class Evaluation(Benchmark):
 class Falsification(Benchmark):
     """Count the episodes that searches need to find the first collision of a policy.
 
-    By a surrogate, by evolution and at random, in the same ranges and with the same seeds. Episodes are kept in
-    --out: the same command goes on.
+    By a surrogate, by evolution and at random, in the same ranges and with the same seeds. Episodes
+    are kept in --out: the same command goes on.
     """
 
     scenario: str = "4"
