@@ -36,6 +36,7 @@ def test_examples_of_docstrings_hold():
     assert (found.failed, found.attempted) == (0, 3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_runs(path, tmp_path):
     notebook = nbformat.read(path, as_version=4)

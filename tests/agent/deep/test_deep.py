@@ -71,6 +71,7 @@ def tiny(tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_path, command):
     options = ("--scenario", tiny, "--algorithm", "ddqn", "--steps", 5000, "--json")
     done = command(deep, *options, "--out", tmp_path / "out")

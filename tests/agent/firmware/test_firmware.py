@@ -196,6 +196,7 @@ def in_place(folder: Path, policy, seeds, starts=None, **options) -> list[str]:
     return outcomes
 
 
+@pytest.mark.long
 def test_a_whole_episode_has_the_bits_of_the_python_loop(policy, tmp_path):
     assert in_place(tmp_path, policy, [0], ((13, 21), (18, 10))) == ["success"]
 

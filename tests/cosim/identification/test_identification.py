@@ -26,6 +26,7 @@ from cosim.presets.preset import find_preset
 DT_S = 1e-5
 
 
+@pytest.mark.long
 def test_robots_beside_each_other_move_as_each_alone():
     robots = [
         TABLE_I,
@@ -161,6 +162,7 @@ def test_a_robot_that_leaves_the_board_is_refused(tmp_path):
         read_track(tmp_path / "track.csv", (0.16, 0.09))
 
 
+@pytest.mark.long
 def test_a_robot_is_identified_from_its_track(tmp_path, monkeypatch, capsys):
     """Six seconds are enough for the friction."""
     seed = np.random.SeedSequence(4)

@@ -213,6 +213,7 @@ def test_compiler_errors_are_told(monkeypatch):
         compiler.compile_library(MODEL, render_header(load_table(), ""), compiler.host_target())
 
 
+@pytest.mark.long
 def test_other_platforms_are_built_here(tmp_path):
     targets = ["x86_64-linux", "x86_64-darwin", "aarch64-darwin"]
     paths = build.build_fmus({"2": tmp_path / "a.fmu", "3": tmp_path / "b.fmu"}, targets)
@@ -276,6 +277,7 @@ def check_libraries(paths: list[Path], targets: list[str]) -> None:
         assert offset + size <= len(universal)
 
 
+@pytest.mark.long
 def test_command_writes_the_named_files(command, tmp_path):
     line = [sys.executable, "-m", "fmus.build", "--out", str(tmp_path), "--fmi", "both"]
     run = subprocess.run(line, capture_output=True, text=True, check=False)

@@ -40,7 +40,9 @@ def cases(tmp_path_factory) -> dict[str, masters.Case]:
     return {case[0]: case for case in found}
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long if n == "fmpy" else ()) for n in NAMES]
+)
 def test_masters_have_the_bits_of_ours(cases, name):
     assert list(cases) == NAMES
     _, order, exchange_first, poses = cases[name]
