@@ -41,50 +41,6 @@ def _nearest(before: np.ndarray, plans: np.ndarray) -> float:
 
 
 @kernel
-def _foresee(
-    process: Process,
-    model: MoveModel,
-    values: np.ndarray,
-    starts: np.ndarray,
-    repeats: int,
-    random: np.ndarray,
-    gaps: np.ndarray,
-    seconds: np.ndarray,
-) -> None:
-    """See `foresee`; `gaps` and `seconds` (K,) are written."""
-    n = len(values)
-    world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
-    plans = np.zeros((n, PLAN_SIZE))
-    before = np.empty((n, 2))
-    rewards = np.empty(n, dtype=np.float32)
-    step_limit = process.step_limit * model.most_steps
-    contact = math.sqrt(model.contact_cells)
-    for k in range(len(starts)):
-        gaps[k] = seconds[k] = 0.0
-        for _ in range(repeats):
-            place(process, world, starts[k])
-            stand(model, world, plans, random)
-            least, outcome, steps = math.inf, RUNNING, 0
-            while outcome == RUNNING:
-                for i in range(n):
-                    before[i, 0], before[i, 1] = plans[i, AT_X], plans[i, AT_Y]
-                    if world[i, STATUS] == MOVING and waits(plans, i):
-                        asked = values[i, state_index(process, world, i)]
-                        action = least_rotation_argmax(asked, world[i, AXIS])
-                        begun = begin_move(process, model, world, plans, i, action, random)
-                        outcome = max(outcome, begun)
-                if outcome != RUNNING:
-                    break
-                outcome, passed = step(process, model, world, plans, rewards)
-                least = min(least, _nearest(before, plans))
-                steps += passed
-                if outcome == RUNNING and steps >= step_limit:
-                    outcome = TIMEOUT
-            failed = outcome in (COLLISION, OUT_OF_BOARD)
-            gaps[k] += 0.0 if failed else max(least - contact, 0.0) / repeats
-            seconds[k] += steps * model.rl_step_s / repeats
-
-
 def foresee(
     process: Process,
     model: MoveModel,
@@ -108,6 +64,35 @@ def foresee(
         where one collides or leaves the board and inf for a robot alone; (K,) float64, mean time
         in s.
     """
-    gaps, seconds = np.empty(len(starts)), np.empty(len(starts))
-    _foresee(process, model, values, starts, repeats, random, gaps, seconds)
+    n = len(values)
+    gaps, seconds = np.zeros(len(starts)), np.zeros(len(starts))
+    world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
+    plans = np.zeros((n, PLAN_SIZE))
+    before = np.empty((n, 2))
+    rewards = np.empty(n, dtype=np.float32)
+    step_limit = process.step_limit * model.most_steps
+    contact = math.sqrt(model.contact_cells)
+    for k in range(len(starts)):
+        for _ in range(repeats):
+            place(process, world, starts[k])
+            stand(model, world, plans, random)
+            least, outcome, steps = math.inf, RUNNING, 0
+            while outcome == RUNNING:
+                for i in range(n):
+                    before[i, 0], before[i, 1] = plans[i, AT_X], plans[i, AT_Y]
+                    if world[i, STATUS] == MOVING and waits(plans, i):
+                        asked = values[i, state_index(process, world, i)]
+                        action = least_rotation_argmax(asked, world[i, AXIS])
+                        begun = begin_move(process, model, world, plans, i, action, random)
+                        outcome = max(outcome, begun)
+                if outcome != RUNNING:
+                    break
+                outcome, passed = step(process, model, world, plans, rewards)
+                least = min(least, _nearest(before, plans))
+                steps += passed
+                if outcome == RUNNING and steps >= step_limit:
+                    outcome = TIMEOUT
+            failed = outcome in (COLLISION, OUT_OF_BOARD)
+            gaps[k] += 0.0 if failed else max(least - contact, 0.0) / repeats
+            seconds[k] += steps * model.rl_step_s / repeats
     return gaps, seconds
