@@ -88,12 +88,13 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
     """
     thresholds = distance_thresholds(scenario)
     terrain = np.stack([_terrain(scenario, config, thresholds, i) for i in range(scenario.robots)])
+    near = ", or too near another's target" if config.target_obstacle == "disk" else ""
     for robot, cells in enumerate(scenario.starts):
         for x, y in cells:
             if terrain[robot, x + 1, y + 1] != FREE:
                 raise ScenarioError(
                     f"scenario {scenario.name}: starts[{robot}] has cell ({x}, {y}), which is "
-                    "the robot's target or an obstacle to it; choose a free cell"
+                    f"the robot's target or an obstacle to it{near}; choose a free cell"
                 )
     if not _has_free_starts(scenario, thresholds.contact):
         raise ScenarioError(

@@ -115,6 +115,8 @@ def test_the_cell_of_a_partner_off_the_board_is_one_at_its_edge():
 def test_what_cannot_be_computed_is_refused(command):
     with pytest.raises(UserError, match="4 robots on 900 cells cannot be computed"):
         method_policy("quickest", find_scenario("4-cross"))
+    with pytest.raises(ScenarioError, match=r"cell \(0, 11\).* too near another's target; choose"):
+        method_policy("roundabout", find_scenario("5-corridor"))
     with pytest.raises(UserError, match="shortest is computed, not trained"):
         method_config("shortest", CROSSING, episodes=5)
     with pytest.raises(PolicyError, match="learning and moves have no effect"):
