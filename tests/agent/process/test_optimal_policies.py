@@ -96,8 +96,7 @@ def test_in_a_roundabout_every_robot_takes_the_cheapest_path_of_its_own():
         np.testing.assert_allclose(best[decided], cost[decided], rtol=1e-6)
 
 
-def test_robots_that_turn_one_way_meet_on_the_grid_less_than_straight_ones():
-    """In scenario 4 from no start, where learners that see each other need millions of moves."""
+def test_in_a_roundabout_no_robots_of_scenario_4_meet_on_the_grid():
     policy, *_ = method_policy("roundabout", find_scenario("4"))
     assert (policy.evaluate().outcome == SUCCESS).all()
 
