@@ -16,7 +16,7 @@ import tyro
 from cosim.base.command import Jobs, Json, MotorFmuFile, print_json
 from cosim.base.config import whole_ratio
 from cosim.base.errors import UserError, run_command
-from cosim.base.params import SAFETY_MARGIN_HELP, TABLE_I, TIMING
+from cosim.base.params import TABLE_I, TIMING
 from cosim.base.progress import progress_bars, under_way
 
 COUNTS = {
@@ -184,7 +184,8 @@ class Falsification(Benchmark):
     """Scenario of two robots or more."""
     method: str = "shortest"
     """By which the policy is made, see `python -m cosim.run --help`; one that collides rarely."""
-    safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
+    shield: bool = False
+    """Whether robots have the shield (docs/shield.md)."""
     ranges: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Ranges to search, as of `minirobots falsify`."""
     seeds: int = 3
@@ -294,7 +295,7 @@ class Sensitivity(Benchmark):
 class Splitting(Benchmark):
     """Hold the rate of collisions by splitting against that of plain episodes.
 
-    Of the paper's policy, without safety layer. What has been simulated is kept in --out: the same
+    Of the paper's policy, without the shield. What has been simulated is kept in --out: the same
     command goes on.
     """
 

@@ -23,7 +23,7 @@ class Robustness:
     """Measure how policies succeed in worlds that none of them was trained for.
 
     One thing at a time is not ideal (friction, patches, motors, camera, delay, noise, load, slope,
-    bouncing feet), and everything at once, then also with the safety layer. Every episode is kept
+    bouncing feet), and everything at once, then also with the shield. Every episode is kept
     as it comes: the same command goes on where an earlier one ended, and writes the table and the
     plot of what is there at any time.
     """

@@ -50,8 +50,8 @@ def simulate(
         motor_fmu: of every motor, the built-in one by default.
         progress: is told the simulated time.
         options: physics by the names of `python -m cosim.run`, see `Driving`: `mu`, `noise`,
-            `speed` (mm/s), `dt` (s), `time_limit` (s), `safety_margin` (m), `shield`,
-            `world` (a file) and so on.
+            `speed` (mm/s), `dt` (s), `time_limit` (s), `shield`, `world` (a file) and so
+            on.
 
     Returns:
         Outcome, moves, parameters and every signal, with its recording in a temporary folder that

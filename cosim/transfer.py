@@ -1,7 +1,7 @@
 """`python -m cosim.transfer`: how many episodes of the full dynamics succeed, by method.
 
 Makes the table of docs/transfer.md: scenarios, methods, friction coefficients, with and without
-the safety layer. The work is `agent.evaluation.transfer`.
+the shield. The work is `agent.evaluation.transfer`.
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ from cosim.scenarios.file import find_scenario
 class Transfer:
     """Measure how policies trained by different methods succeed in the full co-simulation.
 
-    Rows are scenarios 1a to 4, methods, friction coefficients, and the safety layer off
-    and on; the most important ones come first. Every episode is kept as it comes: the same command
+    Rows are scenarios 1a to 4, methods, friction coefficients, and the shield off and
+    on; the most important ones come first. Every episode is kept as it comes: the same command
     goes on where an earlier one ended, and writes the table of what is there at any time.
     """
 

@@ -6,15 +6,10 @@ import tokenize
 from collections import Counter, defaultdict
 from pathlib import Path
 
-import pytest
-import tyro
-
 from analysis.figures import fig07
 from analysis.motor.options import StepTest
 from analysis.motor.step_test import record
 from analysis.reading.motor_test import read
-from cosim.evaluate import Evaluate
-from cosim.run import Run
 
 ROOT = Path(__file__).parents[1]
 PRODUCT = ("fmus", "cosim", "agent", "analysis")
@@ -61,17 +56,6 @@ def test_every_equation_is_tagged_where_the_architecture_page_says():
     for equations, files in rows:
         missing = equations - set().union(*(_tagged(file) for file in files))
         assert not missing, f"{[str(f.relative_to(ROOT)) for f in files]} lack {missing}"
-
-
-def test_commands_say_the_same_about_the_safety_margin(capsys):
-    texts = []
-    for command in (Run, Evaluate):
-        with pytest.raises(SystemExit):
-            tyro.cli(command, args=["--help"])
-        words = " ".join(re.sub(r"[│╭╮╰╯─]", " ", capsys.readouterr().out).split())
-        texts += re.findall(r"--safety-margin M (.*?) \(default", words)
-    assert len(texts) == 2
-    assert texts[0] == texts[1]
 
 
 def test_fig07_prints_what_the_reproduction_page_says(motor_fmu, tmp_path):

@@ -14,7 +14,7 @@ from agent.certification.certificate import (
 )
 from agent.certification.claims import Claim
 from agent.certification.sequential import Decision
-from agent.evaluation.cases import Case, Job, run_jobs
+from agent.evaluation.cases import Case, run_jobs
 from agent.evaluation.result_file import ResultFile
 from agent.policies import load_policy
 from cosim.base.errors import UserError
@@ -85,10 +85,10 @@ def certify(
     while may_begin():
         needed = test.enough(decision.against)
         wanted = min(needed, episodes or needed, decision.episodes + _AT_ONCE)
-        missing = [k for k in case.cover(wanted) if k not in file.results]
+        missing = file.missing(case.cover(wanted))
         if not missing:
             break
-        for job, result in run_jobs([Job(case, k) for k in missing], jobs, may_begin):
+        for job, result in run_jobs(missing, jobs, may_begin):
             file.add(job.index, result)
             done = len(file.results)
             progress("episodes", done, needed, f"{done}/{needed}  {decision.against} against")

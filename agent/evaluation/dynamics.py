@@ -39,7 +39,7 @@ class Evaluated:
 
     def missing(self) -> list[Job]:
         """Episodes not yet simulated, in the order of the sample."""
-        return [Job(self.case, k) for k in self.indices if k not in self.file.results]
+        return self.file.missing(self.indices)
 
     def results(self) -> dict[int, EpisodeResult]:
         """Results so far of the episodes asked for, in the order of the sample."""
@@ -190,7 +190,6 @@ class EvaluationReport(msgspec.Struct, frozen=True, kw_only=True):
     schema_version: int = 1
     seed: int
     mu: float
-    safety_margin_m: float
     shield: bool
     world: World
     policies: tuple[PolicyRow, ...]
@@ -220,7 +219,6 @@ def report_of(evaluated: list[Evaluated], seed: int) -> EvaluationReport:
     return EvaluationReport(
         seed=seed,
         mu=config.robot.mu,
-        safety_margin_m=config.safety_margin_m,
         shield=config.shield,
         world=config.world,
         policies=tuple(rows),

@@ -4,11 +4,13 @@ A file belongs to one `agent.evaluation.cases.Case` and is named by its digest; 
 configuration has another file.
 """
 
+from collections.abc import Iterable
+from itertools import takewhile
 from pathlib import Path
 
 import msgspec
 
-from agent.evaluation.cases import Case
+from agent.evaluation.cases import Case, Job
 from agent.evaluation.row_file import Header, RowFile
 from cosim.navigation.result import EpisodeResult
 
@@ -45,6 +47,17 @@ class ResultFile:
         header = Header(**msgspec.structs.asdict(case.identity), digest=case.digest)
         self._file = RowFile(self.path, header, IndexedResult)
         self.results = {row.index: row.result for row in self._file.rows}
+
+    def missing(self, indices: Iterable[int]) -> list[Job]:
+        """The episodes of a sample of starts that are not there yet."""
+        return [Job(self.case, k) for k in indices if k not in self.results]
+
+    def beginning(self, indices: Iterable[int]) -> dict[int, EpisodeResult]:
+        """The longest beginning of a sample that is known, by index of the start.
+
+        Whatever else is known is left out: what ends first is no sample.
+        """
+        return {k: self.results[k] for k in takewhile(self.results.__contains__, indices)}
 
     def add(self, index: int, result: EpisodeResult) -> None:
         """Keep a result."""

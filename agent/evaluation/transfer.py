@@ -6,7 +6,8 @@ What an episode is stands in `agent.evaluation.cases`, the table itself in
 
 import time
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 
 from agent.evaluation.cases import Case, run_jobs
@@ -17,11 +18,11 @@ from agent.method import method_policy
 from agent.training.policy import Policy
 from agent.training.settings import BEST, COMPARED, METHODS
 from cosim.base.errors import UserError
-from cosim.base.params import SAFETY_MARGIN_M, TABLE_I
+from cosim.base.params import TABLE_I
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import replacing, write_json
-from cosim.navigation.options import Physics
+from cosim.navigation.options import Driving
 from cosim.scenarios.built_in import PAPER
 from cosim.scenarios.file import find_scenario
 
@@ -67,18 +68,14 @@ class Measurement:
     def add_rows(self, scenarios: Iterable[str], method: str, mu: float) -> list[Row]:
         """Rows of all scenarios; trains what has not been trained yet."""
         rows: list[Row] = []
-        for name in scenarios:
-            policy = self._policy(method, name)
-            physics = Physics(mu=mu)
-            config, fmu = physics.prepare(policy.config.scenario.robot_diameter_m, self.progress)
-            cases = [
-                Case(policy, replace(config, safety_margin_m=margin_m), fmu, self.seed)
-                for margin_m in (0.0, SAFETY_MARGIN_M)
-            ]
-            indices = cases[0].sample(self._count(cases[0], method, mu))
-            files = [ResultFile(self.out / "results", case) for case in cases]
-            scenario = policy.config.scenario.name
-            rows.append(Row(scenario, method, mu, indices, *files))
+        for name, shield in product(scenarios, (False, True)):
+            policy, driving = self._policy(method, name), Driving(mu=mu, shield=shield)
+            scenario = policy.config.scenario
+            config, fmu = driving.prepare(scenario.robot_diameter_m, self.progress)
+            case = Case(policy, config, fmu, self.seed)
+            indices = case.sample(self._count(case, method, mu))
+            file = ResultFile(self.out / "results", case)
+            rows.append(Row(scenario.name, method, mu, indices, file))
         self.rows += rows
         return rows
 
@@ -97,21 +94,19 @@ class Measurement:
         available = len(case.starts)
         if self.quick:
             return min(_QUICK, available)
-        if method != BEST or mu != TABLE_I.mu:
+        if method != BEST or mu != TABLE_I.mu or case.config.shield:
             return min(_SOME, available)
         return None if case.policy.config.scenario.robots == 1 else min(_MANY, available)
 
     def simulate(self, rows: list[Row]) -> None:
-        """Simulate what is missing of rows, without the safety layer and then with it."""
-        for safety in (False, True):
-            files = {file.case.digest: file for row in rows for file in (row.off, row.on)}
-            jobs = [job for row in rows for job in row.missing(safety)]
-            episodes = run_jobs(jobs, self.jobs, self._in_time)
-            layer = "with" if safety else "without"
-            what = f"{rows[0].method}, µ = {rows[0].mu:g}, {layer} safety layer"
-            for job, result in tracked(episodes, len(jobs), self.progress, what):
-                files[job.case.digest].add(job.index, result)
-                self._keep_time()
+        """Simulate what is missing of rows."""
+        files = {row.file.case.digest: row.file for row in rows}
+        jobs = [job for row in rows for job in row.file.missing(row.indices)]
+        episodes = run_jobs(jobs, self.jobs, self._in_time)
+        what = f"{rows[0].method}, µ = {rows[0].mu:g}"
+        for job, result in tracked(episodes, len(jobs), self.progress, what):
+            files[job.case.digest].add(job.index, result)
+            self._keep_time()
 
     def _keep_time(self) -> None:
         """Count an episode; kept at once, as a killed process has no later chance."""

@@ -6,19 +6,16 @@ Rows read results from files; episodes are simulated by `cosim.transfer`.
 import operator
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import takewhile
 
 import msgspec
 from rich.console import Console
 from rich.markdown import Markdown
 
-from agent.evaluation.cases import Job
 from agent.evaluation.outcomes import Failure, Measured, failures, summary
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.tables import rate_text, ratio_text, text
 from agent.training.settings import BEST
 from cosim.base.command import show_table
-from cosim.navigation.result import EpisodeResult
 
 # What the best method is to reach, in every scenario and for every friction coefficient.
 SUCCESS_GOAL, PATH_RATIO_GOAL = 0.99, 1.25
@@ -26,59 +23,28 @@ SUCCESS_GOAL, PATH_RATIO_GOAL = 0.99, 1.25
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table, without and with the safety layer.
+    """A row of the table.
 
     Attributes:
-        scenario, method, mu: what is measured.
+        scenario, method, mu: what is measured, beside the shield.
         indices: of the starts, see `Case.sample`.
-        off, on: results without and with the layer.
+        file: results so far.
     """
 
     scenario: str
     method: str
     mu: float
     indices: list[int]
-    off: ResultFile
-    on: ResultFile
-
-    def results(self, safety: bool) -> dict[int, EpisodeResult]:
-        """Results so far by index of the start: the longest beginning of the sample that is known.
-
-        Whatever else is known is left out, since what is known first is not drawn at random: short
-        episodes end before long ones, and those that the layer leaves alone cost nothing. For the
-        same reason a beginning that only ends before the first episode that the layer changes is
-        no sample: it was chosen for having none.
-
-        An episode without the layer in which the layer would have changed no decision is, bit for
-        bit, the one with it, and stands for it.
-        """
-        known = list(takewhile(self.off.results.__contains__, self.indices))
-        if not safety:
-            return {k: self.off.results[k] for k in known}
-        changed = [k for k in known if self.off.results[k].conflicts > 0]
-        missing = next((k for k in changed if k not in self.on.results), None)
-        if missing is not None:
-            known = [] if missing == changed[0] else known[: known.index(missing)]
-        same = {k: self.off.results[k] for k in known if k not in changed}
-        return same | {k: self.on.results[k] for k in known if k in self.on.results}
-
-    def missing(self, safety: bool) -> list[Job]:
-        """Episodes to simulate; with the layer, those that it is known to change."""
-        if not safety:
-            return [Job(self.off.case, k) for k in self.indices if k not in self.off.results]
-        off = {k: self.off.results[k] for k in self.indices if k in self.off.results}
-        changed = [k for k, r in off.items() if r.conflicts > 0]
-        return [Job(self.on.case, k) for k in changed if k not in self.on.results]
+    file: ResultFile
 
 
 class TransferRow(Measured, frozen=True, kw_only=True):
     """A row of transfer.json.
 
     Attributes:
-        scenario, method, mu, safety_margin_m: what is measured; a margin of 0 is without the layer.
+        scenario, method, mu, shield: what is measured.
         planned: episodes asked for.
-        simulated: episodes of this row alone, without those that stand for it.
-        wall_s: of those, together.
+        wall_s: of all that are known, together.
         digest: of the case.
         failures: starts that did not end in success.
     """
@@ -86,9 +52,8 @@ class TransferRow(Measured, frozen=True, kw_only=True):
     scenario: str
     method: str
     mu: float
-    safety_margin_m: float
+    shield: bool
     planned: int
-    simulated: int
     wall_s: float
     digest: str
     failures: tuple[Failure, ...]
@@ -136,32 +101,29 @@ def report_of(rows: list[Row], sessions: list[Session]) -> TransferReport:
         rows: of the table, in its order.
         sessions: runs that contributed.
     """
-    table = [_entry(row, safety) for row in rows for safety in (False, True)]
+    table = [_entry(row) for row in rows]
     return TransferReport(
-        seed=rows[0].off.case.seed if rows else None,
+        seed=rows[0].file.case.seed if rows else None,
         complete=all(entry.episodes == entry.planned for entry in table),
         elapsed_s=sum(session.elapsed_s for session in sessions),
         sessions=tuple(sessions),
         episode_wall_s=sum(entry.wall_s for entry in table),
-        simulated=sum(entry.simulated for entry in table),
+        simulated=sum(len(row.file.results) for row in rows),
         goals=tuple(goals(table)),
         rows=tuple(table),
     )
 
 
-def _entry(row: Row, safety: bool) -> TransferRow:
-    file, results = row.on if safety else row.off, row.results(safety)
-    # with the layer, only those that it has changed; whether they count already or not
-    simulated = [file.results[k] for k in row.indices if k in file.results]
+def _entry(row: Row) -> TransferRow:
+    file, results = row.file, row.file.beginning(row.indices)
     return TransferRow(
         scenario=row.scenario,
         method=row.method,
         mu=row.mu,
-        safety_margin_m=file.case.config.safety_margin_m,
+        shield=file.case.config.shield,
         planned=len(row.indices),
         **msgspec.structs.asdict(summary(file.case, results)),
-        simulated=len(simulated),
-        wall_s=sum(r.wall_s for r in simulated),
+        wall_s=sum(r.wall_s for r in file.results.values()),
         digest=file.case.digest,
         failures=failures(results),
     )
@@ -170,11 +132,10 @@ def _entry(row: Row, safety: bool) -> TransferRow:
 def goals(table: list[TransferRow]) -> list[Goal]:
     """Whether each goal holds in the worst of the rows that it is about."""
     best = [e for e in table if e.method == BEST and e.episodes > 0]
-    without = [e for e in best if not e.safety_margin_m]
-    with_layer = [e for e in best if e.safety_margin_m]
+    without, shielded = ([e for e in best if e.shield == on] for on in (False, True))
     measured = [
-        ("success without the safety layer", "success", without, min, SUCCESS_GOAL),
-        ("collisions with the safety layer", "collision", with_layer, max, 0.0),
+        ("success without the shield", "success", without, min, SUCCESS_GOAL),
+        ("collisions with the shield", "collision", shielded, max, 0.0),
         ("path length over the grid's", "path_ratio_to_grid", without, max, PATH_RATIO_GOAL),
     ]
     found: list[Goal] = []
@@ -203,7 +164,7 @@ _HEADINGS = (
     "scenario",
     "method",
     "µ",
-    "safety layer",
+    "shield",
     "episodes",
     "success",
     "collision",
@@ -237,12 +198,11 @@ def _cells(entry: TransferRow) -> list[str]:
         if n == 0
         else ", ".join(str(round(n * getattr(entry, name))) for name in ("out_of_board", "timeout"))
     )
-    margin_mm = 1e3 * entry.safety_margin_m
     return [
         entry.scenario,
         entry.method,
         f"{entry.mu:g}",
-        f"{margin_mm:g} mm" if margin_mm else "off",
+        "on" if entry.shield else "off",
         str(n) if n == entry.planned else f"{n} of {entry.planned}",
         rate_text(entry, "success"),
         rate_text(entry, "collision"),

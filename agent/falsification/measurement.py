@@ -214,7 +214,7 @@ def _simulate(
         vectors = search.ask()
         numbers = range(len(case.points), min(len(case.points) + GENERATION, episodes))
         case.points.extend(space.point(vector) for vector in vectors[: len(numbers)])
-        missing = [Job(case, k) for k in numbers if k not in file.results]
+        missing = file.missing(numbers)
         if missing and not compiled:
             with under_way(progress, "preparing the kernels"):
                 compile_kernels(missing[0].task(), len(missing), jobs)

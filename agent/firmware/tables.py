@@ -67,7 +67,7 @@ def render_constants(policy: Policy, config: CoSimConfig) -> str:
     Args:
         policy: of the robots.
         config: calibrated; where robots know their poses, motors and headings are controlled, and
-            there is no safety layer.
+            there is no shield.
 
     Raises:
         ConfigError: the configuration has what the firmware lacks.
@@ -126,7 +126,7 @@ def render_constants(policy: Policy, config: CoSimConfig) -> str:
 
 def _require_plain(config: CoSimConfig) -> None:
     lacking = {
-        "--safety-margin": config.safety_margin_m > 0.0,
+        "--shield": config.shield,
         "--open-loop": bool(config.open_loop),
         "a camera in --world": config.world.sensor.rate_hz > 0.0,
     }

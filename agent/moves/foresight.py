@@ -1,7 +1,7 @@
 """What greedy robots may expect on observed moves: how near they come, and how long they take.
 
 A cheap picture of an episode in the dynamics: thousands of them cost less than one there. It knows
-no noise but that of the moves, and neither safety layer nor shield.
+no noise but that of the moves, and no shield.
 """
 
 import math

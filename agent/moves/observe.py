@@ -158,7 +158,7 @@ def observe_moves(
     target = math.ceil(moves_per_kind / walks)
     done = [0] * walks
     endless = config.timing._replace(episode_limit_s=1e9)
-    driving = replace(config, timing=endless, safety_margin_m=0.0, shield=False)
+    driving = replace(config, timing=endless, shield=False)
 
     def walk(numbers: range) -> list[list[Move]]:
         walkers: list[_Walker] = []

@@ -6,10 +6,9 @@ The worlds are `agent.robustness.axes`, the table `agent.robustness.table`; the 
 
 import time
 from collections.abc import Collection, Iterator
-from dataclasses import replace
 from pathlib import Path
 
-from agent.evaluation.cases import Case, Job, run_jobs
+from agent.evaluation.cases import Case, run_jobs
 from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
 from agent.method import method_policy
@@ -25,7 +24,6 @@ from agent.robustness.table import (
 )
 from agent.training.policy import Policy
 from agent.training.settings import IN_WORLDS
-from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing, write_json
 from cosim.base.world import World
@@ -80,7 +78,7 @@ def robustness(
     ]
     files = {row.file.case.digest: row.file for row in rows}
     # all at once: episodes in different worlds share batches
-    missing = [Job(row.file.case, k) for row in rows for k in row.missing()]
+    missing = [job for row in rows for job in row.file.missing(row.indices)]
     ended = run_jobs(missing, jobs, lambda: end is None or time.monotonic() < end)
     for job, result in tracked(ended, len(missing), progress, "episodes"):
         files[job.case.digest].add(job.index, result)
@@ -107,13 +105,13 @@ def _rows(
     out: Path,
     progress: Progress,
 ) -> Iterator[MeasuredRow]:
-    """Rows of a world: every method, where nothing is ideal also with the safety layer."""
+    """Rows of a world: every method, where nothing is ideal also with the shield."""
     for method, policy in policies.items():
         scenario = policy.config.scenario
         policy.require_scenario(in_world(scenario, point.world))
-        config, fmu = Driving().prepare(scenario.robot_diameter_m, progress, point.world)
-        margins = (0.0, SAFETY_MARGIN_M) if point.axis == "everything" else (0.0,)
-        for margin_m in margins:
-            case = Case(policy, replace(config, safety_margin_m=margin_m), fmu, seed)
+        for shield in (False, True) if point.axis == "everything" else (False,):
+            driving = Driving(shield=shield)
+            config, fmu = driving.prepare(scenario.robot_diameter_m, progress, point.world)
+            case = Case(policy, config, fmu, seed)
             indices = case.sample(min(episodes, len(case.starts)))
             yield MeasuredRow(point, method, indices, ResultFile(out / "results", case))

@@ -13,8 +13,8 @@ _COLOURS = {"moves": "#0072b2", "robust": "#d55e00", "paper": "#009e73", "slip":
 
 
 def draw(report: RobustnessReport) -> Figure:
-    """Success of every method without the safety layer, in worlds by what is not ideal."""
-    rows = [row for row in report.rows if not row.safety_margin_m and row.success is not None]
+    """Success of every method without the shield, in worlds by what is not ideal."""
+    rows = [row for row in report.rows if not row.shield and row.success is not None]
     axes = list(dict.fromkeys(row.axis for row in rows))
     lines = max(1, -(-len(axes) // _COLUMNS))
     figure = Figure(figsize=(3.0 * _COLUMNS, 2.6 * lines), layout="constrained")
@@ -24,7 +24,7 @@ def draw(report: RobustnessReport) -> Figure:
         panel.set(title=axis, ylim=(-4.0, 104.0), ylabel="success, %")
         if number == 0:
             panel.legend(fontsize=7)
-    figure.suptitle(f"scenario {report.scenario}, without the safety layer; bars: 95 %, Wilson")
+    figure.suptitle(f"scenario {report.scenario}, without the shield; bars: 95 %, Wilson")
     return figure
 
 

@@ -1,7 +1,6 @@
 """The table of docs/robustness.md: its rows, their statistics, and its text."""
 
 from dataclasses import dataclass
-from itertools import takewhile
 
 import msgspec
 
@@ -11,7 +10,6 @@ from agent.evaluation.tables import rate_text, text
 from agent.robustness.axes import AxisPoint
 from cosim.base.command import show_table
 from cosim.base.world import World
-from cosim.navigation.result import EpisodeResult
 
 TABLE_FILE, MARKDOWN_FILE = "robustness.json", "robustness.md"
 
@@ -32,15 +30,6 @@ class MeasuredRow:
     indices: list[int]
     file: ResultFile
 
-    def missing(self) -> list[int]:
-        """Starts still to be simulated."""
-        return [k for k in self.indices if k not in self.file.results]
-
-    def results(self) -> dict[int, EpisodeResult]:
-        """The longest beginning of the sample that is known: what ends first is no sample."""
-        known = takewhile(self.file.results.__contains__, self.indices)
-        return {k: self.file.results[k] for k in known}
-
 
 class RobustnessRow(Measured, frozen=True, kw_only=True):
     """A row of robustness.json.
@@ -48,7 +37,7 @@ class RobustnessRow(Measured, frozen=True, kw_only=True):
     Attributes:
         axis, value, world: what is not ideal, see `agent.robustness.axes.AxisPoint`.
         method: by which the policy was trained.
-        safety_margin_m: of the safety layer, 0 without.
+        shield: whether it was on.
         drive_speed_m_s: that the calibration allows.
         planned: episodes asked for.
         digest: of the case.
@@ -59,7 +48,7 @@ class RobustnessRow(Measured, frozen=True, kw_only=True):
     value: str
     world: World
     method: str
-    safety_margin_m: float
+    shield: bool
     drive_speed_m_s: float
     planned: int
     digest: str
@@ -93,13 +82,13 @@ def report_of(scenario: str, rows: list[MeasuredRow]) -> RobustnessReport:
 
 
 def _entry(row: MeasuredRow) -> RobustnessRow:
-    case, results = row.file.case, row.results()
+    case, results = row.file.case, row.file.beginning(row.indices)
     return RobustnessRow(
         axis=row.point.axis,
         value=row.point.value,
         world=row.point.world,
         method=row.method,
-        safety_margin_m=case.config.safety_margin_m,
+        shield=case.config.shield,
         drive_speed_m_s=case.config.steering.drive_speed_m_s,
         planned=len(row.indices),
         **msgspec.structs.asdict(summary(case, results)),
@@ -112,7 +101,7 @@ _HEADINGS = (
     "not ideal",
     "value",
     "method",
-    "safety layer",
+    "shield",
     "speed",
     "episodes",
     "success",
@@ -126,13 +115,13 @@ _HEADINGS = (
 
 
 def _cells(entry: RobustnessRow) -> list[str]:
-    n, margin_mm = entry.episodes, 1e3 * entry.safety_margin_m
+    n = entry.episodes
     others = (round(n * (getattr(entry, name) or 0.0)) for name in ("out_of_board", "timeout"))
     return [
         entry.axis,
         entry.value,
         entry.method,
-        f"{margin_mm:g} mm" if margin_mm else "off",
+        "on" if entry.shield else "off",
         f"{1e3 * entry.drive_speed_m_s:.2f} mm/s",
         str(n) if n == entry.planned else f"{n} of {entry.planned}",
         rate_text(entry, "success"),

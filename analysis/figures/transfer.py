@@ -33,9 +33,8 @@ _GROUP = 0.7
 
 
 def series_of(row: TransferRow) -> str:
-    """Name of what a row belongs to in the legend: training method, and safety layer if on."""
-    margin_mm = 1e3 * row.safety_margin_m
-    return f"{row.method}, safety layer {margin_mm:g} mm" if margin_mm else row.method
+    """Name of what a row belongs to in the legend: training method, and whether with the shield."""
+    return f"{row.method}, shield" if row.shield else row.method
 
 
 def draw(rows: list[TransferRow]) -> Figure:
@@ -51,7 +50,7 @@ def draw(rows: list[TransferRow]) -> Figure:
         for place, name in enumerate(names):
             chosen = [r for r in rows if r.mu == mu and series_of(r) == name]
             shift = _GROUP * ((place + 0.5) / len(names) - 0.5)
-            # A method has one colour; with the safety layer its markers are open squares.
+            # A method has one colour; with the shield its markers are open squares.
             colour = _COLOURS[methods.index(name.split(",")[0]) % len(_COLOURS)]
             _draw_series(axes, chosen, scenarios, shift, name, colour)
         axes.axhline(99.0, color="black", linestyle=":", linewidth=0.8)
@@ -79,14 +78,14 @@ def _draw_series(
         for key in ("success", "success_low", "success_high")
     )
     bars = np.maximum([success - low, high - success], 0.0)
-    marker, fill = ("s", "white") if "safety" in name else ("o", colour)
+    marker, fill = ("s", "white") if "shield" in name else ("o", colour)
     axes.errorbar(
         places, success, bars, fmt=marker, mfc=fill, color=colour, ms=4, capsize=3, label=name
     )
 
 
 def caption(rows: list[TransferRow]) -> Caption:
-    """The caption of the table's rows: over all scenarios, by method, safety layer and friction."""
+    """The caption of the table's rows: over all scenarios, by method, shield and friction."""
     numbers, ours = [], []
     for mu in sorted({row.mu for row in rows}):
         parts = []

@@ -100,7 +100,7 @@ def transfer_tables(results: Path) -> list[ReportTable]:
         return []
     rows = [_transfer_row(row) for row in read_transfer(results).rows]
     outcomes = (name.replace("_", " ") for name in ENDS)
-    header = ("scenario", "training", "µ", "safety layer", "episodes", *outcomes, "path over grid")
+    header = ("scenario", "training", "µ", "shield", "episodes", *outcomes, "path over grid")
     note = (
         "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
         "intervals."
@@ -115,7 +115,7 @@ def _transfer_row(row: TransferRow) -> tuple[str, ...]:
         row.scenario,
         row.method,
         f"{row.mu:g}",
-        f"{1e3 * row.safety_margin_m:g} mm" if row.safety_margin_m else NOTHING,
+        "on" if row.shield else NOTHING,
         str(row.episodes),
         *shares,
         _named(row, "path_ratio_to_grid", 1.0, 3, ""),

@@ -38,7 +38,7 @@ class Searched:
 def measure(
     scenario: str,
     method: str,
-    safety_margin: float,
+    shield: bool,
     ranges: Path | None,
     seeds: int,
     episodes: int,
@@ -47,14 +47,15 @@ def measure(
 ) -> dict[str, Any]:
     """Searches until the first collision; episodes that are in `out` are not simulated again."""
     rows, declared = [], {} if ranges is None else read_ranges(ranges)
-    setting = f"{scenario}-{method}-{safety_margin:g}-{ranges.stem if ranges else 'default'}"
+    guard = "shield" if shield else "free"
+    setting = f"{scenario}-{method}-{guard}-{ranges.stem if ranges else 'default'}"
     with progress_bars() as progress:
         *_, policy = method_policy(method, find_scenario(scenario), progress=progress)
         for seed in range(seeds):
             for search in SEARCHES:
                 report = falsify(
                     policy,
-                    Driving(safety_margin=safety_margin),
+                    Driving(shield=shield),
                     out / f"{setting}-{search}-{seed}",
                     ranges=declared,
                     search=search,
@@ -66,7 +67,7 @@ def measure(
                     progress=progress,
                 )
                 rows.append(_row(report))
-    found = {"scenario": scenario, "method": method, "safety_margin_m": safety_margin}
+    found = {"scenario": scenario, "method": method, "shield": shield}
     found |= {"ranges": declared, "budget": episodes, "rows": [asdict(row) for row in rows]}
     write_json(out / "falsification.json", found)
     return found
@@ -89,8 +90,8 @@ def show(found: dict[str, Any]) -> None:
         ]
         for row in rows
     ]
-    margin_mm = 1e3 * found["safety_margin_m"]
-    title = f"scenario {found['scenario']}, method {found['method']}, margin {margin_mm:g} mm"
+    shield = "on" if found["shield"] else "off"
+    title = f"scenario {found['scenario']}, method {found['method']}, shield {shield}"
     header = ("search", "seed", "episodes to the first collision", "least gap")
     show_table(None, header, cells, names=2, title=title)
     for search in SEARCHES:

@@ -63,10 +63,8 @@ class CoSimConfig:
             see `in_world`.
         through: whether a robot drives on at the end of a move until it is asked, and turns only
             for another direction (the paper's stops).
-        safety_margin_m: gap that the safety layer (`cosim.navigation.safety`) keeps between the
-            plans of robots, and from obstacles; 0 switches it off.
         shield: whether robots are kept apart whatever their policies want
-            (`cosim.control.shield`); it has a safety layer of its own.
+            (`cosim.control.shield`), and yield to each other (`cosim.navigation.yielding`).
         shielding: what the shield keeps.
         open_loop: what goes without feedback: motors get the voltage that gives their set point in
             the mean instead of the loop of Eq. (14), and robots keep no course while they drive.
@@ -89,7 +87,6 @@ class CoSimConfig:
     on_collision: OnCollision = "end"
     world: World = IDEAL
     through: bool = False
-    safety_margin_m: float = 0.0
     shield: bool = False
     shielding: ShieldParams = SHIELD
     open_loop: tuple[Loop, ...] = ()
@@ -107,15 +104,6 @@ class CoSimConfig:
                     raise ConfigError(
                         f"{name} = {value} must be finite and not negative, at most {MAX_VALUE:g}"
                     )
-        if not 0.0 <= self.safety_margin_m < float("inf"):
-            raise ConfigError(
-                f"safety_margin_m = {self.safety_margin_m} must be finite and not negative"
-            )
-        if self.shield and self.safety_margin_m:
-            raise ConfigError(
-                "safety_margin_m has no effect beside the shield, which has a margin of its own; "
-                "leave one of them out"
-            )
         if self.shield and "heading" in self.open_loop:
             raise ConfigError(
                 "the shield needs robots that keep their course; leave heading out of open_loop"
@@ -261,7 +249,6 @@ class CoSimConfig:
             "motor_phases_deg": (str(self.world.motor_phases_deg), "initial phases of the motors"),
             "open_loop": (" ".join(self.open_loop), "what goes without feedback"),
             "preset": (self.preset, "machine that the parameters are of"),
-            "safety_margin_m": (self.safety_margin_m, "gap kept by the safety layer in m, 0: off"),
             "shield": (self.shield, "whether robots are kept apart whatever policies want"),
         }
         parts = (*self._records, self.world)

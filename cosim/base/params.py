@@ -251,15 +251,6 @@ class Fig7Params(NamedTuple):
     ] = 0.709
 
 
-# Robots stray from their plans by under 1 mm, and by under 5 mm when they turn first (the worst of
-# 20 seeds, `python benchmarks/steering.py`); the rest is reserve (assumed).
-SAFETY_MARGIN_M = 0.006
-SAFETY_MARGIN_HELP = (
-    "Gap in m that the safety layer keeps between robots' plans, and from obstacles; robots wait "
-    "or yield for it. 0 switches it off. Robots stray up to 1 mm, or 5 mm when they turn: "
-    f"{SAFETY_MARGIN_M} covers both."
-)
-
 TABLE_II = MotorParams()
 TABLE_I = RobotParams()
 SPEED_NOISE = NoiseParams()

@@ -46,7 +46,7 @@ def _driver(name: str, motors: Motors, lanes: int) -> Driver:
 def shared(config: CoSimConfig) -> tuple[Any, ...]:
     """What episodes of a batch have in common of a configuration.
 
-    That is all but the safety margin, the world, the floor's friction and the speed noise.
+    That is all but the world, the floor's friction and the speed noise.
     """
     return (
         config.robot._replace(mu=0.0),
@@ -146,8 +146,8 @@ class Batch:
         config = config or self.config
         if shared(config) != shared(self.config):
             raise ConfigError(
-                "an episode differs from its batch by more than its world and the safety margin; "
-                "make another batch for it"
+                "an episode differs from its batch by more than its world; make another batch "
+                "for it"
             )
         if scenario.robots != self.robots:
             raise ConfigError(

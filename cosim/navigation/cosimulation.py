@@ -74,7 +74,7 @@ class CoSimulation:
 
     @property
     def conflicts(self) -> int:
-        """Decisions that the safety layer changed, or would have changed."""
+        """Decisions that the shield changed."""
         return self.episode.conflicts
 
     def advance(self, action: np.ndarray) -> Step:

@@ -14,7 +14,6 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, RUNNING, Outcome
-from cosim.base.params import SAFETY_MARGIN_M
 from cosim.base.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator, gravity
 from cosim.control.camera import camera_of, draw_sight
 from cosim.control.estimation import POSE
@@ -40,7 +39,7 @@ from cosim.navigation.features import (
 )
 from cosim.navigation.measures import Measures
 from cosim.navigation.observing import cells_of, nearest_squared, observe
-from cosim.navigation.safety import NEAREST_FIRST, WAIT, board_of, permitted
+from cosim.navigation.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics.body_state import POSITION, standing_state
 from cosim.scenarios.scenario import Cell, Scenario
 
@@ -61,7 +60,7 @@ class Step(NamedTuple):
         first_tick: ticks of dt before the step.
         before, after: observations at its start and end.
         action: (N,) direction index in force during the step, −1 for a robot that arrived before
-            or that the safety layer lets wait.
+            or that the shield lets wait.
         decided: (N,) whether the action was adopted at the start of this step.
         completed: (N,) whether the robot ended its move within this step.
         samples: signals at every control period that was simulated.
@@ -102,7 +101,7 @@ class RunningEpisode:
         time_s: simulated time.
         observation: what a policy sees now.
         measures: so far.
-        conflicts: decisions that the safety layer changed, or would have changed.
+        conflicts: decisions that the shield changed.
     """
 
     def __init__(
@@ -261,22 +260,21 @@ class RunningEpisode:
         return (mode == HOLD) | (mode == PAST)
 
     def _permitted(self, robot: int, direction: int) -> int:
-        """What the safety layer makes of a direction; without the layer it is only counted."""
-        commands, shield = self._commands, self.config.shield
-        margin_m = self.config.safety_margin_m or SAFETY_MARGIN_M
-        if shield:
-            margin_m = plan_margin(self._estimates, self.config.shielding)
-        goals = commands[:, GOAL_X : GOAL_Y + 1].copy()
-        goals[commands[:, MODE] == HOLD] = np.nan
+        """What the shield lets a robot do that wants to go in a direction; WAIT to stand."""
+        if not self.config.shield:
+            return direction
+        goals = self._commands[:, GOAL_X : GOAL_Y + 1].copy()
+        goals[self._commands[:, MODE] == HOLD] = np.nan
         goals[robot] = np.nan
-        asked = self._board, self._positions_m(), goals, robot, direction, margin_m, shield
+        margin_m = plan_margin(self._estimates, self.config.shielding)
+        asked = self._board, self._positions_m(), goals, robot, direction, margin_m
         allowed = permitted(*asked, NEAREST_FIRST)
         self.conflicts += allowed != direction
-        if shield and allowed not in (direction, WAIT) and self._detours.random() < 0.5:
+        if allowed not in (direction, WAIT) and self._detours.random() < 0.5:
             # Robots that only ever yield to the nearest side may do so to each other for ever.
             others = self._detours.permutation(NEAREST_FIRST[1:])
             allowed = permitted(*asked, np.concatenate([NEAREST_FIRST[:1], others]))
-        return allowed if shield or self.config.safety_margin_m else direction
+        return allowed
 
     @property
     def shield_stops(self) -> int:

@@ -2,7 +2,7 @@
 
 A cell belongs to the robot whose centre is in it; distance class (Eq. 9) and gradient sign
 (Eq. 10) are those of the cells, the sign since the robot's own last decision. Kernels here and in
-`cosim.navigation.safety` take C-contiguous arrays; another layout costs another compilation.
+`cosim.navigation.yielding` take C-contiguous arrays; another layout costs another compilation.
 """
 
 import math

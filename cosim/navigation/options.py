@@ -9,7 +9,7 @@ import tyro
 
 from cosim.base.command import MotorFmuFile
 from cosim.base.config import ConfigError, CoSimConfig, Loop, OnCollision, Order
-from cosim.base.params import SAFETY_MARGIN_HELP, STEERING, TIMING
+from cosim.base.params import STEERING, TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.world import IDEAL, World
 from cosim.presets.preset import PAPER, find_preset
@@ -146,7 +146,6 @@ class Driving(Physics, Deciding):
     on_collision: OnCollision = "end"
     """What happens when a robot touches another one or an obstacle: the episode ends, or they push
     each other on."""
-    safety_margin: Annotated[float, tyro.conf.arg(metavar="M", help=SAFETY_MARGIN_HELP)] = 0.0
     shield: bool = False
     """Keep robots apart, off obstacles and on the board whatever their policies want: a monitor in
     the control loop stops a robot in time and lets it retreat (docs/shield.md). How far robots go
@@ -176,7 +175,6 @@ class Driving(Physics, Deciding):
             timing=timing,
             steering=steering,
             on_collision=self.on_collision,
-            safety_margin_m=self.safety_margin,
             shield=self.shield,
             open_loop=self.open_loop,
         )

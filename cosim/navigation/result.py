@@ -25,9 +25,8 @@ class EpisodeResult(msgspec.Struct, frozen=True):
         min_distance_cm: smallest distance between the centres of two robots, None for one alone.
         energy_j: drawn by the motors of all robots, see `cosim.navigation.measures`.
         energy_j_by_robot: of each robot.
-        conflicts: decisions that the safety layer changed, or would have changed if it were on
-            (`cosim.navigation.safety`). An episode without conflicts is, bit for bit, the same with
-            the layer off and on at its default margin.
+        conflicts: decisions that the shield changed, since plans would have come too close
+            (`cosim.navigation.yielding`).
         drawn: what the episode has drawn from its world, None if that draws nothing.
         shield_stops: moves that the shield has ended, None without it.
     """

@@ -97,11 +97,11 @@ def killed_recording(tmp_path_factory, run_folder):
     return part
 
 
-def transfer_row(scenario, method, success, margin_m=0.0, mu=0.15):
+def transfer_row(scenario, method, success, shield=False, mu=0.15):
     """A row of 50 episodes that end in success or collision; what else is measured is unknown."""
     unknown: dict[str, Any] = dict.fromkeys(TransferRow.__struct_fields__)
-    known = {"scenario": scenario, "method": method, "mu": mu, "safety_margin_m": margin_m}
-    known |= {"episodes": 50, "planned": 50, "simulated": 50, "wall_s": 1.0, "digest": "0"}
+    known = {"scenario": scenario, "method": method, "mu": mu, "shield": shield}
+    known |= {"episodes": 50, "planned": 50, "wall_s": 1.0, "digest": "0"}
     shares = {"success": success, "collision": 1.0 - success, "out_of_board": 0.0, "timeout": 0.0}
     for name, share in shares.items():
         known |= {name: share, f"{name}_low": max(share - 0.1, 0.0)}

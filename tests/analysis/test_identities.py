@@ -76,7 +76,7 @@ MATTER = {
         cosim.base.params cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.control.steering
         cosim.navigation.episode cosim.navigation.features cosim.navigation.measures
-        cosim.navigation.observing cosim.navigation.safety cosim.physics.body
+        cosim.navigation.observing cosim.navigation.yielding cosim.physics.body
         cosim.physics.collision cosim.physics.contact cosim.physics.forces
         cosim.physics.rotation
     """,
@@ -85,7 +85,7 @@ MATTER = {
         agent.process.exact agent.process.grid agent.process.joint agent.process.readings
         agent.process.rng agent.training.moves_qlearning agent.training.qlearning
         cosim.base.params cosim.coupling.plant cosim.control.steering cosim.navigation.features
-        cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
+        cosim.navigation.measures cosim.navigation.observing cosim.navigation.yielding
         cosim.physics.body cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "moves": """
@@ -93,7 +93,7 @@ MATTER = {
         cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
         cosim.coupling.signals cosim.control.steering cosim.navigation.episode
         cosim.navigation.features cosim.navigation.measures cosim.navigation.observing
-        cosim.navigation.safety cosim.physics.body cosim.physics.collision
+        cosim.navigation.yielding cosim.physics.body cosim.physics.collision
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation fmus.variables
     """,
     "policy": """
@@ -124,7 +124,7 @@ MATTER = {
         cosim.base.params cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.control.steering
         cosim.calibration.speed_map cosim.navigation.episode cosim.navigation.features
-        cosim.navigation.measures cosim.navigation.observing cosim.navigation.safety
+        cosim.navigation.measures cosim.navigation.observing cosim.navigation.yielding
         cosim.physics.body cosim.physics.collision cosim.physics.contact
         cosim.physics.forces cosim.physics.rotation fmus.build fmus.variables
     """,

@@ -86,7 +86,7 @@ def test_completion_for_bash_knows_every_command_and_its_options(minirobots):
     script = done.stdout
     assert "complete" in script
     assert [name for name in COMMANDS if name not in script] == []
-    assert "--safety-margin" in script
+    assert "--shield" in script
     syntax = subprocess.run(
         ["bash", "-n"], input=script, capture_output=True, text=True, check=False
     )

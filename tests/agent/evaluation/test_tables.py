@@ -83,9 +83,7 @@ def test_policies_in_co_simulation(width):
         recordings=(),
         results="",
     )
-    report = EvaluationReport(
-        seed=0, mu=0.15, safety_margin_m=0.0, shield=False, world=IDEAL, policies=(row,)
-    )
+    report = EvaluationReport(seed=0, mu=0.15, shield=False, world=IDEAL, policies=(row,))
     text = printed(outcome_tables.show, report, width=width)
     whole = ["four-crossing", "200 of 900", "98.8% [94.2, 100.0]", "1.2% [0.0, 5.8]", "collision"]
     whole += ["123.4 cm", "1.234 [1.111, 1.345]", "12.34 cm", "123 s", "456.7 J", "min distance"]
@@ -132,10 +130,9 @@ def test_transfer_has_all_that_its_file_has():
         scenario="4",
         method="moves",
         mu=0.15,
-        safety_margin_m=0.003,
+        shield=True,
         episodes=50,
         planned=200,
-        simulated=50,
         **OUTCOMES,
         wall_s=120.0,
         digest="",

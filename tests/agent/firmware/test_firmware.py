@@ -340,7 +340,7 @@ def test_command_writes_sources_and_says_what_they_need(command, policy, tmp_pat
         assert states < size["flash"] < states + 16_000
         assert 0 < size["ram"] + size["stack"] < MOST_RAM
     for wrong, reason in (
-        (("--safety-margin", "0.006"), "--safety-margin"),
+        (("--shield",), "--shield"),
         (("--time-limit", "9"), "--time-limit has no effect"),
     ):
         refused = command(firmware, *line, *wrong)

@@ -19,7 +19,7 @@ def rows(row):
         row("2", "paper", 0.6),
         row("1a", "slip", 1.0),
         row("2", "slip", 0.9),
-        row("2", "slip", 1.0, margin_m=0.01),
+        row("2", "slip", 1.0, shield=True),
         row("2", "slip", 0.5, mu=0.1),
     ]
 
@@ -40,9 +40,9 @@ def test_points_are_those_of_the_table(rows):
     assert points(default) == {
         "paper": [80.0, 60.0],
         "slip": [100.0, 90.0],
-        "slip, safety layer 10 mm": [100.0],
+        "slip, shield": [100.0],
     }
-    assert points(low_friction) == {"paper": [], "slip": [50.0], "slip, safety layer 10 mm": []}
+    assert points(low_friction) == {"paper": [], "slip": [50.0], "slip, shield": []}
 
 
 def test_caption_names_the_worst_scenario(rows):

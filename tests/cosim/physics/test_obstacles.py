@@ -1,4 +1,4 @@
-"""Obstacles are solid: one definition, on the grid, in the dynamics and for the safety layer."""
+"""Obstacles are solid: one definition, on the grid, in the dynamics and for who yields."""
 
 import math
 from itertools import product
@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.outcome import COLLISION, RUNNING
-from cosim.base.params import SAFETY_MARGIN_M, TABLE_I, TIMING
+from cosim.base.params import TABLE_I, TIMING
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
-from cosim.navigation.safety import NEAREST_FIRST, WAIT, board_of, permitted
+from cosim.navigation.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics import collision as solid
 from cosim.recording.episode_log import EpisodeLog
 from cosim.scenarios.file import find_scenario
@@ -140,9 +140,9 @@ def test_no_robot_drives_through_a_wall(wall, motor_fmu, straight_policy, on_col
         assert 1 <= len(told) < len(steps) + 1
 
 
-def test_the_safety_layer_never_lets_a_robot_touch_a_wall(wall, motor_fmu, straight_policy):
+def test_the_shield_never_lets_a_robot_touch_a_wall(wall, motor_fmu, straight_policy):
     policy = straight_policy(wall.targets)
-    system, steps = drive(wall, motor_fmu, policy, safety_margin_m=SAFETY_MARGIN_M)
+    system, steps = drive(wall, motor_fmu, policy, shield=True)
     assert system.outcome == "timeout"
     assert system.conflicts > 0
     highest = max(step.samples.position[:, 0, 1].max() for step in steps)
@@ -150,13 +150,14 @@ def test_the_safety_layer_never_lets_a_robot_touch_a_wall(wall, motor_fmu, strai
 
 
 def allowed(obstacles, wanted):
-    """What the layer makes of a direction of a robot in cell (8, 5)."""
+    """What is left of a direction of a robot in cell (8, 5)."""
     scenario = Scenario("o", "", ((25, 25),), (((29, 29),),), obstacles=obstacles)
     here, stands = np.array([scenario.centre_m((8, 5))]), np.full((1, 2), np.nan)
-    asked = here, stands, 0, wanted, SAFETY_MARGIN_M, False, NEAREST_FIRST
+    asked = here, stands, 0, wanted, MARGIN_M, NEAREST_FIRST
     return permitted(board_of(scenario), *asked)
 
 
+MARGIN_M = 0.006
 ABOVE, BELOW = (tuple((x, y) for x in range(17)) for y in (9, 1))
 BESIDE = tuple((x, y) for y in range(1, 10) for x in (4, 12))
 
@@ -178,7 +179,7 @@ def test_moves_that_come_too_close_to_an_obstacle_yield(obstacles, wanted, expec
 
 @given(st.lists(st.tuples(st.integers(3, 13), st.integers(0, 10)), min_size=1, max_size=6))
 def test_a_plan_is_free_if_every_point_of_it_is(obstacles):
-    least = RADIUS_M / 0.01 + SAFETY_MARGIN_M / 0.01
+    least = (RADIUS_M + MARGIN_M) / 0.01
     if min(distance(8.5, 5.5, obstacle) for obstacle in obstacles) < least:
         return
     for wanted, step in enumerate(DIRECTIONS):

@@ -1,4 +1,4 @@
-"""The safety layer: geometry of plans, and who waits or yields."""
+"""Geometry of plans, and who waits or yields."""
 
 import math
 
@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.params import SAFETY_MARGIN_M, TIMING
+from cosim.base.params import TIMING
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
-from cosim.navigation.safety import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
+from cosim.navigation.yielding import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
 from cosim.scenarios.scenario import Scenario
 
 E, N, W, S = 0, 2, 4, 6
@@ -19,7 +19,7 @@ FACING = Scenario(
     "facing", "swap places", ((12, 5), (3, 12)), (((3, 5),), ((12, 5),)), 16, 16, zone=(7, 7, 8, 8)
 )
 BOARD = board_of(FACING)
-USUAL = SAFETY_MARGIN_M, False, NEAREST_FIRST
+USUAL = 0.006, NEAREST_FIRST
 
 coordinate = st.floats(-1.0, 1.0)
 points = st.tuples(coordinate, coordinate)
@@ -64,10 +64,8 @@ def test_who_waits_and_who_yields(other, moving, wanted, expected):
 def test_yielding_never_leads_off_the_board():
     positions = positions_at((0, 5), (5, 5))
     for wanted in range(8):
-        allowed = permitted(
-            BOARD, positions, goals_of(positions), 0, wanted, SAFETY_MARGIN_M, False, NEAREST_FIRST
-        )
-        if allowed not in (wanted, WAIT):
+        allowed = permitted(BOARD, positions, goals_of(positions), 0, wanted, *USUAL)
+        if allowed != WAIT:
             assert DIRECTIONS[allowed, 0] >= 0
 
 
@@ -86,19 +84,19 @@ def drive(motor_fmu, config):
     return system, outcome
 
 
-@pytest.mark.parametrize("kept", [{}, {"safety_margin_m": SAFETY_MARGIN_M}, {"shield": True}])
-def test_robots_that_would_collide_do_not_with_the_layer(motor_fmu, kept):
-    system, outcome = drive(motor_fmu, CoSimConfig(**kept))
-    assert system.conflicts > 0
-    if kept:
+@pytest.mark.parametrize("shield", [False, True])
+def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, shield):
+    system, outcome = drive(motor_fmu, CoSimConfig(shield=shield))
+    assert (system.conflicts > 0) == shield
+    if shield:
         assert outcome != "collision"
         assert system.measures.min_distance_m > FACING.robot_diameter_m
     else:
         assert outcome == "collision"
 
 
-def test_the_shield_alone_keeps_robots_apart(motor_fmu, monkeypatch):
-    """Without a safety layer they meet, and are parted, again and again."""
+def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
+    """When nobody yields they meet, and are parted, again and again."""
     monkeypatch.setattr("cosim.navigation.episode.permitted", lambda *asked: asked[4])
     timing = TIMING._replace(episode_limit_s=30.0)
     system, outcome = drive(motor_fmu, CoSimConfig(shield=True, timing=timing))
@@ -108,7 +106,5 @@ def test_the_shield_alone_keeps_robots_apart(motor_fmu, monkeypatch):
 
 
 def test_what_the_shield_cannot_go_with_is_refused():
-    with pytest.raises(ConfigError, match="safety_margin_m has no effect beside the shield"):
-        CoSimConfig(shield=True, safety_margin_m=0.003)
     with pytest.raises(ConfigError, match="keep their course"):
         CoSimConfig(shield=True, open_loop=("heading",))

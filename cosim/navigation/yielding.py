@@ -1,12 +1,12 @@
-"""Optional safety layer: a robot begins no move that comes too close to another robot's plan.
+"""Who yields where the shield is on: no move begins that comes too close to another robot's plan.
 
-It keeps robots out of each other's path; that they never touch is the shield's part
-(`cosim.control.shield`), which has this layer with it.
+That gets robots past each other; that they never touch is the monitor's part
+(`cosim.control.shield`).
 
 A plan is the line from where a robot is to where it is going; a robot that stands has a point. A
 move whose plan is blocked by a robot that is moving waits for it; one blocked by a robot that
-stands or by an obstacle yields to the nearest direction that is free. Policies know nothing of the
-layer, and it knows nothing of policies.
+stands, by an obstacle or by the board's edge yields to the nearest direction that is free. Policies
+know nothing of this, and it knows nothing of policies.
 """
 
 import math
@@ -29,7 +29,7 @@ Line = tuple[Point, Point]  # both ends
 
 
 class Board(NamedTuple):
-    """What the layer knows of a scenario; lengths in m.
+    """What is known of a scenario; lengths in m.
 
     Attributes:
         columns, rows: number of cells.
@@ -100,7 +100,6 @@ def permitted(
     robot: int,
     direction: int,
     margin_m: float,
-    on_board_only: bool,
     turns: np.ndarray,
 ) -> int:
     """The direction that a robot may take when it wants another.
@@ -112,7 +111,6 @@ def permitted(
         robot: that decides; it stands.
         direction: index of the direction that it wants.
         margin_m: least gap to the other robots' plans and to obstacles.
-        on_board_only: whether a direction that leaves the board is not free even if wanted.
         turns: (8,) int64, from the wanted direction to those that are tried, 0 the first.
 
     Returns:
@@ -124,8 +122,7 @@ def permitted(
         candidate = (direction + turn) % DIRECTION_COUNT
         column = cell_of(here[0], board.cell_m) + DIRECTIONS[candidate, 0]
         row = cell_of(here[1], board.cell_m) + DIRECTIONS[candidate, 1]
-        on_board = 0 <= column < board.columns and 0 <= row < board.rows
-        if (turn != 0 or on_board_only) and not on_board:
+        if not (0 <= column < board.columns and 0 <= row < board.rows):
             continue
         plan = (here, ((column + 0.5) * board.cell_m, (row + 0.5) * board.cell_m))
         if _meets_obstacle(board, plan, margin_m):
