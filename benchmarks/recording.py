@@ -20,7 +20,7 @@ from analysis.viewer import ViewerError, screenshot
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.navigation.cosimulation import CoSimulation
-from cosim.navigation.episode import Step
+from cosim.navigation.step import Step
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level
 from cosim.scenarios.scenario import Scenario

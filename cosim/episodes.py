@@ -19,8 +19,9 @@ import numpy as np
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.provenance import digest_of
 from cosim.navigation.batch import ROBOTS_TOGETHER, Batch, shared
-from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
+from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.result import EpisodeResult, facts_of, result_of
+from cosim.navigation.step import Step, SupportsAct
 from cosim.recording.episode import EpisodeRecorder
 from cosim.scenarios.scenario import Cell, Scenario
 

@@ -18,9 +18,10 @@ from cosim.base.provenance import versions
 from cosim.base.world import IDEAL
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import DRIVERS
-from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
+from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.observing import draw_starts
 from cosim.navigation.options import Driving
+from cosim.navigation.step import Step, SupportsAct
 from cosim.reading.episode import Episode, read_episode
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level, with_bursts

@@ -23,7 +23,7 @@ from agent.baselines.table import (
     markdown,
     report_of,
 )
-from agent.evaluation.cases import Case, Job, run_jobs
+from agent.evaluation.cases import Case, run_jobs
 from agent.evaluation.dynamics import tracked
 from agent.evaluation.grid import PolicyMeasures, measure
 from agent.evaluation.result_file import ResultFile
@@ -108,18 +108,13 @@ class _Runs:
             key: file.case.sample(min(episodes, len(file.case.starts)))
             for key, file in files.items()
         }
-        missing = [
-            Job(file.case, index)
-            for key, file in files.items()
-            for index in indices[key]
-            if index not in file.results
-        ]
+        missing = [job for key, file in files.items() for job in file.missing(indices[key])]
         by_digest = {file.case.digest: file for file in files.values()}
         ended = run_jobs(missing, jobs, may_begin)
         for job, result in tracked(ended, len(missing), self._progress, "episodes"):
             by_digest[job.case.digest].add(job.index, result)
         for key, file in files.items():
-            if not all(index in file.results for index in indices[key]):
+            if file.missing(indices[key]):
                 continue
             scenario, learner, _ = key
             least = _least_times(scenario, _through(learner))

@@ -24,7 +24,8 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import code_digest, digest_of
 from cosim.base.storage import write_json
 from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.episode import RunningEpisode, Step
+from cosim.navigation.episode import RunningEpisode
+from cosim.navigation.step import Step
 
 SPLITTING_FILE = "splitting.json"
 _FORKS = 3_000_000  # child of an episode's seed, beside those of `cosim.base.world`

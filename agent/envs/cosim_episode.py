@@ -18,8 +18,8 @@ from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING
 from cosim.base.params import TABLE_I
 from cosim.calibration.cache import calibrated_slower
 from cosim.navigation.batch import Batch
-from cosim.navigation.episode import Step
 from cosim.navigation.observing import draw_starts
+from cosim.navigation.step import Step
 from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 

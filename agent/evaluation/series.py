@@ -12,8 +12,9 @@ from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
 from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.episode import RunningEpisode, Step
+from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.result import EpisodeResult
+from cosim.navigation.step import Step
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import Level
 from cosim.scenarios.scenario import Scenario

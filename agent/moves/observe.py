@@ -23,8 +23,8 @@ from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.storage import cache_dir, cached
 from cosim.control.steering import DRIVE, HOLD, PAST
 from cosim.navigation.batch import Batch
-from cosim.navigation.episode import Step
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
+from cosim.navigation.step import Step
 from cosim.scenarios.scenario import Scenario
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.

@@ -25,9 +25,10 @@ from cosim.base.progress import progress_bars
 from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
 from cosim.base.world import IDEAL
 from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
+from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.features import DIRECTION_COUNT, Observation
 from cosim.navigation.options import Driving
+from cosim.navigation.step import Step, SupportsAct
 from cosim.scenarios.file import in_world, read_world
 from cosim.scenarios.scenario import Cell, Scenario, touches_obstacle
 

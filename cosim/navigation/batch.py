@@ -26,7 +26,8 @@ from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver, Driver, NotFiniteError, ReferenceDriver
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
 from cosim.fmi.isolation import calling
-from cosim.navigation.episode import RunningEpisode, Step
+from cosim.navigation.episode import RunningEpisode
+from cosim.navigation.step import Step
 from cosim.physics.lanes import host_lanes
 from cosim.scenarios.scenario import Cell, Scenario
 

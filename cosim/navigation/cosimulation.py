@@ -8,9 +8,10 @@ import numpy as np
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import Outcome
 from cosim.navigation.batch import Batch, require_size
-from cosim.navigation.episode import RunningEpisode, Step, SupportsAct
+from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.features import Observation
 from cosim.navigation.measures import Measures
+from cosim.navigation.step import Step, SupportsAct
 from cosim.scenarios.scenario import Cell, Scenario
 
 

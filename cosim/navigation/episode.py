@@ -8,7 +8,6 @@ the cells. Nothing here advances time (that is `cosim.navigation.batch`), learns
 """
 
 import math
-from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -39,56 +38,10 @@ from cosim.navigation.features import (
 )
 from cosim.navigation.measures import Measures
 from cosim.navigation.observing import cells_of, nearest_squared, observe
+from cosim.navigation.step import Step
 from cosim.navigation.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics.body_state import POSITION, standing_state
 from cosim.scenarios.scenario import Cell, Scenario
-
-
-class SupportsAct(Protocol):
-    """What the co-simulation needs of an agent."""
-
-    def act(self, observation: Observation) -> np.ndarray:
-        """Direction index of each robot, shape (N,)."""
-        ...
-
-
-class Step(NamedTuple):
-    """One RL step of the co-simulation.
-
-    Attributes:
-        number: of the step, from 0.
-        first_tick: ticks of dt before the step.
-        before, after: observations at its start and end.
-        action: (N,) direction index in force during the step, −1 for a robot that arrived before
-            or that the shield lets wait.
-        decided: (N,) whether the action was adopted at the start of this step.
-        completed: (N,) whether the robot ended its move within this step.
-        samples: signals at every control period that was simulated.
-        raw: signals at every tick of the burst at the start of the step.
-        events: (N,) what became of each robot: RUNNING, COLLISION or OUT_OF_BOARD of
-            `cosim.base.outcome`.
-        outcome: of the episode, RUNNING while it goes on.
-        duration_s: simulated time.
-    """
-
-    number: int
-    first_tick: int
-    before: Observation
-    after: Observation
-    action: np.ndarray
-    decided: np.ndarray
-    completed: np.ndarray
-    samples: Samples
-    raw: RawSamples
-    events: np.ndarray
-    outcome: Outcome
-    duration_s: float
-
-    @property
-    def moved_m(self) -> np.ndarray:
-        """(N,) distance of each robot's centre from where it was at the start."""
-        path = self.samples.position[[0, -1], :, :2]
-        return np.hypot(*(path[1] - path[0]).T)
 
 
 class RunningEpisode:

@@ -17,8 +17,8 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.base.world import Drawn
 from cosim.coupling.signals import RawSamples, Samples
-from cosim.navigation.episode import Step
 from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS, Observation
+from cosim.navigation.step import Step
 from cosim.recording.blueprint import episode_blueprint, robot_names
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
 from cosim.recording.episode_scene import EpisodeScene

@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 
 from cosim.base.config import CoSimConfig
-from cosim.navigation.episode import Step
+from cosim.navigation.step import Step
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording, simulated
 from cosim.recording.series import (

@@ -8,8 +8,8 @@ import rerun as rr
 
 from cosim.base.config import CoSimConfig
 from cosim.coupling.signals import Samples
-from cosim.navigation.episode import Step
 from cosim.navigation.features import DIRECTION_COUNT
+from cosim.navigation.step import Step
 from cosim.physics.forces import motor_mounts
 from cosim.recording.file import Recording, simulated
 from cosim.recording.levels import Detail, periods

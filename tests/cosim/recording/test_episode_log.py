@@ -6,8 +6,8 @@ from cosim.base.config import CoSimConfig
 from cosim.base.outcome import Outcome
 from cosim.base.params import TIMING
 from cosim.coupling.signals import RawSamples, new_raw_samples, new_samples
-from cosim.navigation.episode import Step
 from cosim.navigation.features import Observation
+from cosim.navigation.step import Step
 from cosim.recording.episode_log import EpisodeLog
 from cosim.scenarios.scenario import Scenario
 
