@@ -1,6 +1,6 @@
 """`python -m analysis.motor_loop`: draw the Bode plots of the motor's speed loop."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +8,7 @@ import tyro
 
 from cosim.base.command import Json, MotorFmuFile, parse, print_json
 from cosim.base.errors import run_command
+from cosim.fmi.isolation import Isolation
 
 
 @dataclass(frozen=True)
@@ -22,11 +23,13 @@ class MotorLoop:
     """Figure to write; PNG and PDF are written beside each other."""
     motor_fmu: MotorFmuFile = None
     json: Json = False
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
 
 def main() -> None:
     """Command line; see `MotorLoop`."""
     options = parse(MotorLoop, "analysis.motor_loop")
+    options.isolation.enter("analysis.motor_loop", options.motor_fmu)
     import numpy as np
 
     from analysis.figures.style import save, use_style

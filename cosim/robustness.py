@@ -12,7 +12,7 @@ import tyro
 from agent.robustness.axes import AXES, Axis
 from agent.training.settings import IN_WORLDS, Method
 from cosim.base.command import Jobs, Json, parse, print_json, workers
-from cosim.base.config import ConfigError
+from cosim.base.config import ConfigError, require_one_of
 from cosim.base.errors import run_command
 from cosim.base.progress import resumable_bars
 from cosim.scenarios.file import find_scenario, read_world
@@ -44,7 +44,7 @@ class Robustness:
     axes: tuple[Axis, ...] = AXES
     """What is not ideal in the worlds to measure, one thing at a time, and everything."""
     methods: tuple[Method, ...] = IN_WORLDS
-    """Methods to measure; see `python -m cosim.run --help`."""
+    """Methods to measure, of those of the default; see `python -m cosim.run --help`."""
     seed: int = 0
     """Seed of training, of samples of starts and of what episodes draw."""
     jobs: Jobs = -1
@@ -60,7 +60,11 @@ class Robustness:
             raise ConfigError("--episodes must be at least 1")
         if self.quick and self.episodes is not None:
             raise ConfigError("--episodes contradicts --quick; leave out one of them")
-        find_scenario(self.scenario)
+        if not self.axes or not self.methods:
+            raise ConfigError("--axes and --methods need at least one each")
+        for method in self.methods:
+            require_one_of("--methods", method, IN_WORLDS)
+        find_scenario(self.scenario, ideal=True)
 
 
 def main() -> None:

@@ -50,8 +50,11 @@ class Transfer:
             raise ConfigError("--seed must not be negative")
         if self.budget_minutes is not None and self.budget_minutes < 0.0:
             raise ConfigError("--budget-minutes must not be negative")
-        for name in self.scenarios:
-            find_scenario(name)
+        if not self.scenarios or not self.methods:
+            raise ConfigError("--scenarios and --methods need at least one each")
+        names = [find_scenario(name, ideal=True).name for name in self.scenarios]
+        if len(set(names)) < len(names):
+            raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
 
 
 def main() -> None:

@@ -33,13 +33,13 @@ SECTIONS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Battery:
-    """Run every test that docs/reliability.md names, and count what was survived and refused.
+    """Run the tests that docs/reliability.md names, and count what was survived and refused.
 
     Kills, full disks, files of strangers and simulated hours: some fifteen minutes on two cores.
     """
 
     quick: bool = False
-    """Only the tests that every run of the test suite has, too."""
+    """Without the tests marked faults."""
     json: Json = False
 
 

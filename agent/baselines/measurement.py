@@ -191,7 +191,10 @@ def baselines(
         UserError: see its message.
     """
     end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
-    boards = [find_scenario(name) for name in scenarios]
+    boards = [find_scenario(name, ideal=True) for name in scenarios]
+    for name in {board.name for board in boards}:
+        if len({board for board in boards if board.name == name}) > 1:
+            raise UserError(f"--scenarios has two boards called {name}; rename one (`name = ...`)")
     runs = _Runs(out, quick, progress)
     numbers = range(seed, seed + seeds)
 
@@ -218,7 +221,7 @@ def baselines(
         reason = reasons[board.name, learner]
         known = [runs.find(board, learner, number) for number in numbers] if reason is None else []
         rows.append((board.name, learner, [run for run in known if run is not None], reason))
-    report = report_of(rows, seeds)
+    report = report_of(rows, seeds, episodes)
     write_json(out / TABLE_FILE, report)
     with replacing(out / MARKDOWN_FILE) as temporary:
         temporary.write_text(markdown(report) + "\n", encoding="utf-8")

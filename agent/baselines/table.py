@@ -52,6 +52,10 @@ class LearnerRun(msgspec.Struct, frozen=True, kw_only=True):
         """The first evaluation with a success of ENOUGH."""
         return next((point for point in self.curve if point.success >= ENOUGH), None)
 
+    def driven(self, episodes: int) -> bool:
+        """Whether so many episodes in the dynamics are there, or one from every start."""
+        return len(self.drives) >= min(episodes, self.grid.starts)
+
     def succeeded(self) -> list[Drive]:
         """Episodes in the dynamics that did."""
         return [drive for drive in self.drives if drive.outcome == Outcome.SUCCESS]
@@ -98,17 +102,20 @@ class BaselinesReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def report_of(
-    rows: list[tuple[str, str, list[LearnerRun], str | None]], seeds: int
+    rows: list[tuple[str, str, list[LearnerRun], str | None]], seeds: int, episodes: int
 ) -> BaselinesReport:
     """The content of baselines.json.
 
     Args:
         rows: scenario, learner, its trainings, and why there are none, if so.
         seeds: asked for.
+        episodes: asked for, of each; a scenario may have fewer starts.
     """
-    table = tuple(_row(*row) for row in rows)
-    complete = all(row.left_out or (row.seeds == seeds and row.episodes) for row in table)
-    return BaselinesReport(complete=complete, rows=table)
+    complete = all(
+        reason or (len(runs) == seeds and all(r.driven(episodes) for r in runs))
+        for *_, runs, reason in rows
+    )
+    return BaselinesReport(complete=complete, rows=tuple(_row(*row) for row in rows))
 
 
 def _row(scenario: str, learner: str, runs: list[LearnerRun], left_out: str | None) -> BaselineRow:

@@ -81,6 +81,8 @@ class Certify:
                     raise UserError(f"--{option} has no effect without --{work}; leave it out")
         if self.check and replace(self.physics, motor_fmu=None) != Driving():
             raise UserError("--check takes the dynamics of the certificate; leave out all others")
+        if self.check and self.out != usual["out"]:
+            raise UserError("--out has no effect with --check, which writes nothing; leave it out")
         if self.check is None and self.policy is None:
             raise UserError("--policy is missing; name a policy.npz")
         if self.claim is not None:

@@ -128,9 +128,9 @@ def read_certificate(path: Path) -> Certificate:
     return read_json(path, _CERTIFICATE, Certificate)
 
 
-def claim_test(claim: Claim, confidence: float, case: Case) -> SequentialTest:
+def claim_test(claim: Claim, confidence: float) -> SequentialTest:
     """The test that a claim has to pass."""
-    return SequentialTest(claim.limit, complement(confidence), len(case.starts))
+    return SequentialTest(claim.limit, complement(confidence))
 
 
 def known(
@@ -209,7 +209,7 @@ def issue(
         episodes: most that are looked at, None for all.
     """
     case = file.case
-    test = claim_test(claim, confidence, case)
+    test = claim_test(claim, confidence)
     verdict, evidence = judge(case, test, claim, known(case, file.results, episodes))
     starts = len(case.starts)
     return Certificate(

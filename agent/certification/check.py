@@ -93,7 +93,7 @@ def check(
     differences = [f"{name} is another one" for k, name in _SUBJECT.items() if before[k] != now[k]]
     episodes = certificate.evidence.episodes
     looked_at = known(case, results, episodes)
-    test = claim_test(claim, certificate.confidence, case)
+    test = claim_test(claim, certificate.confidence)
     if judge(case, test, claim, looked_at) != (certificate.verdict, certificate.evidence):
         differences.append("verdict and evidence are not what the results say")
     drawn = np.random.default_rng(seed).permutation(list(looked_at))[:sample].tolist()

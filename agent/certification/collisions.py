@@ -28,7 +28,7 @@ from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.step import Step
 
 SPLITTING_FILE = "splitting.json"
-_FORKS = 3_000_000  # child of an episode's seed, beside those of `cosim.base.world`
+_FORKS = 4_000_000  # child of an episode's seed, beside those of `cosim.base.world`
 
 
 class BranchRow(msgspec.Struct, frozen=True):
@@ -37,11 +37,15 @@ class BranchRow(msgspec.Struct, frozen=True):
     root: int
     forks: tuple[tuple[int, int], ...]
     entrances: Entrances
+    last_step: int
     wall_s: float
 
 
 class ReachedLevel(msgspec.Struct, frozen=True):
-    """A gap between robots, 0 for contact, and the probability that an episode comes so close."""
+    """A gap between robots, and the probability that they come so close or touch anything.
+
+    The last one has the gap 0: they touch each other or an obstacle.
+    """
 
     gap_mm: float
     probability: float
@@ -160,7 +164,7 @@ class _Branches:
         self._known = {Branch(row.root, row.forks): row for row in self._file.rows}
         self.asked: dict[Branch, BranchRow] = {}
 
-    def __call__(self, branches: Sequence[Branch]) -> Iterable[tuple[Branch, Entrances]]:
+    def __call__(self, branches: Sequence[Branch]) -> Iterable[tuple[Branch, Entrances, int]]:
         missing = [branch for branch in branches if branch not in self._known]
         for row in self._simulated(missing):
             self._file.append(row)
@@ -168,24 +172,25 @@ class _Branches:
             self._progress("episodes", len(self._known), None, f"{len(self._known)} episodes")
         found = {branch: self._known[branch] for branch in branches}
         self.asked |= found
-        return ((branch, row.entrances) for branch, row in found.items())
+        return ((branch, row.entrances, row.last_step) for branch, row in found.items())
 
     def _simulated(self, branches: Sequence[Branch]) -> Iterator[BranchRow]:
         entrances: list[list[int]] = [[] for _ in branches]
-        tasks = [self._task(branch, seen) for branch, seen in zip(branches, entrances, strict=True)]
+        last = [0] * len(branches)
+        tasks = [self._task(branch, k, entrances[k], last) for k, branch in enumerate(branches)]
         for number, result in simulate_tasks(tasks, self._jobs):
             root, forks = branches[number]
-            yield BranchRow(root, forks, tuple(entrances[number]), result.wall_s)
+            yield BranchRow(root, forks, tuple(entrances[number]), last[number], result.wall_s)
 
-    def _task(self, branch: Branch, entrances: list[int]) -> Task:
+    def _task(self, branch: Branch, number: int, entrances: list[int], last: list[int]) -> Task:
         levels = len(self._distances_m) + 1
 
         def watch(step: Step, episode: RunningEpisode, _: float) -> None:
+            reached = sum(d >= episode.measures.min_distance_m for d in self._distances_m)
             if step.outcome == Outcome.COLLISION:
-                entrances.extend([step.number] * (levels - len(entrances)))
-            elif not step.outcome:  # what has ended otherwise has no future to be split
-                reached = sum(d >= episode.measures.min_distance_m for d in self._distances_m)
-                entrances.extend([step.number] * (reached - len(entrances)))
+                reached = levels
+            entrances.extend([step.number] * (reached - len(entrances)))
+            last[number] = step.number
 
         task = Job(self._case, branch.root).task()
         return replace(task, watch=watch, redrawn=_seeds(task.seed, branch))

@@ -72,7 +72,7 @@ def certify(
             "continue"
         )
     end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
-    file, test = ResultFile(out, case), claim_test(claim, confidence, case)
+    file, test = ResultFile(out, case), claim_test(claim, confidence)
 
     def so_far() -> Decision:
         return decide(claim, test, known(case, file.results, episodes))

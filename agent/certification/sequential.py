@@ -5,14 +5,12 @@ that to refuse one that is not above it, are each at most 1 - confidence, howeve
 Methods and sources are in docs/certificates.md.
 """
 
-import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal, NamedTuple
 
-from scipy.special import rel_entr
 from scipy.stats import binom
 
 Verdict = Literal["certified", "refused", "undecided"]
@@ -36,18 +34,16 @@ class Decision(NamedTuple):
 class SequentialTest:
     """Whether the rate of what speaks against a claim is below a limit.
 
-    Episodes go round strata (starts) in a random order, each round by itself; what is tested is
-    the mean rate over all strata.
+    Episodes go round strata (starts) in a random order, each round by itself, or are independent
+    draws; what is tested is the mean rate over all strata.
 
     Attributes:
         limit: of the rate, between 0 and 1.
         alpha: bound of the probability of either error.
-        strata: episodes in a round; 1 for independent draws.
     """
 
     limit: float
     alpha: float
-    strata: int = 1
 
     def level(self, look: int) -> float:
         """Share of alpha that a look may spend, look = 0, 1, ...; all together spend alpha."""
@@ -55,11 +51,11 @@ class SequentialTest:
 
     def enough(self, against: int) -> int:
         """Episodes after which the claim is certified if no more than so many speak against it."""
-        return _enough(against, self.limit, self.level(against), self.strata)
+        return _enough(against, self.limit, self.level(against))
 
     def refuted(self, against: int) -> int:
         """Episodes within which so many (at least one) that speak against the claim refuse it."""
-        return _refuted(against, self.limit, self.level(against - 1), self.strata)
+        return _refuted(against, self.limit, self.level(against - 1))
 
     def decide(self, episodes: Iterable[bool]) -> Decision:
         """The decision after episodes, of which each speaks against the claim or does not.
@@ -81,40 +77,25 @@ class SequentialTest:
 
     def chance(self, against: int, episodes: int) -> float:
         """Bound of the probability of at most so many against a claim whose rate is the limit."""
-        tail = _binomial if episodes % self.strata == 0 else _chernoff
-        return tail(against, episodes, self.limit)
+        return _at_most(against, episodes, self.limit)
 
 
-def _binomial(successes: int, trials: int, rate: float) -> float:
-    """P(at most so many successes): an upper bound for trials in whole rounds (Hoeffding 1956)."""
+def _at_most(successes: int, trials: int, rate: float) -> float:
+    """P(at most so many successes) for any strata of this mean rate, bounded (Hoeffding 1956)."""
     if successes > trials * rate - 1.0:
         return 1.0
     return float(binom.cdf(successes, trials, rate))
 
 
-def _chernoff(successes: int, trials: int, rate: float) -> float:
-    """An upper bound of the same, for any number of trials (Chernoff 1952, Hoeffding 1963)."""
-    if successes >= trials * rate:
-        return 1.0
-    expected = trials * rate
-    entropy = rel_entr(successes, expected) + rel_entr(trials - successes, trials - expected)
-    return math.exp(-float(entropy))
+@cache
+def _enough(against: int, limit: float, level: float) -> int:
+    return _first(lambda n: _at_most(against, n, limit) <= level, against + 1)
 
 
 @cache
-def _enough(against: int, limit: float, level: float, strata: int) -> int:
-    any_number = _first(lambda n: _chernoff(against, n, limit) <= level, against + 1)
-    rounds = _first(lambda k: _binomial(against, k * strata, limit) <= level, 1)
-    return min(any_number, rounds * strata)
-
-
-@cache
-def _refuted(against: int, limit: float, level: float, strata: int) -> int:
+def _refuted(against: int, limit: float, level: float) -> int:
     # so many against of n are no more than the rest that are for the claim
-    for_it = 1.0 - limit
-    any_number = _first(lambda n: _chernoff(n - against, n, for_it) > level, against)
-    rounds = _first(lambda k: _binomial(k * strata - against, k * strata, for_it) > level, 1)
-    return max(any_number - 1, (rounds - 1) * strata)
+    return _first(lambda n: _at_most(n - against, n, 1.0 - limit) > level, against) - 1
 
 
 def _first(holds: Callable[[int], bool], begin: int) -> int:

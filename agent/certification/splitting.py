@@ -32,7 +32,7 @@ def split(
     roots: Sequence[int],
     branches: int,
     levels: int,
-    simulate: Callable[[Sequence[Branch]], Iterable[tuple[Branch, Entrances]]],
+    simulate: Callable[[Sequence[Branch]], Iterable[tuple[Branch, Entrances, int]]],
 ) -> np.ndarray:
     """How probable the levels are, root by root.
 
@@ -40,7 +40,7 @@ def split(
         roots: numbers of independent episodes.
         branches: that an episode has after a level, itself among them.
         levels: including the event.
-        simulate: gives the entrances of every branch asked for, in any order.
+        simulate: gives the entrances of every branch asked for and its last step, in any order.
 
     Returns:
         (roots, levels) float64, unbiased estimates of the probabilities to reach the levels,
@@ -52,14 +52,14 @@ def split(
     waiting = {Branch(root): (0, 1.0) for root in roots}
     while waiting:
         begun, waiting = waiting, {}
-        for branch, entrances in simulate(list(begun)):
+        for branch, entrances, last in simulate(list(begun)):
             passed, weight = begun[branch]
             while passed < len(entrances):
                 step = entrances[passed]
                 before, passed = passed, sum(entrance <= step for entrance in entrances)
                 reached[rows[branch.root], before:passed] += weight
-                if passed == levels:
-                    break
+                if passed == levels or step == last:
+                    break  # there is no future to be split
                 weight /= branches
                 for number in range(1, branches):
                     fork = Branch(branch.root, (*branch.forks, (step + 1, number)))

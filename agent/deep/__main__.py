@@ -58,7 +58,7 @@ class DeepReport(msgspec.Struct, frozen=True, kw_only=True):
         algorithm: of learning.
         seed: of training.
         policy: file of the best policy.
-        success: share of all starts from which it succeeds on the grid.
+        success: share of the starts from which it succeeds on the grid: all, or a thousand of them.
         agent_steps: moves of all robots.
         seconds: wall-clock time of training, evaluations included.
         curve: (agent steps, seconds, success) after every round.
@@ -134,7 +134,7 @@ def main() -> None:
     options = parse(Deep, "agent.deep")
     report = run(options)
     print(
-        f"success from {100.0 * report.success:.1f} % of all starts on the grid, after "
+        f"success from {100.0 * report.success:.1f} % of the starts on the grid, after "
         f"{report.agent_steps:,} moves in {report.seconds:.0f} s"
     )
     print(f"results in {Path(report.policy).parent}/: policy.npz, deep.json")

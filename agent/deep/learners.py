@@ -10,14 +10,14 @@ from agent.deep.ddqn import DoubleQ
 from agent.deep.policy import NetworkConfig, NetworkPolicy
 from agent.deep.ppo import Ppo
 from agent.deep.world import SHAPING, LearningGrid
-from agent.process.exact import Milestone, joint_starts
+from agent.process.exact import Milestone, some_starts
 from agent.process.readings import build_process
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress
 
 BOARDS = 256
 ROUND = 40_000  # rows stepped between two evaluations, at least
-WATCHED = 1000  # starts of an evaluation, at most: all of a pair, a sample of a group's
+WATCHED = 1000  # starts of an evaluation, at most
 
 
 def train(
@@ -31,7 +31,7 @@ def train(
     Args:
         config: what it is trained with; `steps` are those of all robots together, at least.
         progress: is told the moves made.
-        watch: is told every evaluation, over the first `WATCHED` of `joint_starts`.
+        watch: is told every evaluation, over at most `WATCHED` starts, see `some_starts`.
         enough: success at which training ends before its last step, if at any.
     """
     scenario, steps, seed = config.scenario, config.steps, config.seed.entropy
@@ -40,7 +40,7 @@ def train(
         learner = DoubleQ(world, seed, steps)
     else:
         learner = Ppo(world, scenario, seed, central=config.algorithm == "mappo")
-    starts = joint_starts(build_process(scenario, config.process))[:WATCHED]
+    starts = some_starts(build_process(scenario, config.process), WATCHED)
     began = time.perf_counter()
     best: NetworkPolicy | None = None
     most, done = -1.0, 0

@@ -8,7 +8,7 @@ import numpy as np
 
 from agent.deep import Algorithm
 from agent.deep.inputs import GROUPS, NOTHING, Inputs, look_at_boards
-from agent.envs.boards import Boards, board_seeds
+from agent.envs.boards import Boards
 from agent.process.config import ProcessConfig
 from agent.process.grid import X, Y
 from agent.process.optimum import distances_alone, steps_alone
@@ -98,7 +98,7 @@ class LearningGrid:
         process = build_process(scenario, config)
         limited = replace(config, step_limit=min(config.step_limit, _STEP_LIMIT))
         self._boards = Boards(boards, exploring(scenario, process), limited)
-        self._boards.seed(board_seeds(seed, boards))
+        self._boards.seed(np.random.SeedSequence(seed).spawn(boards))
         self.inputs = Inputs.of(scenario, process)
         self._potential = shaping.potential(process, shaping.gamma)
         self._limits = np.array((scenario.columns - 1, scenario.rows - 1))

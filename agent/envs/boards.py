@@ -34,7 +34,7 @@ class Arrays(NamedTuple):
     """State of K boards with N robots each, and what their last step gave.
 
     Attributes:
-        worlds: (K, N, 10) int64, see `agent.process.grid`.
+        worlds: (K, N, COLUMN_COUNT) int64, see `agent.process.grid`.
         random: (K, 1) uint64, generator states.
         steps: (K,) int64, of the episode.
         outcomes: (K,) int64, ranks of `cosim.base.outcome`.
@@ -155,7 +155,7 @@ class Boards:
             active=np.zeros(rows, dtype=bool),
         )
 
-    def seed(self, seeds: Sequence[int | None]) -> None:
+    def seed(self, seeds: Sequence[int | np.random.SeedSequence | None]) -> None:
         """Seed the generators of the K boards; None leaves one as it is."""
         for m, seed in enumerate(seeds):
             if seed is not None:
@@ -171,15 +171,8 @@ class Boards:
         Raises:
             StartsError: start cells cannot be used.
         """
-        options = options or {}
-        which = np.asarray(options.get("reset_mask", np.ones(len(self.arrays.random), dtype=bool)))
-        starts = options.get("starts")
+        which, starts = reset_options(options, self.arrays.active.shape)
         if starts is not None:
-            shape = (*self.arrays.active.shape, 2)
-            if np.shape(starts) != shape:
-                raise StartsError(
-                    f"starts of shape {np.shape(starts)}; give cells of shape {shape}"
-                )
             for m in np.flatnonzero(which):
                 place_checked(self.process, self.arrays.worlds[m], starts[m])
         _begin_some(self.process, self._features, self.arrays, which, starts is None)
@@ -197,10 +190,41 @@ class Boards:
         return (self.arrays.worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
 
 
+def reset_options(
+    options: dict[str, Any] | None, shape: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Which boards begin anew, (K,) bool, and from which start cells, (K, N, 2), None if drawn.
+
+    Args:
+        options: of `reset`.
+        shape: (K, N), boards and robots.
+
+    Raises:
+        StartsError: a shape is another one.
+    """
+    options = options or {}
+    which = np.asarray(options.get("reset_mask", np.ones(shape[0], dtype=bool)))
+    if which.shape != shape[:1] or which.dtype != bool:
+        raise StartsError(
+            f"reset_mask of shape {which.shape} and type {which.dtype}; give one bool to each of "
+            f"the {shape[0]} boards"
+        )
+    starts = options.get("starts")
+    if starts is not None and np.shape(starts) != (*shape, 2):
+        raise StartsError(f"starts of shape {np.shape(starts)}; give cells of shape {(*shape, 2)}")
+    return which, starts
+
+
 def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
-    """One seed of each board; one for all counts up, None leaves them as they are."""
+    """One seed of each board; one for all counts up, None leaves them as they are.
+
+    Raises:
+        StartsError: there is not one for each.
+    """
     if seed is None:
         return [None] * count
     if isinstance(seed, int | np.integer):
         return [int(seed) + m for m in range(count)]
+    if len(seed) != count:
+        raise StartsError(f"{len(seed)} seeds; give one to each of the {count} boards")
     return seed

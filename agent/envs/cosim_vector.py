@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from agent.envs.boards import reset_options
 from agent.envs.cosim_episode import CoSimPlace, new_batch
 from agent.envs.vector import RobotRowsVectorEnv, lone
 from agent.process.config import ProcessConfig
@@ -35,7 +36,7 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
                 be built.
         """
         process = process or ProcessConfig()
-        super().__init__(num_envs, lone(scenario), process, render_mode)
+        super().__init__(num_envs, lone(scenario, cosim=True), process, render_mode)
         self._batch = new_batch(self.scenario, num_envs)
         self._places = [
             CoSimPlace(self.scenario, process, self._batch, place) for place in range(num_envs)
@@ -57,10 +58,9 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
         for place, value in zip(self._places, self._seeds(seed), strict=True):
             if value is not None:
                 place.seed(value)
-        options = options or {}
-        starts = options.get("starts", [None] * self.num_envs)
-        for m in np.flatnonzero(options.get("reset_mask", self._everywhere)):
-            self._places[m].reset(starts[m])
+        which, starts = reset_options(options, (self.num_envs, 1))
+        for m in np.flatnonzero(which):
+            self._places[m].reset(None if starts is None else np.asarray(starts[m]))
         return self._observations(), self._infos()
 
     def step(

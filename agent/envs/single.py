@@ -148,7 +148,7 @@ def make_episode(
     scenario: str | Scenario, process: ProcessConfig | None, *, cosim: bool
 ) -> EnvEpisode:
     """The world of an environment: on the grid, or the full co-simulation."""
-    scenario = found(scenario)
+    scenario = found(scenario, cosim=cosim)
     if cosim:
         from agent.envs.cosim_episode import CoSimEpisode  # noqa: PLC0415 - loads FMUs, not needed else
 

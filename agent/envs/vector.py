@@ -210,18 +210,22 @@ class NavigationVectorEnv(RobotsVectorEnv):
         return self._infos_of(self._boards.arrays.outcomes, self._boards.path_length_cm())
 
 
-def found(scenario: str | Scenario) -> Scenario:
-    """A scenario by its name or file, or the scenario itself."""
-    return scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
+def found(scenario: str | Scenario, *, cosim: bool = False) -> Scenario:
+    """A scenario by its name or file, or the scenario itself.
+
+    Raises:
+        UserError: it cannot be used, or is to be co-simulated and has a world of its own.
+    """
+    return scenario if isinstance(scenario, Scenario) else find_scenario(scenario, ideal=cosim)
 
 
-def lone(scenario: str | Scenario) -> Scenario:
+def lone(scenario: str | Scenario, *, cosim: bool = False) -> Scenario:
     """The scenario, which must be of one robot.
 
     Raises:
-        UserError: it cannot be used, or has more than one robot.
+        UserError: it cannot be used (see `found`), or has more than one robot.
     """
-    scenario = found(scenario)
+    scenario = found(scenario, cosim=cosim)
     if scenario.robots != 1:
         raise UserError(f"scenario {scenario.name} has {scenario.robots} robots, not one")
     return scenario

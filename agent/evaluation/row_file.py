@@ -10,7 +10,7 @@ import msgspec
 
 from agent.evaluation.cases import CaseIdentity
 from cosim.base.errors import UserError
-from cosim.base.reading import Kind, read_bytes
+from cosim.base.reading import Kind, require_file
 from cosim.base.storage import replacing
 
 SCHEMA_VERSION = 1
@@ -28,6 +28,7 @@ class ResultFileError(UserError):
     """A file of results that cannot be continued; the message says what to do instead."""
 
 
+_LONGEST = 2**20  # bytes, far above what is written here
 _FILE = Kind("file of results", "move it away or choose another --out", ResultFileError)
 
 
@@ -47,36 +48,38 @@ class RowFile(Generic[Row]):
         self.path, self._form = path, form
         self.rows: list[Row] = []
         path.parent.mkdir(parents=True, exist_ok=True)
-        content = read_bytes(path, _FILE) if path.exists() else b""
-        # A line without its end was being written when the process died.
-        whole = content[: content.rfind(b"\n") + 1]
+        whole = self._read(header.digest) if path.exists() else 0
         if not whole:
             with replacing(path) as temporary:
                 temporary.write_bytes(_line(header))
-            return
-        self._read(whole.splitlines(), header.digest)
-        if whole != content:
+        elif whole < path.stat().st_size:
             with path.open("r+b") as file:
-                file.truncate(len(whole))
+                file.truncate(whole)
 
-    def _read(self, lines: list[bytes], digest: str) -> None:
-        for number, line in enumerate(lines, 1):
-            try:
-                if number > 1:
-                    self.rows.append(msgspec.json.decode(line, type=self._form))
-                    continue
-                header = msgspec.json.decode(line, type=Header)
+    def _read(self, digest: str) -> int:
+        """Take the rows of the file; returns how many bytes of it are whole lines."""
+        require_file(self.path, _FILE)
+        whole = number = 0
+        with self.path.open("rb") as file:
+            # A line without its end was being written when the process died.
+            while (line := file.readline(_LONGEST)).endswith(b"\n") or len(line) == _LONGEST:
+                whole += len(line)
+                number += 1
+                try:
+                    if number > 1:
+                        self.rows.append(msgspec.json.decode(line, type=self._form))
+                        continue
+                    header = msgspec.json.decode(line, type=Header)
+                except Exception as error:  # whatever a line may be
+                    raise ResultFileError(
+                        f"{self.path}: line {number} is damaged ({error}); remove that line"
+                    ) from error
                 if (header.schema_version, header.digest) != (SCHEMA_VERSION, digest):
                     raise ResultFileError(
                         f"{self.path}: holds results of another configuration; move it away or "
                         "choose another folder with --out"
                     )
-            except ResultFileError:
-                raise
-            except Exception as error:  # whatever a line may be
-                raise ResultFileError(
-                    f"{self.path}: line {number} is damaged ({error}); remove that line"
-                ) from error
+        return whole
 
     def append(self, row: Row) -> None:
         """Keep a row: in one write, so that a killed process leaves whole lines."""

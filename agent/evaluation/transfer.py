@@ -83,7 +83,7 @@ class Measurement:
         key = method, scenario
         if key not in self._policies:
             policy, *_ = method_policy(
-                method, find_scenario(scenario), self.seed, progress=self.progress
+                method, find_scenario(scenario, ideal=True), self.seed, progress=self.progress
             )
             file = f"{policy.config.scenario.name}-{method}.npz"
             policy.save(self.out / "policies" / file)

@@ -44,6 +44,8 @@ class Experiments:
         workers(self.jobs)
         if self.runs < 1 or self.episodes < 1:
             raise UserError("--runs and --episodes must be at least 1")
+        if self.seed < 0:
+            raise UserError("--seed must not be negative")
 
 
 def main() -> None:

@@ -50,6 +50,8 @@ class Train:
         workers(self.jobs)
         if self.runs < 1 or self.checkpoint_episodes < 1:
             raise UserError("--runs and --checkpoint-episodes must be at least 1")
+        if self.seed < 0:
+            raise UserError("--seed must not be negative")
 
 
 def options_of(arguments: list[str]) -> Train:

@@ -165,8 +165,9 @@ class Space:
             return low + (high - low) * shares.get(f"{name} of {whose}" if whose else name, 0.0)
 
         world = self._world({name: at(name) for name in OF_WORLD if name in self.ranges})
-        if any(self.ranges.get(PHASE, ())):
-            phases = tuple(at(PHASE, motor) for motor in self._motors)
+        if PHASE in self.ranges:
+            turned = any(self.ranges[PHASE])
+            phases = tuple(at(PHASE, motor) for motor in self._motors) if turned else ()
             world = msgspec.structs.replace(world, motor_phases_deg=phases)
         low, high = self.ranges.get(SEED, (0.0, 0.0))
         seed = min(int(low + (high - low + 1.0) * shares.get(SEED, 0.0)), int(high))
@@ -205,7 +206,7 @@ class Space:
         why = {}
         if all(len(cells) == 1 for cells in self.scenario.starts):
             why[START] = "where every robot has one start"
-        if not (noisy or world.draws or blurred):
+        if not (noisy or world.draws or blurred or config.shield):  # its detours are drawn
             why[SEED] = "where nothing is drawn"
         if not controlled:
             why["motor_speed_noise"] = "with --open-loop motors, whose speed nobody measures"

@@ -9,6 +9,7 @@ import tyro
 from cosim.base.command import Json, parse, print_json
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
+from cosim.fmi.isolation import Isolation
 from cosim.navigation.options import Driving
 
 # Of episodes, without meaning for a robot.
@@ -30,6 +31,7 @@ class Firmware:
     """Folder that receives the sources; made if missing."""
     json: Json = False
     physics: Annotated[Driving, tyro.conf.OmitArgPrefixes] = field(default_factory=Driving)
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
     def __post_init__(self) -> None:
         for name in _OF_EPISODES:
@@ -41,6 +43,7 @@ class Firmware:
 def main() -> None:
     """Command line; see `Firmware`."""
     options = parse(Firmware, "agent.firmware")
+    options.isolation.enter("agent.firmware", options.physics.motor_fmu)
     from agent.firmware.build import measure, write_sources
     from agent.firmware.tables import load_table, render_constants
     from cosim.base.command import show_table

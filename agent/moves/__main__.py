@@ -40,6 +40,8 @@ class ObserveMoves:
         workers(self.jobs)
         if self.moves < 1:
             raise ConfigError("--moves must be at least 1")
+        if self.seed < 0:
+            raise ConfigError("--seed must not be negative")
         if self.worlds and self.physics.mu is not None:
             raise ConfigError("--mu has no effect with --worlds, which draws it; leave one out")
 

@@ -237,6 +237,8 @@ def step(
             elif process.reward_per == _PER_DISTANCE:
                 dx, dy = plans[i, AT_X] - plans[i, LAST_X], plans[i, AT_Y] - plans[i, LAST_Y]
                 rewards[i] *= np.float32(np.sqrt(dx * dx + dy * dy))
+            else:
+                rewards[i] *= np.float32(steps)
     if lost:
         return OUT_OF_BOARD, steps
     if touched:

@@ -145,7 +145,7 @@ class MoveModel(NamedTuple):
 
 @inlined
 def move_kind(direction: int, axis: int) -> int:
-    """Kind of a move: diagonal or not, and the turn from the robot's axis to the direction."""
+    """Kind of a move: diagonal or not, and the turn from the direction to the robot's axis."""
     return direction % 2 * AXIS_COUNT + (axis - direction) % AXIS_COUNT
 
 

@@ -247,7 +247,7 @@ def move_rows(moves: ObservedMoves) -> tuple[tuple[str, ...], list[tuple[str, ..
     rows = []
     for kind in range(KINDS):
         seen = [m for m in moves.moves if move_kind(m.direction, m.heading) == kind]
-        turn = 45 * ((kind % AXIS_COUNT + 1) % AXIS_COUNT - 1)
+        turn = 45 * ((-kind % AXIS_COUNT + 1) % AXIS_COUNT - 1)
         durations = np.array([m.duration_s for m in seen])
         drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in seen]) * 10.0
         off = np.array([math.hypot(m.stop_x, m.stop_y) for m in seen]) * 10.0

@@ -1,10 +1,12 @@
 """`python -m agent.process.bound`: the least path length and number of moves of any policy."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from agent.process.config import ProcessConfig
 from cosim.base.command import Json, parse, print_json
-from cosim.base.errors import run_command
+from cosim.base.errors import UserError, run_command
+
+_OF_PATHS = ("zone_is_obstacle", "target_obstacle", "collision")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +22,14 @@ class BoundOptions:
     4-ring, 6-swap) or a scenario file (.toml)."""
     json: Json = False
     process: ProcessConfig = field(default_factory=ProcessConfig)
+    """Readings, of which zone_is_obstacle, target_obstacle and collision say where paths may go."""
+
+    def __post_init__(self) -> None:
+        for reading in fields(self.process):
+            given = getattr(self.process, reading.name)
+            if reading.name not in _OF_PATHS and given != reading.default:
+                option = reading.name.replace("_", "-")
+                raise UserError(f"--process.{option} has no effect on the optimum; leave it out")
 
 
 def main() -> None:

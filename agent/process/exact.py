@@ -155,6 +155,12 @@ def joint_starts(process: Process) -> np.ndarray:
     return starts[apart]
 
 
+def some_starts(process: Process, most: int) -> np.ndarray:
+    """(K, N, 2) int64, every so many of `joint_starts`, so that there are at most so many."""
+    starts = joint_starts(process)
+    return starts[:: -(-len(starts) // most)]
+
+
 def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = None) -> Evaluation:
     """Greedy episodes from the `joint_starts` of a process, or from those given.
 

@@ -144,7 +144,7 @@ def tabulate(
     furthest apart, the first of several.
 
     Args:
-        process, after, costs, free: see `iterate`.
+        process, after, costs, free: see `solve`.
         value: (cells, cells) float64, solved.
         table: (2, cells, cells, 8) float32 by robot, own cell, the other's and move; updated.
     """

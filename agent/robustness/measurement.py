@@ -68,17 +68,17 @@ def robustness(
     """
     end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     policies = {m: _policy(m, scenario, seed, out, progress) for m in IN_WORLDS if m in methods}
-    board = find_scenario(scenario)
+    board = find_scenario(scenario, ideal=True)
+    files: dict[str, ResultFile] = {}
     rows = [
         row
         for axis in AXES
         if axis in axes
         for point in points(axis, board, everything)
-        for row in _rows(point, policies, episodes, seed, out, progress)
+        for row in _rows(point, policies, episodes, seed, out, files, progress)
     ]
-    files = {row.file.case.digest: row.file for row in rows}
-    # all at once: episodes in different worlds share batches
-    missing = [job for row in rows for job in row.file.missing(row.indices)]
+    # all at once: episodes in different worlds share batches, and rows of the same world episodes
+    missing = list({j.key: j for row in rows for j in row.file.missing(row.indices)}.values())
     ended = run_jobs(missing, jobs, lambda: end is None or time.monotonic() < end)
     for job, result in tracked(ended, len(missing), progress, "episodes"):
         files[job.case.digest].add(job.index, result)
@@ -103,6 +103,7 @@ def _rows(
     episodes: int,
     seed: int,
     out: Path,
+    files: dict[str, ResultFile],
     progress: Progress,
 ) -> Iterator[MeasuredRow]:
     """Rows of a world: every method, where nothing is ideal also with the shield."""
@@ -114,4 +115,6 @@ def _rows(
             config, fmu = driving.prepare(scenario.robot_diameter_m, progress, point.world)
             case = Case(policy, config, fmu, seed)
             indices = case.sample(min(episodes, len(case.starts)))
-            yield MeasuredRow(point, method, indices, ResultFile(out / "results", case))
+            if case.digest not in files:
+                files[case.digest] = ResultFile(out / "results", case)
+            yield MeasuredRow(point, method, indices, files[case.digest])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.moves.model import MoveModel, build_model
-from agent.process.exact import cell_map, evaluate, joint_starts
+from agent.process.exact import cell_map, evaluate, some_starts
 from agent.process.readings import build_process
 from agent.training.learning import (
     EPISODES,
@@ -149,8 +149,7 @@ def run_training(
     process, model = build_process(task.scenario, task.process), move_model(task)
     learning = build_learning(config)
     evaluations = greedy_episodes(config)
-    starts = joint_starts(process)
-    starts = starts[:: -(-len(starts) // MAX_CURVE_STARTS)]
+    starts = some_starts(process, MAX_CURVE_STARTS)
     while state.episode < config.episodes:
         until = min(config.episodes, (state.episode // CHUNK_EPISODES + 1) * CHUNK_EPISODES)
         due = np.searchsorted(evaluations, state.episode, side="right")

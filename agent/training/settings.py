@@ -81,6 +81,12 @@ class LearningConfig:
             "greedy_points": 0 <= self.greedy_points <= MAX_POINTS,
         }
         require("learning", self, valid, LearningError)
+        usual = LearningConfig.epsilon_decay
+        if self.schedule == "linear" and self.epsilon_decay != usual:
+            raise LearningError(
+                f"learning: epsilon_decay = {self.epsilon_decay} has no effect with schedule = "
+                f"linear; leave it at {usual}"
+            )
         if self.block < self.episodes / MAX_POINTS:
             raise LearningError(
                 f"learning: epsilon_episodes = {self.epsilon_episodes} makes more than "

@@ -85,6 +85,7 @@ def _on_slippery_floor(config: CoSimConfig) -> CoSimConfig:
         steering=config.steering,
         order=config.order,
         reaction=config.reaction,
+        open_loop=config.open_loop,
         world=World(**{name: getattr(world, name) for name in brought}),
     )
 

@@ -109,9 +109,11 @@ def plan_margin(estimates: np.ndarray, params: ShieldParams) -> float:
     """Gap in m between plans of robots whose drives the shield will not end, unless they stray."""
     error = 0.0
     for i in range(len(estimates)):
+        variance = _variance(estimates[i])
+        error = max(error, params.deviations * math.sqrt(variance))
         for j in range(i):
-            variance = _variance(estimates[i]) + _variance(estimates[j])
-            error = max(error, params.deviations * math.sqrt(variance))
+            of_both = params.deviations * math.sqrt(variance + _variance(estimates[j]))
+            error = max(error, of_both)
     room_m = params.room_m + params.jitter * error
     return 2.0 * params.stopping_m + error + room_m + params.stray_m
 

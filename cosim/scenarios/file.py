@@ -19,13 +19,23 @@ _FILE = Kind("scenario file", "check the path", ScenarioError)
 _WORLD_FILE = Kind("world file", "check the path", WorldError)
 
 
-def find_scenario(name_or_path: str | Path) -> Scenario:
+def find_scenario(name_or_path: str | Path, *, ideal: bool = False) -> Scenario:
     """Built-in scenario of that name, or the one in a TOML file.
+
+    Args:
+        name_or_path: of a built-in scenario, or a scenario file.
+        ideal: refuse a world of its own, of which only obstacles would have an effect.
 
     Raises:
         ScenarioError: there is no such scenario, or the file does not describe one.
+        WorldError: the world cannot be, or is refused.
     """
-    return find_in_world(name_or_path)[0]
+    scenario, world = find_in_world(name_or_path)
+    if ideal and msgspec.structs.replace(world, obstacles=()) != IDEAL:
+        raise WorldError(
+            f"{name_or_path}: its table [world] has no effect here, but for obstacles; leave it out"
+        )
+    return scenario
 
 
 def find_in_world(

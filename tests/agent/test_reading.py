@@ -220,7 +220,7 @@ def test_arrays_are_read_as_they_were_written(tmp_path):
         read_arrays(path, ANY, ["other"])
 
 
-@pytest.mark.parametrize("line", [b"\xff", b"[" * 100_000, b'{"index": 1e999}', b"3"])
+@pytest.mark.parametrize("line", [b"\xff", b"[" * 100_000, b'{"index": 1e999}', b"3", b" " * 2**21])
 def test_a_damaged_line_of_results_is_named(seeds, tmp_path, line):
     policy = Policy.load(seeds["policy"][0])
     case = Case(policy, CoSimConfig(), cached_fmu(), 0)

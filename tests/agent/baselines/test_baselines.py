@@ -66,6 +66,20 @@ def test_learners_are_trained_and_drive(done, board):
     assert len(table) == 2 + len(rows)
 
 
+def test_boards_of_one_name_are_told_apart_or_refused(board, tmp_path):
+    other = tmp_path / board.name
+    other.write_text(BOARD.replace("[3, 6]", "[4, 6]"))
+    with pytest.raises(UserError, match="two boards called near"):
+        measurement.baselines(
+            tmp_path,
+            scenarios=[str(board), str(other)],
+            learners=["shortest"],
+            seed=0,
+            seeds=1,
+            episodes=1,
+        )
+
+
 def test_it_goes_on_where_it_ended(done, board, monkeypatch):
     def refuse(*_):
         raise AssertionError("trained again")
@@ -118,9 +132,12 @@ def test_rows_are_means_over_seeds_with_intervals():
     )
     runs = [run(0, 0.99, 3.0, drives), run(1, 0.9, 5.0)]
     rows = [("2", "ippo", runs, None), ("4-cross", "shortest", [], "n/a: too many")]
-    report = report_of(rows, 2)
+    report = report_of(rows, 2, 3)
     (row, left_out), text = report.rows, markdown(report).splitlines()
-    assert report.complete
+    assert not report.complete  # the second seed has not driven
+    assert report_of(rows[1:], 2, 3).complete
+    for seeds, episodes, complete in ((1, 3, True), (1, 4, False), (2, 3, False)):
+        assert report_of([("2", "ippo", runs[:1], None)], seeds, episodes).complete == complete
     assert row.success.mean == pytest.approx(0.945)
     assert (row.reached, row.seconds_to_enough.mean, row.steps_to_enough.mean) == (1, 3.0, 2000)
     assert (row.time_s.mean, row.time_ratio.mean, row.episodes) == (40.0, 2.0, 3)

@@ -1,6 +1,7 @@
 """Certificates of real short episodes: made, continued, refused, checked."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -218,6 +219,7 @@ def test_splitting_simulates_and_keeps_branches(case, tmp_path, monkeypatch):
         ({"splitting": True, "gaps": (5.0, 10.0)}, "--gaps must fall"),
         ({"claim": "collision < 0.1", "episodes": 0}, "--episodes must be at least 1"),
         ({"splitting": True, "seed": -1}, "--seed must not be negative"),
+        ({"check": Path("c.json"), "out": Path("elsewhere")}, "--out has no effect with --check"),
     ],
 )
 def test_options_that_cannot_be_are_refused(options, message, tmp_path):

@@ -1,10 +1,13 @@
 """The sequential test: its sizes, and both errors computed exactly, step by step."""
 
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
-from scipy.stats import beta
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import beta, binom
 
 from agent.certification.claims import complement, parse_claim
 from agent.certification.sequential import SequentialTest
@@ -67,14 +70,14 @@ def test_a_clear_rate_is_decided():
 @pytest.mark.parametrize("rates", [[0.0] * 6 + [0.5] * 4, [0.1] * 5 + [0.3] * 5])
 def test_strata_of_different_rates_make_no_error_more_probable(rates):
     alpha, limit = 0.05, float(np.mean(rates))
-    certified, refused = chances(SequentialTest(limit, alpha, len(rates)), rates, 240)
+    certified, refused = chances(SequentialTest(limit, alpha), rates, 240)
     assert 0.0 < certified <= alpha
     assert 0.0 < refused <= alpha
 
 
 def test_what_the_start_decides_is_no_error_at_all():
     rates = [0.0] * 8 + [1.0] * 2
-    assert chances(SequentialTest(0.2, 0.05, len(rates)), rates, 240) == (0.0, 0.0)
+    assert chances(SequentialTest(0.2, 0.05), rates, 240) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("against", range(5))
@@ -89,11 +92,27 @@ def test_sizes_are_those_of_clopper_and_pearson(against):
     assert beta.ppf(level, against + 6, n - against - 4) < limit
 
 
-def test_without_a_failure_no_round_has_to_be_complete():
-    for strata in (1, 900):
-        n = SequentialTest(1e-3, 1e-6, strata).enough(0)
-        assert n == math.ceil(math.log(0.5e-6) / math.log1p(-1e-3)) == 14_502
-    assert SequentialTest(1e-3, 1e-6, 900).enough(1) == 18_900  # 21 rounds
+def test_no_round_has_to_be_complete():
+    test = SequentialTest(1e-3, 1e-6)
+    assert test.enough(0) == math.ceil(math.log(0.5e-6) / math.log1p(-1e-3)) == 14_502
+    assert test.enough(1) == 18_574  # 20.6 rounds of 900 starts
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=2, max_size=7), st.data())
+def test_a_part_of_a_round_is_less_spread_than_the_binomial(rates, data):
+    """So that sizes are the binomial's: episodes of some of the starts, drawn at random."""
+    n = data.draw(st.integers(1, len(rates)))
+    counts = np.zeros(n + 1)
+    for chosen in combinations(rates, n):
+        p = np.ones(1)
+        for rate in chosen:
+            p = np.convolve(p, [1.0 - rate, rate])
+        counts += p
+    at_most = np.cumsum(counts / counts.sum())
+    mean = float(np.mean(rates))
+    for k in range(n + 1):
+        if k <= n * mean - 1.0:
+            assert at_most[k] <= binom.cdf(k, n, mean) + 1e-12
 
 
 def test_levels_spend_alpha():

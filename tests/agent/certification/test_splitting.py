@@ -18,7 +18,8 @@ def walk(branches):
             key = [7, branch.root, *np.ravel(branch.forks[:count])]
             steps[begin:] = np.random.default_rng(key).choice([-1, 1], STEPS - begin)
         height = np.cumsum(steps)
-        yield branch, tuple(int(np.argmax(height >= k)) for k in LEVELS if height.max() >= k)
+        entrances = tuple(int(np.argmax(height >= k)) for k in LEVELS if height.max() >= k)
+        yield branch, entrances, STEPS - 1
 
 
 def reflected(height: int) -> float:
@@ -56,9 +57,20 @@ def test_what_is_certain_has_the_probability_one():
 
     def certain(branches):
         asked.extend(branches)
-        return [(branch, (0, 2, 2, 5)) for branch in branches]
+        return [(branch, (0, 2, 2, 5), 9) for branch in branches]
 
     assert (split([0, 4], 4, 4, certain) == 1.0).all()
     assert Branch(4, ((1, 2), (3, 1))) in asked
     # four of level 1, each of them four of levels 2 and 3, which are reached together
     assert len(asked) == 2 * 4 * 4
+
+
+def test_what_is_reached_at_the_end_counts_and_has_no_branches():
+    asked = []
+
+    def ending(branches):
+        asked.extend(branches)
+        return [(branch, (3, 5), 5) for branch in branches]
+
+    assert (split([0], 4, 3, ending) == [[1.0, 1.0, 0.0]]).all()
+    assert len(asked) == 4  # of the first level only

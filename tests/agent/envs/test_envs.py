@@ -11,7 +11,7 @@ from agent.envs import single as envs
 from agent.envs.cosim_vector import CoSimVectorEnv
 from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.parallel import NavigationParallelEnv
-from agent.envs.vector import NavigationVectorEnv
+from agent.envs.vector import NavigationVectorEnv, RobotsVectorEnv
 from agent.process import grid
 from agent.process.config import ProcessConfig
 from agent.process.readings import build_process
@@ -204,6 +204,22 @@ def compare(ours, theirs):
         assert a.keys() == b.keys()
         for name in a:
             assert np.array_equal(a[name], b[name]), name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"options": {"reset_mask": np.ones(4, dtype=bool)}}, r"reset_mask of shape \(4,\)"),
+        ({"options": {"reset_mask": np.ones(2, dtype=int)}}, "type int64; give one bool"),
+        ({"options": {"starts": [[[4, 4], [9, 9]]]}}, r"starts of shape \(1, 2, 2\)"),
+        ({"seed": [7]}, "1 seeds; give one to each of the 2 boards"),
+        ({"seed": [1, 2, 3]}, "3 seeds"),
+    ],
+)
+def test_resets_of_another_number_of_boards_are_refused(arguments, said):
+    env = RobotsVectorEnv(2, "2")
+    with pytest.raises(StartsError, match=said):
+        env.reset(**arguments)
 
 
 def test_vector_environment_restarts_some_and_takes_starts():

@@ -69,6 +69,9 @@ def test_motors_hang_down_where_phases_are_left_out():
     space = Space(find_scenario("1a"), CONFIG, {"motor_phase_deg": (0.0, 0.0)})
     assert space.coordinates == ("start of r1", "seed")
     assert space.point(np.array([0.5, 0.5])).world == IDEAL
+    hanging = CONFIG.in_world(World(motor_phases_deg=(90.0, 90.0)))
+    space = Space(find_scenario("1a"), hanging, {"motor_phase_deg": (0.0, 0.0)})
+    assert space.point(np.array([0.5, 0.5])).world == IDEAL
 
 
 def test_starts_in_contact_give_way_to_the_nearest_ones_without():

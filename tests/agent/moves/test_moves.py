@@ -218,9 +218,10 @@ def test_a_robot_keeps_the_world_that_it_drew():
     assert set(durations[:, 0]) == {1.0, 2.0, 3.0}
 
 
-def test_steps_in_which_nobody_is_asked_pass_at_once():
-    """What they pay for is time, so that twenty short ones pay as one of 2 s does."""
-    process = build_process(SMALL, ProcessConfig(reward_per="time"))
+@pytest.mark.parametrize(("reward_per", "shares"), [("time", (1.0, 0.55)), ("step", (20.0, 11.0))])
+def test_steps_in_which_nobody_is_asked_pass_at_once(reward_per, shares):
+    """Paid for time, twenty short ones pay as one of 2 s does; paid for steps, each does."""
+    process = build_process(SMALL, ProcessConfig(reward_per=reward_per))
     lasting = ideal_moves(duration_s=3.05)
     short = ObservedMoves("", 0, lasting.moves, rl_step_s=0.1)
     earned, passed = [], []
@@ -237,11 +238,9 @@ def test_steps_in_which_nobody_is_asked_pass_at_once():
             passed.append(steps)
         assert kernels.waits(plans, 0)
     assert passed == [1, 1, 20, 11]
-    assert earned[2] == earned[0]
-    assert earned[3] == pytest.approx(0.55 * earned[1])
-    assert _discounts(process, model, np.float32(0.9)) == pytest.approx(
-        0.9 ** (np.arange(21) / 20.0), rel=1e-6
-    )
+    assert earned[2:] == pytest.approx([shares[0] * earned[0], shares[1] * earned[1]])
+    exponents = np.arange(21) / (20.0 if reward_per == "time" else 1.0)
+    assert _discounts(process, model, np.float32(0.9)) == pytest.approx(0.9**exponents, rel=1e-6)
 
 
 def test_rewards_per_distance_pay_for_the_path():

@@ -10,7 +10,7 @@ from agent.robustness.measurement import robustness
 from agent.robustness.plot import draw
 from agent.robustness.table import RobustnessReport, markdown
 from cosim.base.config import ConfigError
-from cosim.base.world import IDEAL
+from cosim.base.world import IDEAL, World
 from cosim.robustness import Robustness
 from cosim.scenarios.file import find_scenario, in_world, read_world
 
@@ -84,9 +84,38 @@ def test_it_goes_on_where_it_ended(report, board, monkeypatch):
     assert measure(board.parent / "out", board) == report
 
 
+def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
+    """A world that says no more than one of the axes."""
+    counts = []
+
+    def count(jobs, *_):
+        counts.append(len(jobs))
+        return iter(())
+
+    monkeypatch.setattr("agent.robustness.measurement.run_jobs", count)
+    report = robustness(
+        board.parent / "same",
+        World(mu=0.1),
+        scenario=str(board),
+        axes=("friction", "everything"),
+        methods=("paper",),
+        episodes=2,
+    )
+    assert len(report.rows) > len({row.digest for row in report.rows})
+    assert counts == [2 * len({row.digest for row in report.rows})]
+
+
 @pytest.mark.parametrize(
     "options",
-    [{"episodes": 0}, {"seed": -1}, {"budget_minutes": -1.0}, {"quick": True, "episodes": 3}],
+    [
+        {"episodes": 0},
+        {"seed": -1},
+        {"budget_minutes": -1.0},
+        {"quick": True, "episodes": 3},
+        {"methods": ("paper", "prompt")},
+        {"methods": ()},
+        {"axes": ()},
+    ],
 )
 def test_options_that_cannot_be_are_refused(options):
     with pytest.raises(ConfigError):

@@ -13,6 +13,15 @@ def test_robots_stop_within_half_of_what_the_shield_allows_for(motor_fmu):
     assert restless_s.max() < 0.03
 
 
+def test_motors_without_control_take_longer_to_stop(motor_fmu, monkeypatch, tmp_path):
+    monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
+    monkeypatch.setattr("cosim.calibration.stopping.ROBOTS", 16)
+    monkeypatch.setattr("cosim.calibration.stopping.TRIALS", 1)
+    configs = CoSimConfig(), CoSimConfig(open_loop=("motors",))
+    controlled, coasting = (shielded(c, motor_fmu).shielding.stopping_m for c in configs)
+    assert 1.2 * controlled < coasting < 1e-3
+
+
 def test_a_slippery_patch_counts(motor_fmu, monkeypatch, tmp_path):
     monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
     monkeypatch.setattr("cosim.calibration.stopping.ROBOTS", 16)

@@ -3,7 +3,7 @@
 import pytest
 
 from cosim.base.errors import UserError
-from cosim.base.world import IDEAL, Patch, Sensor
+from cosim.base.world import IDEAL, Patch, Sensor, WorldError
 from cosim.scenarios.file import find_in_world, find_scenario
 
 SCENARIO = """
@@ -79,3 +79,11 @@ def test_two_worlds_are_refused(write):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(UserError, match=r"none\.toml: no such world file"):
         find_in_world("2", tmp_path / "none.toml")
+
+
+def test_a_world_that_would_have_no_effect_is_refused(write):
+    obstacles = "\n[world]\nobstacles = [[14, 10]]\n"
+    walled = find_scenario(write("walled.toml", SCENARIO + obstacles), ideal=True)
+    assert (14, 10) in walled.obstacles
+    with pytest.raises(WorldError, match="has no effect here, but for obstacles"):
+        find_scenario(write("own.toml", SCENARIO + WORLD), ideal=True)
