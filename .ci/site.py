@@ -19,6 +19,7 @@ PAGES = {
     "README.md": "readme.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
+    "SECURITY.md": "security.md",
     "fmus/vibration_motor/README.md": "motor.md",
     "fmus/vibration_motors/README.md": "motors.md",
     "fmus/mini_robot/README.md": "robot.md",

@@ -45,8 +45,8 @@ def train(
         method: one of `methods()`.
         seed: of training.
         episodes: of training, the method's own number by default.
-        motor_fmu: whose moves are observed by the methods moves and robust, by default the
-            built-in one.
+        motor_fmu: whose moves are observed by the methods moves, robust and prompt, by default
+            the built-in one.
         again: train even if the policy is there.
         progress: is told what is calibrated, observed and trained.
 
