@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agent.envs.grid_episode import StartsError, observed_columns, place_checked
-from agent.process.config import ProcessConfig
+from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import (
     COLUMN_COUNT,
     MOVING,
@@ -138,6 +138,7 @@ class Boards:
     """
 
     def __init__(self, count: int, scenario: Scenario, config: ProcessConfig) -> None:
+        refuse_without_effect(config, "environments on the grid")
         self.scenario = scenario
         self.process = build_process(scenario, config)
         self._features = np.array(observed_columns(scenario, config))

@@ -9,7 +9,7 @@ import numpy as np
 
 from agent.envs.grid_episode import FEATURE_COLUMNS, place_checked
 from agent.process.acting import on_grid
-from agent.process.config import ProcessConfig
+from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, SIGN
 from agent.process.readings import build_process, feature_sizes
 from agent.process.rewards import failed, step_reward
@@ -52,6 +52,7 @@ class CoSimPlace:
         self, scenario: Scenario, process: ProcessConfig | None, batch: Batch, place: int
     ) -> None:
         process = process or ProcessConfig()
+        refuse_without_effect(process, "the co-simulation")
         self.scenario = scenario
         self.process = build_process(scenario, process)
         sizes = feature_sizes(scenario, process)

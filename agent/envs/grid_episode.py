@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from agent.process.config import ProcessConfig
+from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import (
     AXIS,
     BEARING,
@@ -106,6 +106,7 @@ class GridEpisode:
 
     def __init__(self, scenario: Scenario, config: ProcessConfig | None = None) -> None:
         config = config or ProcessConfig()
+        refuse_without_effect(config, "environments on the grid")
         self.scenario = scenario
         self.process = build_process(scenario, config)
         self.sizes = tuple(feature_sizes(scenario, config).values())

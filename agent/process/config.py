@@ -98,34 +98,50 @@ def require(table: str, config: object, valid: Mapping[str, bool], error: type[U
             )
 
 
-# Readings without effect in training on moves, and on the grid, and what is so instead.
-_NOT_ON_MOVES = {
-    "diagonal_cost": "every RL step of a move costs the same",
-    "collision": "contact is looked for during the move",
-    "partner_of_failed": "a robot learns from the moves that it has ended, whoever fails",
-    "slip_probability": "moves end where they were observed to end",
-}
+Where = Literal[
+    "training on moves", "training on the grid", "environments on the grid", "the co-simulation"
+]
+_NOBODY_LEARNS = {"partner_of_failed": "nobody learns there"}
 _NOT_ON_THE_GRID = {
     "clearance_m": "contact is a distance of cells",
     "reward_per": "a move is a step; diagonal_cost = 1.414 makes it pay for its path",
 }
+_NOT_BETWEEN_CELLS = {
+    "diagonal_cost": "every RL step of a move costs the same",
+    "collision": "contact is looked for during the move",
+    "slip_probability": "moves end where they end",
+}
+# Readings without effect, and what is so instead.
+_WITHOUT_EFFECT: dict[Where, dict[str, str]] = {
+    "training on moves": {
+        **_NOT_BETWEEN_CELLS,
+        "partner_of_failed": "a robot learns from the moves that it has ended, whoever fails",
+    },
+    "training on the grid": _NOT_ON_THE_GRID,
+    "environments on the grid": _NOT_ON_THE_GRID | _NOBODY_LEARNS,
+    "the co-simulation": {
+        **_NOT_BETWEEN_CELLS,
+        **_NOBODY_LEARNS,
+        "clearance_m": "contact is that of the bodies",
+        "step_limit": "episodes are cut after a simulated time",
+    },
+}
 
 
-def refuse_without_effect(config: ProcessConfig, *, moves: bool) -> None:
-    """Refuse readings that change nothing in training.
+def refuse_without_effect(config: ProcessConfig, where: Where) -> None:
+    """Refuse readings that change nothing.
 
     Args:
         config: readings.
-        moves: whether training is on observed moves, or else on the grid.
+        where: the process is used.
 
     Raises:
         ScenarioError: names the reading.
     """
-    where = "on moves" if moves else "on the grid, without moves"
-    for name, reason in (_NOT_ON_MOVES if moves else _NOT_ON_THE_GRID).items():
+    for name, reason in _WITHOUT_EFFECT[where].items():
         value, default = getattr(config, name), getattr(ProcessConfig, name)
         if value != default:
             raise ScenarioError(
-                f"process: {name} = {value} has no effect in training {where}: {reason}; "
+                f"process: {name} = {value} has no effect in {where}: {reason}; "
                 f"leave it at {default}"
             )

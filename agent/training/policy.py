@@ -77,7 +77,8 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     kernel_version: str | int = msgspec.field(default_factory=_training_code)
 
     def __post_init__(self) -> None:
-        refuse_without_effect(self.process, moves=self.moves is not None)
+        where = "training on the grid" if self.moves is None else "training on moves"
+        refuse_without_effect(self.process, where)
         if self.objective and (self.learning, self.moves) != (LearningConfig(), None):
             raise PolicyError(
                 f"learning and moves have no effect on {self.objective} paths; leave both out"

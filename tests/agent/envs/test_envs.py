@@ -22,7 +22,7 @@ from agent.training.store import find_or_train
 from cosim.base.errors import UserError
 from cosim.base.outcome import BY_RANK, RUNNING
 from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.scenarios.scenario import Scenario, ScenarioError
 
 IDS = ("MiniRobots/SingleA-v0", "MiniRobots/SingleB-v0")
 
@@ -204,6 +204,24 @@ def compare(ours, theirs):
         assert a.keys() == b.keys()
         for name in a:
             assert np.array_equal(a[name], b[name]), name
+
+
+@pytest.mark.parametrize(
+    ("reading", "cosim", "said"),
+    [
+        (
+            {"reward_per": "time"},
+            False,
+            "reward_per = time has no effect in environments on",
+        ),
+        ({"partner_of_failed": "none"}, False, "environments on the grid: nobody learns there"),
+        ({"step_limit": 5}, True, "step_limit = 5 has no effect in the co-simulation: episodes"),
+        ({"slip_probability": 0.1}, True, "moves end where they end; leave it at 0.0"),
+    ],
+)
+def test_readings_without_effect_are_refused(reading, cosim, said):
+    with pytest.raises(ScenarioError, match=said):
+        envs.parallel_env("2", ProcessConfig(**reading), cosim=cosim)
 
 
 @pytest.mark.parametrize(
