@@ -125,6 +125,16 @@ def test_a_check_finds_a_changed_result(copied, command):
     assert done.stdout.count("then,") == 1
 
 
+@pytest.mark.parametrize(("factor", "stands"), [(1.0 + 1e-9, True), (1.01, False)])
+def test_a_check_leaves_the_last_digits_of_chances_to_libraries(copied, factor, stands):
+    path = copied / "certificate.json"
+    certificate = msgspec.json.decode(path.read_bytes())
+    for look in certificate["evidence"]["looks"]:
+        look["chance"] *= factor
+    path.write_bytes(msgspec.json.encode(certificate))
+    assert (check(path, sample=0).differences == ()) == stands
+
+
 def test_a_check_says_what_has_changed(copied, near_policy):
     path = copied / "certificate.json"
     certificate = msgspec.json.decode(path.read_bytes())
