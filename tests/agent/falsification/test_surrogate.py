@@ -48,6 +48,7 @@ def starts_of(vectors: np.ndarray) -> np.ndarray:
     return np.array([space.point(vector).starts for vector in vectors])
 
 
+@pytest.mark.long
 def test_starts_of_which_the_model_expects_the_worst_come_first(policy):
     asked = starts_of(new(policy).ask())
     assert len({tuple(start.ravel()) for start in asked}) == GENERATION
@@ -76,6 +77,7 @@ def test_half_of_a_generation_has_the_nearest_starts_again_with_other_noise(poli
     assert np.array_equal(third, others)
 
 
+@pytest.mark.long
 def test_a_search_is_asked_the_same_again(policy):
     asked = [new(policy, seed).ask() for seed in (0, 0, 1)]
     assert np.array_equal(asked[0], asked[1])
