@@ -5,7 +5,6 @@ A certificate is a folder: `certificate.json`, the policy and the results of the
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from itertools import takewhile
 from pathlib import Path
 
 import msgspec
@@ -13,7 +12,7 @@ import msgspec
 from agent.certification.claims import LEAST_CONFIDENCE, Claim, complement
 from agent.certification.sequential import Decision, SequentialTest, Verdict
 from agent.evaluation.cases import Case, CaseIdentity
-from agent.evaluation.result_file import ResultFile
+from agent.evaluation.result_file import ResultFile, beginning
 from agent.policies import method_name
 from agent.process.exact import enumerable
 from cosim.base.config import CoSimConfig
@@ -138,15 +137,13 @@ def known(
 ) -> dict[int, EpisodeResult]:
     """The longest beginning of the episodes of `Case.cover` that is there, in its order.
 
-    What ends first is no sample: an episode counts when all before it are known.
-
     Args:
         case: whose episodes they are.
         results: by index.
         most: of them that are looked at, None for all.
     """
     count = len(results) if most is None else min(most, len(results))
-    return {k: results[k] for k in takewhile(results.__contains__, case.cover(count))}
+    return beginning(results, case.cover(count))
 
 
 def decide(claim: Claim, test: SequentialTest, results: Mapping[int, EpisodeResult]) -> Decision:

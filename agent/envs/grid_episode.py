@@ -41,7 +41,7 @@ _LENGTHS = (0.0, 1.0, math.sqrt(2.0))  # of a move over so many rows and columns
 
 
 class StartsError(UserError, ValueError):
-    """Start cells that cannot be used; the message says which."""
+    """Start cells, seeds or masks of a reset that cannot be used; the message says which."""
 
 
 class ActionError(UserError, ValueError):

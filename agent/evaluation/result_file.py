@@ -4,7 +4,7 @@ A file belongs to one `agent.evaluation.cases.Case` and is named by its digest; 
 configuration has another file.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import takewhile
 from pathlib import Path
 
@@ -13,6 +13,16 @@ import msgspec
 from agent.evaluation.cases import Case, Job
 from agent.evaluation.row_file import Header, RowFile
 from cosim.navigation.result import EpisodeResult
+
+
+def beginning(
+    results: Mapping[int, EpisodeResult], indices: Iterable[int]
+) -> dict[int, EpisodeResult]:
+    """The longest beginning of a sample of starts that is known, by index of the start.
+
+    What ends first is no sample: an episode counts when all before it are known.
+    """
+    return {k: results[k] for k in takewhile(results.__contains__, indices)}
 
 
 class IndexedResult(EpisodeResult, frozen=True, kw_only=True):
@@ -53,11 +63,8 @@ class ResultFile:
         return [Job(self.case, k) for k in indices if k not in self.results]
 
     def beginning(self, indices: Iterable[int]) -> dict[int, EpisodeResult]:
-        """The longest beginning of a sample that is known, by index of the start.
-
-        Whatever else is known is left out: what ends first is no sample.
-        """
-        return {k: self.results[k] for k in takewhile(self.results.__contains__, indices)}
+        """See `beginning`."""
+        return beginning(self.results, indices)
 
     def add(self, index: int, result: EpisodeResult) -> None:
         """Keep a result."""

@@ -17,7 +17,7 @@ from cosim.navigation.features import Observation
 
 
 class DrivenStep(Protocol):
-    """What rewards look at of a `cosim.navigation.episode.Step`, and of no code that makes it."""
+    """What rewards look at of a `cosim.navigation.step.Step`, and of no code that makes it."""
 
     @property
     def action(self) -> np.ndarray: ...  # noqa: D102 - see there
