@@ -73,7 +73,7 @@ def digests(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     found["policy 4 moves"] = _of_policy(policy)
 
     path = tmp_path_factory.mktemp("digests") / "episode.rrd"
-    config = CoSimConfig(timing=config.timing._replace(episode_limit_s=6.0))
+    config = CoSimConfig(timing=config.timing._replace(episode_limit_s=6.0, burst_s=0.01))
     start_seed, noise_seed = np.random.SeedSequence(0).spawn(2)
     starts = draw_starts(scenario, np.random.default_rng(start_seed))
 

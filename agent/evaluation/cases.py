@@ -20,10 +20,11 @@ from agent.process.greedy import GreedyPolicy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
-from cosim.base.world import Drawn
 from cosim.episodes import Task, simulate_tasks
+from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.result import EpisodeResult
 from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.levels import with_bursts
 from cosim.scenarios.scenario import Cell
 from cosim.simulation import episode_facts
 
@@ -136,13 +137,13 @@ class Case:
         """Seed of the speed noise of an episode, and of what its world draws."""
         return np.random.SeedSequence(self.seed, spawn_key=(_NOISE, index))
 
-    def recorder(self, path: Path, index: int, drawn: Drawn) -> EpisodeRecorder:
+    def recorder(self, path: Path, index: int, episode: RunningEpisode) -> EpisodeRecorder:
         """Recorder of the episode from a start."""
         scenario = self.policy.config.scenario
         facts = episode_facts(scenario, self.seed, self.fmu, index, self.start_cells(index))
         facts |= {"train_episodes": self.policy.episodes, "method": method_name(self.policy)}
         identity = f"{self.digest}-{index}"
-        config = self.config_of(index)
+        config, drawn = episode.config, episode.drawn
         return EpisodeRecorder(path, scenario, config, identity, facts, drawn=drawn)
 
 
@@ -167,17 +168,15 @@ class Job:
 
     def task(self) -> Task:
         """What to simulate."""
-        case, path = self.case, self.recording
+        case, path, config = self.case, self.recording, self.case.config_of(self.index)
         return Task(
             case.policy.config.scenario,
             case.fmu,
-            case.config_of(self.index),
+            config if path is None else with_bursts(config, "default"),
             case.policy,
             case.start_cells(self.index),
             case.noise_seed(self.index),
-            None
-            if path is None
-            else lambda episode: case.recorder(path, self.index, episode.drawn),
+            None if path is None else lambda episode: case.recorder(path, self.index, episode),
         )
 
 

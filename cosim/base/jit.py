@@ -85,8 +85,14 @@ def _compiled(function: Callable, lock: ContextManager, **options: bool) -> Any:
     def compile_once(signature: tuple) -> Any:
         # numba would compile a function again for every constant that it is given. The compiler's
         # own lock first: threads hold it while they compile what a kernel calls.
+        arguments = tuple(map(types.unliteral, signature))
         with global_compiler_lock, lock:
-            return compile_one(tuple(map(types.unliteral, signature)))
+            entry = compile_one(arguments)
+        model = dispatcher.targetctx.data_model_manager
+        result = dispatcher.overloads[arguments].signature.return_type
+        if not options.get("_nrt", True) and model[result].contains_nrt_meminfo():
+            raise TypeError(f"{function.__qualname__} returns an array; have it write into one")
+        return entry
 
     dispatcher.compile = compile_once
     return dispatcher
@@ -106,7 +112,8 @@ def inlined(function: Kernel) -> Kernel:
     """Compile a function into its callers.
 
     For inner functions: numba passes a record of arrays field by field, and a call that is not
-    inlined costs more than most of the work in it.
+    inlined costs more than most of the work in it. Nor does it count references to arrays, which
+    would take a sixth of the time of a co-simulation, so that it may neither make nor return one.
     """
     return function if _PLAIN else cast(Kernel, _Inlined(function))
 
@@ -123,8 +130,8 @@ class _Inlined:
     def __init__(self, function: Callable) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
-        wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        self._inner = _compiled(function, contextlib.nullcontext(), forceinline=True, **wrappers)
+        options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
+        self._inner = _compiled(function, contextlib.nullcontext(), forceinline=True, **options)
         self._numba_type_ = self._inner._numba_type_  # what numba takes this object for
 
     @functools.cached_property

@@ -119,8 +119,8 @@ class TimingParams(NamedTuple):
     ] = 600.0
     burst_s: Annotated[
         float,
-        Quantity("s", "assumed: 1.5 motor turns", "start of an RL step recorded at every tick"),
-    ] = 0.01
+        Quantity("s", "a recording's level", "start of an RL step sampled at every tick"),
+    ] = 0.0
 
 
 class SteeringParams(NamedTuple):

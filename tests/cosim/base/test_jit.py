@@ -3,10 +3,12 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from numba.core import config
+from numba.core.errors import TypingError
 
-from cosim.base.jit import kernel
+from cosim.base.jit import inlined, kernel
 from cosim.base.storage import StorageError
 
 
@@ -41,6 +43,29 @@ def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
     file.mkdir()
     with pytest.raises(StorageError, match=f"{file}: a folder is where"):
         run()
+
+
+def itself(array):
+    return array, 1.0
+
+
+def made(array):
+    return np.zeros(2)[0] + array[0]
+
+
+@pytest.mark.parametrize(
+    ("inner", "why"), [(itself, "itself returns an array"), (made, "np.empty|np.zeros|empty")]
+)
+def test_inlined_functions_count_no_references(tmp_path, monkeypatch, inner, why):
+    """One more count fewer than there are references, and memory would be freed that is in use."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    inner = inlined(inner)
+
+    def outer(array):
+        return inner(array)
+
+    with pytest.raises((TypeError, TypingError), match=why):
+        kernel(outer)(np.ones(2))
 
 
 # Ctrl-C while LLVM tells numba that it has made machine code.

@@ -156,7 +156,7 @@ def test_worlds_share_a_batch_and_keep_their_bits(driver, step_s, array_fmu):
 def test_motors_begin_at_the_phases_of_their_world(order, motor_fmu, array_fmu):
     """To the same bits in all drivers, and no phase is left to the next episode of a place."""
     phases_deg = (90.0, -45.0, 10.0, 180.0)
-    timing = TIMING._replace(rl_step_s=0.01, communication_step_s=2e-5)
+    timing = TIMING._replace(rl_step_s=0.01, communication_step_s=2e-5, burst_s=1e-4)
     usual = CoSimConfig(timing=timing, order=order)
     turned = usual.in_world(World(motor_phases_deg=phases_deg))
 

@@ -21,7 +21,7 @@ from cosim.reading.rrd import read_rrd
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Recording, RecordingError, properties, scalars, simulated
-from cosim.recording.levels import DETAILS
+from cosim.recording.levels import DETAILS, with_bursts
 from cosim.recording.policy_map import PolicyMap
 from cosim.recording.series import reduce
 from cosim.scenarios.file import find_scenario
@@ -56,7 +56,7 @@ def rows(path: Path, entity: str) -> tuple[np.ndarray, np.ndarray]:
 def recorded(motor_fmu, tmp_path_factory):
     """Two RL steps and their recording."""
     path = tmp_path_factory.mktemp("recording") / "episode.rrd"
-    system = CoSimulation(SCENARIO, motor_fmu)
+    system = CoSimulation(SCENARIO, motor_fmu, with_bursts(CoSimConfig(), "default"))
     system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
     steps = []
     with EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder:
@@ -71,7 +71,7 @@ def recorded(motor_fmu, tmp_path_factory):
 
 def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
     """One in 2 s, however often robots are asked."""
-    config = Deciding(rl_step=0.1).deciding(CoSimConfig())
+    config = Deciding(rl_step=0.1).deciding(with_bursts(CoSimConfig(), "default"))
     system = CoSimulation(SCENARIO, motor_fmu, config)
     system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
     path = tmp_path / "episode.rrd"
