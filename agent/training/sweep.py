@@ -50,6 +50,8 @@ def sweep(
     """
     if address is not None and backend in {"loky", "threading"}:
         raise SweepError(f"--address has no effect with --backend {backend}; name ray or dask")
+    if address is not None and backend == "dask" and jobs != -1:
+        raise SweepError("--jobs has no effect on a Dask cluster with an --address; leave it out")
     remaining = dict(enumerate(tasks))
     if jobs == 1 and backend in {"loky", "threading"}:
         yield from ((index, function(task)) for index, task in remaining.items())

@@ -111,9 +111,11 @@ def test_errors_of_a_task_are_not_retried():
 def test_an_address_without_a_cluster_is_refused():
     with pytest.raises(SweepError, match="--address has no effect with --backend loky"):
         list(sweep(abs, [1, 2], jobs=1, address="tcp://127.0.0.1:9"))
+    with pytest.raises(SweepError, match="--jobs has no effect"):
+        list(sweep(abs, [1, 2], jobs=2, backend="dask", address="tcp://127.0.0.1:9"))
 
 
 def test_a_cluster_that_is_not_there_is_refused(monkeypatch):
     monkeypatch.setattr(sweep_module, "CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(SweepError, match="no Dask scheduler"):
-        list(sweep(abs, [1, 2], jobs=2, backend="dask", address="tcp://127.0.0.1:9"))
+        list(sweep(abs, [1, 2], backend="dask", address="tcp://127.0.0.1:9"))
