@@ -39,6 +39,33 @@ _CONFIG = {
 }
 
 
+class Moves(RandomMemory):
+    """Samples of robots that took part in a step; skrl normalises advantages over all rows.
+
+    Args:
+        rows: of a step.
+        seed: of the samples' order.
+    """
+
+    def __init__(self, rows: int, seed: int) -> None:
+        super().__init__(memory_size=_STEPS, num_envs=rows)
+        self._random = np.random.default_rng(seed)
+
+    def sample(
+        self, names: list[str], *, batch_size: int, mini_batches: int = 1, **_: Any
+    ) -> list[list[Any]]:
+        """Rows in random order, some twice: compiled code depends on their number."""
+        seen, advantages = map(self.get_tensor_by_name, ("observations", "advantages"))
+        moved = np.flatnonzero(np.asarray(seen[..., 0]) != NOTHING)
+        of_moves = np.asarray(advantages).ravel()[moved]
+        self.set_tensor_by_name(
+            "advantages", (advantages - of_moves.mean()) / (of_moves.std() + 1e-8)
+        )
+        drawn = np.resize(self._random.permutation(moved), batch_size)
+        rows: Any = self._random.permutation(drawn)
+        return self.sample_by_index(names, indexes=rows, mini_batches=mini_batches)
+
+
 class Ppo:
     """The learner.
 
@@ -68,9 +95,7 @@ class Ppo:
         models = {"policy": self.actor, "value": Critic(**shape)}
         for role, model in models.items():
             model.init_state_dict(dict(inputs), role=role)
-        memory = RandomMemory(
-            memory_size=_STEPS, num_envs=len(inputs["observations"]), replacement=False
-        )
+        memory = Moves(len(inputs["observations"]), seed)
         self._agent = PPO(models=models, memory=memory, cfg=dict(_CONFIG), **shape)
         self._agent.init()
         self._agent.enable_training_mode(True)

@@ -1,6 +1,7 @@
 """Networks for all robots: what they see, how they are trained, and their policies in commands."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,6 +116,29 @@ def test_the_same_seed_gives_the_same_bits(algorithm, tiny):
 
     first, again, other = trained(3), trained(3), trained(4)
     assert first.digest() == again.digest() != other.digest()
+
+
+def test_ppo_learns_from_moves_only(monkeypatch):
+    from agent.deep import ppo
+
+    monkeypatch.setattr(ppo, "_STEPS", 4)
+    memory: Any = ppo.Moves(6, 0)
+    names, sizes = ["observations", "advantages"], (2, 1)
+    for name, size in zip(names, sizes, strict=True):
+        memory.create_tensor(name, size=size, dtype=np.float32)
+    random = np.random.default_rng(0)
+    for _ in range(4):
+        seen = random.integers(0, 5, (6, 2)).astype(np.float32)
+        seen[random.permutation(6)[:2]] = NOTHING
+        advantages = np.where(seen[:, :1] == NOTHING, 99.0, random.normal(3.0, 2.0, (6, 1)))
+        memory.add_samples(observations=seen, advantages=advantages.astype(np.float32))
+    batches = memory.sample(names, batch_size=24, mini_batches=3)
+    seen, advantages = (np.concatenate(part) for part in zip(*batches, strict=True))
+    assert [len(batch[0]) for batch in batches] == [8, 8, 8]
+    assert (seen != NOTHING).all()
+    drawn, times = np.unique(advantages, return_counts=True)
+    assert set(times) == {1, 2}
+    assert (len(drawn), drawn.mean(), drawn.std()) == pytest.approx((16, 0.0, 1.0), abs=1e-5)
 
 
 def test_training_ends_where_it_is_enough(tiny):
