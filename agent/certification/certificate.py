@@ -194,6 +194,12 @@ def code_of_certificates() -> str:
     return code_digest(with_imports([here / "certificate.py", here / "measurement.py"]))
 
 
+def covered(case: Case, episodes: int) -> CoveredStarts:
+    """The starts of so many episodes."""
+    starts = len(case.starts)
+    return CoveredStarts(starts, enumerable(case.policy.process), episodes / starts)
+
+
 def issue(
     file: ResultFile, claim: Claim, confidence: float, episodes: int | None = None
 ) -> Certificate:
@@ -208,13 +214,12 @@ def issue(
     case = file.case
     test = claim_test(claim, confidence)
     verdict, evidence = judge(case, test, claim, known(case, file.results, episodes))
-    starts = len(case.starts)
     return Certificate(
         claim=claim.text,
         confidence=confidence,
         verdict=verdict,
         evidence=evidence,
-        starts=CoveredStarts(starts, enumerable(case.policy.process), evidence.episodes / starts),
+        starts=covered(case, evidence.episodes),
         method=method_name(case.policy),
         case=case.identity,
         digest=case.digest,

@@ -11,6 +11,7 @@ from agent.certification.certificate import (
     Evidence,
     claim_test,
     code_of_certificates,
+    covered,
     judge,
     known,
     lasting,
@@ -20,7 +21,7 @@ from agent.certification.claims import parse_claim
 from agent.evaluation.cases import Case, CaseIdentity, Job, run_jobs
 from agent.evaluation.result_file import IndexedResult
 from agent.evaluation.row_file import Header, RowFile
-from agent.policies import load_policy
+from agent.policies import load_policy, method_name
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import versions
@@ -98,6 +99,16 @@ def check(
     verdict, evidence = judge(case, test, claim, looked_at)
     if verdict != certificate.verdict or _rounded(evidence) != _rounded(certificate.evidence):
         differences.append("verdict and evidence are not what the results say")
+    if certificate.starts != covered(case, evidence.episodes):
+        differences.append("the starts are not those of the episodes")
+    if certificate.method != method_name(loaded):
+        differences.append("the policy was not trained by the method")
+    used = case.identity.parameters
+    differences += [
+        f"{name} was {used[name]} by the configuration, and {value} by the list of parameters"
+        for name, value in then.parameters.items()
+        if used.get(name, value) != value
+    ]
     drawn = np.random.default_rng(seed).permutation(list(looked_at))[:sample].tolist()
     ended = run_jobs([Job(case, index) for index in drawn], jobs)
     for count, (job, result) in enumerate(ended, 1):

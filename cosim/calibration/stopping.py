@@ -15,7 +15,8 @@ from cosim.base.params import TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.storage import cache_dir, cached, write_json
-from cosim.base.world import World, draw_world
+from cosim.base.world import World, draw_world, gravity
+from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.trial import Trial
 from cosim.control.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
@@ -31,7 +32,7 @@ def stopping_distances(
     """How far robots come from where they were last seen before they were stopped.
 
     Args:
-        config: machine, floor and steering; its world's motor spread is drawn.
+        config: machine, floor and steering; its world's motor spread and slope are drawn.
         fmu: of the motors.
         robots: how many.
         seed: of what they do, and of the noise.
@@ -43,10 +44,11 @@ def stopping_distances(
     rng, sequence = np.random.default_rng(seed), np.random.SeedSequence(seed)
     period_s, steering = config.timing.control_period_s, config.steering
     largest = steering.max_speed_rad_s + steering.dither_rad_s
-    motors = draw_world(config.world, config.motor, robots, sequence).motors
+    drawn = draw_world(config.world, config.motor, robots, sequence)
+    slope = gravity(config.world, drawn, config.motor.g)
     headings = rng.uniform(-np.pi, np.pi, robots)
     kind = rng.integers(4, size=robots)[:, None]
-    with Trial(fmu, config, headings, sequence, motors=motors) as trial:
+    with Trial(fmu, config, headings, sequence, motors=drawn.motors, gravity=slope) as trial:
         trial.commands[:, MODE] = DIRECT
         left = round(rng.uniform(0.2, 1.0) * _LONGEST_S / period_s)
         before = trial.bodies[:2].copy()
@@ -76,7 +78,7 @@ def _on_slippery_floor(config: CoSimConfig) -> CoSimConfig:
     """What decides how a robot stops, and nothing else."""
     world, clock = config.world, ("dt_s", "communication_step_s", "control_period_s")
     floor = min([config.robot.mu, *(patch.mu for patch in world.mu_patches)])
-    brought = ("motor_spread", "restitution", "payload_g", "payload_offset_mm")
+    brought = ("motor_spread", "restitution", "floor_tilt_deg", "payload_g", "payload_offset_mm")
     return CoSimConfig(
         robot=config.robot._replace(mu=floor),
         motor=config.motor,
@@ -97,6 +99,7 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
     of the most slippery one.
 
     Raises:
+        CalibrationError: robots do not come to rest.
         FmuError: the FMU cannot be used, or failed.
     """
     code = code_digest(with_imports([Path(__file__)]))
@@ -106,8 +109,13 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
     def make() -> float:
         with under_way(progress, "measuring stopping distances"):
             fmu = MotorFmu(motor_fmu)
-            found = [stopping_distances(slippery, fmu, ROBOTS, k)[0].max() for k in range(TRIALS)]
-        return float(max(found))
+            found = [stopping_distances(slippery, fmu, ROBOTS, k) for k in range(TRIALS)]
+        if max(restless_s.max() for _, restless_s in found) > 0.9 * _REST_S:
+            raise CalibrationError(
+                "robots that are stopped slide on, on this floor; leave out --shield, or make the "
+                "floor less steep or less slippery"
+            )
+        return float(max(moved.max() for moved, _ in found))
 
     def load(path: Path) -> float:
         return msgspec.json.decode(path.read_bytes(), type=float)

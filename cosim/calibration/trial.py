@@ -25,7 +25,7 @@ from cosim.coupling.signals import Samples, new_raw_samples, new_samples, new_st
 from cosim.fmi.isolation import calling
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
-from cosim.physics.rotation import headings
+from cosim.physics.rotation import Vector, headings
 
 # Robots never meet: a trial takes minutes at some mm/s. Coordinates stay small enough for a
 # rounding error of a femtometre, which is that of a board.
@@ -50,6 +50,7 @@ class Trial:
         seed: np.random.SeedSequence,
         nominal_rad_s: np.ndarray | float | None = None,
         motors: Sequence[tuple[MotorParams, MotorParams]] | None = None,
+        gravity: Vector | None = None,
     ) -> None:
         """Put the robots on the floor.
 
@@ -61,6 +62,7 @@ class Trial:
             nominal_rad_s: motor speed that the noise is relative to, of all or (N,) of each robot;
                 default that of driving forwards.
             motors: (N,) D and E of each robot; default the configuration's.
+            gravity: in the frame of the floor, m/s²; default that of a level one.
 
         Raises:
             FmuError: the FMU lacks a capability, refuses to load or to be initialised.
@@ -81,7 +83,7 @@ class Trial:
         for robot, (x, y) in enumerate(self.origins_m):
             self._state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
             pair = motors[robot] if motors else (config.motor, config.motor)
-            self._state.properties[:, robot] = robot_properties(config, motors=pair)
+            self._state.properties[:, robot] = robot_properties(config, gravity, pair)
             self._motors.restart([robot], (pair,))
         self._state.running[:] = 1
         self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]

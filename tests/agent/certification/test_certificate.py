@@ -135,6 +135,32 @@ def test_a_check_leaves_the_last_digits_of_chances_to_libraries(copied, factor, 
     assert (check(path, sample=0).differences == ()) == stands
 
 
+@pytest.mark.parametrize(
+    ("keys", "value", "difference"),
+    [
+        (("starts", "all"), False, "the starts are not those"),
+        (("starts", "rounds"), 9.0, "the starts are not those"),
+        (("method",), "optimal", "not trained by the method"),
+        (("case", "parameters", "mu"), 0.3, "mu was 0.15 by the configuration, and 0.3"),
+        (("case", "parameters", "shield"), True, "shield was False"),
+        (("case", "seed"), 1, "verdict and evidence"),
+        (("config", "shield"), True, "shield was True by the configuration, and False"),
+        (("confidence",), 0.99, "verdict and evidence"),
+        (("verdict",), "refused", "verdict and evidence"),
+    ],
+)
+def test_a_check_finds_whatever_else_was_changed(copied, keys, value, difference):
+    path = copied / "certificate.json"
+    certificate = msgspec.json.decode(path.read_bytes())
+    part = certificate
+    for key in keys[:-1]:
+        part = part[key]
+    assert part[keys[-1]] != value
+    part[keys[-1]] = value
+    path.write_bytes(msgspec.json.encode(certificate))
+    assert difference in "\n".join(check(path, sample=0).differences)
+
+
 def test_a_check_says_what_has_changed(copied, near_policy):
     path = copied / "certificate.json"
     certificate = msgspec.json.decode(path.read_bytes())
