@@ -4,9 +4,10 @@
 "moves" on moves observed in co-simulation, with the bearing of the other robot, "robust" on moves
 of many worlds (`agent.moves.worlds`), "prompt" on moves of robots that are asked when their moves
 end and drive through cells (`--through`), for the time these take. "shortest" and "quickest" learn
-nothing: they are the optimal joint paths on the grid, by length or by moves, which are computed. So
-is "roundabout", for any number of robots: each one's shortest path as if alone, counter-clockwise
-about the middle of the board and round the others' targets; who meets whom is left to the shield.
+nothing: they are the optimal joint paths on the grid, by the length or the moves of all robots
+together, which are computed. So is "roundabout", for any number of robots: each one's shortest path
+as if alone, counter-clockwise about the middle of the board and round the others' targets; who
+meets whom is left to the shield.
 `python -m cosim.run` uses "moves", with `--through` "prompt".
 """
 

@@ -166,6 +166,7 @@ class NetworkPolicy(GreedyPolicy):
         actions = np.zeros(starts.shape[:2], dtype=np.int64)
         step, kept, ends = 0, 0, np.full(len(starts), self.config.process.step_limit)
         where, paths = arrays.worlds[:, :, _WHERE], path_cells.copy()  # at step `kept`
+        counted = path_cells.copy()  # of the rounds that are not driven
         while (going := np.flatnonzero(outcome == RUNNING)).size:
             cells = arrays.worlds[going][:, :, [X, Y]]
             actions[going] = self._values(cells).argmax(axis=2)
@@ -178,12 +179,12 @@ class NetworkPolicy(GreedyPolicy):
             circling = (outcome == RUNNING) & (now == where).all(axis=(1, 2))
             rounds = np.where(circling, (ends - step) // (step - kept), 0)[:, None]
             steps += rounds * (step - kept) * arrays.active
-            path_cells += rounds * (path_cells - paths)
+            counted += rounds * (path_cells - paths)
             ends -= rounds[:, 0] * (step - kept)
             outcome[(outcome == RUNNING) & (ends == step)] = TIMEOUT
             if step == 2 * kept or step == 1:  # Brent's method finds circles of any length
                 where, paths, kept = now, path_cells.copy(), step
-        return Evaluation(starts, outcome, path_cells, steps)
+        return Evaluation(starts, outcome, path_cells + counted, steps)
 
     def digest(self) -> str:
         """Hash (16 hex digits) of the readings of the process and of the network."""

@@ -162,17 +162,23 @@ class Boards:
             if seed is not None:
                 self.arrays.random[m] = seeded_state(seed)
 
-    def reset(self, options: dict[str, Any] | None) -> None:
+    def reset(
+        self, options: dict[str, Any] | None, seeds: Sequence[int | None] | None = None
+    ) -> None:
         """Begin episodes.
 
         Args:
             options: "starts", (K, N, 2) start cells, drawn without; "reset_mask", (K,) bool, boards
                 to begin anew, all without.
+            seeds: of the K generators, of which those of boards that begin anew are seeded; None
+                leaves one as it is.
 
         Raises:
             StartsError: start cells cannot be used.
         """
         which, starts = reset_options(options, self.arrays.active.shape)
+        if seeds is not None:
+            self.seed([seed if begins else None for seed, begins in zip(seeds, which, strict=True)])
         if starts is not None:
             for m in np.flatnonzero(which):
                 place_checked(self.process, self.arrays.worlds[m], starts[m])

@@ -55,11 +55,11 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
         Raises:
             StartsError: start cells cannot be used.
         """
-        for place, value in zip(self._places, self._seeds(seed), strict=True):
-            if value is not None:
-                place.seed(value)
+        seeds = self._seeds(seed)
         which, starts = reset_options(options, (self.num_envs, 1))
-        for m in np.flatnonzero(which):
+        for m in np.flatnonzero(which).tolist():
+            if (value := seeds[m]) is not None:
+                self._places[m].seed(value)
             self._places[m].reset(None if starts is None else np.asarray(starts[m]))
         return self._observations(), self._infos()
 

@@ -69,8 +69,7 @@ class ParallelVectorEnv:
         Raises:
             StartsError: start cells cannot be used.
         """
-        self._boards.seed(board_seeds(seed, self.num_envs))
-        self._boards.reset(options)
+        self._boards.reset(options, board_seeds(seed, self.num_envs))
         return self._by_agent(self._boards.arrays.observations), self._infos()
 
     def step(

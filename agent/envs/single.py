@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from agent.envs.grid_episode import EnvEpisode, GridEpisode, direction_error
+from agent.envs.grid_episode import ActionError, EnvEpisode, GridEpisode, direction_error
 from agent.envs.parallel import NavigationParallelEnv, episode_info, render_episode
 from agent.envs.parallel_vector import ParallelVectorEnv
 from agent.envs.vector import found
@@ -77,10 +77,12 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
         """Move in a direction.
 
         Raises:
-            ActionError: the action is no direction.
+            ActionError: the action is no direction, or the episode has ended.
         """
         if not self.action_space.contains(action):
             raise direction_error(action)
+        if self.episode.outcome != RUNNING:
+            raise ActionError("the episode has ended; call reset before the next step")
         self.episode.step(np.array([action]))
         ended = self.episode.outcome != RUNNING
         truncated = self.episode.outcome == TIMEOUT

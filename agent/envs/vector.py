@@ -155,8 +155,7 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
         Raises:
             StartsError: start cells cannot be used.
         """
-        self._boards.seed(self._seeds(seed))
-        self._boards.reset(options)
+        self._boards.reset(options, self._seeds(seed))
         return self._seen(), self._infos()
 
     def step(

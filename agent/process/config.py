@@ -122,6 +122,8 @@ _WITHOUT_EFFECT: dict[Where, dict[str, str]] = {
     "the co-simulation": {
         **_NOT_BETWEEN_CELLS,
         **_NOBODY_LEARNS,
+        "zone_is_obstacle": "it is a reading of the grid alone",
+        "target_obstacle": "it is a reading of the grid alone",
         "clearance_m": "contact is that of the bodies",
         "step_limit": "episodes are cut after a simulated time",
     },

@@ -213,6 +213,9 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
     """Number of values of each feature in use, in the order of the state index.
 
     A lone robot sees nobody: it has x, y and h only.
+
+    Raises:
+        ScenarioError: of the features in use nothing is left to it.
     """
     sizes = {
         "x": scenario.columns,
@@ -224,7 +227,13 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
         "p": scenario.columns * scenario.rows,
     }
     seen = {"x", "y", "h"} if scenario.robots == 1 else set(sizes)
-    return {name: sizes[name] for name in sizes if name in config.features and name in seen}
+    used = {name: sizes[name] for name in sizes if name in config.features and name in seen}
+    if not used:
+        raise ScenarioError(
+            f"process: features = {', '.join(config.features)} have no effect: a lone robot sees "
+            "nobody; name x, y or h as well"
+        )
+    return used
 
 
 def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...], int]:

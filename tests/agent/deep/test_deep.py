@@ -43,9 +43,9 @@ WALLED = Scenario(
 )
 
 
-def network(scenario, seed=0):
+def network(scenario, seed=0, step_limit=60):
     """A policy of a network with random weights."""
-    config = NetworkConfig(scenario, ProcessConfig(step_limit=60), "ippo", 0, Seed(seed))
+    config = NetworkConfig(scenario, ProcessConfig(step_limit=step_limit), "ippo", 0, Seed(seed))
     inputs = Inputs.of(scenario, build_process(scenario, config.process))
     random = np.random.default_rng(seed)
     shapes = [(inputs.first[-1], 16), 16, (16, 16), 16, (16, 8), 8]
@@ -141,6 +141,27 @@ def test_ppo_learns_from_moves_only(monkeypatch):
     assert (len(drawn), drawn.mean(), drawn.std()) == pytest.approx((16, 0.0, 1.0), abs=1e-5)
 
 
+@pytest.mark.parametrize("central", [False, True])
+def test_ppo_learns_from_its_moves(monkeypatch, central):
+    from agent.deep import ppo
+
+    monkeypatch.setattr(ppo, "_STEPS", 4)
+    monkeypatch.setitem(ppo._CONFIG, "rollouts", 4)
+    sampled, sample = [], ppo.Moves.sample
+    monkeypatch.setattr(
+        ppo.Moves, "sample", lambda self, *a, **k: sampled.append(k) or sample(self, *a, **k)
+    )
+    world = LearningGrid(find_scenario("2"), 8, 0, SHAPING["ippo"])
+    learner = ppo.Ppo(world, find_scenario("2"), 0, central)
+    before = learner.network()
+    for _ in range(4):
+        assert not sampled
+        learner.advance(world)
+    assert len(sampled) == ppo._CONFIG["learning_epochs"]
+    after = learner.network()
+    assert all((a != b).any() for a, b in zip(before, after, strict=True))
+
+
 def test_training_ends_where_it_is_enough(tiny):
     from agent.deep.learners import train
 
@@ -233,8 +254,9 @@ def test_shaping_adds_what_a_robot_alone_gains(algorithm):
     assert abs(gain) > 0.2
 
 
-def test_evaluation_is_what_the_environment_says():
-    policy = network(find_scenario("2"), seed=3)
+@pytest.mark.parametrize("step_limit", [60, 61])
+def test_evaluation_is_what_the_environment_says(step_limit):
+    policy = network(find_scenario("2"), 3, step_limit)
     result = policy.evaluate()
     assert np.count_nonzero(result.outcome[::100] == TIMEOUT) > 1  # those circle
     env = parallel_env("2", policy.config.process)

@@ -134,7 +134,7 @@ def row(env, seen):
     return np.ravel_multi_index(tuple(seen), env.episode.sizes)
 
 
-@pytest.mark.parametrize("scenario", ["1a", "1b", "2", "3", "4", "5-doorway"])
+@pytest.mark.parametrize("scenario", ["1a", "1b", "2", "3", "4", "5-doorway", "4-cross", "6-swap"])
 def test_pettingzoo_accepts_the_environment(scenario):
     parallel_api_test(envs.parallel_env(scenario), num_cycles=300)
     parallel_seed_test(lambda: envs.parallel_env(scenario), num_cycles=100)
@@ -217,6 +217,8 @@ def compare(ours, theirs):
         ({"partner_of_failed": "none"}, False, "environments on the grid: nobody learns there"),
         ({"step_limit": 5}, True, "step_limit = 5 has no effect in the co-simulation: episodes"),
         ({"slip_probability": 0.1}, True, "moves end where they end; leave it at 0.0"),
+        ({"zone_is_obstacle": True}, True, "a reading of the grid alone; leave it at False"),
+        ({"target_obstacle": "disk"}, True, "a reading of the grid alone; leave it at cell"),
     ],
 )
 def test_readings_without_effect_are_refused(reading, cosim, said):
@@ -238,6 +240,33 @@ def test_resets_of_another_number_of_boards_are_refused(arguments, said):
     env = RobotsVectorEnv(2, "2")
     with pytest.raises(StartsError, match=said):
         env.reset(**arguments)
+
+
+def test_a_reset_of_some_seeds_them_alone():
+    """As Gymnasium's does: the boards that go on are not disturbed."""
+    slippery = ProcessConfig(slip_probability=0.5)
+
+    def paths(env):
+        env.reset(seed=0)
+        found = []
+        for step in range(12):
+            if step == 4:
+                mask = {"reset_mask": np.array([False, True])}
+                found.append(env.reset(seed=7, options=mask)[0].tolist())
+            found.append(env.step(np.array([0, 0]))[0].tolist())
+        return found
+
+    single = [lambda: envs.NavigationEnv("1a", slippery)] * 2
+    theirs = SyncVectorEnv(single, autoreset_mode=AutoresetMode.NEXT_STEP)
+    assert paths(NavigationVectorEnv(2, "1a", slippery)) == paths(theirs)
+
+
+def test_an_ended_episode_is_not_stepped():
+    env = envs.NavigationEnv("1a")
+    env.reset(options={"starts": [[0, 4]]})
+    assert env.step(4)[2]  # off the board
+    with pytest.raises(ActionError, match="the episode has ended; call reset"):
+        env.step(4)
 
 
 def test_vector_environment_restarts_some_and_takes_starts():

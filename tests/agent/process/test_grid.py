@@ -275,3 +275,8 @@ def test_unusable_starts_are_refused(change, message):
 def test_unusable_readings_are_refused(wrong):
     with pytest.raises(ScenarioError, match=next(iter(wrong))):
         ProcessConfig(**wrong)
+
+
+def test_features_without_effect_for_a_lone_robot_are_refused():
+    with pytest.raises(ScenarioError, match="features = d, g have no effect: a lone robot sees"):
+        build_process(find_scenario("1a"), ProcessConfig(features=("d", "g")))
