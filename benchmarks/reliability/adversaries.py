@@ -6,6 +6,7 @@ lines that they had planned. Blocks are kept as they are done: the same command 
 """
 
 import math
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import combinations
@@ -21,13 +22,14 @@ from cosim.base.command import show_table, workers
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import Outcome
 from cosim.base.params import TABLE_I
-from cosim.base.progress import progress_bars
+from cosim.base.progress import progress_bars, under_way
 from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
 from cosim.base.world import IDEAL
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.features import DIRECTION_COUNT, Observation
 from cosim.navigation.options import Driving
+from cosim.navigation.result import EpisodeResult
 from cosim.navigation.step import Step, SupportsAct
 from cosim.scenarios.file import in_world, read_world
 from cosim.scenarios.scenario import Cell, Scenario, touches_obstacle
@@ -37,9 +39,10 @@ NEAR_CELLS = 7.0  # farthest distance of robots at the start
 TARGETS = ((2, 2), (13, 13), (2, 13))
 OBSTACLES = ((7, 7), (8, 7))
 KINDS = {"short": 2.0, "random": 3.0, "greedy": 4.0, "learnt": 4.0}  # s of their episodes
-BLOCK = 250  # episodes of a kind, with a learner of their own
+BLOCK = 250  # episodes of a kind
+LESSONS, LESSON_S = 1000, 8.0  # episodes that the learnt begins with, without the shield
 WANDERING = 0.1  # share of decisions that the greedy and the learnt leave to chance
-_REACH, _RATE, _DISCOUNT = 9, 0.3, 0.8  # of the learnt: cells that it tells apart, Q-learning
+REACH, _RATE, _DISCOUNT = 9, 0.3, 0.8  # of the learnt: cells that it tells apart, Q-learning
 
 
 class Block(msgspec.Struct, frozen=True):
@@ -83,15 +86,19 @@ class Learnt(Greedy):
     """Q-learning, one table for all robots: every millimetre closer is a reward.
 
     What it learns of one episode of a block the next ones have.
+
+    Args:
+        rng: of its actions.
+        q: what it has learnt, by offset and direction; changed.
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
+    def __init__(self, rng: np.random.Generator, q: np.ndarray) -> None:
         super().__init__(rng)
-        self._q = np.zeros((2 * _REACH + 1, 2 * _REACH + 1, DIRECTION_COUNT))
+        self.q = q
 
     def choice(self, offset: np.ndarray) -> int:
         """See `Greedy`."""
-        return int(np.argmax(self._q[tuple(offset + _REACH)]))
+        return int(np.argmax(self.q[tuple(offset + REACH)]))
 
     def learn(self, step: Step) -> None:
         """Take what the robots did in an RL step."""
@@ -101,13 +108,13 @@ class Learnt(Greedy):
         ):
             others = np.delete(position, robot, axis=1)
             gaps = np.linalg.norm(others - position[:, robot, None], axis=2).min(axis=1)
-            value = self._q[tuple(after + _REACH)].max()
-            entry = *(before + _REACH), step.action[robot]
+            value = self.q[tuple(after + REACH)].max()
+            entry = *(before + REACH), step.action[robot]
             target = 1e3 * float(gaps[0] - gaps[-1]) + _DISCOUNT * value
-            self._q[entry] += _RATE * (target - self._q[entry])
+            self.q[entry] += _RATE * (target - self.q[entry])
 
 
-POLICIES = {"short": Greedy, "random": Random, "greedy": Greedy, "learnt": Learnt}
+POLICIES = {"short": Greedy, "random": Random, "greedy": Greedy}
 
 
 def _offsets(observation: Observation) -> np.ndarray:
@@ -117,7 +124,7 @@ def _offsets(observation: Observation) -> np.ndarray:
     squared = (apart**2).sum(axis=2)
     np.fill_diagonal(squared, np.iinfo(np.int64).max)
     nearest = apart[np.arange(len(cells)), squared.argmin(axis=1)]
-    return nearest.clip(-_REACH, _REACH)
+    return nearest.clip(-REACH, REACH)
 
 
 def arena(robots: int) -> Scenario:
@@ -146,26 +153,64 @@ def near_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...
             return starts
 
 
-def _simulate(
-    number: int, kind: str, episodes: int, scenario: Scenario, config: CoSimConfig, fmu: Path
+def _episodes(
+    scenario: Scenario,
+    config: CoSimConfig,
+    fmu: Path,
+    policy: SupportsAct,
+    seeds: Sequence[np.random.SeedSequence],
+    watch: Callable[[Step, RunningEpisode, float], None],
+) -> list[EpisodeResult]:
+    """Episodes one batch after the other, so that who learns learns in one order."""
+    tasks = [
+        Task(scenario, fmu, config, policy, starts, seed, watch=watch)
+        for seed in seeds
+        for starts in [near_starts(scenario, np.random.default_rng(seed))]
+    ]
+    return [result for _, result in simulate_tasks(tasks, 1)]
+
+
+def lessons(
+    scenario: Scenario, config: CoSimConfig, fmu: Path, episodes: int = LESSONS
+) -> np.ndarray:
+    """The table that `Learnt` begins with, of robots that drive anywhere without the shield."""
+    timing = config.timing._replace(episode_limit_s=LESSON_S)
+    root = np.random.SeedSequence(0)
+    random = Random(np.random.default_rng(root))
+    learner = Learnt(random.rng, np.zeros((2 * REACH + 1, 2 * REACH + 1, DIRECTION_COUNT)))
+
+    def watch(step: Step, *_: object) -> None:
+        learner.learn(step)
+
+    unshielded = replace(config, shield=False, timing=timing)
+    _episodes(scenario, unshielded, fmu, random, root.spawn(episodes), watch)
+    return learner.q
+
+
+def simulate(
+    number: int,
+    kind: str,
+    episodes: int,
+    scenario: Scenario,
+    config: CoSimConfig,
+    fmu: Path,
+    table: np.ndarray,
 ) -> Block:
     """A block; it is determined by its number and the rest, whatever else runs."""
     root = np.random.SeedSequence(number)
-    policy: SupportsAct = POLICIES[kind](np.random.default_rng(root))
+    rng = np.random.default_rng(root)
+    learnt = Learnt(rng, table.copy()) if kind == "learnt" else None
     stops = 0
 
     def watch(step: Step, episode: RunningEpisode, _: float) -> None:
         nonlocal stops
-        if isinstance(policy, Learnt):
-            policy.learn(step)
+        if learnt:
+            learnt.learn(step)
         if step.outcome:
             stops += episode.shield_stops
 
-    tasks = []
-    for seed in root.spawn(episodes):
-        starts = near_starts(scenario, np.random.default_rng(seed))
-        tasks.append(Task(scenario, fmu, config, policy, starts, seed, watch=watch))
-    results = [result for _, result in simulate_tasks(tasks, 1)]
+    policy = learnt or POLICIES[kind](rng)
+    results = _episodes(scenario, config, fmu, policy, root.spawn(episodes), watch)
     outcomes = [result.outcome for result in results]
     gaps = [10.0 * (r.min_distance_cm or 0.0) - 1e3 * scenario.robot_diameter_m for r in results]
     return Block(
@@ -185,7 +230,7 @@ def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> R
     identity = CaseIdentity(
         scenario=scenario.name,
         scenario_digest=scenario.digest(),
-        policy_digest=digest_of(KINDS, BLOCK),
+        policy_digest=digest_of(KINDS, BLOCK, LESSONS),
         seed=0,
         motor_fmu_digest=digest_of(fmu),
         parameters={name: row["value"] for name, row in config.table().items()},
@@ -210,15 +255,22 @@ def attack(
     def size(number: int) -> int:
         return min(BLOCK, episodes - number * BLOCK)
 
+    def kind_of(number: int) -> str:
+        return tuple(KINDS)[number % len(KINDS)]
+
     def block(number: int) -> Block:
-        kind = tuple(KINDS)[number % len(KINDS)]
+        kind = kind_of(number)
         through = number // len(KINDS) % 2 == 1
         timing = config.timing._replace(episode_limit_s=KINDS[kind])
         mine = replace(config, timing=timing, through=through)
-        return _simulate(number, kind, size(number), scenario, mine, fmu)
+        return simulate(number, kind, size(number), scenario, mine, fmu, table)
 
     missing = [n for n in numbers if n not in known or known[n].episodes < size(n)]
+    table = np.empty(0)
     with progress_bars() as progress, ThreadPoolExecutor(jobs) as pool:
+        if any(kind_of(number) == "learnt" for number in missing):
+            with under_way(progress, "learning to collide"):
+                table = lessons(scenario, config, fmu)
         for done, row in enumerate(pool.map(block, missing), len(numbers) - len(missing) + 1):
             file.append(row)
             known[row.number] = row

@@ -1,0 +1,46 @@
+"""Policies that want robots to collide do, without the shield, and do not with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.reliability.adversaries import KINDS, REACH, Greedy, arena, lessons, simulate
+from cosim.navigation.options import Driving
+
+
+@pytest.fixture(scope="module")
+def table():
+    """What 60 episodes teach."""
+    config, fmu = Driving().prepare()
+    return lessons(arena(2), config, fmu, episodes=60)
+
+
+def test_lessons_lead_to_the_other_robot(table):
+    """Straight at it is worth more than straight away from it."""
+    toward, away = [], []
+    for offset in np.argwhere(table.any(axis=2)):
+        straight = Greedy(np.random.default_rng(0)).choice(offset - REACH)
+        toward.append(table[tuple(offset)][straight])
+        away.append(table[tuple(offset)][(straight + 4) % 8])
+    assert np.count_nonzero(toward) > 10
+    assert np.sum(toward) > 0.0 > np.sum(away)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_shield_holds_them_off(kind, table):
+    blocks = []
+    for shield in (False, True):
+        config, fmu = Driving(shield=shield).prepare()
+        timing = config.timing._replace(episode_limit_s=KINDS[kind])
+        mine = replace(config, timing=timing)
+        blocks.append(simulate(3, kind, 24, arena(2), mine, fmu, table))
+    without, with_shield = blocks
+    assert without.contacts > 0
+    assert with_shield.contacts == with_shield.off_board == 0
+    assert with_shield.least_gap_mm > 0.0
+    assert with_shield.stops > 0
+    again = simulate(3, kind, 24, arena(2), mine, fmu, table)
+    assert again == with_shield
+    assert np.isfinite(table).all()
