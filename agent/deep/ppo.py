@@ -54,7 +54,7 @@ class Moves(RandomMemory):
     def sample(
         self, names: list[str], *, batch_size: int, mini_batches: int = 1, **_: Any
     ) -> list[list[Any]]:
-        """Rows in random order, some twice: compiled code depends on their number."""
+        """Rows in random order, some more than once: compiled code depends on their number."""
         seen, advantages = map(self.get_tensor_by_name, ("observations", "advantages"))
         moved = np.flatnonzero(np.asarray(seen[..., 0]) != NOTHING)
         of_moves = np.asarray(advantages).ravel()[moved]

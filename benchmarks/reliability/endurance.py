@@ -20,6 +20,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.navigation.cosimulation import CoSimulation
 from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.levels import with_bursts
 from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
@@ -62,7 +63,8 @@ def rss_mb() -> float:
 def endure(time_s: float, seed: int, recording: Path | None) -> Endured:
     """One episode of so much simulated time, with a recording if a path is given."""
     timing = TIMING._replace(episode_limit_s=1e9)
-    system = CoSimulation(SCENARIO, cached_fmu(), CoSimConfig(timing=timing).having(noise=0.0))
+    config = with_bursts(CoSimConfig(timing=timing), "default" if recording else "none")
+    system = CoSimulation(SCENARIO, cached_fmu(), config.having(noise=0.0))
     system.compile()
     starts = tuple(cells[0] for cells in SCENARIO.starts)
     system.reset(starts, np.random.SeedSequence(seed))

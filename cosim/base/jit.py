@@ -28,6 +28,7 @@ from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 from numba.core.codegen import JitEngine
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.targetconfig import ConfigStack
 
 from cosim.base.provenance import ROOT, imported_files, source_digest, with_imports
 from cosim.base.storage import cache_dir, lock_of, require_no_folder
@@ -88,9 +89,10 @@ def _compiled(function: Callable, lock: ContextManager, **options: bool) -> Any:
         arguments = tuple(map(types.unliteral, signature))
         with global_compiler_lock, lock:
             entry = compile_one(arguments)
-        model = dispatcher.targetctx.data_model_manager
+        model, caller = dispatcher.targetctx.data_model_manager, ConfigStack.top_or_none()
         result = dispatcher.overloads[arguments].signature.return_type
-        if not options.get("_nrt", True) and model[result].contains_nrt_meminfo():
+        counted = options["_nrt"] and (caller is None or caller.nrt)  # here, and where it is called
+        if not counted and model[result].contains_nrt_meminfo():
             raise TypeError(f"{function.__qualname__} returns an array; have it write into one")
         return entry
 
@@ -103,7 +105,7 @@ def kernel(function: Kernel) -> Kernel:
     if _PLAIN:
         return function
     lock = lock_of(_FOLDER / f"{function.__module__}.{function.__qualname__}")
-    dispatcher = _compiled(function, lock, cache=True)
+    dispatcher = _compiled(function, lock, cache=True, _nrt=True)  # else it has its caller's
     dispatcher._cache._cache_file.__class__ = _CheckedFiles
     return cast(Kernel, dispatcher)
 

@@ -49,6 +49,17 @@ def itself(array):
     return array, 1.0
 
 
+def calling(inner):
+    def outer(array):
+        return inner(array)
+
+    return outer
+
+
+def without_first(array):
+    return array[1:]
+
+
 def made(array):
     return np.zeros(2)[0] + array[0]
 
@@ -59,13 +70,21 @@ def made(array):
 def test_inlined_functions_count_no_references(tmp_path, monkeypatch, inner, why):
     """One more count fewer than there are references, and memory would be freed that is in use."""
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
-    inner = inlined(inner)
-
-    def outer(array):
-        return inner(array)
-
     with pytest.raises((TypeError, TypingError), match=why):
-        kernel(outer)(np.ones(2))
+        kernel(calling(inlined(inner)))(np.ones(2))
+
+
+def test_inlined_functions_take_no_arrays_of_kernels(tmp_path, monkeypatch):
+    """Nor does a kernel that they call first lose its counts."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    rest = kernel(without_first)
+
+    def first(array):
+        return rest(array)[0]
+
+    with pytest.raises(TypeError, match="without_first returns an array"):
+        kernel(calling(inlined(first)))(np.ones(2))
+    assert rest(np.array([1.0, 2.0])).tolist() == [2.0]
 
 
 # Ctrl-C while LLVM tells numba that it has made machine code.

@@ -11,6 +11,7 @@ from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.base.world import Patch, Sensor, World, WorldError
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import Batch
+from cosim.recording.levels import with_bursts
 from cosim.scenarios.scenario import Scenario
 
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
@@ -61,7 +62,7 @@ def alone(number: int, fmu: Path, config: CoSimConfig, steps: int) -> list:
 @pytest.mark.parametrize("fmu", ["motor_fmu", "array_fmu"])
 @pytest.mark.parametrize("differ", [False, True], ids=["equal", "own"])
 def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, request):
-    path, config = request.getfixturevalue(fmu), CoSimConfig(**coupling)
+    path, config = request.getfixturevalue(fmu), with_bursts(CoSimConfig(**coupling), "default")
     batch = Batch(path, config, robots=2, places=3)
     own = config.in_world(World(motor_spread=0.1)) if differ else config
     configs = [own, own, own, config]
@@ -93,6 +94,7 @@ def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, requ
                 assert np.array_equal(a, b)
             assert np.array_equal(ours.after.cells, theirs.after.cells)
             assert ours.outcome == theirs.outcome
+            assert len(ours.raw.omega) > 0
 
 
 def test_results_do_not_depend_on_threads_or_places(array_fmu):

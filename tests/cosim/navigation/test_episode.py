@@ -13,6 +13,7 @@ from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import LARGE, MEDIUM
 from cosim.navigation.observing import draw_starts
 from cosim.navigation.options import PROMPT_RL_STEP_S, Deciding
+from cosim.recording.levels import with_bursts
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
@@ -23,7 +24,8 @@ EAST, NORTH, SOUTH = 0, 2, 6
 @pytest.fixture(scope="module")
 def short(motor_fmu, straight_policy):
     """Steps of an episode in which both robots drive two cells."""
-    system, steps = CoSimulation(SHORT, motor_fmu), []
+    config = with_bursts(CoSimConfig(), "default")
+    system, steps = CoSimulation(SHORT, motor_fmu, config), []
     starts = tuple(cells[0] for cells in SHORT.starts)
     policy = straight_policy(SHORT.targets)
     run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
@@ -107,6 +109,7 @@ def test_voltage_stays_within_the_battery(short):
 def test_friction_stays_in_the_cone(short):
     _, steps = short
     for step in steps:
+        assert len(step.raw.normal) > 0
         assert (step.raw.normal >= 0.0).all()
         friction = np.linalg.norm(step.raw.friction.reshape(*step.raw.normal.shape, 2), axis=-1)
         assert (friction <= TABLE_I.mu * step.raw.normal * (1.0 + 1e-9)).all()
