@@ -293,7 +293,7 @@ class Sensitivity(Benchmark):
 
 @dataclass(frozen=True, kw_only=True)
 class Splitting(Benchmark):
-    """Hold the rate of collisions by splitting against that of plain episodes.
+    """Hold how often robots come close and collide, by splitting, against plain episodes.
 
     Of the paper's policy, without the shield. What has been simulated is kept in --out: the same
     command goes on.

@@ -44,11 +44,14 @@ class BranchRow(msgspec.Struct, frozen=True):
 class ReachedLevel(msgspec.Struct, frozen=True):
     """A gap between robots, and the probability that they come so close or touch anything.
 
-    The last one has the gap 0: they touch each other or an obstacle.
+    The last one has the gap 0: they touch each other or an obstacle. `low` and `high` are the 95 %
+    bootstrap interval over the roots, both equal where all roots agree.
     """
 
     gap_mm: float
     probability: float
+    low: float
+    high: float
 
 
 class SplittingReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -118,7 +121,8 @@ def estimate_collisions(
     simulated = _Branches(case, out, tuple(gaps_mm), jobs, progress)
     reached = split(case.cover(roots), branches, len(gaps_mm) + 1, simulated)
     values = reached[:, -1]
-    low, high = bootstrap_interval(values[:, None])[:, 0]
+    columns = (reached.mean(axis=0), *bootstrap_interval(reached))
+    levels = tuple(map(ReachedLevel, (*gaps_mm, 0.0), *(column.tolist() for column in columns)))
     share, with_one = float(values.mean()), int((values > 0.0).sum())
     variance = float(values.var(ddof=1)) / roots if roots > 1 else 0.0
     tail = 0.5 * (1.0 - CONFIDENCE)
@@ -131,12 +135,12 @@ def estimate_collisions(
         branches=branches,
         simulated=len(simulated.asked),
         collision=share,
-        low=float(low),
-        high=float(high),
+        low=levels[-1].low,
+        high=levels[-1].high,
         roots_with_collision=with_one,
         highest=float(highest),
         worth=share * (1.0 - share) / variance if variance else None,
-        levels=tuple(map(ReachedLevel, (*gaps_mm, 0.0), reached.mean(axis=0).tolist())),
+        levels=levels,
         wall_s=sum(row.wall_s for row in simulated.asked.values()),
     )
     write_json(out / SPLITTING_FILE, report)

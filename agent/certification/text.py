@@ -37,8 +37,11 @@ def show_check(report: CheckReport) -> None:
 
 def show_splitting(report: SplittingReport) -> None:
     """Print the probabilities of the levels, and the estimate with its interval."""
-    rows = [(f"{level.gap_mm:g} mm", f"{level.probability:.3g}") for level in report.levels]
-    show_table(None, ("gap", "probability"), rows, numbers=1)
+    rows = [
+        (f"{at.gap_mm:g} mm", f"{at.probability:.3g}", f"[{at.low:.3g}, {at.high:.3g}]")
+        for at in report.levels
+    ]
+    show_table(None, ("gap", "probability", "95 %"), rows, numbers=2)
     worth = f", worth {report.worth:.0f} plain ones" if report.worth else ""
     print(
         f"collision {report.collision:.3g} [{report.low:.3g}, {report.high:.3g}] (95 %, bootstrap "

@@ -1,41 +1,57 @@
-"""Whether splitting finds the rate of collisions that plain episodes find.
+"""Whether splitting finds how often robots come close and collide, as plain episodes do.
 
 Of a policy that collides often enough for both: the paper's in scenario 4. The episodes have other
 seeds than the roots.
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import agent
-from agent.certification.collisions import SplittingReport, estimate_collisions
+from agent.certification.collisions import ReachedLevel, SplittingReport, estimate_collisions
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.statistics import rate
-from cosim.base.command import workers
+from cosim.base.command import show_table, workers
 from cosim.base.outcome import Outcome
 from cosim.base.progress import progress_bars
 from cosim.navigation.options import Driving
+from cosim.navigation.result import EpisodeResult
+
+
+@dataclass(frozen=True)
+class ComparedLevel:
+    """How probable a gap is; names as in the JSON output.
+
+    Attributes:
+        gap_mm: that robots come so close, or touch anything; 0 is a collision.
+        plain, low, high: share of the plain episodes, and its 95 % Wilson interval.
+        splitting: the estimate.
+        overlap: whether its 95 % interval and that of the plain episodes do.
+    """
+
+    gap_mm: float
+    plain: float
+    low: float
+    high: float
+    splitting: ReachedLevel
+    overlap: bool
 
 
 @dataclass(frozen=True)
 class SplittingComparison:
-    """Results; names as in the JSON output.
+    """Results.
 
     Attributes:
         episodes: plain ones.
-        collision, low, high: their rate and its 95 % Wilson interval.
-        splitting: the estimate, its 95 % interval, and what it took.
-        overlap: whether the intervals do.
+        levels: the last one is the collision.
+        splitting: the estimate, and what it took.
     """
 
     episodes: int
-    collision: float
-    low: float
-    high: float
+    levels: tuple[ComparedLevel, ...]
     splitting: SplittingReport
-    overlap: bool
 
 
 def measure(
@@ -48,7 +64,7 @@ def measure(
     jobs: int,
     out: Path,
 ) -> SplittingComparison:
-    """Both rates; episodes that are in `out` already are not simulated again.
+    """Rates of all levels; episodes that are in `out` already are not simulated again.
 
     Raises:
         UserError: the scenario does not exist, or its robots cannot collide.
@@ -71,22 +87,38 @@ def measure(
         ended = run_jobs(missing, threads)
         for job, result in tracked(ended, len(missing), progress, "plain episodes"):
             file.add(job.index, result)
-    collided = sum(file.results[index].outcome == Outcome.COLLISION for index in indices)
-    share, low, high = rate(collided, episodes)
-    overlap = low <= splitting.high and splitting.low <= high
-    return SplittingComparison(episodes, share, low, high, splitting, overlap)
+    plainly = [file.results[index] for index in indices]
+    levels = tuple(_compared(level, plainly, case=plain) for level in splitting.levels)
+    return SplittingComparison(episodes, levels, splitting)
+
+
+def _compared(level: ReachedLevel, episodes: list[EpisodeResult], case: Case) -> ComparedLevel:
+    near_cm = 0.1 * level.gap_mm + 1e2 * case.policy.config.scenario.robot_diameter_m
+    reached = sum(
+        episode.outcome == Outcome.COLLISION or (episode.min_distance_cm or 0.0) <= near_cm
+        for episode in episodes
+    )
+    share, low, high = rate(reached, len(episodes))
+    overlap = low <= level.high and level.low <= high
+    return ComparedLevel(level.gap_mm, share, low, high, level, overlap)
 
 
 def show(found: SplittingComparison) -> None:
-    """Print both rates."""
-    for name, value in asdict(found).items():
-        if name != "splitting":
-            print(f"{name:10} {value:.4g}")
+    """Print both rates, level by level."""
     of = found.splitting
-    print(
-        f"splitting  {of.collision:.4g} [{of.low:.4g}, {of.high:.4g}] of {of.roots} roots, "
-        f"{of.simulated} episodes, worth {of.worth or 0.0:.0f}"
-    )
+    header = ("gap", f"{found.episodes} plain episodes", f"{of.roots} roots", "intervals overlap")
+    rows = [
+        (
+            f"{level.gap_mm:g} mm",
+            f"{level.plain:.3g} [{level.low:.3g}, {level.high:.3g}]",
+            f"{at.probability:.3g} [{at.low:.3g}, {at.high:.3g}]",
+            str(level.overlap),
+        )
+        for level in found.levels
+        for at in [level.splitting]
+    ]
+    show_table(None, header, rows, numbers=3)
+    print(f"{of.simulated} episodes of splitting, worth {of.worth or 0.0:.0f} plain ones")
 
 
 if __name__ == "__main__":

@@ -233,6 +233,7 @@ def test_splitting_simulates_and_keeps_branches(case, tmp_path, monkeypatch):
     assert report.roots_with_collision == 0
     assert report.highest == pytest.approx(1.0 - 0.025**0.5)
     assert report.worth is None
+    assert (report.levels[0].low, report.levels[0].high) == (1.0, 1.0)
 
     def refuse(tasks, _):
         assert not tasks
@@ -240,6 +241,16 @@ def test_splitting_simulates_and_keeps_branches(case, tmp_path, monkeypatch):
 
     monkeypatch.setattr("agent.certification.collisions.simulate_tasks", refuse)
     assert estimate() == report
+
+
+def test_every_branch_of_robots_that_drive_at_each_other_collides(case, near_policy, tmp_path):
+    q = np.zeros_like(near_policy.q)
+    q[:, 0, :, 0] = q[:, 1, :, 4] = 1.0  # east and west
+    bad = replace(case, policy=replace(near_policy, q=q))
+    report = estimate_collisions(bad, tmp_path, roots=4, branches=2, gaps_mm=(15.0, 8.0), jobs=1)
+    assert (report.collision, report.low, report.high) == (1.0, 1.0, 1.0)
+    assert (report.roots_with_collision, report.highest) == (4, 1.0)
+    assert report.simulated > 4 * 2
 
 
 @pytest.mark.parametrize(

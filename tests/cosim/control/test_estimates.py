@@ -1,0 +1,54 @@
+"""What the shield's proof takes for granted of a camera: errors within five standard deviations."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cosim.base.params import SHIELD
+from cosim.episodes import Task, simulate_tasks
+from cosim.navigation.options import Driving
+from cosim.scenarios.file import find_in_world
+
+WORLD = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"
+
+
+class Wandering:
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+
+    def act(self, observation):
+        return self.rng.integers(8, size=len(observation.cells))
+
+
+def variances(covariance):
+    """(...) largest variance in m² of positions, of (..., 6) covariances."""
+    xx, xy, yy = covariance[..., 0], covariance[..., 1], covariance[..., 2]
+    return np.linalg.eigvalsh(np.stack([xx, xy, xy, yy], -1).reshape(*xx.shape, 2, 2))[..., -1]
+
+
+def test_errors_across_patches_are_those_of_the_filter():
+    """Unequal motors, bouncing feet and floors that the filter does not know of, all the same."""
+    scenario, world = find_in_world("4", WORLD)
+    config, fmu = Driving(shield=True).prepare(scenario.robot_diameter_m, world=world)
+    config = replace(config, timing=config.timing._replace(episode_limit_s=20.0))
+    alone, together, squared = [], [], []
+
+    def watch(step, *_):
+        samples = step.samples  # an estimate is of the pose at the end of the period before
+        error = samples.estimate[1:, :, :2] - samples.position[:-1, :, :2]
+        variance = variances(samples.covariance[1:])
+        squared.append((error**2).sum(axis=2) / variance)
+        alone.append(np.sqrt(squared[-1]).max())
+        between = np.linalg.norm(error[:, 0] - error[:, 1], axis=1)
+        together.append((between / np.sqrt(variance.sum(axis=1))).max())
+
+    tasks = [
+        Task(scenario, fmu, config, Wandering(k), starts, np.random.SeedSequence(k), watch=watch)
+        for k, starts in enumerate(list(zip(*scenario.starts, strict=True))[:8])
+    ]
+    assert len(list(simulate_tasks(tasks, 1))) == 8
+    assert max(alone) < SHIELD.deviations
+    assert max(together) < SHIELD.deviations
+    # twice one variance at most, the larger one: neither blind nor overcautious
+    assert 0.5 < np.mean(np.concatenate(squared)) < 2.0
