@@ -66,6 +66,21 @@ def test_learners_are_trained_and_drive(done, board):
     assert len(table) == 2 + len(rows)
 
 
+@pytest.mark.long
+def test_networks_are_trained_and_drive(board, tmp_path, command, monkeypatch):
+    from agent.deep import learners
+
+    monkeypatch.setattr(learners, "BOARDS", 32)
+    monkeypatch.setattr(learners, "ROUND", 3000)
+    options = ("--scenarios", board, "--learners", "ddqn", "--quick", "--out", tmp_path, "--json")
+    ended = command(command_module, *options)
+    assert ended.returncode == 0, ended.stderr
+    (row,) = json.loads(ended.stdout.splitlines()[-1])["rows"]
+    assert row["success"]["mean"] > 0.9
+    assert (row["reached"], row["episodes"]) == (1, 2)
+    assert 0.8 < row["time_ratio"]["mean"] < 3.0
+
+
 def test_boards_of_one_name_are_told_apart_or_refused(board, tmp_path):
     other = tmp_path / board.name
     other.write_text(BOARD.replace("[3, 6]", "[4, 6]"))

@@ -16,6 +16,7 @@ from agent.process.config import ProcessConfig
 from agent.process.greedy import PolicyError
 from agent.process.readings import FREE, GOAL, build_process
 from agent.training.policy import Seed
+from cosim import evaluate as cosim_evaluate
 from cosim import run as cosim_run
 from cosim.base.outcome import BY_RANK, TIMEOUT, Outcome
 from cosim.base.progress import silent
@@ -92,6 +93,11 @@ def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_
     )
     assert ran.returncode == 0, ran.stderr
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["method"] == "ddqn"
+    options = ("--starts", 2, "--time-limit", 4, "--out", tmp_path / "dynamics", "--json")
+    evaluated = command(cosim_evaluate, report["policy"], *options)
+    assert evaluated.returncode == 0, evaluated.stderr
+    (row,) = json.loads(evaluated.stdout.splitlines()[-1])["policies"]
+    assert (row["episodes"], row["out_of_board"]) == (2, 0.0)
 
 
 @pytest.mark.slow
