@@ -9,7 +9,7 @@ import sys
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Any, Literal, Union, get_args
 
 import tyro
 
@@ -34,6 +34,7 @@ COUNTS = {
     "starts",
     "unshielded",
 }
+Adversary = Literal["short", "random", "greedy", "learnt"]
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 
 
@@ -60,6 +61,8 @@ class Adversaries(Benchmark):
     """Episodes with the shield, of four kinds of adversaries in turn, 250 each."""
     unshielded: int = 1000
     """Episodes without it."""
+    kinds: tuple[Adversary, ...] = get_args(Adversary)
+    """Adversaries to let loose, all by default; the episodes of others are left out."""
     robots: Literal[2, 3] = 2
     """Robots on the board."""
     world: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None

@@ -5,7 +5,6 @@ the blocks robots drive on at the end of their moves, and are asked only every 2
 lines that they had planned. Blocks are kept as they are done: the same command goes on.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -18,6 +17,7 @@ import numpy as np
 
 from agent.evaluation.cases import CaseIdentity
 from agent.evaluation.row_file import Header, RowFile
+from benchmarks.reliability.colliding import REACH, Greedy, Learnt, Random
 from cosim.base.command import show_table, workers
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import Outcome
@@ -27,7 +27,7 @@ from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
 from cosim.base.world import IDEAL
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode
-from cosim.navigation.features import DIRECTION_COUNT, Observation
+from cosim.navigation.features import DIRECTION_COUNT
 from cosim.navigation.options import Driving
 from cosim.navigation.result import EpisodeResult
 from cosim.navigation.step import Step, SupportsAct
@@ -41,8 +41,6 @@ OBSTACLES = ((7, 7), (8, 7))
 KINDS = {"short": 2.0, "random": 3.0, "greedy": 4.0, "learnt": 4.0}  # s of their episodes
 BLOCK = 250  # episodes of a kind
 LESSONS, LESSON_S = 1000, 8.0  # episodes that the learnt begins with, without the shield
-WANDERING = 0.1  # share of decisions that the greedy and the learnt leave to chance
-REACH, _RATE, _DISCOUNT = 9, 0.3, 0.8  # of the learnt: cells that it tells apart, Q-learning
 
 
 class Block(msgspec.Struct, frozen=True):
@@ -57,74 +55,7 @@ class Block(msgspec.Struct, frozen=True):
     stops: int
 
 
-class Random:
-    """Any direction."""
-
-    def __init__(self, rng: np.random.Generator) -> None:
-        self.rng = rng
-
-    def act(self, observation: Observation) -> np.ndarray:
-        """Direction index of each robot."""
-        return self.rng.integers(DIRECTION_COUNT, size=len(observation.cells))
-
-
-class Greedy(Random):
-    """Straight at the nearest robot."""
-
-    def act(self, observation: Observation) -> np.ndarray:
-        """Direction index of each robot."""
-        chosen = np.array([self.choice(offset) for offset in _offsets(observation)])
-        wanders = self.rng.random(len(chosen)) < WANDERING
-        return np.where(wanders, super().act(observation), chosen)
-
-    def choice(self, offset: np.ndarray) -> int:
-        """Direction for the offset (x, y) of the nearest robot in cells."""
-        return round(math.atan2(offset[1], offset[0]) / (math.pi / 4.0)) % DIRECTION_COUNT
-
-
-class Learnt(Greedy):
-    """Q-learning, one table for all robots: every millimetre closer is a reward.
-
-    What it learns of one episode of a block the next ones have.
-
-    Args:
-        rng: of its actions.
-        q: what it has learnt, by offset and direction; changed.
-    """
-
-    def __init__(self, rng: np.random.Generator, q: np.ndarray) -> None:
-        super().__init__(rng)
-        self.q = q
-
-    def choice(self, offset: np.ndarray) -> int:
-        """See `Greedy`."""
-        return int(np.argmax(self.q[tuple(offset + REACH)]))
-
-    def learn(self, step: Step) -> None:
-        """Take what the robots did in an RL step."""
-        position = step.samples.position[:, :, :2]
-        for robot, (before, after) in enumerate(
-            zip(_offsets(step.before), _offsets(step.after), strict=True)
-        ):
-            others = np.delete(position, robot, axis=1)
-            gaps = np.linalg.norm(others - position[:, robot, None], axis=2).min(axis=1)
-            value = self.q[tuple(after + REACH)].max()
-            entry = *(before + REACH), step.action[robot]
-            target = 1e3 * float(gaps[0] - gaps[-1]) + _DISCOUNT * value
-            self.q[entry] += _RATE * (target - self.q[entry])
-
-
 POLICIES = {"short": Greedy, "random": Random, "greedy": Greedy}
-
-
-def _offsets(observation: Observation) -> np.ndarray:
-    """(N, 2) offset of the nearest other robot of each in cells, clipped."""
-    cells = observation.cells
-    apart = cells[None] - cells[:, None]
-    squared = (apart**2).sum(axis=2)
-    np.fill_diagonal(squared, np.iinfo(np.int64).max)
-    nearest = apart[np.arange(len(cells)), squared.argmin(axis=1)]
-    return nearest.clip(-REACH, REACH)
 
 
 def arena(robots: int) -> Scenario:
@@ -241,22 +172,29 @@ def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> R
 
 
 def attack(
-    episodes: int, robots: int, shield: bool, world: Path | None, jobs: int, out: Path
+    episodes: int,
+    kinds: Sequence[str],
+    robots: int,
+    shield: bool,
+    world: Path | None,
+    jobs: int,
+    out: Path,
 ) -> list[Block]:
-    """Blocks of so many episodes in all, one kind after the other; those of the file are there."""
+    """Blocks of some of the kinds, of so many episodes of all; those of the file are there."""
     said = read_world(world) if world else IDEAL
     jobs = workers(jobs)
     scenario = in_world(arena(robots), said)
     config, fmu = Driving(shield=shield).prepare(scenario.robot_diameter_m, world=said)
     file = _file(scenario, config, fmu, out)
     known = {block.number: block for block in file.rows}
-    numbers = range(-(-episodes // BLOCK))
 
     def size(number: int) -> int:
         return min(BLOCK, episodes - number * BLOCK)
 
     def kind_of(number: int) -> str:
         return tuple(KINDS)[number % len(KINDS)]
+
+    numbers = [n for n in range(-(-episodes // BLOCK)) if kind_of(n) in kinds]
 
     def block(number: int) -> Block:
         kind = kind_of(number)
@@ -281,12 +219,18 @@ def attack(
 
 
 def measure(
-    episodes: int, unshielded: int, robots: int, world: Path | None, jobs: int, out: Path
+    episodes: int,
+    unshielded: int,
+    kinds: Sequence[str],
+    robots: int,
+    world: Path | None,
+    jobs: int,
+    out: Path,
 ) -> dict[str, Any]:
     """What the adversaries achieve against the shield and, in fewer episodes, without it."""
     rows = []
     for shield, count in ((False, unshielded), (True, episodes)):
-        blocks = attack(count, robots, shield, world, jobs, out)
+        blocks = attack(count, kinds, robots, shield, world, jobs, out)
         for kind in KINDS:
             mine = [block for block in blocks if block.kind == kind]
             total = sum(block.episodes for block in mine)

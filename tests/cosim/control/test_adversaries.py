@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.reliability.adversaries import KINDS, REACH, Greedy, arena, lessons, simulate
+from benchmarks.reliability.adversaries import KINDS, arena, lessons, simulate
+from benchmarks.reliability.colliding import REACH, Greedy
 from cosim.navigation.options import Driving
 
 
