@@ -18,6 +18,7 @@ import numpy as np
 from agent.evaluation.cases import CaseIdentity
 from agent.evaluation.row_file import Header, RowFile
 from benchmarks.reliability.colliding import REACH, Greedy, Learnt, Random
+from benchmarks.reliability.options import Adversary
 from cosim.base.command import show_table, workers
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import Outcome
@@ -38,7 +39,12 @@ SIDE, CELL_M = 16, 0.01
 NEAR_CELLS = 7.0  # farthest distance of robots at the start
 TARGETS = ((2, 2), (13, 13), (2, 13))
 OBSTACLES = ((7, 7), (8, 7))
-KINDS = {"short": 2.0, "random": 3.0, "greedy": 4.0, "learnt": 4.0}  # s of their episodes
+KINDS: dict[Adversary, float] = {
+    "short": 2.0,
+    "random": 3.0,
+    "greedy": 4.0,
+    "learnt": 4.0,
+}  # s of their episodes
 BLOCK = 250  # episodes of a kind
 LESSONS, LESSON_S = 1000, 8.0  # episodes that the learnt begins with, without the shield
 
@@ -47,7 +53,7 @@ class Block(msgspec.Struct, frozen=True):
     """Episodes of a kind; `least_gap_mm` is the smallest of all, between robots."""
 
     number: int
-    kind: str
+    kind: Adversary
     episodes: int
     contacts: int
     off_board: int
@@ -120,7 +126,7 @@ def lessons(
 
 def simulate(
     number: int,
-    kind: str,
+    kind: Adversary,
     episodes: int,
     scenario: Scenario,
     config: CoSimConfig,
@@ -173,7 +179,7 @@ def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> R
 
 def attack(
     episodes: int,
-    kinds: Sequence[str],
+    kinds: Sequence[Adversary],
     robots: int,
     shield: bool,
     world: Path | None,
@@ -191,7 +197,7 @@ def attack(
     def size(number: int) -> int:
         return min(BLOCK, episodes - number * BLOCK)
 
-    def kind_of(number: int) -> str:
+    def kind_of(number: int) -> Adversary:
         return tuple(KINDS)[number % len(KINDS)]
 
     numbers = [n for n in range(-(-episodes // BLOCK)) if kind_of(n) in kinds]
@@ -221,7 +227,7 @@ def attack(
 def measure(
     episodes: int,
     unshielded: int,
-    kinds: Sequence[str],
+    kinds: Sequence[Adversary],
     robots: int,
     world: Path | None,
     jobs: int,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.reliability.adversaries import KINDS, arena, lessons, simulate
+from benchmarks.reliability.adversaries import BLOCK, KINDS, arena, attack, lessons, simulate
 from benchmarks.reliability.colliding import REACH, Greedy
 from cosim.navigation.options import Driving
 
@@ -26,6 +26,11 @@ def test_lessons_lead_to_the_other_robot(table):
         away.append(table[tuple(offset)][(straight + 4) % 8])
     assert np.count_nonzero(toward) > 10
     assert np.sum(toward) > 0.0 > np.sum(away)
+
+
+def test_one_kind_has_its_episodes_of_all(tmp_path):
+    (block,) = attack(BLOCK + 1, ["random"], 2, True, None, 1, tmp_path)
+    assert (block.number, block.kind, block.episodes) == (1, "random", 1)
 
 
 @pytest.mark.long
