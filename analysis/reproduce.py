@@ -7,8 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from cosim.base.command import Jobs, Json, parse, print_json, workers
-from cosim.base.errors import UserError, run_command
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
+from cosim.base.errors import run_command
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,7 @@ class Reproduce:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if self.seed < 0:
-            raise UserError("--seed must not be negative")
+        require_at_least(0, seed=self.seed)
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from cosim.base.command import Jobs, Json, MotorFmuFile
+from cosim.base.command import Jobs, Json, MotorFmuFile, require_at_least
 from cosim.base.errors import UserError
 from cosim.base.params import TABLE_I
 
@@ -35,9 +35,8 @@ class Benchmark:
     json: Json = False
 
     def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if name in COUNTS and value < 1:
-                raise UserError(f"--{name.replace('_', '-')} must be at least 1")
+        counts = {name: value for name, value in asdict(self).items() if name in COUNTS}
+        require_at_least(1, **counts)
 
 
 @dataclass(frozen=True, kw_only=True)

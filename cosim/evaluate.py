@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import resumable_bars
@@ -50,9 +50,7 @@ class Evaluate:
         workers(self.jobs)
         if self.starts != "all" and not (self.starts.isdecimal() and int(self.starts) > 0):
             raise ConfigError(f"--starts {self.starts} is neither 'all' nor a positive number")
-        for name in ("seed", "recordings"):
-            if getattr(self, name) < 0:
-                raise ConfigError(f"--{name} must not be negative")
+        require_at_least(0, seed=self.seed, recordings=self.recordings)
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ import tyro
 
 from agent.robustness.axes import AXES, Axis
 from agent.training.settings import IN_WORLDS, Method
-from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
 from cosim.base.config import ConfigError, require_one_of
 from cosim.base.errors import run_command
 from cosim.base.progress import resumable_bars
@@ -52,12 +52,8 @@ class Robustness:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if self.seed < 0:
-            raise ConfigError("--seed must not be negative")
-        if self.budget_minutes is not None and self.budget_minutes < 0.0:
-            raise ConfigError("--budget-minutes must not be negative")
-        if self.episodes is not None and self.episodes < 1:
-            raise ConfigError("--episodes must be at least 1")
+        require_at_least(0, seed=self.seed, budget_minutes=self.budget_minutes)
+        require_at_least(1, episodes=self.episodes)
         if self.quick and self.episodes is not None:
             raise ConfigError("--episodes contradicts --quick; leave out one of them")
         if not self.axes or not self.methods:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from agent.training.settings import COMPUTED, Method
-from cosim.base.command import Jobs, parse, workers
+from cosim.base.command import Jobs, parse, require_at_least, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars, under_way
@@ -82,11 +82,8 @@ class Run:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        for name in ("episodes", "train_episodes"):
-            if getattr(self, name) is not None and getattr(self, name) < 1:
-                raise ConfigError(f"--{name.replace('_', '-')} must be at least 1")
-        if min(self.seed, self.train_seed or 0) < 0:
-            raise ConfigError("--seed and --train-seed must not be negative")
+        require_at_least(1, episodes=self.episodes, train_episodes=self.train_episodes)
+        require_at_least(0, seed=self.seed, train_seed=self.train_seed)
         if self.no_record:
             if self.record not in {"none", "default"}:
                 raise ConfigError(

@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 
 from agent.training.settings import COMPARED, Method
-from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import resumable_bars
@@ -46,10 +46,7 @@ class Transfer:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if self.seed < 0:
-            raise ConfigError("--seed must not be negative")
-        if self.budget_minutes is not None and self.budget_minutes < 0.0:
-            raise ConfigError("--budget-minutes must not be negative")
+        require_at_least(0, seed=self.seed, budget_minutes=self.budget_minutes)
         if not self.scenarios or not self.methods:
             raise ConfigError("--scenarios and --methods need at least one each")
         names = [find_scenario(name, ideal=True).name for name in self.scenarios]

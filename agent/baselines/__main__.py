@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from agent.baselines import LEARNERS, NETWORKS, Learner
-from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
 from cosim.base.errors import UserError, run_command
 
 _SCENARIOS = ("1b", "2", "3", "4", "4-cross")
@@ -45,12 +45,10 @@ class Baselines:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if any(number is not None and number < 1 for number in (self.seeds, self.episodes)):
-            raise UserError("--seeds and --episodes must be at least 1")
+        require_at_least(1, seeds=self.seeds, episodes=self.episodes)
+        require_at_least(0, budget_minutes=self.budget_minutes)
         if not 0 <= self.seed <= _LAST_SEED:
             raise UserError(f"--seed must be from 0 to {_LAST_SEED}")
-        if self.budget_minutes is not None and self.budget_minutes < 0.0:
-            raise UserError("--budget-minutes must not be negative")
 
 
 def main() -> None:

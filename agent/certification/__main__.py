@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from agent.certification.claims import LEAST_CONFIDENCE, parse_claim
-from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
 from cosim.base.errors import UserError, run_command
 from cosim.base.progress import progress_bars, resumable_bars
 from cosim.fmi.isolation import Isolation
@@ -89,15 +89,11 @@ class Certify:
             parse_claim(self.claim)
         if not LEAST_CONFIDENCE <= self.confidence < 1.0:
             raise UserError(f"--confidence must be at least {LEAST_CONFIDENCE} and less than 1")
-        if self.seed < 0:
-            raise UserError("--seed must not be negative")
+        require_at_least(0, seed=self.seed, budget_minutes=self.budget_minutes)
+        require_at_least(1, episodes=self.episodes)
         for name, least in {"sample": 0, "roots": 2, "branches": 2}.items():
             if not least <= getattr(self, name) <= _MOST:
                 raise UserError(f"--{name} must be from {least} to {_MOST}")
-        if self.episodes is not None and self.episodes < 1:
-            raise UserError("--episodes must be at least 1")
-        if self.budget_minutes is not None and self.budget_minutes < 0.0:
-            raise UserError("--budget-minutes must not be negative")
         falling = sorted(set(self.gaps), reverse=True)
         if list(self.gaps) != falling or not all(0.0 < gap < 1e4 for gap in self.gaps):
             raise UserError("--gaps must fall and be above 0")

@@ -11,7 +11,7 @@ import msgspec
 import tyro
 
 from agent.deep import Algorithm
-from cosim.base.command import Json, parse, print_json
+from cosim.base.command import Json, parse, print_json, require_at_least
 from cosim.base.errors import UserError, run_command
 
 
@@ -43,8 +43,7 @@ class Deep:
     json: Json = False
 
     def __post_init__(self) -> None:
-        if self.steps < 1:
-            raise UserError("--steps must be at least 1")
+        require_at_least(1, steps=self.steps)
         if not 0 <= self.seed < 2**32:
             raise UserError("--seed must be from 0 to 4294967295")
 

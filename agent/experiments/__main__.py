@@ -8,8 +8,8 @@ import tyro
 
 from agent.experiments.variants import Name
 from agent.training.settings import Backend, LearningConfig
-from cosim.base.command import Jobs, Json, parse, print_json, workers
-from cosim.base.errors import UserError, run_command
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
+from cosim.base.errors import run_command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,10 +42,8 @@ class Experiments:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if self.runs < 1 or self.episodes < 1:
-            raise UserError("--runs and --episodes must be at least 1")
-        if self.seed < 0:
-            raise UserError("--seed must not be negative")
+        require_at_least(1, runs=self.runs, episodes=self.episodes)
+        require_at_least(0, seed=self.seed)
 
 
 def main() -> None:

@@ -9,8 +9,7 @@ import tyro
 
 from agent.process.config import ProcessConfig
 from agent.training.settings import Backend, LearningConfig, read_settings
-from cosim.base.command import Jobs, Json, parse, print_json, workers
-from cosim.base.errors import UserError
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,10 +47,8 @@ class Train:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if self.runs < 1 or self.checkpoint_episodes < 1:
-            raise UserError("--runs and --checkpoint-episodes must be at least 1")
-        if self.seed < 0:
-            raise UserError("--seed must not be negative")
+        require_at_least(1, runs=self.runs, checkpoint_episodes=self.checkpoint_episodes)
+        require_at_least(0, seed=self.seed)
 
 
 def options_of(arguments: list[str]) -> Train:

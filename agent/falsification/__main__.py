@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars, resumable_bars
@@ -58,11 +58,8 @@ class Falsify:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if self.episodes < 1:
-            raise ConfigError("--episodes must be at least 1")
-        for name in ("keep", "seed"):
-            if getattr(self, name) < 0:
-                raise ConfigError(f"--{name} must not be negative")
+        require_at_least(1, episodes=self.episodes)
+        require_at_least(0, keep=self.keep, seed=self.seed)
         if self.replay is not None:
             kept = ("policy", "replay", "jobs", "json", "isolation")
             said = {name: getattr(self, name) for name in kept}

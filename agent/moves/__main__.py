@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from cosim.base.command import Jobs, Json, parse, print_json, workers
+from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
 from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.fmi.isolation import Isolation
@@ -38,10 +38,8 @@ class ObserveMoves:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if self.moves < 1:
-            raise ConfigError("--moves must be at least 1")
-        if self.seed < 0:
-            raise ConfigError("--seed must not be negative")
+        require_at_least(1, moves=self.moves)
+        require_at_least(0, seed=self.seed)
         if self.worlds and self.physics.mu is not None:
             raise ConfigError("--mu has no effect with --worlds, which draws it; leave one out")
 

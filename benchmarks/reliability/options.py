@@ -7,7 +7,7 @@ from typing import Annotated, Literal, get_args
 import tyro
 
 from benchmarks.options import Benchmark
-from cosim.base.command import Jobs
+from cosim.base.command import Jobs, require_at_least
 from cosim.base.errors import UserError
 
 Adversary = Literal["short", "random", "greedy", "learnt"]
@@ -47,8 +47,7 @@ class Endurance(Benchmark):
     def __post_init__(self) -> None:
         if not 2 / 60 <= self.hours < 1e4:
             raise UserError("--hours must be 0.034 (two minutes) to 10000")
-        if self.seed < 0:
-            raise UserError("--seed must not be negative")
+        require_at_least(0, seed=self.seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +76,7 @@ class Falsification(Benchmark):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.episodes < 1:
-            raise UserError("--episodes must be at least 1")
+        require_at_least(1, episodes=self.episodes)
 
 
 @dataclass(frozen=True, kw_only=True)

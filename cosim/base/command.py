@@ -75,6 +75,18 @@ def workers(jobs: int) -> int:
     return jobs
 
 
+def require_at_least(least: int, **options: float | None) -> None:
+    """Refuse options below a number; None is one that was not given.
+
+    Raises:
+        UserError: it names the first of them.
+    """
+    for name, value in options.items():
+        if value is not None and value < least:
+            must = f"be at least {least}" if least else "not be negative"
+            raise UserError(f"--{name.replace('_', '-')} must {must}")
+
+
 def print_json(content: Any) -> None:
     """Print what `--json` promises: one object on one line."""
     print(msgspec.json.encode(content).decode())

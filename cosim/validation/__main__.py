@@ -9,8 +9,16 @@ from typing import Annotated
 
 import tyro
 
-from cosim.base.command import Jobs, Json, MotorFmuFile, parse, print_json, show_table, workers
-from cosim.base.config import ConfigError
+from cosim.base.command import (
+    Jobs,
+    Json,
+    MotorFmuFile,
+    parse,
+    print_json,
+    require_at_least,
+    show_table,
+    workers,
+)
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars
 from cosim.base.storage import replacing, write_json
@@ -39,8 +47,7 @@ class Validate:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if self.seed < 0:
-            raise ConfigError("--seed must not be negative")
+        require_at_least(0, seed=self.seed)
 
 
 def main() -> None:

@@ -117,7 +117,7 @@ def test_goals_are_judged_by_the_worst_row(table):
     ("options", "error", "message"),
     [
         ({"jobs": 0}, UserError, "--jobs must be at least 1"),
-        ({"budget_minutes": -1.0}, ConfigError, "--budget-minutes must not be negative"),
+        ({"budget_minutes": -1.0}, UserError, "--budget-minutes must not be negative"),
         ({"scenarios": ("7",)}, ScenarioError, "unknown scenario '7'"),
         ({"scenarios": ("4", "4")}, ConfigError, "--scenarios has two of one name"),
         ({"scenarios": ()}, ConfigError, "at least one each"),

@@ -9,7 +9,7 @@ from agent.robustness.axes import AXES, points
 from agent.robustness.measurement import robustness
 from agent.robustness.plot import draw
 from agent.robustness.table import RobustnessReport, markdown
-from cosim.base.config import ConfigError
+from cosim.base.errors import UserError
 from cosim.base.world import IDEAL, World
 from cosim.robustness import Robustness
 from cosim.scenarios.file import find_scenario, in_world, read_world
@@ -119,5 +119,5 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
     ],
 )
 def test_options_that_cannot_be_are_refused(options):
-    with pytest.raises(ConfigError):
+    with pytest.raises(UserError):
         Robustness(**options)
