@@ -17,10 +17,12 @@ import numpy as np
 
 from agent.evaluation.cases import CaseIdentity
 from agent.evaluation.row_file import Header, RowFile
+from benchmarks.reliability import colliding
 from benchmarks.reliability.colliding import REACH, Greedy, Learnt, Random
 from benchmarks.reliability.options import Adversary
 from cosim.base.command import show_table, workers
 from cosim.base.config import CoSimConfig
+from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars, under_way
@@ -163,6 +165,7 @@ def simulate(
 
 def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> RowFile[Block]:
     """The file of the blocks."""
+    sources = [Path(__file__), Path(colliding.__file__)]
     records = [ROOT / "cosim" / folder / "episode.py" for folder in ("recording", "reading")]
     identity = CaseIdentity(
         scenario=scenario.name,
@@ -171,7 +174,7 @@ def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> R
         seed=0,
         motor_fmu_digest=digest_of(fmu),
         parameters={name: row["value"] for name, row in config.table().items()},
-        code_digest=code_digest(with_imports([Path(__file__)], but=records)),
+        code_digest=code_digest(with_imports(sources, but=records)),
     )
     header = Header(**msgspec.structs.asdict(identity), digest=digest_of(identity))
     return RowFile(folder / f"{scenario.name}-{header.digest}.jsonl", header, Block)
@@ -209,7 +212,12 @@ def attack(
         mine = replace(config, timing=timing, through=through)
         return simulate(number, kind, size(number), scenario, mine, fmu, table)
 
-    missing = [n for n in numbers if n not in known or known[n].episodes < size(n)]
+    if not numbers:
+        raise UserError(
+            f"so few episodes have no block of {' or '.join(kinds) or 'any kind'}; ask for "
+            f"{len(KINDS) * BLOCK} or more, and for a kind"
+        )
+    missing = [n for n in numbers if n not in known or known[n].episodes != size(n)]
     table = np.empty(0)
     with progress_bars() as progress, ThreadPoolExecutor(jobs) as pool:
         if any(kind_of(number) == "learnt" for number in missing):
@@ -218,8 +226,9 @@ def attack(
         for done, row in enumerate(pool.map(block, missing), len(numbers) - len(missing) + 1):
             file.append(row)
             known[row.number] = row
-            contacts = sum(b.contacts + b.off_board for b in known.values())
-            said_so = f"{done * BLOCK} episodes, {contacts} contacts"
+            so_far = [known[n] for n in numbers if n in known and known[n].episodes == size(n)]
+            contacts = sum(b.contacts + b.off_board for b in so_far)
+            said_so = f"{sum(b.episodes for b in so_far)} episodes, {contacts} contacts"
             progress("attacking", done, len(numbers), said_so)
     return [known[n] for n in numbers]
 

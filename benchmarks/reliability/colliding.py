@@ -60,6 +60,8 @@ class Learnt(Greedy):
         for robot, (before, after) in enumerate(
             zip(_offsets(step.before), _offsets(step.after), strict=True)
         ):
+            if step.action[robot] < 0:
+                continue  # it waited, or had arrived: what it wanted was not tried
             others = np.delete(position, robot, axis=1)
             gaps = np.linalg.norm(others - position[:, robot, None], axis=2).min(axis=1)
             value = self.q[tuple(after + REACH)].max()
