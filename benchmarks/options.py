@@ -23,6 +23,8 @@ COUNTS = {
     "scalar_starts",
     "seeds",
     "starts",
+    "steps",
+    "test_episodes",
     "unshielded",
 }
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]

@@ -8,7 +8,15 @@ from typing import Annotated
 import tyro
 
 from agent.certification.claims import LEAST_CONFIDENCE, parse_claim
-from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
+from cosim.base.command import (
+    Jobs,
+    Json,
+    parse,
+    print_json,
+    require_at_least,
+    require_falling,
+    workers,
+)
 from cosim.base.errors import UserError, run_command
 from cosim.base.progress import progress_bars, resumable_bars
 from cosim.fmi.isolation import Isolation
@@ -94,9 +102,7 @@ class Certify:
         for name, least in {"sample": 0, "roots": 2, "branches": 2}.items():
             if not least <= getattr(self, name) <= _MOST:
                 raise UserError(f"--{name} must be from {least} to {_MOST}")
-        falling = sorted(set(self.gaps), reverse=True)
-        if list(self.gaps) != falling or not all(0.0 < gap < 1e4 for gap in self.gaps):
-            raise UserError("--gaps must fall and be above 0")
+        require_falling(gaps=self.gaps)
 
 
 def main() -> None:

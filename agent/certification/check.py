@@ -109,6 +109,9 @@ def check(
         for name, value in then.parameters.items()
         if used.get(name, value) != value
     ]
+    for name in then.parameters.keys() ^ used.keys():
+        before[name] = str(then.parameters.get(name, ""))
+        now[name] = str(used.get(name, ""))
     drawn = np.random.default_rng(seed).permutation(list(looked_at))[:sample].tolist()
     ended = run_jobs([Job(case, index) for index in drawn], jobs)
     for count, (job, result) in enumerate(ended, 1):

@@ -1,8 +1,8 @@
 """How probable collisions are, by splitting: levels are gaps between the robots.
 
 A branch is the episode of its root, simulated again with the same random numbers up to the RL step
-at whose end the robots were so close for the first time, and with others from there on. Branches
-are kept as they end.
+at whose end the robots were so close for the first time; from there on its speed noise and its
+camera frames are others. Branches are kept as they end.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -67,7 +67,7 @@ class SplittingReport(msgspec.Struct, frozen=True, kw_only=True):
         roots_with_collision: roots of which a branch ended so.
         highest: bound of the rate at 97.5 % that holds for any distribution: that of the share of
             roots which show a collision (Clopper-Pearson).
-        worth: plain episodes that would have the same standard error, None without a collision.
+        worth: plain episodes that would have the same standard error, None where all roots agree.
         levels: on the way to a collision.
         wall_s: of all episodes together.
     """

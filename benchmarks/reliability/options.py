@@ -7,7 +7,7 @@ from typing import Annotated, Literal, get_args
 import tyro
 
 from benchmarks.options import Benchmark
-from cosim.base.command import Jobs, require_at_least
+from cosim.base.command import Jobs, require_at_least, require_falling
 from cosim.base.errors import UserError
 
 Adversary = Literal["short", "random", "greedy", "learnt"]
@@ -45,6 +45,7 @@ class Endurance(Benchmark):
     """Of the episodes."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 2 / 60 <= self.hours < 1e4:
             raise UserError("--hours must be 0.034 (two minutes) to 10000")
         require_at_least(0, seed=self.seed)
@@ -74,10 +75,6 @@ class Falsification(Benchmark):
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/falsification")
     """Folder of results and recordings."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_at_least(1, episodes=self.episodes)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Splitting(Benchmark):
@@ -102,3 +99,8 @@ class Splitting(Benchmark):
     jobs: Jobs = -1
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/splitting")
     """Folder of results."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_at_least(0, seed=self.seed)
+        require_falling(gaps=self.gaps)

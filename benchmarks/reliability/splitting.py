@@ -118,7 +118,8 @@ def show(found: SplittingComparison) -> None:
         for at in [level.splitting]
     ]
     show_table(None, header, rows, numbers=3)
-    print(f"{of.simulated} episodes of splitting, worth {of.worth or 0.0:.0f} plain ones")
+    worth = f", worth {of.worth:.0f} plain ones" if of.worth else ""
+    print(f"{of.simulated} episodes of splitting{worth}")
 
 
 if __name__ == "__main__":

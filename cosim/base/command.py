@@ -87,6 +87,18 @@ def require_at_least(least: int, **options: float | None) -> None:
             raise UserError(f"--{name.replace('_', '-')} must {must}")
 
 
+def require_falling(**options: Sequence[float]) -> None:
+    """Refuse numbers that do not fall, or are not above 0.
+
+    Raises:
+        UserError: it names the first option with such numbers.
+    """
+    for name, values in options.items():
+        falling = sorted(set(values), reverse=True)
+        if list(values) != falling or not all(0.0 < value < 1e4 for value in values):
+            raise UserError(f"--{name} must fall and be above 0")
+
+
 def print_json(content: Any) -> None:
     """Print what `--json` promises: one object on one line."""
     print(msgspec.json.encode(content).decode())

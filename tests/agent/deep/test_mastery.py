@@ -24,7 +24,6 @@ def test_double_q_succeeds_from_nearly_all_starts(name, tmp_path, command):
     config = NetworkConfig(find_scenario(name), process, "ddqn", STEPS, Seed(0))
     curve = []
     policy = train(config, silent, curve.append, enough=0.99)
-    assert curve[-1].agent_steps < STEPS
     assert policy.evaluate().rate(Outcome.SUCCESS) >= 0.99
     policy.save(tmp_path / "policy.npz")
     options = ("--starts", 4, "--shield", "--out", tmp_path / "out", "--json")
