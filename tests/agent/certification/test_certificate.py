@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from zipfile import ZipFile
 
 import msgspec
 import numpy as np
@@ -181,6 +182,20 @@ def test_a_check_says_what_has_changed(copied, near_policy):
     report = check(path, policy=copied / "other.npz", sample=0)
     assert "the policy is another one" in report.differences
     assert "policy_digest" in report.changes
+
+
+def test_a_check_finds_another_scenario_and_another_motor(copied, near_policy, motor_fmu):
+    near = near_policy.config.scenario
+    moved = replace(near, targets=tuple(reversed(near.targets)))
+    config = msgspec.structs.replace(near_policy.config, scenario=moved)
+    replace(near_policy, config=config).save(copied / "o.npz")
+    other = copied / "other.fmu"
+    other.write_bytes(motor_fmu.read_bytes())
+    with ZipFile(other, "a") as archive:
+        archive.writestr("resources/note.txt", "another one")
+    report = check(copied / "certificate.json", policy=copied / "o.npz", motor_fmu=other, sample=0)
+    names = ("the policy's scenario", "the motor FMU")
+    assert {f"{name} is another one" for name in names} <= set(report.differences)
 
 
 def test_a_missing_file_is_named(copied, command):
