@@ -49,6 +49,9 @@ class Baselines:
         require_at_least(0, budget_minutes=self.budget_minutes)
         if not 0 <= self.seed <= _LAST_SEED:
             raise UserError(f"--seed must be from 0 to {_LAST_SEED}")
+        for name, given in (("scenarios", self.scenarios), ("learners", self.learners)):
+            if given is not None and (not given or len(set(given)) < len(given)):
+                raise UserError(f"--{name} must name one or more, each once")
 
 
 def main() -> None:

@@ -68,7 +68,8 @@ class _Runs:
     def find(self, scenario: Scenario, learner: Learner, seed: int) -> LearnerRun | None:
         """A training that is there."""
         path = self.path(scenario, learner, seed)
-        return read_json(path, _FILE, LearnerRun) if path.exists() else None
+        whole = path.exists() and self._policy(path).exists()
+        return read_json(path, _FILE, LearnerRun) if whole else None
 
     def train(self, scenario: Scenario, learner: Learner, seed: int) -> None:
         """Train, evaluate on the grid and keep both."""
@@ -102,8 +103,9 @@ class _Runs:
         jobs: int,
         may_begin: Callable[[], bool],
     ) -> None:
-        """Simulate what is missing of the episodes of trainings, and keep it with them."""
-        files = {key: self._file(*key) for key in keys if self.path(*key).exists()}
+        """Simulate what is missing of the episodes of trainings, and keep all with them."""
+        runs = {key: run for key in keys if (run := self.find(*key)) is not None}
+        files = {key: self._file(*key) for key in runs}
         indices = {
             key: file.case.sample(min(episodes, len(file.case.starts)))
             for key, file in files.items()
@@ -114,17 +116,16 @@ class _Runs:
         for job, result in tracked(ended, len(missing), self._progress, "episodes"):
             by_digest[job.case.digest].add(job.index, result)
         for key, file in files.items():
-            if file.missing(indices[key]):
+            known = file.beginning(indices[key])
+            if len(known) <= len(runs[key].drives):
                 continue
             scenario, learner, _ = key
             least = _least_times(scenario, _through(learner))
-            drives = []
-            for index in indices[key]:
-                result = file.results[index]
-                drives.append(Drive(index, result.outcome, result.sim_time_s, float(least[index])))
-            run = self.find(*key)
-            assert run is not None
-            write_json(self.path(*key), msgspec.structs.replace(run, drives=tuple(drives)))
+            drives = tuple(
+                Drive(index, result.outcome, result.sim_time_s, float(least[index]))
+                for index, result in known.items()
+            )
+            write_json(self.path(*key), msgspec.structs.replace(runs[key], drives=drives))
 
     def _file(self, scenario: Scenario, learner: Learner, seed: int) -> ResultFile:
         policy = load_policy(self._policy(self.path(scenario, learner, seed)))
@@ -212,16 +213,15 @@ def baselines(
             if reasons[board.name, learner] is None
         ]
         for key in keys:
-            if in_time() and not runs.path(*key).exists():
+            if in_time() and runs.find(*key) is None:
                 runs.train(*key)
-        if in_time():
-            runs.drive(keys, episodes, jobs, in_time)
+        runs.drive(keys, episodes, jobs, in_time)
     rows = []
     for board, learner in asked:
         reason = reasons[board.name, learner]
         known = [runs.find(board, learner, number) for number in numbers] if reason is None else []
         rows.append((board.name, learner, [run for run in known if run is not None], reason))
-    report = report_of(rows, seeds, episodes)
+    report = report_of(rows, seeds, episodes, seed=seed, quick=quick)
     write_json(out / TABLE_FILE, report)
     with replacing(out / MARKDOWN_FILE) as temporary:
         temporary.write_text(markdown(report) + "\n", encoding="utf-8")

@@ -94,15 +94,32 @@ class BaselineRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BaselinesReport(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of baselines.json."""
+    """The content of baselines.json.
+
+    Attributes:
+        quick: whether learners were trained only to see that it works.
+        seed, seeds: first seed, and how many were asked for.
+        episodes: asked for, in the dynamics, of each training.
+        complete: whether all of them are there.
+        rows: of the table.
+    """
 
     schema_version: int = 1
+    quick: bool
+    seed: int
+    seeds: int
+    episodes: int
     complete: bool
     rows: tuple[BaselineRow, ...]
 
 
 def report_of(
-    rows: list[tuple[str, str, list[LearnerRun], str | None]], seeds: int, episodes: int
+    rows: list[tuple[str, str, list[LearnerRun], str | None]],
+    seeds: int,
+    episodes: int,
+    *,
+    seed: int = 0,
+    quick: bool = False,
 ) -> BaselinesReport:
     """The content of baselines.json.
 
@@ -110,12 +127,20 @@ def report_of(
         rows: scenario, learner, its trainings, and why there are none, if so.
         seeds: asked for.
         episodes: asked for, of each; a scenario may have fewer starts.
+        seed, quick: see `BaselinesReport`.
     """
     complete = all(
         reason or (len(runs) == seeds and all(r.driven(episodes) for r in runs))
         for *_, runs, reason in rows
     )
-    return BaselinesReport(complete=complete, rows=tuple(_row(*row) for row in rows))
+    return BaselinesReport(
+        quick=quick,
+        seed=seed,
+        seeds=seeds,
+        episodes=episodes,
+        complete=complete,
+        rows=tuple(_row(*row) for row in rows),
+    )
 
 
 def _row(scenario: str, learner: str, runs: list[LearnerRun], left_out: str | None) -> BaselineRow:

@@ -35,7 +35,8 @@ def train(
         enough: success at which training ends before its last step, if at any.
     """
     scenario, steps, seed = config.scenario, config.steps, config.seed.entropy
-    world = LearningGrid(scenario, BOARDS, seed, SHAPING[config.algorithm])
+    shaping = SHAPING[config.algorithm]._replace(process=config.process)
+    world = LearningGrid(scenario, BOARDS, seed, shaping)
     if config.algorithm == "ddqn":
         learner = DoubleQ(world, seed, steps)
     else:

@@ -5,7 +5,7 @@ it gives the same bits everywhere, alone and in a batch. Nothing here needs what
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -158,7 +158,8 @@ class NetworkPolicy(GreedyPolicy):
         until the step limit: of their rounds one is driven, and the others are counted.
         """
         starts = joint_starts(self.process) if starts is None else starts
-        boards = Boards(len(starts), self.config.scenario, self.config.process)
+        exact = replace(self.config.process, slip_probability=0.0)
+        boards = Boards(len(starts), self.config.scenario, exact)
         boards.reset({"starts": starts})
         arrays = boards.arrays
         outcome = np.zeros(len(starts), dtype=np.int8)

@@ -9,7 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.envs.grid_episode import StartsError, observed_columns, place_checked
+from agent.envs.grid_episode import (
+    StartsError,
+    known_options,
+    observed_columns,
+    place_checked,
+    require_seed,
+    whole_cells,
+)
 from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import (
     COLUMN_COUNT,
@@ -25,6 +32,7 @@ from agent.process.grid import (
 )
 from agent.process.readings import Process, build_process
 from agent.process.rng import seeded_state
+from cosim.base.errors import UserError
 from cosim.base.jit import inlined, kernel
 from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.scenarios.scenario import Scenario
@@ -174,14 +182,16 @@ class Boards:
                 leaves one as it is.
 
         Raises:
-            StartsError: start cells cannot be used.
+            StartsError: start cells cannot be used; the boards are as they were.
         """
         which, starts = reset_options(options, self.arrays.active.shape)
+        if starts is not None:
+            worlds = self.arrays.worlds.copy()
+            for m in np.flatnonzero(which):
+                place_checked(self.process, worlds[m], starts[m])
+            self.arrays.worlds[:] = worlds
         if seeds is not None:
             self.seed([seed if begins else None for seed, begins in zip(seeds, which, strict=True)])
-        if starts is not None:
-            for m in np.flatnonzero(which):
-                place_checked(self.process, self.arrays.worlds[m], starts[m])
         _begin_some(self.process, self._features, self.arrays, which, starts is None)
 
     def step(self, actions: np.ndarray) -> None:
@@ -207,9 +217,9 @@ def reset_options(
         shape: (K, N), boards and robots.
 
     Raises:
-        StartsError: a shape is another one.
+        StartsError: a shape is another one, or an option is unknown.
     """
-    options = options or {}
+    options = known_options(options, "starts", "reset_mask")
     which = np.asarray(options.get("reset_mask", np.ones(shape[0], dtype=bool)))
     if which.shape != shape[:1] or which.dtype != bool:
         raise StartsError(
@@ -217,21 +227,31 @@ def reset_options(
             f"the {shape[0]} boards"
         )
     starts = options.get("starts")
-    if starts is not None and np.shape(starts) != (*shape, 2):
-        raise StartsError(f"starts of shape {np.shape(starts)}; give cells of shape {(*shape, 2)}")
-    return which, starts
+    return which, None if starts is None else whole_cells(starts, (*shape, 2))
+
+
+def require_boards(count: int) -> None:
+    """Refuse less than one board.
+
+    Raises:
+        UserError: there is none.
+    """
+    if count < 1:
+        raise UserError(f"num_envs = {count} is not allowed; make one or more")
 
 
 def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
     """One seed of each board; one for all counts up, None leaves them as they are.
 
     Raises:
-        StartsError: there is not one for each.
+        StartsError: there is not one for each, or one is negative.
     """
     if seed is None:
         return [None] * count
     if isinstance(seed, int | np.integer):
-        return [int(seed) + m for m in range(count)]
+        seed = [int(seed) + m for m in range(count)]
     if len(seed) != count:
         raise StartsError(f"{len(seed)} seeds; give one to each of the {count} boards")
+    for one in seed:
+        require_seed(one)
     return seed

@@ -10,11 +10,11 @@ import numpy as np
 from agent.envs.grid_episode import FEATURE_COLUMNS, place_checked
 from agent.process.acting import on_grid
 from agent.process.config import ProcessConfig, refuse_without_effect
-from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, SIGN
+from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, SIGN, X, Y
 from agent.process.readings import build_process, feature_sizes
 from agent.process.rewards import failed, step_reward
 from cosim.base.config import CoSimConfig
-from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING
+from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING, TIMEOUT
 from cosim.base.params import TABLE_I
 from cosim.calibration.cache import calibrated_slower
 from cosim.navigation.batch import Batch
@@ -61,26 +61,36 @@ class CoSimPlace:
         self._batch, self._place = batch, place
         self.status = np.full(scenario.robots, MOVING)
         self.rewards = np.zeros(scenario.robots)
-        self.outcome = RUNNING
+        self.outcome = TIMEOUT  # none is running yet
         self.seed(None)
 
     def seed(self, seed: int | None) -> None:
         """Seed start cells and speed noise; with entropy if None."""
         self._seed = np.random.SeedSequence(seed)
 
+    def check(self, starts: np.ndarray) -> np.ndarray:
+        """(N, 2) int64, start cells that a user gave.
+
+        Raises:
+            StartsError: they are off the board, blocked or in contact.
+        """
+        world = np.zeros((self.scenario.robots, COLUMN_COUNT), dtype=np.int64)
+        place_checked(self.process, world, starts)
+        return world[:, [X, Y]]
+
     def reset(self, starts: np.ndarray | None) -> None:
         """Set the robots down, motors at rest.
 
         Raises:
-            StartsError: start cells are off the board, blocked or in contact.
+            StartsError: see `check`; nothing has changed.
             FmuError: the FMU cannot be instantiated.
         """
+        given = None if starts is None else self.check(starts)
         start_seed, noise_seed = self._seed.spawn(2)
-        if starts is None:
-            starts = np.array(draw_starts(self.scenario, np.random.default_rng(start_seed)))
-        world = np.zeros((self.scenario.robots, COLUMN_COUNT), dtype=np.int64)
-        place_checked(self.process, world, starts)
-        cells = tuple((int(x), int(y)) for x, y in starts)
+        if given is None:
+            drawn = draw_starts(self.scenario, np.random.default_rng(start_seed))
+            given = self.check(np.array(drawn))
+        cells = tuple((int(x), int(y)) for x, y in given)
         self._running = self._batch.begin(self._place, self.scenario, cells, noise_seed)
         self._positions_m = np.array([self.scenario.centre_m(cell) for cell in cells])
         self.status = np.full(self.scenario.robots, MOVING)

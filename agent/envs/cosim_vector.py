@@ -12,6 +12,7 @@ import numpy as np
 
 from agent.envs.boards import reset_options
 from agent.envs.cosim_episode import CoSimPlace, new_batch
+from agent.envs.grid_episode import StartsError
 from agent.envs.vector import RobotRowsVectorEnv, lone
 from agent.process.config import ProcessConfig
 from cosim.base.outcome import RUNNING, TIMEOUT
@@ -41,6 +42,7 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
         self._places = [
             CoSimPlace(self.scenario, process, self._batch, place) for place in range(num_envs)
         ]
+        self._begun = False
         for m, place in enumerate(self._places):
             place.seed(int(self.np_random_seed or 0) + m)
 
@@ -53,14 +55,22 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
         """Begin episodes; seeds and options as of `agent.envs.vector.NavigationVectorEnv`.
 
         Raises:
-            StartsError: start cells cannot be used.
+            StartsError: start cells cannot be used, or a mask leaves out an environment that has
+                never begun; the environments are as they were.
         """
-        seeds = self._seeds(seed)
         which, starts = reset_options(options, (self.num_envs, 1))
-        for m in np.flatnonzero(which).tolist():
+        if not (which | self._begun).all():
+            raise StartsError("reset_mask leaves out environments that have not begun; reset all")
+        given = {
+            m: None if starts is None else self._places[m].check(starts[m])
+            for m in np.flatnonzero(which).tolist()
+        }
+        seeds = self._seeds(seed)
+        for m, cells in given.items():
             if (value := seeds[m]) is not None:
                 self._places[m].seed(value)
-            self._places[m].reset(None if starts is None else np.asarray(starts[m]))
+            self._places[m].reset(cells)
+        self._begun = True
         return self._observations(), self._infos()
 
     def step(
@@ -74,12 +84,13 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
         """
         actions = self._checked(actions)
         going_on = [m for m, place in enumerate(self._places) if place.outcome == RUNNING]
-        steps = self._batch.advance({m: actions[m] for m in going_on})
+        steps = self._batch.advance({m: actions[m] for m in going_on}) if going_on else {}
         for m, place in enumerate(self._places):
             if m in steps:
                 place.take(steps[m])
             else:
                 place.reset(None)
+        self._begun = True
         outcomes = self._outcomes()
         truncated = outcomes == TIMEOUT
         terminated = (outcomes != RUNNING) & ~truncated

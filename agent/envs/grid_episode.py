@@ -5,7 +5,7 @@ is `agent.envs.cosim_episode`. Spaces, agents' names and pictures are the enviro
 """
 
 import math
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -114,7 +114,7 @@ class GridEpisode:
         n = scenario.robots
         self.world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
         self.rewards = np.zeros(n)
-        self.outcome = RUNNING
+        self.outcome = TIMEOUT  # none is running yet
         self._cells = np.zeros((n, 2), dtype=np.int64)
         self._float_rewards = np.zeros(n, dtype=np.float32)
         self._slips = config.slip_probability > 0.0
@@ -198,16 +198,59 @@ def place_checked(process: Process, world: np.ndarray, starts: np.ndarray) -> No
     """Put robots on the start cells that a user gave.
 
     Raises:
-        StartsError: they are not (N, 2), off the board, blocked or in contact.
+        StartsError: they are not (N, 2) whole numbers, off the board, blocked or in contact; the
+            world is as it was.
     """
-    cells = np.asarray(starts, dtype=np.int64)
+    cells = whole_cells(starts, (len(world), 2))
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
-    if cells.shape != (len(world), 2):
-        raise StartsError(f"starts of shape {cells.shape}; give one cell [x, y] per robot")
     if (cells < 0).any() or (cells >= (columns, rows)).any():
         raise StartsError(f"starts {cells.tolist()} are off the {columns} x {rows} board")
     terrain = process.terrain[np.arange(len(world)), cells[:, 0] + 1, cells[:, 1] + 1]
     if terrain.any():
         raise StartsError(f"starts {cells.tolist()} are on an obstacle or on the robot's target")
-    if not place(process, world, cells):
+    placed = world.copy()
+    if not place(process, placed, cells):
         raise StartsError(f"starts {cells.tolist()} let robots touch; move them further apart")
+    world[:] = placed
+
+
+def require_seed(seed: int | None) -> None:
+    """Refuse negative seeds.
+
+    Raises:
+        StartsError: it is one.
+    """
+    if seed is not None and seed < 0:
+        raise StartsError(f"seed {seed} is negative; give a whole number from 0 on")
+
+
+def whole_cells(starts: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Start cells that a user gave, int64 of a shape.
+
+    Raises:
+        StartsError: they have another shape, or are no whole numbers.
+    """
+    try:
+        cells = np.asarray(starts)
+    except ValueError as error:  # rows of several lengths
+        raise StartsError(f"starts are no array; give cells of shape {shape}") from error
+    if cells.shape != shape or cells.dtype.kind not in "iu":
+        raise StartsError(
+            f"starts of shape {cells.shape} and type {cells.dtype}; give whole numbers, "
+            f"cells [x, y] of shape {shape}"
+        )
+    return cells.astype(np.int64)
+
+
+def known_options(
+    options: dict[str, Any] | None, *names: Literal["starts", "reset_mask"]
+) -> dict[str, Any]:
+    """Options of a reset.
+
+    Raises:
+        StartsError: one has another name.
+    """
+    for name in options or {}:
+        if name not in names:
+            raise StartsError(f"reset has no option '{name}'; choose from {', '.join(names)}")
+    return options or {}

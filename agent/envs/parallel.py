@@ -8,8 +8,13 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from agent.envs.grid_episode import ActionError, EnvEpisode, direction_error
-from agent.envs.rendering import board_pixels, board_text
+from agent.envs.grid_episode import (
+    ActionError,
+    EnvEpisode,
+    direction_error,
+    require_seed,
+)
+from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
 from agent.process.grid import MOVING
 from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.navigation.features import DIRECTION_COUNT
@@ -65,12 +70,13 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
 
     metadata = {  # noqa: RUF012
         "name": "minirobots_v0",
-        "render_modes": ["ansi", "rgb_array"],
+        "render_modes": RENDER_MODES,
         "render_fps": 10,
         "is_parallelizable": True,
     }
 
     def __init__(self, episode: EnvEpisode, render_mode: str | None = None) -> None:
+        require_render_mode(render_mode)
         self.episode = episode
         self.render_mode = render_mode
         self.possible_agents = agent_names(episode.scenario)
@@ -95,9 +101,12 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
         """Begin an episode; `options={"starts": [[x, y], …]}` gives the start cells.
 
+        Other options are ignored, as `pettingzoo.test.parallel_api_test` asks.
+
         Raises:
             StartsError: start cells cannot be used.
         """
+        require_seed(seed)
         if seed is not None:
             self.episode.seed(seed)
         self.episode.reset((options or {}).get("starts"))

@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike
 
-from agent.envs.boards import Boards, board_seeds
+from agent.envs.boards import Boards, board_seeds, require_boards
 from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.parallel import agent_names, require_actions
 from agent.process.config import ProcessConfig
@@ -39,6 +39,7 @@ class ParallelVectorEnv:
     }
 
     def __init__(self, num_envs: int, scenario: Scenario, process: ProcessConfig) -> None:
+        require_boards(num_envs)
         self.num_envs = num_envs
         self.possible_agents = agent_names(scenario)
         self._boards = Boards(num_envs, scenario, process)

@@ -2,15 +2,27 @@
 
 import numpy as np
 
+from cosim.base.errors import UserError
 from cosim.scenarios.scenario import Scenario
 
 PIXELS_PER_CELL = 12
+RENDER_MODES = ["ansi", "rgb_array"]
 # Colour-blind safe colours of robots and their targets (Okabe and Ito), used in turn.
 ROBOT_COLOURS = np.array(
     [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)],
     dtype=np.uint8,
 )
 _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
+
+
+def require_render_mode(mode: str | None) -> None:
+    """Refuse modes that are none of `RENDER_MODES`, nor None.
+
+    Raises:
+        UserError: it is another one.
+    """
+    if mode is not None and mode not in RENDER_MODES:
+        raise UserError(f"render_mode '{mode}' is none; choose {' or '.join(RENDER_MODES)}")
 
 
 def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:

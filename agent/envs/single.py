@@ -6,9 +6,16 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from agent.envs.grid_episode import ActionError, EnvEpisode, GridEpisode, direction_error
+from agent.envs.grid_episode import (
+    ActionError,
+    EnvEpisode,
+    GridEpisode,
+    direction_error,
+    known_options,
+)
 from agent.envs.parallel import NavigationParallelEnv, episode_info, render_episode
 from agent.envs.parallel_vector import ParallelVectorEnv
+from agent.envs.rendering import RENDER_MODES, require_render_mode
 from agent.envs.vector import found
 from agent.process.config import ProcessConfig
 from cosim.base.errors import UserError
@@ -27,7 +34,7 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
     environment that was never seeded comes from entropy, which `np_random_seed` tells.
     """
 
-    metadata = {"render_modes": ["ansi", "rgb_array"], "render_fps": 10}  # noqa: RUF012
+    metadata = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self,
@@ -48,6 +55,7 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
         Raises:
             UserError: the scenario cannot be used, or has more than one robot.
         """
+        require_render_mode(render_mode)
         self.episode = make_episode(scenario, process, cosim=cosim)
         if self.episode.scenario.robots != 1:
             raise UserError(
@@ -70,7 +78,7 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
         super().reset(seed=seed)
         if seed is not None:
             self.episode.seed(seed)
-        self.episode.reset((options or {}).get("starts"))
+        self.episode.reset(known_options(options, "starts").get("starts"))
         return self.episode.observation()[0], episode_info(self.episode, 0)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -82,7 +90,7 @@ class NavigationEnv(gym.Env[np.ndarray, np.int64]):
         if not self.action_space.contains(action):
             raise direction_error(action)
         if self.episode.outcome != RUNNING:
-            raise ActionError("the episode has ended; call reset before the next step")
+            raise ActionError("no episode is running; call reset before the next step")
         self.episode.step(np.array([action]))
         ended = self.episode.outcome != RUNNING
         truncated = self.episode.outcome == TIMEOUT

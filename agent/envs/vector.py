@@ -16,9 +16,9 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from agent.envs.boards import Boards, board_seeds
+from agent.envs.boards import Boards, board_seeds, require_boards
 from agent.envs.grid_episode import ActionError, direction_error
-from agent.envs.rendering import board_pixels, board_text
+from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
 from agent.process.config import ProcessConfig
 from agent.process.readings import feature_sizes
 from cosim.base.errors import UserError
@@ -37,7 +37,7 @@ class RobotRowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """
 
     metadata = {  # noqa: RUF012
-        "render_modes": ["ansi", "rgb_array"],
+        "render_modes": RENDER_MODES,
         "render_fps": 10,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
@@ -45,6 +45,8 @@ class RobotRowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def __init__(
         self, boards: int, scenario: Scenario, process: ProcessConfig, render_mode: str | None
     ) -> None:
+        require_render_mode(render_mode)
+        require_boards(boards)
         self.scenario = scenario
         self.boards = boards
         self.num_envs = boards * scenario.robots

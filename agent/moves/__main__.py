@@ -48,6 +48,7 @@ def main() -> None:
     """Command line; see `ObserveMoves`."""
     options = parse(ObserveMoves, "agent.moves")
     options.isolation.enter("agent.moves", options.physics.motor_fmu)
+    from agent.moves.model import require_rl_step
     from agent.moves.observe import facts_of, move_rows, observe_moves
     from agent.moves.worlds import RANGES
     from cosim.base.command import show_table
@@ -56,6 +57,7 @@ def main() -> None:
     with progress_bars() as progress:
         config, fmu = options.physics.prepare(progress=progress)
         config = options.deciding.deciding(config)
+        require_rl_step(config.timing.rl_step_s)
         moves = observe_moves(
             config,
             fmu,

@@ -36,6 +36,7 @@ from agent.process.readings import FREE, GOAL, OUTSIDE, Process
 from agent.process.rng import next_index
 from cosim.base.jit import inlined
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
+from cosim.base.params import TIMING
 from cosim.navigation.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
 from cosim.physics.collision import touches_obstacle
 
@@ -51,6 +52,7 @@ PLAN_SIZE = 14
 
 _CHECKS = 4  # of contact in up to 2 s: robots come closer by some 3 mm between two of them
 _ROUNDING = 1e-9  # of times
+_PAPER_RL_STEP_S = TIMING.rl_step_s  # what rewards per time are paid for
 _PER_TIME, _PER_DISTANCE = REWARDS_PER.index("time"), REWARDS_PER.index("distance")
 
 
@@ -233,7 +235,7 @@ def step(
             approaching = 1 if world[i, SIGN] < 0 else 0
             rewards[i] = process.move_reward[0, approaching, min(nearest, farthest)]
             if process.reward_per == _PER_TIME:
-                rewards[i] *= np.float32(steps / model.most_steps)
+                rewards[i] *= np.float32(steps * model.rl_step_s / _PAPER_RL_STEP_S)
             elif process.reward_per == _PER_DISTANCE:
                 dx, dy = plans[i, AT_X] - plans[i, LAST_X], plans[i, AT_Y] - plans[i, LAST_Y]
                 rewards[i] *= np.float32(np.sqrt(dx * dx + dy * dy))

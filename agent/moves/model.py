@@ -155,6 +155,19 @@ def _turned_back(x: float, y: float, quadrants: int) -> tuple[float, float]:
     return x, y
 
 
+def require_rl_step(rl_step_s: float) -> None:
+    """Refuse moves of robots that are asked less often than the paper's.
+
+    Raises:
+        MovesError: they are.
+    """
+    if not 0.0 < rl_step_s <= TIMING.rl_step_s:
+        raise MovesError(
+            f"moves of robots that are asked every {rl_step_s:g} s cannot be learnt on; observe "
+            f"them with an --rl-step of at most {TIMING.rl_step_s:g} s"
+        )
+
+
 def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
     """Moves by kind, for the kernels.
 
@@ -163,8 +176,9 @@ def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
         contact_cells: centre distance in cells at which training counts a contact.
 
     Raises:
-        MovesError: a kind of move was never observed.
+        MovesError: a kind of move was never observed; or see `require_rl_step`.
     """
+    require_rl_step(moves.rl_step_s)
     fastest = max(
         (
             math.hypot(move.columns, move.rows) / (move.duration_s - move.turn_s)

@@ -36,13 +36,14 @@ def main() -> None:
     """Command line; see `BoundOptions`."""
     options = parse(BoundOptions, "agent.process.bound")
     from agent.process.exact import enumerable, joint_starts
-    from agent.process.optimum import optimum
+    from agent.process.optimum import optimum, require_paths
     from agent.process.readings import build_process
     from cosim.scenarios.file import find_scenario
 
     scenario = find_scenario(options.scenario)
     process = build_process(scenario, options.process)
     bound = optimum(process)
+    require_paths(process, bound)
     starts = joint_starts(process)
     path_cells, steps = (mean.mean() for mean in bound.of_starts(starts, scenario.rows))
     path_length_cm = 100.0 * scenario.cell_m * path_cells

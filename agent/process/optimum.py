@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.process.config import Computed
-from agent.process.exact import Evaluation
+from agent.process.exact import Evaluation, joint_starts
 from agent.process.grid import SQRT_2
 from agent.process.joint import (
     BLOCKED,
@@ -110,7 +110,8 @@ def steps_alone(process: Process) -> np.ndarray:
 def optimum(process: Process) -> Bound:
     """Exact optimum of a process without slip, computed or found in the cache."""
     robots, columns, rows = process.terrain.shape
-    relaxed = robots > 1 and ((columns - 2) * (rows - 2)) ** robots > MAX_JOINT_STATES
+    too_large = ((columns - 2) * (rows - 2)) ** robots > MAX_JOINT_STATES
+    relaxed = robots > 2 or (robots == 2 and too_large)
     code = code_digest(with_imports([Path(__file__)]))
     facts = (code, process.thresholds.contact, process.swept, relaxed)
     path = cache_dir("bounds") / f"{digest_of(facts, process.terrain, process.corners)}.npz"
@@ -120,6 +121,21 @@ def optimum(process: Process) -> Bound:
         return Bound(path_cells, _optimum(process, _STEP_COSTS, relaxed), relaxed)
 
     return cached(path, _load, make, _save)
+
+
+def require_paths(process: Process, bound: Bound) -> None:
+    """Refuse starts from which the targets cannot be reached.
+
+    Raises:
+        UserError: it names the first of them.
+    """
+    starts = joint_starts(process)
+    without = starts[~np.isfinite(bound.of_starts(starts, process.terrain.shape[2] - 2)[0])]
+    if len(without):
+        raise UserError(
+            f"from start cells {without[0].tolist()} there is no path to the targets, and from "
+            f"{len(without) - 1} other starts; move obstacles, starts or targets"
+        )
 
 
 def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, np.ndarray]:
@@ -136,18 +152,19 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
         states) bool, whether there is anything to decide and a path to the end.
 
     Raises:
-        UserError: the joint process is too large.
+        UserError: the joint process is too large, or has starts without a path to the end.
     """
+    bound = optimum(process)
+    require_paths(process, bound)
     if objective == "roundabout":
         return _roundabout(process)
-    bound = optimum(process)
     robots, columns, rows = process.terrain.shape
     if bound.relaxed:
         cells = (columns - 2) * (rows - 2)
         raise UserError(
-            f"{objective} joint paths of {robots} robots on {cells} cells cannot be computed: "
-            f"{cells**robots:,} joint states are more than {MAX_JOINT_STATES:,}; choose another "
-            "method, or a smaller scenario of one or two robots"
+            f"{objective} joint paths of {robots} robots on {cells} cells are not computed, but "
+            f"those of one robot, and of two with at most {MAX_JOINT_STATES:,} joint states (here "
+            f"{cells**robots:,}); choose another method, or a smaller scenario"
         )
     value = bound.path_cells if objective == "shortest" else bound.steps
     costs = _PATH_COSTS if objective == "shortest" else _STEP_COSTS

@@ -27,6 +27,7 @@ from agent.training.learning import Learning, TrainingState
 from agent.training.qlearning import ACTION_BITS, best_of_sum, book, largest
 from cosim.base.jit import inlined, kernel
 from cosim.base.outcome import RUNNING, SUCCESS, TIMEOUT
+from cosim.base.params import TIMING
 
 
 @inlined
@@ -136,7 +137,8 @@ def _run_episodes(
 def _discounts(process: Process, model: MoveModel, gamma: np.float32) -> np.ndarray:
     """(S + 1,) float32, γ to the power of what so many RL steps count, S the most at once."""
     steps = np.arange(model.most_steps + 1)
-    share = 1.0 if REWARDS_PER[process.reward_per] == "step" else 1.0 / model.most_steps
+    of_paper = model.rl_step_s / TIMING.rl_step_s
+    share = 1.0 if REWARDS_PER[process.reward_per] == "step" else of_paper
     return (float(gamma) ** (steps * share)).astype(np.float32)
 
 

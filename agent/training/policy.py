@@ -21,11 +21,12 @@ from agent.process.exact import Evaluation, cell_map, evaluate
 from agent.process.greedy import GreedyPolicy, PolicyError
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
+from cosim.base.params import TIMING
 from cosim.base.provenance import code_digest, digest_of, with_imports
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.navigation.features import DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
-from cosim.scenarios.scenario import Scenario
+from cosim.scenarios.scenario import Scenario, ScenarioError
 
 SCHEMA_VERSION = 1
 
@@ -79,6 +80,12 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         where = "training on the grid" if self.moves is None else "training on moves"
         refuse_without_effect(self.process, where)
+        asked_as_ever = self.moves is not None and self.moves.rl_step_s == TIMING.rl_step_s
+        if asked_as_ever and self.process.reward_per == "time":
+            raise ScenarioError(
+                "process: reward_per = time has no effect on moves of robots that are asked every "
+                f"{TIMING.rl_step_s:g} s, which is what it pays for; leave it at step"
+            )
         if self.objective and (self.learning, self.moves) != (LearningConfig(), None):
             raise PolicyError(
                 f"learning and moves have no effect on {self.objective} paths; leave both out"

@@ -76,13 +76,13 @@ def workers(jobs: int) -> int:
 
 
 def require_at_least(least: int, **options: float | None) -> None:
-    """Refuse options below a number; None is one that was not given.
+    """Refuse options below a number, and NaN; None is one that was not given.
 
     Raises:
         UserError: it names the first of them.
     """
     for name, value in options.items():
-        if value is not None and value < least:
+        if value is not None and not value >= least:
             must = f"be at least {least}" if least else "not be negative"
             raise UserError(f"--{name.replace('_', '-')} must {must}")
 

@@ -2,6 +2,7 @@
 
 import json
 
+import msgspec
 import pytest
 
 from agent.baselines import __main__ as command_module
@@ -113,6 +114,7 @@ def test_it_goes_on_where_it_ended(done, board, monkeypatch):
     assert json.loads(done.stdout.splitlines()[-1])["rows"][0]["time_s"]["mean"] == (
         report.rows[0].time_s.mean
     )
+    assert (report.quick, report.seed, report.seeds, report.episodes) == (True, 0, 1, 2)
     late = measurement.baselines(
         board.parent / "out",
         scenarios=[str(board)],
@@ -125,6 +127,34 @@ def test_it_goes_on_where_it_ended(done, board, monkeypatch):
     )
     assert not late.complete
     assert late.rows[0].seeds == 1
+
+
+def test_episodes_of_a_session_that_was_cut_are_in_the_table(done, board):
+    """And a training whose policy is gone is made again."""
+    out = board.parent / "out"
+    files = sorted((out / "runs").iterdir())
+    before = [path.read_bytes() for path in files]
+    for path in files:
+        kept = msgspec.json.decode(path.read_bytes(), type=LearnerRun)
+        path.write_bytes(msgspec.json.encode(msgspec.structs.replace(kept, drives=())))
+
+    def table(budget_minutes=None):
+        return measurement.baselines(
+            out,
+            scenarios=[str(board)],
+            learners=["double_q", "shortest"],
+            seed=0,
+            seeds=1,
+            episodes=2,
+            quick=True,
+            budget_minutes=budget_minutes,
+        )
+
+    assert [row.episodes for row in table(0.0).rows] == [2, 2]
+    assert [path.read_bytes() for path in files] == before
+    (out / "policies" / f"{files[0].stem}.npz").unlink()
+    assert not table(0.0).complete
+    assert table().complete
 
 
 def run(seed, success, seconds, drives=()):
@@ -182,7 +212,17 @@ def test_budgets_and_seeds_are_part_of_what_a_training_is():
     assert isinstance(configs[0], NetworkConfig)
 
 
-@pytest.mark.parametrize("options", [{"seeds": 0}, {"seed": -1}, {"budget_minutes": -1.0}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"seeds": 0},
+        {"seed": -1},
+        {"budget_minutes": -1.0},
+        {"budget_minutes": float("nan")},
+        {"learners": ()},
+        {"scenarios": ("1b", "1b")},
+    ],
+)
 def test_options_that_cannot_be_are_refused(options):
     with pytest.raises(UserError):
         Baselines(**options)

@@ -1,8 +1,10 @@
 """Networks for all robots: what they see, how they are trained, and their policies in commands."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from agent.deep.policy import Network, NetworkConfig, NetworkPolicy
 from agent.deep.world import SHAPING, LearningGrid, values_alone
 from agent.envs import parallel_env
 from agent.process.config import ProcessConfig
+from agent.process.exact import joint_starts
 from agent.process.greedy import PolicyError
 from agent.process.readings import FREE, GOAL, build_process
 from agent.training.policy import Seed
@@ -258,6 +261,28 @@ def test_shaping_adds_what_a_robot_alone_gains(algorithm):
     gain = shaping.gamma * plain._height[0] - before
     assert now.rewards[0] == pytest.approx(0.1 * (plain._boards.arrays.rewards[0, 0] + gain))
     assert abs(gain) > 0.2
+
+
+def test_training_has_the_readings_that_the_file_tells(tiny):
+    from agent.deep import learners
+
+    scenario, usual = find_scenario(str(tiny)), SHAPING["ddqn"].process
+
+    def trained(process):
+        config = NetworkConfig(scenario, process, "ddqn", 3000, Seed(0))
+        return learners.train(config, silent, lambda _: None)
+
+    other = trained(replace(usual, step_cost=2.0 * usual.step_cost))
+    assert not np.array_equal(other.network.w1, trained(usual).network.w1)
+
+
+def test_evaluation_is_exact_whatever_slips_in_training():
+    policy = network(find_scenario("2"), 3)
+    slippery = replace(policy.config.process, slip_probability=0.5)
+    config = msgspec.structs.replace(policy.config, process=slippery)
+    starts = joint_starts(policy.process)[::100]
+    ended = replace(policy, config=config).evaluate(starts)
+    assert np.array_equal(ended.outcome, policy.evaluate(starts).outcome)
 
 
 @pytest.mark.parametrize("step_limit", [60, 61])

@@ -234,12 +234,64 @@ def test_readings_without_effect_are_refused(reading, cosim, said):
         ({"options": {"starts": [[[4, 4], [9, 9]]]}}, r"starts of shape \(1, 2, 2\)"),
         ({"seed": [7]}, "1 seeds; give one to each of the 2 boards"),
         ({"seed": [1, 2, 3]}, "3 seeds"),
+        ({"seed": [1, -3]}, "seed -3 is negative"),
+        ({"options": {"start": [[3, 3], [9, 9]]}}, "no option 'start'; choose from starts, reset"),
+        ({"options": {"starts": [[[4, 4]], [[9, 9], [1, 1]]]}}, "starts are no array"),
+        ({"options": {"starts": np.full((2, 2, 2), 3.9)}}, "type float64; give whole numbers"),
     ],
 )
 def test_resets_of_another_number_of_boards_are_refused(arguments, said):
     env = RobotsVectorEnv(2, "2")
     with pytest.raises(StartsError, match=said):
         env.reset(**arguments)
+
+
+def test_a_refused_reset_changes_nothing():
+    env, other = RobotsVectorEnv(2, "2"), RobotsVectorEnv(2, "2")
+    assert np.array_equal(env.reset(seed=0)[0], other.reset(seed=0)[0])
+    touching = [[[9, 9], [20, 20]], [[3, 3], [4, 4]]]
+    with pytest.raises(StartsError, match="touch"):
+        env.reset(seed=1, options={"starts": touching})
+    for _ in range(100):
+        a, b = env.step(np.zeros(4, dtype=int)), other.step(np.zeros(4, dtype=int))
+        assert np.array_equal(a[0], b[0])
+
+
+@pytest.mark.parametrize("make", [envs.NavigationEnv, envs.parallel_env, CoSimVectorEnv])
+def test_other_pictures_are_refused(make):
+    with pytest.raises(UserError, match="render_mode 'human' is none; choose ansi or rgb_array"):
+        make(render_mode="human")
+
+
+@pytest.mark.parametrize("count", [0, -1])
+def test_an_environment_has_boards(count):
+    for make in (RobotsVectorEnv, NavigationVectorEnv, CoSimVectorEnv):
+        with pytest.raises(UserError, match="make one or more"):
+            make(count)
+    with pytest.raises(UserError, match="make one or more"):
+        envs.parallel_vector_env("2", num_envs=count)
+
+
+@pytest.mark.parametrize("cosim", [False, True])
+def test_a_single_environment_is_reset_first(cosim):
+    env = envs.NavigationEnv("1a", cosim=cosim)
+    with pytest.raises(ActionError, match="no episode is running; call reset"):
+        env.step(0)
+    with pytest.raises(StartsError, match="no option 'reset_mask'; choose from starts"):
+        env.reset(options={"reset_mask": [True]})
+    env.close()
+
+
+def test_co_simulated_environments_begin_together():
+    env = CoSimVectorEnv(2)
+    with pytest.raises(StartsError, match="have not begun; reset all"):
+        env.reset(options={"reset_mask": np.array([True, False])})
+    with pytest.raises(StartsError, match="off the 30 x 30 board"):
+        env.reset(options={"starts": [[[0, 4]], [[40, 0]]]})
+    observations, *_, infos = env.step(np.zeros(2, dtype=int))  # begins
+    assert observations.shape == (2, 2)
+    assert list(infos["path_length"]) == [0.0, 0.0]
+    env.close()
 
 
 def test_a_reset_of_some_seeds_them_alone():
@@ -265,7 +317,7 @@ def test_an_ended_episode_is_not_stepped():
     env = envs.NavigationEnv("1a")
     env.reset(options={"starts": [[0, 4]]})
     assert env.step(4)[2]  # off the board
-    with pytest.raises(ActionError, match="the episode has ended; call reset"):
+    with pytest.raises(ActionError, match="no episode is running; call reset"):
         env.step(4)
 
 
@@ -407,7 +459,8 @@ def test_flatten_state_counts_as_the_tables_do():
         ([[40, 0], [0, 0]], "off the 30 x 30 board"),
         ([[15, 18], [0, 0]], "target"),
         ([[3, 3], [4, 4]], "touch"),
-        ([[3, 3]], "one cell"),
+        ([[3, 3]], r"of shape \(2, 2\)"),
+        ([[3.0, 3.0], [9.0, 9.0]], "whole numbers"),
     ],
 )
 def test_unusable_starts_are_refused(starts, message):

@@ -4,10 +4,12 @@ import json
 import math
 import re
 
+import msgspec
 import numpy as np
 import pytest
 
 from agent.experiments import training
+from agent.moves import __main__ as observing
 from agent.moves import kernels
 from agent.moves import observe as observe_module
 from agent.moves.model import (
@@ -368,6 +370,32 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, content):
 def test_missing_kinds_are_refused():
     with pytest.raises(MovesError, match="more moves"):
         build_model(ObservedMoves("", 0, ideal_moves().moves[:3]), 5.0)
+
+
+def test_moves_of_robots_that_are_seldom_asked_are_refused(command, tmp_path):
+    seldom = msgspec.structs.replace(ideal_moves(), rl_step_s=7.0)
+    with pytest.raises(MovesError, match=r"asked every 7 s cannot be learnt on; .* at most 2 s"):
+        build_model(seldom, 5.0)
+    ended = command(observing, "--rl-step", 7, "--out", tmp_path / "moves.json")
+    assert ended.returncode == 2
+    assert "with an --rl-step of at most 2 s" in ended.stderr
+
+
+def test_rewards_per_time_have_no_effect_where_robots_are_asked_every_two_seconds():
+    process = ProcessConfig(reward_per="time")
+    with pytest.raises(ScenarioError, match=r"reward_per = time .* asked every 2 s"):
+        PolicyConfig(SMALL, process, LearningConfig(), Seed(0), ideal_moves())
+    prompt = msgspec.structs.replace(ideal_moves(), rl_step_s=0.1)
+    assert PolicyConfig(SMALL, process, LearningConfig(), Seed(0), prompt)
+
+
+@pytest.mark.parametrize("rl_step_s", [0.1, 0.8, 1.5])
+def test_rewards_per_time_pay_for_two_seconds(rl_step_s):
+    moves = msgspec.structs.replace(ideal_moves(), rl_step_s=rl_step_s)
+    model = build_model(moves, 5.0)
+    process = build_process(SMALL, ProcessConfig(reward_per="time"))
+    discounts = _discounts(process, model, np.float32(0.9))
+    assert discounts[1] == pytest.approx(0.9 ** (rl_step_s / 2.0), rel=1e-6)
 
 
 def test_moves_are_observed_in_the_co_simulation(monkeypatch):

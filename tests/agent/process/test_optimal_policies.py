@@ -1,5 +1,6 @@
 """Optimal joint paths as policies: they reach the bound from every start, alone and in pairs."""
 
+import re
 from typing import get_args
 
 import numpy as np
@@ -9,9 +10,10 @@ from scipy.sparse.csgraph import dijkstra
 
 import cosim.run
 from agent.method import method_config, method_of, method_policy
+from agent.process import bound as bound_command
 from agent.process import grid
 from agent.process.config import Objective, ProcessConfig
-from agent.process.exact import evaluate
+from agent.process.exact import evaluate, joint_starts
 from agent.process.optimum import optimum
 from agent.process.readings import build_process
 from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
@@ -111,8 +113,34 @@ def test_the_cell_of_a_partner_off_the_board_is_one_at_its_edge():
     assert world[:, grid.PARTNER].tolist() == [4 * 6, 5]
 
 
+def test_three_robots_are_bounded_one_by_one_on_the_smallest_board():
+    targets, starts = ((1, 1), (5, 5), (9, 9)), (((1, 4),), ((5, 8),), ((9, 3),))
+    three = Scenario("three", "", targets, starts, 12, 12, zone=(0, 0, 1, 1), robot_diameter_m=0.02)
+    process = build_process(three, ProcessConfig())
+    bound = optimum(process)
+    assert bound.relaxed
+    assert bound.of_starts(joint_starts(process), 12)[1].tolist() == [4.0]
+    with pytest.raises(UserError, match="of 3 robots on 144 cells are not computed"):
+        method_policy("shortest", three)
+
+
+@pytest.mark.parametrize("method", ["shortest", "quickest", "roundabout"])
+def test_a_board_without_a_path_is_refused(method, command, tmp_path):
+    path = tmp_path / "walled.toml"
+    path.write_text(
+        "columns = 30\nrows = 20\nobstacles = [[14, 0, 14, 19]]\n"
+        "[[robots]]\ntarget = [24, 10]\nstarts = [[5, 7], [5, 8], [20, 8]]\n"
+    )
+    message = r"from start cells \[\[5, 7\]\] there is no path to the targets, and from 1 other"
+    with pytest.raises(UserError, match=message):
+        method_policy(method, find_scenario(str(path)))
+    ended = command(bound_command, "--scenario", path)
+    assert ended.returncode == 2
+    assert re.search(message, ended.stderr)
+
+
 def test_what_cannot_be_computed_is_refused(command):
-    with pytest.raises(UserError, match="4 robots on 900 cells cannot be computed"):
+    with pytest.raises(UserError, match="of 4 robots on 900 cells are not computed"):
         method_policy("quickest", find_scenario("4-cross"))
     with pytest.raises(ScenarioError, match=r"cell \(0, 11\).* too near another's target; choose"):
         method_policy("roundabout", find_scenario("5-corridor"))
