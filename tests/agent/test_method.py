@@ -32,7 +32,9 @@ def moves():
 @pytest.mark.parametrize("name", ["1b", "4"])
 def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch):
     walks = (len(moves.moves),) if method == "robust" else ()
-    moves = msgspec.structs.replace(moves, walks=walks, through=method == "prompt")
+    through = method == "prompt"
+    rl_step_s = 0.1 if through else moves.rl_step_s
+    moves = msgspec.structs.replace(moves, walks=walks, rl_step_s=rl_step_s, through=through)
     monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
     config = method_config(method, find_scenario(name), seed=3, episodes=1000)
     assert config.learning.episodes == 1000
