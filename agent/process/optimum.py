@@ -154,10 +154,12 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
     Raises:
         UserError: the joint process is too large, or has starts without a path to the end.
     """
+    if objective == "roundabout":
+        alone = distances_alone(process)
+        require_paths(process, Bound(alone, alone, relaxed=True))
+        return _roundabout(process)
     bound = optimum(process)
     require_paths(process, bound)
-    if objective == "roundabout":
-        return _roundabout(process)
     robots, columns, rows = process.terrain.shape
     if bound.relaxed:
         cells = (columns - 2) * (rows - 2)
