@@ -5,9 +5,10 @@
 of many worlds (`agent.moves.worlds`), "prompt" on moves of robots that are asked when their moves
 end and drive through cells (`--through`), for the time these take. "shortest" and "quickest" learn
 nothing: they are the optimal joint paths on the grid, by the length or the moves of all robots
-together, which are computed. So is "roundabout", for any number of robots: each one's shortest path
-as if alone, counter-clockwise about the middle of the board and round the others' targets; who
-meets whom is left to the shield.
+together, which are computed. So is "fastest", for a robot alone the least time on observed moves,
+which tells turns from straight lines. So is "roundabout", for any number of robots: each one's
+shortest path as if alone, counter-clockwise about the middle of the board and round the others'
+targets; who meets whom is left to the shield.
 `python -m cosim.run` uses "moves", with `--through` "prompt".
 """
 
@@ -15,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from agent.moves import bound
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
 from agent.moves.worlds import RANGES, Ranges
@@ -41,7 +43,12 @@ class Driven(NamedTuple):
     through: bool = False
 
 
-ON_MOVES = {"moves": Driven(), "robust": Driven(RANGES), "prompt": Driven(through=True)}
+ON_MOVES = {
+    "moves": Driven(),
+    "robust": Driven(RANGES),
+    "prompt": Driven(through=True),
+    "fastest": Driven(),
+}
 MOVES_EPISODES, LONG_EPISODES = 1_500_000, 3_000_000
 ROBUST_CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do by them
 SLIP_PROBABILITY = 0.2  # assumed
@@ -69,8 +76,8 @@ def method_config(
         progress: is told what is calibrated and observed.
 
     Raises:
-        UserError: the method is unknown, there are episodes and it is computed, or moves cannot be
-            observed.
+        UserError: the method is unknown, there are episodes and it is computed, the fastest paths
+            of several robots are asked for, or moves cannot be observed.
     """
     if method not in METHODS:
         raise UserError(f"method {method!r} is unknown; choose one of {', '.join(METHODS)}")
@@ -80,15 +87,21 @@ def method_config(
             raise UserError(
                 f"method {method} is computed, not trained; leave out the number of episodes"
             )
-        code = code_digest(with_imports([Path(optimum.__file__)]))
-        return PolicyConfig(
-            scenario, process, learning, Seed(0), objective=method, kernel_version=code
-        )
-    if episodes is not None:
-        learning = replace(learning, episodes=episodes)
+        if method == "fastest" and scenario.robots > 1:
+            raise UserError(
+                f"fastest paths are computed for one robot, and scenario {scenario.name} has "
+                f"{scenario.robots}; choose quickest, the fewest moves of two, or one that learns"
+            )
     moves = None
     if method in ON_MOVES:
         moves = _observed_moves(scenario, motor_fmu or cached_fmu(), ON_MOVES[method], progress)
+    if method in COMPUTED:
+        code = code_digest(with_imports([Path(optimum.__file__), Path(bound.__file__)]))
+        return PolicyConfig(
+            scenario, process, learning, Seed(0), moves, objective=method, kernel_version=code
+        )
+    if episodes is not None:
+        learning = replace(learning, episodes=episodes)
     return PolicyConfig(scenario, process, learning, Seed.of(seed), moves)
 
 
@@ -112,6 +125,8 @@ def method_of(config: PolicyConfig) -> Method | None:
 def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
     if method == "roundabout":
         return ProcessConfig(features=("x", "y"), target_obstacle="disk"), LearningConfig()
+    if method == "fastest":
+        return ProcessConfig(features=("x", "y", "h")), LearningConfig()
     if method in COMPUTED:
         features = ("x", "y") if scenario.robots == 1 else ("x", "y", "p")
         return ProcessConfig(features=features), LearningConfig()

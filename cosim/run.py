@@ -46,8 +46,9 @@ class Run:
     some 20 s more), on moves with --through (prompt, the default with --through), on moves of many
     worlds (robust), on the grid as in Section V (paper), or on the grid with moves that go astray
     (slip). Or they are computed without learning: of one or two robots the joint paths that are
-    optimal on the grid by length (shortest) or by moves (quickest), of any number each one's own
-    path counter-clockwise about the middle of the board (roundabout, with --shield)."""
+    optimal on the grid by length (shortest) or by moves (quickest), of one the least time on
+    observed moves (fastest), of any number each one's own path counter-clockwise about the middle
+    of the board (roundabout, with --shield)."""
     train_episodes: int | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves, and
     3 000 000 for robust and prompt."""

@@ -124,7 +124,7 @@ def test_policy_may_only_act(episode):
 def test_methods_are_told_and_train_however_often_they_are_asked_for(policy):
     assert agent.methods()[0] == "moves"
     learnt = {"moves", "paper", "slip", "robust", "prompt"}
-    assert set(agent.methods()) == learnt | {"shortest", "quickest", "roundabout"}
+    assert set(agent.methods()) == learnt | {"shortest", "quickest", "fastest", "roundabout"}
     again = agent.train("1a", method="paper", episodes=20_000)
     assert np.array_equal(again.q, policy.q)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from agent.moves.model import KINDS, MovesError, ObservedMoves, move_kind
 from agent.process.grid import STARTING_AXIS
-from agent.process.joint import BLOCKED, cells_after
+from agent.process.joint import BLOCKED, IMPOSSIBLE, cells_after
 from agent.process.readings import Process
 from cosim.base.jit import kernel
 from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
@@ -85,6 +85,30 @@ def least_times(process: Process, moves: ObservedMoves) -> np.ndarray:
     for i in range(robots):
         _iterate(after[i], seconds, value[i])
     return value
+
+
+def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, np.ndarray]:
+    """Tables by which a robot alone takes the least mean time.
+
+    Args:
+        process: of one robot with features x, y and h.
+        moves: of one world.
+
+    Returns:
+        Action values (1, states, 8) float32, minus the time in s that a move leads to, and (1,
+        states) bool, whether there is anything to decide and a path to the target.
+
+    Raises:
+        MovesError: see `mean_seconds`.
+    """
+    value, after = least_times(process, moves)[0], cells_after(process, 0)
+    directions = np.arange(DIRECTION_COUNT)
+    kinds = [[move_kind(a, axis) for a in directions.tolist()] for axis in range(AXIS_COUNT)]
+    rest = np.where(after == BLOCKED, np.inf, value[after, directions % AXIS_COUNT])
+    time_s = mean_seconds(moves)[np.array(kinds)] + rest[:, None]
+    decided = (value > 0.0) & (value < np.inf)
+    table = np.where(decided[..., None] & (time_s < np.inf), -time_s, IMPOSSIBLE)
+    return table.reshape(1, -1, DIRECTION_COUNT).astype(np.float32), decided.reshape(1, -1)
 
 
 def least_times_of_starts(process: Process, moves: ObservedMoves, starts: np.ndarray) -> np.ndarray:

@@ -13,7 +13,8 @@ from cosim.scenarios.scenario import ScenarioError
 
 Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
 Objective = Literal["shortest", "quickest"]  # paths of least length, or of fewest moves
-Computed = Literal[Objective, "roundabout"]  # not learnt: see `agent.process.optimum`
+# Not learnt: see `agent.process.optimum`, and for the fastest `agent.moves.bound`.
+Computed = Literal[Objective, "fastest", "roundabout"]
 PartnerUpdate = Literal["ordinary", "penalty", "none"]
 RewardPer = Literal["step", "time", "distance"]
 FEATURES: tuple[Feature, ...] = get_args(Feature)

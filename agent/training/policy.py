@@ -65,7 +65,8 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Raises:
         ScenarioError: a reading of the process has no effect on what it is trained on.
-        PolicyError: there is an objective, and something is said of learning.
+        PolicyError: there is an objective, and something is said of learning, or moves are given
+            where they do not matter or missing where they do.
     """
 
     scenario: Scenario
@@ -86,9 +87,14 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 "process: reward_per = time has no effect on moves of robots that are asked every "
                 f"{TIMING.rl_step_s:g} s, which is what it pays for; leave it at step"
             )
-        if self.objective and (self.learning, self.moves) != (LearningConfig(), None):
+        if self.objective is None:
+            return
+        if self.learning != LearningConfig():
+            raise PolicyError(f"learning has no effect on {self.objective} paths; leave it out")
+        if (self.objective == "fastest") != (self.moves is not None):
             raise PolicyError(
-                f"learning and moves have no effect on {self.objective} paths; leave both out"
+                "fastest paths are those of observed moves, and others know of none; "
+                f"{'leave them out' if self.moves else 'give some'}"
             )
 
 

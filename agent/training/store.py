@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from agent.moves.bound import fastest_tables
 from agent.process.greedy import PolicyError
 from agent.process.optimum import computed_tables
 from agent.process.readings import build_process
@@ -127,6 +128,9 @@ def find_or_compute(config: PolicyConfig, *, again: bool = False) -> tuple[Polic
 def _computed(config: PolicyConfig) -> Policy:
     assert config.objective is not None
     process = build_process(config.scenario, config.process)
-    tables, decided = computed_tables(process, config.objective)
+    if config.moves is None:
+        tables, decided = computed_tables(process, config.objective)
+    else:
+        tables, decided = fastest_tables(process, config.moves)
     unused = np.zeros(1, dtype=np.uint64)
     return Policy(config, tables[None], decided.astype(np.uint32), unused, episodes=0)

@@ -8,13 +8,25 @@ import numpy as np
 import pytest
 
 from agent.moves import kernels
-from agent.moves.bound import least_times, least_times_of_starts, mean_seconds
-from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMoves, build_model
+from agent.moves.bound import fastest_tables, least_times, least_times_of_starts, mean_seconds
+from agent.moves.model import (
+    KINDS,
+    NO_DIRECTION,
+    Move,
+    MovesError,
+    ObservedMoves,
+    build_model,
+    move_kind,
+)
 from agent.process import grid
 from agent.process.config import ProcessConfig
 from agent.process.readings import build_process
 from agent.process.rng import seeded_state
+from agent.training.policy import PolicyConfig, PolicyError, Seed
+from agent.training.settings import LearningConfig
+from agent.training.store import find_or_compute
 from cosim.base.outcome import RUNNING, SUCCESS
+from cosim.navigation.features import DIRECTIONS
 from cosim.scenarios.scenario import Scenario
 
 BOARD = Scenario(
@@ -67,6 +79,36 @@ def test_it_is_what_a_search_over_the_kernels_finds():
     expected = [[search(process, moves, cell, axis) for axis in range(4)] for cell in cells]
     assert [found[cell].tolist() for cell in cells] == expected
     assert np.unique(expected).size > 8  # where it faces matters
+
+
+def test_the_tables_of_the_fastest_lead_to_the_least_time():
+    process = build_process(BOARD, ProcessConfig(features=("x", "y", "h")))
+    moves = lasting(*SECONDS)
+    values, (tables, decided) = least_times(process, moves)[0], fastest_tables(process, moves)
+    assert tables[0].max(axis=1)[decided[0]] == pytest.approx(-values.ravel()[decided[0]])
+    assert not decided[0].reshape(6, 6, 4)[BOARD.targets[0]].any()
+    features, none = ProcessConfig(features=("x", "y", "h")), LearningConfig()
+    config = PolicyConfig(BOARD, features, none, Seed(0), moves, objective="fastest")
+    policy, _ = find_or_compute(config, again=True)
+    seconds = mean_seconds(moves)
+    for start in [(5, 0), (0, 5), (5, 5), (3, 1)]:
+        cell, axis, taken = np.array([start]), grid.STARTING_AXIS, 0.0
+        expected = values.reshape(6, 6, 4)[(*start, axis)]
+        while tuple(cell[0]) != BOARD.targets[0]:
+            row = int(np.ravel_multi_index((*cell[0], axis), (6, 6, 4)))
+            direction = int(policy.values[0, row].argmax())
+            taken += seconds[move_kind(direction, axis)]
+            cell, axis = cell + DIRECTIONS[direction], direction % 4
+        assert taken == pytest.approx(expected)
+
+
+def test_only_the_fastest_paths_know_of_moves():
+    features = ProcessConfig(features=("x", "y", "h"))
+    with pytest.raises(PolicyError, match="others know of none; give some"):
+        PolicyConfig(BOARD, features, LearningConfig(), Seed(0), objective="fastest")
+    with pytest.raises(PolicyError, match="others know of none; leave them out"):
+        moves = lasting(*SECONDS)
+        PolicyConfig(BOARD, features, LearningConfig(), Seed(0), moves, objective="shortest")
 
 
 def test_obstacles_are_gone_around():

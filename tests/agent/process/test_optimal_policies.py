@@ -144,9 +144,11 @@ def test_what_cannot_be_computed_is_refused(command):
         method_policy("quickest", find_scenario("4-cross"))
     with pytest.raises(ScenarioError, match=r"cell \(0, 11\).* too near another's target; choose"):
         method_policy("roundabout", find_scenario("5-corridor"))
+    with pytest.raises(UserError, match="fastest paths are computed for one robot, and scenario 4"):
+        method_policy("fastest", find_scenario("4"))
     with pytest.raises(UserError, match="shortest is computed, not trained"):
         method_config("shortest", CROSSING, episodes=5)
-    with pytest.raises(PolicyError, match="learning and moves have no effect"):
+    with pytest.raises(PolicyError, match="learning has no effect on shortest"):
         PolicyConfig(
             CROSSING, ProcessConfig(), LearningConfig(eta=0.5), Seed(0), objective="shortest"
         )
