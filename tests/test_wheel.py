@@ -12,6 +12,7 @@ import pytest
 from fmus.compiler import host_target
 from fmus.models import MODELS
 
+pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("fmus", "cosim", "agent", "analysis")
 DATA = {

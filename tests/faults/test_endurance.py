@@ -15,6 +15,7 @@ def judge(found: endurance.Endured, most_change: float) -> None:
     assert found.cost_ratio > 0.0
 
 
+@pytest.mark.long
 def test_minutes(tmp_path):
     path = tmp_path / "endless.rrd"
     judge(endurance.endure(130.0, 0, path), 0.15)  # another library may still be loaded

@@ -113,6 +113,7 @@ def test_a_critic_that_sees_all_robots_teaches_too(tiny, tmp_path, command):
     assert report["success"] > report["curve"][0][2] + 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("algorithm", ["ddqn", pytest.param("ippo", marks=pytest.mark.slow)])
 def test_the_same_seed_gives_the_same_bits(algorithm, tiny):
     from agent.deep.learners import train
@@ -150,6 +151,7 @@ def test_ppo_learns_from_moves_only(monkeypatch):
     assert (len(drawn), drawn.mean(), drawn.std()) == pytest.approx((16, 0.0, 1.0), abs=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("central", [False, True])
 def test_ppo_learns_from_its_moves(monkeypatch, central):
     from agent.deep import ppo

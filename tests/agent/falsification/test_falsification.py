@@ -86,6 +86,7 @@ def test_the_worst_episodes_are_kept(whole, policy):
     assert [case.recording for case in found.cases[1:]] == [None] * (whole.found - 1)
 
 
+@pytest.mark.long
 def test_a_search_goes_on_where_it_ended_to_the_same_bits(whole, policy):
     out = policy.parent / "parts"
     first = search(policy, out, 5, jobs=2)

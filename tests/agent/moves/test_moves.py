@@ -271,6 +271,7 @@ def test_training_on_moves_reaches_the_targets():
     assert np.array_equal(policy.q, again.q)
 
 
+@pytest.mark.long
 def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
     """One robot, two tables: one picks the next action, the other says what it is worth."""
     alone = Scenario(

@@ -82,6 +82,7 @@ def backend(request):
     return request.param
 
 
+@pytest.mark.long
 def test_killed_worker_is_replaced_and_no_bit_changes(backend, expected, tmp_path):
     results = dict(sweep(die_once_and_train, fragile_tasks(tmp_path), jobs=2, backend=backend))
     assert (tmp_path / "marker").exists()

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from cosim.base.params import SHIELD
 from cosim.episodes import Task, simulate_tasks
@@ -38,6 +39,7 @@ def variances(covariance):
     return np.linalg.eigvalsh(np.stack([xx, xy, xy, yy], -1).reshape(*xx.shape, 2, 2))[..., -1]
 
 
+@pytest.mark.long
 def test_errors_across_patches_are_those_of_the_filter():
     """Unequal motors, bouncing feet and floors that the filter does not know of, all the same."""
     scenario, world = find_in_world("4", WORLD)

@@ -52,6 +52,7 @@ def test_errors_of_fixed_steps_are_of_first_order(masses, algorithm):
     assert errors[-1] < (4e-3 if algorithm == "jacobi" else 2e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_errors_of_varied_steps_follow_the_tolerance(masses, algorithm):
     runs = [simulated(masses[3, 3], 1.0, 1e-6, algorithm, tol) for tol in (1e-2, 1e-4)]

@@ -22,6 +22,7 @@ NAMES = [
     "container by fmpy, FMI 3", "container by toolbox, FMI 3",
     "sequential container by toolbox, FMI 3",
 ]  # fmt: skip
+SLOWEST = {"fmpy", "ecospy"}
 
 
 class Archives(NamedTuple):
@@ -41,7 +42,7 @@ def cases(tmp_path_factory) -> dict[str, masters.Case]:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.long if n == "fmpy" else ()) for n in NAMES]
+    "name", [pytest.param(n, marks=pytest.mark.long if n in SLOWEST else ()) for n in NAMES]
 )
 def test_masters_have_the_bits_of_ours(cases, name):
     assert list(cases) == NAMES
