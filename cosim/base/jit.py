@@ -1,53 +1,29 @@
 """How kernels are compiled: numba, cached on disk, without the interpreter lock.
 
-The cache folder is named by a hash of every source file that kernels draw on: the modules that
-import this one, and all that they import. numba itself only looks at the file of the outermost
-kernel, and would run stale code after a change in another. Nor does it expect two processes to
-fill the folder at once, which could take one's machine code for the other's: a lock per kernel
-lets one compile while the others wait for what it writes. And it takes whatever is in its files for
-machine code: they get checksums here, and what is damaged is compiled again. Signals wait while
-LLVM makes machine code: it calls Python, out of which an exception would not get, so that an
-interrupt would be lost, or machine code.
+Signals wait while LLVM makes machine code. LLVM calls Python there, and an exception would not
+leave that call: either the interrupt or the machine code would be lost.
 """
 
 import contextlib
 import functools
-import hashlib
-import io
-import logging
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager as ContextManager
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
 from numba import types
 from numba.core import config
-from numba.core.caching import IndexDataCacheFile
+from numba.core.caching import NullCache
 from numba.core.codegen import JitEngine
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.targetconfig import ConfigStack
 
-from cosim.base.provenance import ROOT, imported_files, source_digest, with_imports
-from cosim.base.storage import cache_dir, lock_of, require_no_folder
+from cosim.base.kernel_files import KernelCache
+from cosim.base.storage import lock_of
 
 Kernel = TypeVar("Kernel", bound=Callable)
 
-_PACKAGES = ("cosim", "agent", "benchmarks")
-_LOGGER = logging.getLogger(__name__)
-
-
-def _kernel_sources() -> list[Path]:
-    """Modules with kernels, and what they import, directly or not."""
-    files = [file for package in _PACKAGES for file in (ROOT / package).rglob("*.py")]
-    return with_imports(file for file in files if Path(__file__) in imported_files(file))
-
-
-_DIGEST = source_digest(_kernel_sources(), numba.__version__)
-_FOLDER = cache_dir("kernels") / _DIGEST
-config.CACHE_DIR = str(_FOLDER)  # pyright: ignore[reportAttributeAccessIssue]
 _PLAIN: bool = config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -78,8 +54,14 @@ def _uninterrupted(function: Kernel) -> Kernel:
 JitEngine.finalize_object = _uninterrupted(JitEngine.finalize_object)
 
 
-def _compiled(function: Callable, lock: ContextManager, **options: bool) -> Any:
-    """A dispatcher of numba: IEEE arithmetic, no fastmath, releasing the interpreter's lock."""
+def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
+    """Return a dispatcher of numba: IEEE arithmetic, no fastmath, releasing the interpreter's lock.
+
+    Args:
+        function: to compile.
+        kept: whether its machine code is kept on disk.
+        options: for numba.
+    """
     dispatcher: Any = numba.njit(error_model="numpy", nogil=True, **cast(Any, options))(function)
     compile_one = dispatcher.compile
 
@@ -87,7 +69,12 @@ def _compiled(function: Callable, lock: ContextManager, **options: bool) -> Any:
         # numba would compile a function again for every constant that it is given. The compiler's
         # own lock first: threads hold it while they compile what a kernel calls.
         arguments = tuple(map(types.unliteral, signature))
-        with global_compiler_lock, lock:
+        with contextlib.ExitStack() as locks:
+            locks.enter_context(global_compiler_lock)
+            if kept:
+                if isinstance(dispatcher._cache, NullCache):
+                    dispatcher._cache = KernelCache(function)
+                locks.enter_context(lock_of(dispatcher._cache.path))
             entry = compile_one(arguments)
         model, caller = dispatcher.targetctx.data_model_manager, ConfigStack.top_or_none()
         result = dispatcher.overloads[arguments].signature.return_type
@@ -104,10 +91,7 @@ def kernel(function: Kernel) -> Kernel:
     """Compile a function with numba, for Python and for other kernels, and keep it on disk."""
     if _PLAIN:
         return function
-    lock = lock_of(_FOLDER / f"{function.__module__}.{function.__qualname__}")
-    dispatcher = _compiled(function, lock, cache=True, _nrt=True)  # else it has its caller's
-    dispatcher._cache._cache_file.__class__ = _CheckedFiles
-    return cast(Kernel, dispatcher)
+    return cast(Kernel, _compiled(function, kept=True, _nrt=True))  # else it has its caller's
 
 
 def inlined(function: Kernel) -> Kernel:
@@ -133,7 +117,7 @@ class _Inlined:
         functools.update_wrapper(self, function)
         self.py_func = function
         options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
-        self._inner = _compiled(function, contextlib.nullcontext(), forceinline=True, **options)
+        self._inner = _compiled(function, kept=False, forceinline=True, **options)
         self._numba_type_ = self._inner._numba_type_  # what numba takes this object for
 
     @functools.cached_property
@@ -142,35 +126,3 @@ class _Inlined:
 
     def __call__(self, *arguments: Any) -> Any:
         return self._kernel(*arguments)
-
-
-class _CheckedFiles(IndexDataCacheFile):
-    """A kernel's index and code, each file with its SHA-256 behind what numba reads."""
-
-    @contextlib.contextmanager
-    def _open_for_write(self, filepath: str) -> Iterator[Any]:
-        require_no_folder(Path(filepath))
-        content = io.BytesIO()
-        yield content
-        with super()._open_for_write(filepath) as file:
-            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
-
-    def _load_index(self) -> dict[Any, str]:
-        return super()._load_index() if _whole(Path(self._index_path)) else {}
-
-    def _load_data(self, name: str) -> Any:
-        if not _whole(Path(self._data_path(name))):
-            raise OSError  # as if it were missing
-        return super()._load_data(name)
-
-
-def _whole(path: Path) -> bool:
-    """Whether a file of a kernel is there as it was written; a log line says if it is damaged."""
-    if not path.exists():
-        return False
-    with contextlib.suppress(OSError):
-        content = path.read_bytes()
-        if hashlib.sha256(content[:-32]).digest() == content[-32:]:
-            return True
-    _LOGGER.warning("%s is not as it was kept: it is compiled again", path)
-    return False

@@ -109,14 +109,6 @@ def digest_of(*parts: Any) -> str:
     return found.hexdigest()[:16]
 
 
-def source_digest(files: Iterable[Path], *further: str) -> str:
-    """Hash (16 hex digits) of the contents of files, and of texts that matter as well."""
-    digest = hashlib.sha256("\0".join(further).encode())
-    for path in files:
-        digest.update(content(path))
-    return digest.hexdigest()[:16]
-
-
 def code_digest(files: Iterable[Path]) -> str:
     """Hash (16 hex digits) of what the files do: comments, docstrings and layout do not matter."""
     return hashlib.sha256(b"".join(_meaning(content(path)) for path in files)).hexdigest()[:16]

@@ -1,6 +1,5 @@
 """Whatever is stored has the code that made it in its identity: all of it, and nothing else."""
 
-import numba
 import pytest
 
 from agent.evaluation.cases import Case
@@ -13,7 +12,6 @@ from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from analysis.timings import Timings, code_of
-from cosim.base import jit
 from cosim.base import provenance as sources
 from cosim.base.config import CoSimConfig
 from cosim.base.provenance import ROOT
@@ -47,7 +45,6 @@ IDENTITIES = {
     "bound": bounds,
     "calibration": lambda: digest(CoSimConfig(), cached_fmu()),
     "evaluation": evaluation,
-    "kernels": lambda: sources.source_digest(jit._kernel_sources(), numba.__version__),
     "moves": lambda: moves_path(CoSimConfig(), cached_fmu()).name,
     "policy": lambda: policy_folder(policy_config()).name,
     "reproduced experiment": lambda: code_of("fig08"),
@@ -79,14 +76,6 @@ MATTER = {
         cosim.navigation.observing cosim.navigation.yielding cosim.physics.body
         cosim.physics.collision cosim.physics.contact cosim.physics.forces
         cosim.physics.rotation
-    """,
-    "kernels": """
-        agent.envs.boards agent.moves.kernels agent.process.acting agent.process.config
-        agent.process.exact agent.process.grid agent.process.joint agent.process.readings
-        agent.process.rng agent.training.moves_qlearning agent.training.qlearning
-        cosim.base.params cosim.coupling.plant cosim.control.steering cosim.navigation.features
-        cosim.navigation.measures cosim.navigation.observing cosim.navigation.yielding
-        cosim.physics.body cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "moves": """
         agent.moves.model agent.moves.observe cosim.base.config cosim.base.params
@@ -143,10 +132,6 @@ ELSEWHERE = {
         agent.moves.kernels analysis.figures.style cosim.recording.blueprint
         cosim.recording.episode cosim.recording.file cosim.run
     """,
-    "kernels": """
-        agent.experiments.training analysis.figures.style cosim.recording.blueprint
-        cosim.run
-    """,
     "moves": """
         agent.process.grid agent.training.qlearning analysis.figures.style
         cosim.recording.blueprint cosim.run
@@ -166,7 +151,6 @@ ELSEWHERE = {
         agent.experiments.run analysis.figures.style cosim.run
     """,
 }
-LAID_OUT = {"kernels"}  # compiled code knows its lines
 
 
 def modules(where: dict[str, str]) -> list[tuple[str, str]]:
@@ -215,7 +199,7 @@ def test_a_change_elsewhere_gives_the_same_identity(kind, module, identity, chan
     assert identity[kind]() == before
 
 
-@pytest.mark.parametrize("kind", sorted(IDENTITIES.keys() - LAID_OUT))
+@pytest.mark.parametrize("kind", sorted(IDENTITIES))
 def test_a_comment_gives_the_same_identity(kind, identity, change):
     before = identity[kind]()
     for _, module in modules({kind: MATTER[kind]}):

@@ -1,14 +1,16 @@
 """Compiled kernels in the cache: found again, and compiled again where they are damaged."""
 
+import importlib
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from numba.core import config
 from numba.core.errors import TypingError
 
+from cosim.base import kernel_files
 from cosim.base.jit import inlined, kernel
+from cosim.base.kernel_files import kernel_digest
 from cosim.base.storage import StorageError
 
 
@@ -23,7 +25,7 @@ def flip(path):
 
 
 def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(kernel_files, "FOLDER", tmp_path)
 
     def run():
         """Value, and whether its code was found; nothing of the kernel is in memory yet."""
@@ -36,7 +38,7 @@ def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
         flip(file)
         assert not caplog.messages
         assert run() == (1.5, 0)
-        assert {*caplog.messages} == {f"{file} is not as it was kept: it is compiled again"}
+        assert {*caplog.messages} == {f"{file} is damaged: compiling it again"}
         caplog.clear()
         assert run() == (1.5, 1)
     file.unlink()
@@ -69,14 +71,14 @@ def made(array):
 )
 def test_inlined_functions_count_no_references(tmp_path, monkeypatch, inner, why):
     """One more count fewer than there are references, and memory would be freed that is in use."""
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(kernel_files, "FOLDER", tmp_path)
     with pytest.raises((TypeError, TypingError), match=why):
         kernel(calling(inlined(inner)))(np.ones(2))
 
 
 def test_inlined_functions_take_no_arrays_of_kernels(tmp_path, monkeypatch):
     """Nor does a kernel that they call first lose its counts."""
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(kernel_files, "FOLDER", tmp_path)
     rest = kernel(without_first)
 
     def first(array):
@@ -85,6 +87,64 @@ def test_inlined_functions_take_no_arrays_of_kernels(tmp_path, monkeypatch):
     with pytest.raises(TypeError, match="without_first returns an array"):
         kernel(calling(inlined(first)))(np.ones(2))
     assert rest(np.array([1.0, 2.0])).tolist() == [2.0]
+
+
+KERNEL = """
+from typing import NamedTuple
+import numpy as np
+from cosim.base.jit import inlined, kernel
+
+GAIN = 2.0
+
+
+class Motor(NamedTuple):
+    '''Constants.'''
+
+    torque: float
+    friction: float = 0.5
+
+
+@inlined
+def loss(motor, speed):
+    '''Friction.'''
+    if speed < 0.0:
+        raise ValueError
+    return motor.friction * speed
+
+
+@kernel
+def power(speed):
+    '''Power.'''
+    return GAIN * speed - loss(Motor(1.0), speed) + np.sin(speed)  # W
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("# W", "# watts", True),
+        ("Power.", "Return the power.", True),
+        ("Friction.", "Return the loss.", True),
+        ("Constants.", "Constants of a motor.", True),
+        ("import numpy", "\n\nimport math\nimport numpy", True),
+        ("GAIN = 2.0", "GAIN = 2.5", False),
+        ("friction: float = 0.5", "friction: float = 0.6", False),
+        ("torque: float\n", "torque: float\n    mass: float = 1.0\n", False),
+        ("motor.friction * speed", "motor.friction / speed", False),
+        ("np.sin", "np.cos", False),
+    ],
+)
+def test_a_kernel_is_known_by_what_it_does(tmp_path, monkeypatch, old, new, same):
+    def digest(text):
+        (tmp_path / "motor_kernel.py").write_text(text)
+        monkeypatch.delitem(sys.modules, "motor_kernel", raising=False)
+        importlib.invalidate_caches()
+        return kernel_digest(importlib.import_module("motor_kernel").power.py_func)
+
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    assert old in KERNEL
+    assert (digest(KERNEL) == digest(KERNEL.replace(old, new))) == same
 
 
 # Ctrl-C while LLVM tells numba that it has made machine code.
