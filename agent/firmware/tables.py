@@ -77,9 +77,7 @@ def render_constants(policy: Policy, config: CoSimConfig) -> str:
     steering = config.steering._asdict()
     numbers = {
         "CELL_M": scenario.cell_m,
-        "TICK_S": timing.dt_s,
         "CONTROL_PERIOD_S": config.ticks_per_period * timing.dt_s,
-        "MOVE_LIMIT_S": timing.move_limit_s,
         "PI": math.pi,
         "EIGHTH_RAD": 2.0 * math.pi / DIRECTION_COUNT,
         **{name.upper(): steering[name] for name in _STEERING},
@@ -96,7 +94,7 @@ def render_constants(policy: Policy, config: CoSimConfig) -> str:
         "MEDIUM_SQUARED": process.thresholds.medium,
         **{f"STRIDE_{f}": s for f, s in zip(_FEATURES, process.strides, strict=True)},
         "STATES": process.state_count,
-        "PERIOD_TICKS": config.ticks_per_period,
+        "MOVE_LIMIT_PERIODS": -(-config.ticks(timing.move_limit_s) // config.ticks_per_period),
         "DECISION_PERIODS": config.periods_per_step,
         "THROUGH": int(config.through),
     }

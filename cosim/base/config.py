@@ -36,6 +36,7 @@ Loop = Literal["motors", "heading"]
 MAX_RATIO = 10**9  # of two periods
 MAX_VALUE = 1e9  # of a parameter in its unit
 
+_ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another one
 _SIGNED = ("com_x_m", "com_y_m")
 
 
@@ -227,6 +228,10 @@ class CoSimConfig:
         """Ticks of dt per control period."""
         return round(self.timing.control_period_s / self.timing.dt_s)
 
+    def ticks(self, duration_s: float) -> int:
+        """Least number of ticks of dt that is no shorter than a duration in s, but for rounding."""
+        return math.ceil(duration_s / self.timing.dt_s * (1.0 - _ROUNDING))
+
     @property
     def periods_per_step(self) -> int:
         """Control periods per RL step."""
@@ -281,7 +286,7 @@ def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:
         ConfigError: it is not one; the message names both.
     """
     ratio = round(min(period / base, MAX_RATIO))
-    if ratio < 1 or ratio == MAX_RATIO or abs(period - ratio * base) > 1e-9 * period:
+    if ratio < 1 or ratio == MAX_RATIO or abs(period - ratio * base) > _ROUNDING * period:
         raise ConfigError(
             f"{name} = {period:g} s is no whole multiple of {base_name} = {base:g} s; change one"
         )

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import reprlib
 import signal
 import sys
 from collections.abc import Callable
@@ -32,6 +33,11 @@ class Terminated(KeyboardInterrupt):
 
 class UserError(Exception):
     """A mistake the caller can mend; the message names the thing and the mend in one sentence."""
+
+
+def shown(value: object) -> str:
+    """Return a value as messages have it: shortened, on one line."""
+    return " ".join(reprlib.repr(value).split())
 
 
 def run_command(main: Callable[[], None]) -> None:

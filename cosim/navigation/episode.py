@@ -8,10 +8,12 @@ the cells. Nothing here advances time (that is `cosim.navigation.batch`), learns
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from cosim.base.config import CoSimConfig
+from cosim.base.errors import UserError, shown
 from cosim.base.outcome import BY_RANK, RUNNING, Outcome
 from cosim.base.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator, gravity
 from cosim.control.camera import camera_of, draw_sight
@@ -105,7 +107,9 @@ class RunningEpisode:
         self._step = self._tick = 0
         self.conflicts = 0
         self._arrived = np.zeros(n, dtype=bool)
-        self._moving_since = np.zeros(n)
+        self._moving_since = np.zeros(n, dtype=np.int64)  # ticks
+        self._move_limit = config.ticks(config.timing.move_limit_s)
+        self._episode_limit = config.ticks(config.timing.episode_limit_s)
         self._action = np.full(n, -1)
         positions_m = self._positions_m()
         self._squared_at_decision = nearest_squared(cells_of(positions_m, self._board.cell_m))
@@ -129,15 +133,19 @@ class RunningEpisode:
         """Which robots have reached their targets, shape (N,), bool."""
         return self._arrived.copy()
 
-    def begin_step(self, action: np.ndarray, noise: np.ndarray, sight: np.ndarray) -> None:
+    def begin_step(self, action: Any, noise: np.ndarray, sight: np.ndarray) -> None:
         """Adopt actions, and draw the speed noise and the camera's frames of the step.
 
         Args:
-            action: (N,) direction index of each robot; a robot under way keeps its own.
+            action: (N,) direction index of each robot, as the policy returned it; a robot under way
+                keeps its own.
             noise: (periods, N, 2), written, rad/s.
             sight: (M, N, NOISE) of `cosim.control.camera`, written.
+
+        Raises:
+            UserError: the action is anything else.
         """
-        self._decided = self._adopt(action)
+        self._decided = self._adopt(self._directions(action))
         self._was_moving = ~self._at_end()
         nominal_rad_s = self.config.steering.forward_speed_rad_s
         noise[:] = draw_noise(self.config, self._noise, nominal_rad_s, len(noise))
@@ -184,10 +192,27 @@ class RunningEpisode:
         self._step += 1
         return step
 
+    def _directions(self, action: Any) -> np.ndarray:
+        n = self.scenario.robots
+        try:
+            directions = np.asarray(action)
+        except ValueError:  # lists of unequal lengths
+            directions = np.empty(0)
+        if (
+            directions.shape != (n,)
+            or directions.dtype.kind not in "iu"
+            or not 0 <= directions.min() <= directions.max() < DIRECTION_COUNT
+        ):
+            raise UserError(
+                f"the policy returned {shown(action)}; expected {n} integers from 0 to "
+                f"{DIRECTION_COUNT - 1}, the direction of each robot"
+            )
+        return directions
+
     def _adopt(self, action: np.ndarray) -> np.ndarray:
         """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
         commands, cells = self._commands, self.observation.cells
-        late = self.time_s - self._moving_since >= self.config.timing.move_limit_s
+        late = self._tick - self._moving_since >= self._move_limit
         decided = ~self._arrived & (self._at_end() | late)
         squared = nearest_squared(cells)
         for robot in np.flatnonzero(decided):
@@ -202,7 +227,7 @@ class RunningEpisode:
             commands[robot, DIRECTION] = direction * 2.0 * math.pi / DIRECTION_COUNT
             on = commands[robot, MODE] == PAST and direction == before
             commands[robot, MODE] = DRIVE if on else START
-            self._moving_since[robot] = self.time_s
+            self._moving_since[robot] = self._tick
             self._squared_at_decision[robot] = squared[robot]
         self._action[self._arrived] = -1
         return decided
@@ -248,11 +273,12 @@ class RunningEpisode:
             self._board.cell_m,
             self._thresholds,
             self._squared_at_decision,
+            self._targets,
         )
 
     def _judge(self, event: int) -> Outcome:
         if event == RUNNING and self._arrived.all():
             return Outcome.SUCCESS
-        if event == RUNNING and self.time_s >= self.config.timing.episode_limit_s:
+        if event == RUNNING and self._tick >= self._episode_limit:
             return Outcome.TIMEOUT
         return BY_RANK[event]

@@ -67,9 +67,12 @@ class Observation(NamedTuple):
         distance_class: (N,) int64, Eq. (9), to the nearest other robot; LARGE if alone.
         gradient_sign: (N,) int64, Eq. (10), since that robot's previous decision; 0 at the start.
         direction: (N,) int64, index of the direction the robot faces (for least-rotation ties).
+        targets: (N, 2) int64, column and row of each robot's target; empty where an observation is
+            made without.
     """
 
     cells: np.ndarray
     distance_class: np.ndarray
     gradient_sign: np.ndarray
     direction: np.ndarray
+    targets: np.ndarray = np.empty((0, 2), dtype=np.int64)

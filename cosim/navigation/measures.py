@@ -50,6 +50,7 @@ class Measures:
         )
         self._period_s = control_period_s
         self._path_periods = max(1, round(PATH_SAMPLING_S / control_period_s))
+        self._since_point = 0  # control periods since the last point of the paths
         self._last_m = positions_m.copy()
 
     def add(self, samples: Samples) -> None:
@@ -62,11 +63,13 @@ class Measures:
             samples.touching_share[::-1],
             self._period_s,
             self._path_periods,
+            self._since_point,
             self._last_m,
             self.path_length_m,
             self.energy_j,
             self.regenerated_j,
         )
+        self._since_point = (self._since_point + len(samples.position)) % self._path_periods
         self.min_distance_m = min(self.min_distance_m, least_m)
         self.contact_time_s += touched_s
 
@@ -79,6 +82,7 @@ def _add(
     touching: np.ndarray,
     period_s: float,
     path_periods: int,
+    since_point: int,
     last_m: np.ndarray,
     path_length_m: np.ndarray,
     energy_j: np.ndarray,
@@ -92,6 +96,7 @@ def _add(
         position, voltage, current, touching: of `Samples`, the last period first.
         period_s: time between samples.
         path_periods: periods between two points of the path.
+        since_point: periods since the last point, at the start of the step.
         last_m: (N, 2) last point of each robot's path, updated.
         path_length_m, energy_j, regenerated_j: (N,), added to.
 
@@ -101,7 +106,7 @@ def _add(
     periods, robots = touching.shape
     least = np.inf
     for i in range(robots):
-        for k in range(periods - path_periods, -1, -path_periods):
+        for k in range(periods - path_periods + since_point, -1, -path_periods):
             x, y = position[k, i, 0], position[k, i, 1]
             path_length_m[i] += math.sqrt((x - last_m[i, 0]) ** 2 + (y - last_m[i, 1]) ** 2)
             last_m[i, 0], last_m[i, 1] = x, y

@@ -60,6 +60,7 @@ def observe(
     cell_m: float,
     thresholds: DistanceThresholds,
     squared_before: np.ndarray,
+    targets: np.ndarray,
 ) -> Observation:
     """What a policy sees.
 
@@ -69,6 +70,7 @@ def observe(
         cell_m: edge of a cell.
         thresholds: of the distance classes.
         squared_before: (N,) int64, `nearest_squared` at each robot's previous decision.
+        targets: (N, 2) int64, target cell of each robot.
     """
     cells = cells_of(positions_m, cell_m)
     squared = nearest_squared(cells)
@@ -78,7 +80,7 @@ def observe(
         signs[i] = gradient_sign(squared[i], squared_before[i])
         sector = np.rint(headings_rad[i] / _SECTOR_RAD)
         directions[i] = int(sector) % DIRECTION_COUNT
-    return Observation(cells, classes, signs, directions)
+    return Observation(cells, classes, signs, directions, targets.copy())
 
 
 def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:

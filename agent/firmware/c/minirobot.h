@@ -36,7 +36,7 @@ typedef struct {
     double dither_phase;  /* rad */
     double dither_sign;
     uint32_t period;      /* control periods since the start */
-    double moving_since;  /* s */
+    uint32_t moving_since; /* period in which the move began */
     int32_t squared;      /* cells^2 to the nearest other robot at the last decision */
     bool arrived;
 } Robot;

@@ -75,13 +75,13 @@ static int32_t choose(uint8_t best, int32_t towards) {
     return (towards + DIRECTIONS / 2) % DIRECTIONS;
 }
 
-static void begin_move(Robot *robot, Cell own, int32_t direction, double now_s) {
+static void begin_move(Robot *robot, Cell own, int32_t direction) {
     const bool goes_on = robot->mode == PAST && direction == robot->direction;
     const int32_t x = own.x + step[direction][0], y = own.y + step[direction][1];
     robot->goal = (Position){(x + 0.5) * CELL_M, (y + 0.5) * CELL_M};
     robot->direction = direction;
     robot->mode = goes_on ? DRIVE : START;
-    robot->moving_since = now_s;
+    robot->moving_since = robot->period;
 }
 
 void robot_start(Robot *robot, const Position positions[ROBOTS]) {
@@ -102,13 +102,13 @@ void robot_decide(Robot *robot, double heading, const Position positions[ROBOTS]
     const bool ended = robot->mode == HOLD || robot->mode == PAST;
     const bool moved = robot->direction != NO_DIRECTION;
     robot->arrived |= ended && moved && own.x == TARGET_X && own.y == TARGET_Y;
-    const double now_s = (double)robot->period * PERIOD_TICKS * TICK_S;
+    const bool late = robot->period - robot->moving_since >= (uint32_t)MOVE_LIMIT_PERIODS;
     if (robot->arrived || !on_board) {
         robot->mode = HOLD;
-    } else if (ended || now_s - robot->moving_since >= MOVE_LIMIT_S) {
+    } else if (ended || late) {
         const int32_t squared = nearest(cells, &other), towards = facing(heading);
         const int32_t state = state_of(cells, squared, robot->squared, other, towards);
-        begin_move(robot, own, choose(best[state], towards), now_s);
+        begin_move(robot, own, choose(best[state], towards));
         robot->squared = squared;
     }
 }

@@ -59,7 +59,7 @@ class Robot(ctypes.Structure):
         ("dither_phase", ctypes.c_double),
         ("dither_sign", ctypes.c_double),
         ("period", ctypes.c_uint32),
-        ("moving_since", ctypes.c_double),
+        ("moving_since", ctypes.c_uint32),
         ("squared", ctypes.c_int32),
         ("arrived", ctypes.c_bool),
     )
@@ -243,9 +243,23 @@ def test_decisions_are_those_of_the_policy(name, features, tmp_path):
         angles = rng.uniform(-math.pi, math.pi, scenario.robots)
         angles[0] = (rng.integers(-8, 8) / 2.0) * eighth  # also between two directions
         before = nearest_squared(cells_of(where[0], scenario.cell_m))
-        seen = observe(where[1], angles, scenario.cell_m, thresholds, before)
+        targets = np.array(scenario.targets)
+        seen = observe(where[1], angles, scenario.cell_m, thresholds, before, targets)
         fleet.start(where[0])
         assert fleet.decide(where[1], angles).tolist() == policy.act(seen).tolist()
+
+
+def test_moves_are_given_up_at_their_limit_whenever_they_began(tmp_path):
+    policy = random_policy(find_scenario("1a"), "xy", np.random.default_rng(0))
+    write_sources(tmp_path, render_constants(policy, CoSimConfig()))
+    fleet, where = Fleet(tmp_path, 1), np.array([[0.155, 0.205]])
+    fleet.start(where)
+    for began in range(0, 300 * 2000, 2000):  # every RL step of ten minutes
+        fleet.robots[0].mode = 0  # HOLD
+        for later, since in ((0, 0), (38_000, 0), (40_000, 40_000)):
+            fleet.robots[0].period = began + later
+            fleet.decide(where, np.zeros(1))
+            assert fleet.robots[0].moving_since == began + since
 
 
 def test_a_robot_off_the_board_waits(tmp_path):

@@ -38,6 +38,18 @@ def test_path_length_of_a_circle():
     assert measures.path_length_m == pytest.approx([0.05 * 100 * chord, 0.02 * 100 * chord])
 
 
+@pytest.mark.parametrize("periods", [1, 30, 100, 150, 2000])
+def test_path_length_does_not_depend_on_the_rl_step(periods):
+    """Also where RL steps are shorter than the time between two points of the path."""
+    positions = circles((0.05,), 6000)
+    whole, parts = (Measures(positions[-1], PERIOD_S) for _ in range(2))
+    whole.add(samples_of(positions))
+    for first in range(0, len(positions), periods):
+        parts.add(samples_of(positions[first : first + periods]))
+    assert whole.path_length_m[0] > 0.3
+    assert parts.path_length_m.tolist() == whole.path_length_m.tolist()
+
+
 def test_vibration_is_no_path():
     still = np.zeros((10_000, 1, 2))
     shaking = (
