@@ -24,6 +24,8 @@ _MENDS = {
     errno.ENOTDIR: "a part of the path is a file; choose another place",
     errno.EEXIST: "it exists and is no folder; choose another place",
     errno.EISDIR: "it is a folder; name a file",
+    errno.ENAMETOOLONG: "its name is longer than the file system allows; choose a shorter one",
+    errno.ELOOP: "a symbolic link leads back to itself; correct the link or choose another path",
 }
 
 

@@ -7,8 +7,10 @@ claimed.
 
 import contextlib
 import io
+import itertools
 import math
 import os
+import re
 import stat
 import tomllib
 import zipfile
@@ -33,6 +35,7 @@ _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # Far above what is written here, far below what fills the memory.
 MAX_TEXT_BYTES = 2**26
 MAX_ARRAY_BYTES = 2**31  # all that are read of a file together, unpacked
+MAX_KEY_PARTS = 32  # tomllib takes quadratic time and memory in the parts of a dotted key
 
 
 class Kind(NamedTuple):
@@ -120,6 +123,15 @@ def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
         UserError: `kind.error`.
     """
     content = read_bytes(path, kind)
+    for number, line in enumerate(content.splitlines(), 1):
+        # What ends in = or ] may be a key; each part of a line is looked at once.
+        parts = re.split(rb"([=\]{,\[])", line)
+        for part, end in itertools.pairwise(parts):
+            if end in {b"=", b"]"} and part.count(b".") >= MAX_KEY_PARTS:
+                raise kind.error(
+                    f"{path}: line {number} has a key of more than {MAX_KEY_PARTS} parts; "
+                    "correct that line"
+                )
     try:
         return tomllib.loads(content.decode())
     except (ValueError, RecursionError) as error:

@@ -158,8 +158,8 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        if error.filename is None:  # as of a write
-            error.filename = str(path)
+        if error.filename in {None, str(temporary)}:  # None as of a write
+            error.filename, error.filename2 = str(path), None
         raise
     finally:
         temporary.unlink(missing_ok=True)
@@ -196,7 +196,7 @@ def _sweep(path: Path) -> None:
 
 
 def _beginning(path: Path) -> str:
-    return f".{path.stem}.tmp-"
+    return f".{path.stem[:40]}.tmp-"  # not longer than what the file system allows for `path`
 
 
 def _ending(path: Path) -> str:

@@ -12,6 +12,7 @@ from cosim.base.reading import Kind, parsing, read_bytes
 
 COLUMNS = ("time", "x", "y", "heading", "omega_1", "omega_2")
 LEAST_S, LEAST_FRAMES = 5.0, 100
+MOST_S = 3600.0  # longer ones are in milliseconds or smaller units
 # Between neighbouring frames a robot moves some 0.2 mm: more than this is a hand, or another unit.
 MOST_STEP_M, MOST_TURN_RAD = 0.02, 1.0
 MOST_SPEED_RAD_S = 5800.0  # what the motors reach at their largest voltage
@@ -72,6 +73,11 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
         raise TrackError(
             f"{path}: ends at line {lines[-1] if lines else 1} after {len(times)} frames; record "
             f"at least {LEAST_FRAMES} frames and {LEAST_S:g} s"
+        )
+    if times[-1] > MOST_S:
+        raise TrackError(
+            f"{path}: the times of its frames span {times[-1]:.6g} s, more than {MOST_S:g} s; give "
+            "them in seconds, or cut the track"
         )
     poses = np.column_stack([table[:, 1:3], np.unwrap(table[:, 3])])
     steps = np.diff(poses, axis=0)

@@ -38,10 +38,12 @@ def limited() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (FULL_BYTES, FULL_BYTES))
 
 
-def write_in(tmp_path: Path, name: str, prepare: Callable[[], None]) -> tuple[int, str]:
+def write_in(
+    tmp_path: Path, name: str, prepare: Callable[[], None], out: str = "out"
+) -> tuple[int, str]:
     """Run a command in the folder `out`; its status and what it said on stderr."""
     place = Workplace(tmp_path / "work", Case(COMMANDS[name], ()))
-    place.out = tmp_path / "out"
+    place.out = tmp_path / out
     arguments = [a.replace("OUT", str(place.out)) for a in place.case.arguments]
     done = subprocess.run(
         [sys.executable, *arguments],
@@ -61,7 +63,7 @@ def refused(ended: tuple[int, str], out: Path, said: str) -> None:
     assert errors.count("\n") == 1
     assert str(out) in errors
     assert re.search(said, errors)
-    assert [p for p in out.rglob("*") if ".tmp-" in p.name] == []
+    assert [p for p in out.parent.rglob("*") if ".tmp-" in p.name] == []
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -87,6 +89,12 @@ def test_missing_parents_are_made(tmp_path, name):
     status, errors = write_in(tmp_path / "deep", name, lambda: None)
     assert status == 0, errors
     assert list((tmp_path / "deep" / "out").iterdir())
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_name_that_is_too_long(tmp_path, name):
+    ended = write_in(tmp_path, name, lambda: None, "a" * 300)
+    refused(ended, tmp_path / ("a" * 300), "its name is longer than the file system allows")
 
 
 @pytest.mark.faults

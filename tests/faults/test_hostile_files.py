@@ -241,6 +241,8 @@ POLICIES = {
     "nothing": Hostile(text(""), "damaged"),
 }  # fmt: skip
 
+DEEP = ".".join("a" * 20_000)
+QUOTED = '"a"'
 MANY = '[[robots]]\ntarget = [0, 0]\nstarts = "top"\n' * 10**4
 CROWD = "columns = 500\nrows = 500\nrobot_diameter_m = 0.01\n" + "".join(
     f'[[robots]]\ntarget = [{9 * k}, 250]\nstarts = [[0, 0, 3, 3]]\n' for k in range(50)
@@ -274,6 +276,13 @@ SCENARIOS = {
     "an unknown key": Hostile(text("colour = 1\n" + ROBOT), "unknown field 'colour'"),
     "another type": Hostile(text('rows = "many"\n' + ROBOT), "rows: expected 'int', got 'str'"),
     "arrays without end": Hostile(text("a = " + "[" * 10**5), "TOML"),
+    "a key of twenty thousand parts": Hostile(
+        text(f"rows = 9\n{DEEP} = 1\n" + ROBOT), "line 2 has a key of more than 32 parts"
+    ),
+    "a table of twenty thousand parts": Hostile(text(f"[{DEEP}]"), "line 1 has a key of more"),
+    "a quoted key of twenty thousand parts": Hostile(
+        text(f"a = {{{DEEP.replace('a', QUOTED)} = 1}}"), "line 1 has a key of more"
+    ),
     "65 MiB": Hostile(text("#" * (65 * 2**20)), "larger than 64 MiB"),
     "bytes": Hostile(text(bytes(range(256))), "TOML"),
 }  # fmt: skip
@@ -344,6 +353,10 @@ TRACKS = {
     "time backwards": Hostile(
         text(TRACK + "".join(LINE.format(k / 10 if k != 50 else 0) for k in range(200))),
         "line 52: its time is not after",
+    ),
+    "times in nanoseconds": Hostile(
+        text(TRACK + "".join(LINE.format(k * 10**8) for k in range(200))),
+        "span 1.99e+10 s, more than 3600 s; give them in seconds".replace("+", r"\+"),
     ),
     "a field of a million letters": Hostile(text(TRACK + "1" * 10**6 + ",0,0,0,0,0\n"), "track"),
     "bytes": Hostile(text(bytes(range(256))), "not a track or damaged"),

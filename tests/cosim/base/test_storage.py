@@ -136,3 +136,17 @@ def test_what_a_killed_process_left_is_swept_and_nothing_else(tmp_path):
         mine.write_text("again")
     assert {*tmp_path.iterdir()} == {path, other}
     assert path.read_text() == "again"
+
+
+def test_every_name_that_the_file_system_allows_can_be_written(tmp_path):
+    path = tmp_path / ("ä" * 120 + ".json")
+    with replacing(path) as temporary:
+        temporary.write_text("whole")
+    assert path.read_text() == "whole"
+    with (
+        pytest.raises(OSError, match="File name too long") as raised,
+        replacing(tmp_path / ("a" * 300)) as temporary,
+    ):
+        temporary.write_text("whole")
+    assert raised.value.filename == str(tmp_path / ("a" * 300))
+    assert [*tmp_path.iterdir()] == [path]
