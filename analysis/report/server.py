@@ -1,16 +1,23 @@
 """Serves a report to the browser of this machine.
 
 A browser loads neither the Rerun viewer nor a recording from a page opened as a file; so the folder
-is served, to this machine only.
+is served, to this machine only: requests that name another host are refused, as a page of a foreign
+site makes them (DNS rebinding), and links do not lead out of the folder.
 """
 
+import re
+import sys
 from functools import partial
+from http import HTTPStatus
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 from cosim.base.errors import UserError
 
 HOST = "127.0.0.1"
+_NAMES = {HOST, "localhost"}
+_RANGE = re.compile(r"bytes=(?:(\d{1,18})-(\d{1,18})?|-(\d{1,18}))")
 PAGE = "index.html"
 
 
@@ -18,7 +25,17 @@ class ServeError(UserError):
     """A folder or port that cannot be served."""
 
 
+class _Server(ThreadingHTTPServer):
+    request_queue_size = 1024  # a browser opens many connections at once
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Ignore clients that leave or stall; report defects."""
+        if not isinstance(sys.exception(), (ConnectionError, TimeoutError)):
+            super().handle_error(request, client_address)  # pyright: ignore[reportArgumentType]
+
+
 class _Handler(SimpleHTTPRequestHandler):
+    timeout = 60  # s without a byte
     # WebAssembly is compiled while it loads only under its own type; the system's table of types
     # may know neither it nor scripts.
     extensions_map = SimpleHTTPRequestHandler.extensions_map | {
@@ -33,6 +50,63 @@ class _Handler(SimpleHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base's name
         """Say nothing of requests: the terminal keeps showing the address."""
+
+    def send_head(self) -> Any:
+        """Send the head of an answer; return what is to follow it, if anything."""
+        self._bytes: int | None = None
+        if self.headers.get("Host", HOST).split(":")[0].lower() not in _NAMES:
+            return self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
+        path = self._served()
+        if path is None:
+            return self.send_error(HTTPStatus.NOT_FOUND)
+        part = _RANGE.fullmatch(self.headers.get("Range", ""))
+        if not part or "If-Range" in self.headers or self.command != "GET" or path.is_dir():
+            return super().send_head()
+        size = path.stat().st_size
+        first, last, final = (None if text is None else int(text) for text in part.groups())
+        start = max(size - (final or 0), 0) if first is None else first
+        stop = size if last is None else min(last + 1, size)
+        if start >= stop:
+            self.send_response(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE)
+            self.send_header("Content-Range", f"bytes */{size}")
+            self.send_header("Content-Length", "0")
+            return self.end_headers()
+        file = path.open("rb")
+        file.seek(start)
+        self._bytes = stop - start
+        self.send_response(HTTPStatus.PARTIAL_CONTENT)
+        self.send_header("Content-Type", self.guess_type(path))
+        self.send_header("Content-Range", f"bytes {start}-{stop - 1}/{size}")
+        self.send_header("Content-Length", str(self._bytes))
+        self.end_headers()
+        return file
+
+    def _served(self) -> Path | None:
+        """File or folder that is asked for, if it is in the served folder, links followed."""
+        try:
+            path = Path(self.translate_path(self.path))
+            page = path / PAGE if path.is_dir() else path
+            inside = page.resolve().is_relative_to(Path(self.directory).resolve())
+            return path if inside and page.is_file() else None
+        except (
+            OSError,
+            ValueError,
+            RuntimeError,
+        ):  # a name too long, a zero byte, a link to itself
+            return None
+
+    def copyfile(self, source: Any, outputfile: Any) -> None:
+        """Send a file, or the part of it that is asked for."""
+        if self._bytes is None:
+            super().copyfile(source, outputfile)
+        while self._bytes and (chunk := source.read(min(self._bytes, 2**16))):
+            outputfile.write(chunk)
+            self._bytes -= len(chunk)
+
+    def end_headers(self) -> None:
+        """End the head of an answer; parts of files can be asked for."""
+        self.send_header("Accept-Ranges", "bytes")
+        super().end_headers()
 
 
 def server(folder: Path, port: int = 0) -> ThreadingHTTPServer:
@@ -51,7 +125,7 @@ def server(folder: Path, port: int = 0) -> ThreadingHTTPServer:
             f"{folder}`, or name its folder"
         )
     try:
-        return ThreadingHTTPServer((HOST, port), partial(_Handler, directory=str(folder)))
+        return _Server((HOST, port), partial(_Handler, directory=str(folder)))
     except (OSError, OverflowError) as error:
         raise ServeError(f"--port {port}: {error}; choose another, or 0 for a free one") from error
 
