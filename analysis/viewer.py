@@ -4,8 +4,13 @@ The viewer runs headless and draws with software Vulkan, which on Debian takes t
 mesa-vulkan-drivers, libvulkan1 and libegl1.
 """
 
+import contextlib
+import os
+import re
 import socket
+import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,19 +71,7 @@ def screenshot(
             or load it.
     """
     require_file(recording, Kind("recording", "name an .rrd file", ViewerError))
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    try:
-        viewer = ViewerClient.spawn(
-            headless=True, port=port, hide_welcome_screen=True, executable_path=viewer_executable()
-        )
-    except Exception as error:  # rerun raises RuntimeError whatever the cause
-        raise ViewerError(
-            f"the Rerun viewer does not start ({error}); "
-            "install mesa-vulkan-drivers, libvulkan1 and libegl1"
-        ) from error
-    with viewer:
+    with _headless() as viewer:
         began = time.monotonic()
         viewer.open(str(recording.resolve()))
         while viewer.get_state().loading:
@@ -110,6 +103,42 @@ def screenshot(
             entities=[e.entity_path for e in viewer.get_recording_schema(paths_only=True).entities],
             load_s=load_s,
         )
+
+
+@contextlib.contextmanager
+def _headless() -> Iterator[ViewerClient]:
+    """Start a viewer that draws to memory, and end it; its log is kept from the terminal.
+
+    Raises:
+        ViewerError: it does not start, or ends before its time.
+    """
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with tempfile.TemporaryFile() as log:
+        try:
+            stderr = os.dup(2)  # which the viewer inherits
+            os.dup2(log.fileno(), 2)
+            try:
+                viewer = ViewerClient.spawn(
+                    headless=True,
+                    port=port,
+                    hide_welcome_screen=True,
+                    executable_path=viewer_executable(),
+                )
+            finally:
+                os.dup2(stderr, 2)
+                os.close(stderr)
+            with viewer:
+                yield viewer
+        except (ConnectionError, RuntimeError) as error:  # as rerun raises them, whatever the cause
+            log.seek(0)
+            panic = re.search(r"panicked at '(.*)'", log.read().decode(errors="replace"))
+            reason = panic[1] if panic else str(error).partition("\n")[0]
+            raise ViewerError(
+                f"the Rerun viewer does not draw ({reason}); install software Vulkan, on Debian "
+                "`apt install mesa-vulkan-drivers libvulkan1 libegl1`"
+            ) from error
 
 
 def _tab_names(blueprint: dict[str, Any]) -> dict[str, tuple[str, str]]:

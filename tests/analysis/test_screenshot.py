@@ -1,10 +1,13 @@
 """The default recordings in the real viewer, headless: every view draws without a complaint."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 from PIL import Image
 
 from analysis.viewer import ViewerError, screenshot, shrink
@@ -47,3 +50,26 @@ def test_missing_tab_is_named(run_folder, tmp_path):
 def test_missing_recording_is_named(tmp_path):
     with pytest.raises(ViewerError, match=r"nothing\.rrd: no such recording"):
         screenshot(tmp_path / "nothing.rrd", tmp_path / "a.png")
+
+
+@pytest.mark.long
+def test_missing_drivers_end_in_a_sentence(tmp_path, monkeypatch):
+    """Nothing of the viewer's panic reaches the terminal."""
+    for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES", "__EGL_VENDOR_LIBRARY_FILENAMES"):
+        monkeypatch.setenv(name, "/nonexistent")
+    with rr.RecordingStream("test") as stream:
+        stream.save(tmp_path / "a.rrd")
+        stream.log("a", rr.Scalars(1.0))
+    done = subprocess.run(
+        [sys.executable, "-m", "analysis.screenshot", "a.rrd"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: the Rerun viewer does not draw (")
+    assert done.stderr.endswith("apt install mesa-vulkan-drivers libvulkan1 libegl1`\n")
+    assert done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["a.rrd"]
