@@ -29,7 +29,7 @@ from agent.training.store import find_or_compute, find_or_train
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import code_digest, with_imports
+from cosim.base.reached_code import code_digest
 from cosim.calibration.cache import calibrated_slower
 from cosim.navigation.options import Deciding
 from cosim.scenarios.scenario import Scenario
@@ -96,7 +96,7 @@ def method_config(
     if method in ON_MOVES:
         moves = _observed_moves(scenario, motor_fmu or cached_fmu(), ON_MOVES[method], progress)
     if method in COMPUTED:
-        code = code_digest(with_imports([Path(optimum.__file__), Path(bound.__file__)]))
+        code = code_digest(optimum, bound)
         return PolicyConfig(
             scenario, process, learning, Seed(0), moves, objective=method, kernel_version=code
         )

@@ -16,7 +16,7 @@ import msgspec
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
 from cosim.base.errors import UserError
-from cosim.base.provenance import ROOT, code_digest, with_imports
+from cosim.base.reached_code import ROOT, code_digest
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 
@@ -77,9 +77,9 @@ def code_of(stage: str) -> str | None:
     """Hash (16 hex digits) of the code that makes a result; None if the stage is of no result."""
     if stage not in RESULTS:
         return None
-    place = ROOT.joinpath(*RESULTS[stage].module.split("."))
-    module = place / "__main__.py" if place.is_dir() else place.with_suffix(".py")
-    return code_digest(with_imports([module]))
+    module = RESULTS[stage].module
+    package = ROOT.joinpath(*module.split(".")).is_dir()
+    return code_digest(f"{module}.__main__" if package else module)
 
 
 class Timings:

@@ -18,7 +18,7 @@ from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.params import TABLE_II, MotorParams
 from cosim.base.progress import progress_bars
-from cosim.base.provenance import code_digest, with_imports
+from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 from cosim.base.world import Sensor, World, draw_world
@@ -137,7 +137,7 @@ def measure(machines: int, seed: int, jobs: int, out: Path) -> dict[str, Any]:
         jobs: processes.
         out: folder of results, one file for each machine.
     """
-    folder = out / code_digest(with_imports([Path(__file__)]))
+    folder = out / code_digest(__name__)
     files = {number: folder / f"{seed}-{number}.json" for number in range(machines)}
     missing = [number for number, file in files.items() if not file.exists()]
     tasks = (joblib.delayed(_identify)(number, seed) for number in missing)

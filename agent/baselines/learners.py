@@ -8,11 +8,9 @@ start.
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-import agent.deep
 from agent.baselines import NETWORKS, Learner
 from agent.deep.policy import NetworkConfig
 from agent.deep.world import SHAPING
@@ -25,7 +23,8 @@ from agent.training.loop import TrainingProgress, run_training
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import COMPUTED
 from cosim.base.progress import Progress
-from cosim.base.provenance import code_digest, digest_of, with_imports
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.scenarios.scenario import Scenario
 
 # Moves of all robots after which a network is given up, by the number of robots.
@@ -69,8 +68,7 @@ def digest(config: Config) -> str:
     """Hash (16 hex digits) of everything that decides what training gives."""
     if isinstance(config, PolicyConfig):
         return digest_of(config)
-    code = Path(agent.deep.__file__).with_name("learners.py")
-    return digest_of(config, code_digest(with_imports([code])))
+    return digest_of(config, code_digest("agent.deep.learners"))
 
 
 def train(config: Config, progress: Progress, watch: Callable[[Milestone], None]) -> GreedyPolicy:

@@ -17,7 +17,8 @@ from agent.policies import method_name
 from agent.process.exact import enumerable
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.provenance import code_digest, digest_of, versions, with_imports
+from cosim.base.provenance import digest_of, versions
+from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
 from cosim.navigation.result import EpisodeResult
 
@@ -190,8 +191,7 @@ def judge(
 
 def code_of_certificates() -> str:
     """Hash of all code that simulates and judges."""
-    here = Path(__file__).parent
-    return code_digest(with_imports([here / "certificate.py", here / "measurement.py"]))
+    return code_digest(__name__, f"{__package__}.measurement")
 
 
 def covered(case: Case, episodes: int) -> CoveredStarts:

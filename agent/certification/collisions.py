@@ -21,7 +21,8 @@ from agent.evaluation.statistics import CONFIDENCE, bootstrap_interval
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import code_digest, digest_of
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.base.storage import write_json
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode
@@ -161,7 +162,7 @@ class _Branches:
         self._case, self._jobs, self._progress = case, jobs, progress
         diameter_m = case.policy.config.scenario.robot_diameter_m
         self._distances_m = [diameter_m + 1e-3 * gap_mm for gap_mm in gaps_mm]
-        self.digest = digest_of(case.identity, gaps_mm, code_digest([Path(__file__)]))
+        self.digest = digest_of(case.identity, gaps_mm, code_digest(__name__))
         header = Header(**msgspec.structs.asdict(case.identity), digest=self.digest)
         path = out / f"{case.policy.config.scenario.name}-branches-{self.digest}.jsonl"
         self._file = RowFile(path, header, BranchRow)

@@ -5,7 +5,6 @@ index, whatever else runs, in whatever order. Results are kept by `agent.evaluat
 statistics are `agent.evaluation.outcomes`, the command lines `cosim.evaluate` and `cosim.transfer`.
 """
 
-import inspect
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +18,8 @@ from agent.process.exact import joint_starts
 from agent.process.greedy import GreedyPolicy
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.result import EpisodeResult
@@ -28,6 +28,8 @@ from cosim.recording.levels import with_bursts
 from cosim.scenarios.scenario import Cell
 from cosim.simulation import episode_facts
 
+# What is recorded of an episode does not change it.
+RECORDS = ("cosim.recording.episode", "cosim.reading.episode", "agent.policies")
 # What is drawn from the seed: the order of the starts, and the noise of every one.
 _ORDER, _NOISE = 0, 1
 
@@ -106,10 +108,6 @@ class Case:
     def identity(self) -> CaseIdentity:
         """What decides the result of every episode."""
         policy = self.policy
-        # what is recorded of an episode does not change it
-        records = [ROOT / "cosim" / folder / "episode.py" for folder in ("recording", "reading")]
-        records.append(ROOT / "agent" / "policies.py")
-        acts = Path(inspect.getfile(type(policy)))
         return CaseIdentity(
             scenario=policy.config.scenario.name,
             scenario_digest=policy.config.scenario.digest(),
@@ -117,7 +115,7 @@ class Case:
             seed=self.seed,
             motor_fmu_digest=digest_of(self.fmu),
             parameters={name: row["value"] for name, row in self.config.table().items()},
-            code_digest=code_digest(with_imports([Path(__file__), acts], but=records)),
+            code_digest=code_digest(__name__, type(policy), but=RECORDS),
         )
 
     @cached_property

@@ -23,7 +23,7 @@ from agent.falsification.surrogate import surrogate_search
 from agent.policies import load_policy
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.progress import Progress, silent, under_way
-from cosim.base.provenance import code_digest, with_imports
+from cosim.base.reached_code import code_digest
 from cosim.base.storage import write_json
 from cosim.base.world import IDEAL
 from cosim.episodes import compile_kernels
@@ -61,7 +61,7 @@ class SearchedCase(Case):
             "generation": float(GENERATION),
         }
         ranges = {f"range of {k}": str(ends) for k, ends in self.space.ranges.items()}
-        codes = f"{own.code_digest}-{code_digest(with_imports([Path(__file__)]))}"
+        codes = f"{own.code_digest}-{code_digest(__name__)}"
         parameters = own.parameters | searched | ranges
         return msgspec.structs.replace(own, parameters=parameters, code_digest=codes)
 

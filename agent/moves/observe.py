@@ -19,7 +19,8 @@ from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMov
 from agent.moves.worlds import Ranges, draw_world
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import code_digest, digest_of, with_imports
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.base.storage import cache_dir, cached
 from cosim.control.steering import DRIVE, HOLD, PAST
 from cosim.navigation.batch import Batch
@@ -204,7 +205,7 @@ def observe_moves(
 
 def moves_path(config: CoSimConfig, fmu: Path, worlds: Ranges | None = None) -> Path:
     """Where the cache keeps the moves of these parameters and this FMU."""
-    code = code_digest(with_imports([Path(__file__)]))
+    code = code_digest(__name__)
     return cache_dir("moves") / f"{source_digest(config, fmu, worlds)}-{code}.json"
 
 

@@ -29,7 +29,8 @@ from agent.process.joint import (
 from agent.process.readings import MAX_JOINT_STATES, Process
 from cosim.base.errors import UserError
 from cosim.base.outcome import SUCCESS
-from cosim.base.provenance import code_digest, digest_of, with_imports
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import cache_dir, cached, replacing
 from cosim.navigation.features import DIRECTION_COUNT, DIRECTIONS
@@ -112,7 +113,7 @@ def optimum(process: Process) -> Bound:
     robots, columns, rows = process.terrain.shape
     too_large = ((columns - 2) * (rows - 2)) ** robots > MAX_JOINT_STATES
     relaxed = robots > 2 or (robots == 2 and too_large)
-    code = code_digest(with_imports([Path(__file__)]))
+    code = code_digest(__name__)
     facts = (code, process.thresholds.contact, process.swept, relaxed)
     path = cache_dir("bounds") / f"{digest_of(facts, process.terrain, process.corners)}.npz"
 

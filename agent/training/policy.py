@@ -22,7 +22,8 @@ from agent.process.greedy import GreedyPolicy, PolicyError
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
 from cosim.base.params import TIMING
-from cosim.base.provenance import code_digest, digest_of, with_imports
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.navigation.features import DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
@@ -54,7 +55,7 @@ class Seed(msgspec.Struct, frozen=True):
 
 
 def _training_code() -> str:
-    return code_digest(with_imports([Path(__file__).with_name("loop.py")]))
+    return code_digest(f"{__package__}.loop")
 
 
 class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from agent.evaluation.cases import CaseIdentity
+from agent.evaluation.cases import RECORDS, CaseIdentity
 from agent.evaluation.row_file import Header, RowFile
 from benchmarks.reliability import colliding
 from benchmarks.reliability.colliding import REACH, Greedy, Learnt, Random
@@ -26,7 +26,8 @@ from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars, under_way
-from cosim.base.provenance import ROOT, code_digest, digest_of, with_imports
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.base.world import IDEAL
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode
@@ -165,8 +166,6 @@ def simulate(
 
 def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> RowFile[Block]:
     """The file of the blocks."""
-    sources = [Path(__file__), Path(colliding.__file__)]
-    records = [ROOT / "cosim" / folder / "episode.py" for folder in ("recording", "reading")]
     identity = CaseIdentity(
         scenario=scenario.name,
         scenario_digest=scenario.digest(),
@@ -174,7 +173,7 @@ def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> R
         seed=0,
         motor_fmu_digest=digest_of(fmu),
         parameters={name: row["value"] for name, row in config.table().items()},
-        code_digest=code_digest(with_imports(sources, but=records)),
+        code_digest=code_digest(__name__, colliding, but=RECORDS),
     )
     header = Header(**msgspec.structs.asdict(identity), digest=digest_of(identity))
     return RowFile(folder / f"{scenario.name}-{header.digest}.jsonl", header, Block)

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import code_digest, digest_of, with_imports
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.base.storage import cache_dir, cached
 from cosim.calibration.measuring import measure
 from cosim.calibration.speed_map import DRIVES, Calibration, CalibrationError, load_calibration
@@ -19,7 +20,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
     """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise, code."""
     timing = config.timing
     clock = (timing.dt_s, timing.communication_step_s, timing.control_period_s)
-    code = code_digest(with_imports([Path(__file__).with_name("measuring.py")]))
+    code = code_digest(measure)
     coupling = (config.order, config.reaction)
     return digest_of(
         config.robot,

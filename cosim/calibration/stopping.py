@@ -13,7 +13,8 @@ import numpy as np
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.base.progress import Progress, silent, under_way
-from cosim.base.provenance import code_digest, digest_of, with_imports
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.base.storage import cache_dir, cached, write_json
 from cosim.base.world import World, draw_world, gravity
 from cosim.calibration.speed_map import CalibrationError
@@ -102,7 +103,7 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
         CalibrationError: robots do not come to rest.
         FmuError: the FMU cannot be used, or failed.
     """
-    code = code_digest(with_imports([Path(__file__)]))
+    code = code_digest(__name__)
     slippery = _on_slippery_floor(config)
     key = digest_of(slippery, motor_fmu, code)
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import code_digest, digest_of, with_imports
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import cache_dir, cached, write_json
 from cosim.calibration.cache import calibrated
@@ -123,7 +124,7 @@ def validate(
         ),
         *((driving, (p, d, effort.robots, seed), lambda p=p, d=d: ends(p, d)) for p, d in driven),
     ]
-    code = code_digest(with_imports([Path(__file__)]))
+    code = code_digest(__name__)
     found: list[Any] = []
     with ThreadPoolExecutor(jobs) as threads:
         kept = (

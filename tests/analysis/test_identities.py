@@ -1,5 +1,8 @@
 """Whatever is stored has the code that made it in its identity: all of it, and nothing else."""
 
+import ast
+from collections.abc import Callable
+
 import pytest
 
 from agent.evaluation.cases import Case
@@ -12,9 +15,9 @@ from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from analysis.timings import Timings, code_of
-from cosim.base import provenance as sources
+from cosim.base import reached_code
 from cosim.base.config import CoSimConfig
-from cosim.base.provenance import ROOT
+from cosim.base.reached_code import ROOT
 from cosim.base.storage import cache_dir
 from cosim.calibration.cache import digest
 from cosim.scenarios.scenario import Scenario
@@ -55,8 +58,8 @@ IDENTITIES = {
 # Modules that matter, and modules that do not.
 MATTER = {
     "bound": """
-        agent.process.config agent.process.exact agent.process.grid agent.process.joint
-        agent.process.optimum agent.process.readings agent.process.rng cosim.scenarios.scenario
+        agent.process.exact agent.process.grid agent.process.joint
+        agent.process.optimum agent.process.readings agent.process.rng
         cosim.navigation.features
     """,
     "calibration": """
@@ -161,19 +164,36 @@ def modules(where: dict[str, str]) -> list[tuple[str, str]]:
     ]
 
 
+def _changed(source: bytes) -> bytes:
+    """Every function and class of a module with a statement more, and every number another."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            node.body.append(ast.Pass())
+        elif isinstance(node, ast.Constant) and isinstance(node.value, float):
+            node.value += 1.0
+    return ast.unparse(tree).encode()
+
+
+def _commented(source: bytes) -> bytes:
+    return source + b"\n# changed\n"
+
+
 @pytest.fixture
 def change(monkeypatch):
-    """Makes a module read as if it had another line at its end."""
+    """Makes a module read as if it were another."""
 
-    def content(module: str, line: str) -> None:
+    def content(module: str, changed: Callable[[bytes], bytes]) -> None:
         path = ROOT / module
         assert path.is_file()
-        read = sources.content
+        read = reached_code.content
         monkeypatch.setattr(
-            sources, "content", lambda p: read(p) + (line.encode() if p == path else b"")
+            reached_code, "content", lambda p: changed(read(p)) if p == path else read(p)
         )
+        reached_code._source.cache_clear()
 
-    return content
+    yield content
+    reached_code._source.cache_clear()
 
 
 @pytest.fixture
@@ -188,14 +208,14 @@ def identity(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("kind", "module"), modules(MATTER))
 def test_a_change_that_matters_gives_another_identity(kind, module, identity, change):
     before = identity[kind]()
-    change(module, "\nCHANGED = 1\n")
+    change(module, _changed)
     assert identity[kind]() != before
 
 
 @pytest.mark.parametrize(("kind", "module"), modules(ELSEWHERE))
 def test_a_change_elsewhere_gives_the_same_identity(kind, module, identity, change):
     before = identity[kind]()
-    change(module, "\nCHANGED = 1\n")
+    change(module, _changed)
     assert identity[kind]() == before
 
 
@@ -203,7 +223,7 @@ def test_a_change_elsewhere_gives_the_same_identity(kind, module, identity, chan
 def test_a_comment_gives_the_same_identity(kind, identity, change):
     before = identity[kind]()
     for _, module in modules({kind: MATTER[kind]}):
-        change(module, "\n# changed\n")
+        change(module, _commented)
     assert identity[kind]() == before
 
 
@@ -212,7 +232,7 @@ def test_a_stage_that_other_code_has_finished_is_not_finished(tmp_path, tiny, ch
     for stage in ("fig08", "platform"):
         with timings.stage(stage):
             pass
-    change("agent/training/qlearning.py", "\nCHANGED = 1\n")
+    change("agent/training/qlearning.py", _changed)
     again = Timings(tmp_path, tiny, seed=0)
     assert (again.finished("fig08"), again.finished("platform")) == (False, True)
     with again.stage("fig08"):
