@@ -82,11 +82,14 @@ class RobotParams(NamedTuple):
 
 
 class NoiseParams(NamedTuple):
-    """White noise on each measured motor speed (Section V: ±5 % of the nominal speed)."""
+    """White noise on each measured motor speed (Section V: ±5 % of the nominal speed).
+
+    The nominal speed is the set point of Eq. (14): a motor that stands has no noise.
+    """
 
     relative_amplitude: Annotated[
         float,
-        Quantity("1", "Section V", "half width of the uniform noise over the nominal speed"),
+        Quantity("1", "Section V", "half width of the uniform noise over the set point"),
     ] = 0.05
     hold_s: Annotated[
         float,

@@ -88,7 +88,7 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
         mu: Coulomb friction coefficient of the floor.
         mu_patches: cells with another one.
         motor_spread: relative standard deviation of K_T, R, J and m r, of every motor by itself.
-        motor_speed_noise: half width of the uniform noise on measured speeds over the drive speed.
+        motor_speed_noise: half width of the uniform noise on measured speeds over the set point.
         restitution: of the feet (Newton's impact law).
         floor_tilt_deg: slope of the floor; every episode draws where it falls.
         payload_g: on every robot, at the height of its centre of mass.

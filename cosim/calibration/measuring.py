@@ -133,7 +133,7 @@ def measure_batch(
     period_s = config.timing.control_period_s
     settle = math.ceil(SETTLE_S / period_s)
     half = math.ceil(_half_round_s(config) / period_s)
-    with Trial(fmu, config, np.zeros(len(batch)), seed, np.abs(set_points).mean(axis=1)) as trial:
+    with Trial(fmu, config, np.zeros(len(batch)), seed) as trial:
         commands = trial.commands
         commands[:, MODE] = DIRECT
         phase_rate = np.array([p.phase for p in batch]) / (settle * period_s)

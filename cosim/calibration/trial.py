@@ -48,7 +48,6 @@ class Trial:
         config: CoSimConfig,
         headings_rad: np.ndarray,
         seed: np.random.SeedSequence,
-        nominal_rad_s: np.ndarray | float | None = None,
         motors: Sequence[tuple[MotorParams, MotorParams]] | None = None,
         gravity: Vector | None = None,
     ) -> None:
@@ -59,8 +58,6 @@ class Trial:
             config: all parameters.
             headings_rad: (N,) counter-clockwise from +x.
             seed: of the speed noise; every motor gets a child of its own.
-            nominal_rad_s: motor speed that the noise is relative to, of all or (N,) of each robot;
-                default that of driving forwards.
             motors: (N,) D and E of each robot; default the configuration's.
             gravity: in the frame of the floor, m/s²; default that of a level one.
 
@@ -72,9 +69,6 @@ class Trial:
         check_motors(motor_fmu, config, n)
         self._config = config
         self._plant = new_plant(config, 1, end_on_collision=False)
-        self._nominal = (
-            config.steering.forward_speed_rad_s if nominal_rad_s is None else nominal_rad_s
-        )
         self._tick = 0
         self._state = new_state(n, 1, columns)
         self._state.properties[:] = robot_properties(config)[:, None]
@@ -110,7 +104,7 @@ class Trial:
         n, columns = len(self.origins_m), self._state.bodies.shape[1]
         samples = new_samples(periods, columns)
         noise = np.zeros((periods, columns, 2))
-        noise[:, :n] = draw_noise(self._config, self._noise, self._nominal, periods)
+        noise[:, :n] = draw_noise(self._config, self._noise, periods)
         raw = new_raw_samples(0, columns)
         with calling(f"what begins at {self.time_s:g} s of a trial on an empty floor"):
             self._driver.advance(self._plant, self._state, noise, samples, raw)

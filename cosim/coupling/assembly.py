@@ -262,15 +262,13 @@ def noise_generators(seed: np.random.SeedSequence, robots: int) -> list[np.rando
 def draw_noise(
     config: CoSimConfig,
     generators: list[np.random.Generator],
-    nominal_rad_s: np.ndarray | float,
     periods: int,
 ) -> np.ndarray:
-    """Speed noise of N robots (Section V), shape (periods, N, 2), rad/s.
+    """Speed noise of N robots over their motors' set points (Section V), shape (periods, N, 2).
 
     Args:
         config: amplitude, and time for which a value holds.
         generators: 2 N, see `noise_generators`; each is drawn from.
-        nominal_rad_s: nominal motor speed, of all or (N,) of each robot.
         periods: control periods.
     """
     hold = config.periods_per_noise_value
@@ -280,7 +278,7 @@ def draw_noise(
         rng.random(out=row)
     values *= 2.0
     values -= 1.0
-    amplitude = config.noise.relative_amplitude * np.asarray(nominal_rad_s)
     noise = np.empty((draws, hold, len(generators) // motors, motors))
-    np.multiply(values.T.reshape(draws, 1, -1, motors), amplitude.reshape(-1, 1), out=noise)
+    amplitude = config.noise.relative_amplitude
+    np.multiply(values.T.reshape(draws, 1, -1, motors), amplitude, out=noise)
     return noise.reshape(-1, *noise.shape[2:])[:periods]

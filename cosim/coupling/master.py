@@ -75,7 +75,7 @@ class Driver(Protocol):
         Args:
             plant: constants.
             state: variables of B columns, changed in place.
-            noise: (n, B, 2) speed noise of n periods, rad/s.
+            noise: (n, B, 2) speed noise of n periods, over each motor's set point.
             samples: room for n periods of B columns.
             raw: room for a burst of the first m ticks.
 

@@ -23,7 +23,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
     Args:
         plant: constants.
         state: variables; commands and inputs change.
-        noise: (B, 2) speed measurement noise of this period, rad/s.
+        noise: (B, 2) speed measurement noise of this period, over each motor's set point.
         lanes: of the vectors.
     """
     period_s = plant.ticks_per_period * plant.body.dt
@@ -63,7 +63,8 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
             state.set_points[0, column], state.set_points[1, column] = omega_d, omega_e
             state.inputs[0, column] = _motor_input(plant, omega_d)
             state.inputs[1, column] = _motor_input(plant, omega_e)
-            state.inputs[2, column], state.inputs[3, column] = noise[column, 0], noise[column, 1]
+            state.inputs[2, column] = noise[column, 0] * abs(omega_d)
+            state.inputs[3, column] = noise[column, 1] * abs(omega_e)
             state.busy[column - column % lanes] = 1
             walls = find_near_obstacles(
                 state.bodies, column, state.obstacles[episode], plant.pair, state.near_walls, walls

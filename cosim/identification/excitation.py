@@ -64,15 +64,14 @@ def motor_speeds(
     ticks, dt_s = config.ticks_per_period, config.timing.dt_s
     noise = np.zeros((len(set_points), 1, 2))
     if seed is not None:
-        nominal = config.steering.forward_speed_rad_s
-        noise = draw_noise(config, noise_generators(seed, 1), nominal, len(set_points))
+        noise = draw_noise(config, noise_generators(seed, 1), len(set_points))
     speeds = np.zeros((len(set_points) + 1, 2))
     inputs, outputs = np.zeros((6, 1)), np.zeros((6, 1))
     motors = Motors(fmu, config, 1)
     motors.restart([0], ((config.motor, config.motor),))
     try:
         for period, wanted in enumerate(set_points):
-            inputs[:4, 0] = *wanted, *noise[period, 0]
+            inputs[:4, 0] = *wanted, *(noise[period, 0] * abs(wanted))
             motors.set_inputs(inputs, dt_s)
             motors.step(ticks, dt_s)
             motors.get_outputs(outputs, dt_s)

@@ -139,7 +139,7 @@ class RunningEpisode:
         Args:
             action: (N,) direction index of each robot, as the policy returned it; a robot under way
                 keeps its own.
-            noise: (periods, N, 2), written, rad/s.
+            noise: (periods, N, 2), written, over each motor's set point.
             sight: (M, N, NOISE) of `cosim.control.camera`, written.
 
         Raises:
@@ -147,8 +147,7 @@ class RunningEpisode:
         """
         self._decided = self._adopt(self._directions(action))
         self._was_moving = ~self._at_end()
-        nominal_rad_s = self.config.steering.forward_speed_rad_s
-        noise[:] = draw_noise(self.config, self._noise, nominal_rad_s, len(noise))
+        noise[:] = draw_noise(self.config, self._noise, len(noise))
         sensor = self.config.world.sensor
         if sensor.rate_hz:
             for robot, rng in enumerate(self._cameras):

@@ -27,7 +27,7 @@ class Physics:
     """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature), 0.15 by default or
     as the preset says."""
     noise: float | None = None
-    """Half width of the uniform noise on measured motor speeds, relative to the drive speed; 0.05
+    """Half width of the uniform noise on measured motor speeds, relative to the set point; 0.05
     by default."""
     dt: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.dt_s
     """Integration step of the bodies in s."""

@@ -13,10 +13,8 @@ from cosim.coupling.assembly import draw_noise, noise_generators
 def test_noise_of_a_motor_is_its_own_generators(hold):
     config = CoSimConfig()
     config = replace(config, noise=config.noise._replace(hold_s=hold * 1e-3))
-    nominal = np.array([800.0, 1000.0])
-    noise = draw_noise(config, noise_generators(np.random.SeedSequence(1), 2), nominal, 10)
+    noise = draw_noise(config, noise_generators(np.random.SeedSequence(1), 2), 10)
     assert noise.shape == (10, 2, 2)
     for k, generator in enumerate(noise_generators(np.random.SeedSequence(1), 2)):
         held = np.repeat(generator.uniform(-1.0, 1.0, -(-10 // hold)), hold)[:10]
-        amplitude = config.noise.relative_amplitude * nominal[k // 2]
-        assert np.array_equal(noise[:, k // 2, k % 2], held * amplitude)
+        assert np.array_equal(noise[:, k // 2, k % 2], held * config.noise.relative_amplitude)

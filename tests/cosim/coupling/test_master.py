@@ -76,7 +76,7 @@ def advance(
     *,
     gap_m=0.1,
     heading=0.3,
-    noise=40.0,
+    noise=0.04,
     broken_period=None,
     periods=PERIODS,
     head_on=False,
@@ -176,7 +176,7 @@ def test_the_reference_driver_steps_arrays(motor_fmu, array_fmu):
 def test_runs_repeat_in_every_bit(motor_fmu):
     first, second = (advance(motor_fmu, 2) for _ in range(2))
     assert same(first, second)
-    assert not same(first, advance(motor_fmu, 2, noise=41.0))
+    assert not same(first, advance(motor_fmu, 2, noise=0.041))
 
 
 @pytest.mark.parametrize("driver", [2, "reference"])

@@ -77,10 +77,19 @@ class Straight:
         return np.round(np.arctan2(offsets[:, 1], offsets[:, 0]) / (math.pi / 4)).astype(int) % 8
 
 
-def drive(motor_fmu, config):
+class HeadOn:
+    """Drives both robots at each other, whatever happens."""
+
+    def act(self, observation):
+        return np.array([0, 4])
+
+
+def drive(motor_fmu, config, policy=None):
     system = CoSimulation(FACING, motor_fmu, config)
     starts = tuple(cells[0] for cells in FACING.starts)
-    outcome = run_episode(system, Straight(), starts, np.random.SeedSequence(0), lambda step: None)
+    outcome = run_episode(
+        system, policy or Straight(), starts, np.random.SeedSequence(0), lambda step: None
+    )
     return system, outcome
 
 
@@ -99,7 +108,7 @@ def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
     """When nobody yields they meet, and are parted, again and again."""
     monkeypatch.setattr("cosim.navigation.episode.permitted", lambda *asked: asked[4])
     timing = TIMING._replace(episode_limit_s=30.0)
-    system, outcome = drive(motor_fmu, CoSimConfig(shield=True, timing=timing))
+    system, outcome = drive(motor_fmu, CoSimConfig(shield=True, timing=timing), HeadOn())
     assert outcome == "timeout"
     assert system.episode.shield_stops >= 2
     assert system.measures.min_distance_m > FACING.robot_diameter_m
