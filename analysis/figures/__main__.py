@@ -18,12 +18,12 @@ class Figures:
     """Draw figures of the paper, and some that it lacks, from a folder of results.
 
     Each figure becomes a PNG and a PDF of the same name, and a .json with its caption: the paper's
-    claim and our numbers. fig03 platform, fig05 scenarios, fig07 motor, fig08 learning of one
-    robot, fig09 its paths, fig10 coefficient c, fig11 learning of pairs, fig12 their paths,
-    motor_cycle forces over a turn, obstacles and groups scenarios of this project, path_ratio paths
-    beside the optimum, sequel learning of groups, transfer success in co-simulation by training
-    method. A figure whose results are missing is left out, with the
-    command that makes them.
+    claim and our numbers. fig02 platform and fig03 its motion, fig04 robot, fig05 scenarios, fig06
+    speed loop and fig07 its response, fig08 learning of one robot, fig09 its paths, fig10
+    coefficient c, fig11 learning of pairs, fig12 their paths, motor_cycle forces over a turn,
+    obstacles and groups scenarios of this project, path_ratio paths compared with the optimum,
+    sequel learning of groups, transfer success in co-simulation by training method. A figure whose
+    results are missing is left out, with the command that makes them.
     """
 
     figures: Annotated[tuple[str, ...], tyro.conf.Positional] = (ALL,)

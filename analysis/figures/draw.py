@@ -9,7 +9,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from analysis.figures import fig03, fig05, fig07, learning_figures, motor_cycle, paths
+from analysis.figures import fig03, fig05, fig07, learning_figures, motor_cycle, paths, schematics
 from analysis.figures import transfer as transfer_figure
 from analysis.figures.style import Drawing, save, use_style, write_caption
 from analysis.reading.results import missing
@@ -19,8 +19,11 @@ from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing
 
 DRAWN_BY: dict[str, Callable[[Path], Drawing]] = {
+    "fig02": schematics.fig02,
     "fig03": fig03.make,
+    "fig04": schematics.fig04,
     "fig05": fig05.make,
+    "fig06": schematics.fig06,
     "fig07": fig07.make,
     "fig08": learning_figures.fig08,
     "fig09": paths.fig09,

@@ -111,8 +111,11 @@ RESULTS: dict[str, Result] = {
 
 # Results that a figure is drawn from, by the figure's name, which is that of its files too.
 FIGURES: dict[str, tuple[str, ...]] = {
+    "fig02": (),  # a schematic, as 4 and 6 are
     "fig03": ("platform",),
+    "fig04": (),
     "fig05": (),  # the scenarios themselves
+    "fig06": (),
     "fig07": ("motor_test",),
     "fig08": ("fig08",),
     "fig09": ("episodes_1a", "episodes_1b"),

@@ -206,7 +206,7 @@ class _Source:
     def definition(self, name: str) -> _Definition:
         """Return what a name stands for, an empty definition if the module does not say."""
         if name not in self._definitions:
-            reader = _Reader(self.imports)
+            reader = _SyntaxReader(self.imports)
             texts = [reader.text(node) for node in self.statements.get(name, ())]
             self._definitions[name] = _Definition(
                 f"{name}: {texts}" if any(texts) else "",
@@ -216,7 +216,7 @@ class _Source:
         return self._definitions[name]
 
 
-class _Reader:
+class _SyntaxReader:
     """Writes syntax as text and remembers the names in it."""
 
     def __init__(self, imports: dict[str, tuple[str, str]]) -> None:

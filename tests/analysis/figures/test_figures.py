@@ -88,4 +88,4 @@ def test_unknown_figures_are_refused(monkeypatch, capsys):
     with pytest.raises(SystemExit) as exit_status:
         run_command(figures.main)
     assert exit_status.value.code == 2
-    assert "no figure is called fig99; choose from all, fig03" in capsys.readouterr().err
+    assert "no figure is called fig99; choose from all, fig02" in capsys.readouterr().err

@@ -1,0 +1,169 @@
+"""Fig. 2, 4 and 6 as schematics: the platform, the robot from above, the speed loop.
+
+The robot is drawn to scale from its parameters; signals of the loop have the names of the motor
+FMU's variables. No result is needed, nothing is simulated.
+"""
+
+import math
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
+
+from analysis.figures.style import BLACK, BLUE, GREEN, GREY, VERMILION, WIDTH_IN, Caption, Drawing
+from cosim.base.params import TABLE_I, TABLE_II, RobotParams
+from cosim.physics.contact import foot_positions
+from cosim.physics.forces import motor_mounts
+
+
+def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
+    style = {"arrowstyle": "-|>", "color": colour, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", end, start, arrowprops=style)
+
+
+def _blank(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
+    axes.set(xlim=x, ylim=y, aspect="equal")
+    axes.axis("off")
+
+
+def fig02(results: Path) -> Drawing:
+    """Draw the platform of one degree of freedom, with the signs of Eq. (1)."""
+    figure, axes = plt.subplots(figsize=(WIDTH_IN / 2, 2.2))
+    _blank(axes, (-3.4, 3.4), (-1.5, 2.7))
+    axes.add_patch(Rectangle((-2.4, -1.0), 4.8, 2.4, facecolor=GREY, alpha=0.2))
+    axes.axhline(-1.2, color=BLACK, linewidth=0.8)
+    for x, name in ((-2.1, "A"), (2.1, "B")):
+        axes.add_patch(Circle((x, -1.1), 0.1, color=BLACK))
+        axes.text(x, -0.85, name, ha="center")
+    angle, arm = math.radians(50.0), 0.9
+    mass = arm * math.sin(angle), 0.2 - arm * math.cos(angle)
+    axes.plot([0.0, mass[0]], [0.2, mass[1]], color=BLACK, linewidth=1.0)
+    axes.plot([0.0, 0.0], [0.2, 0.2 - arm], color=GREY, linestyle=":", linewidth=0.8)
+    axes.add_patch(Circle((0.0, 0.2), 0.06, color=BLACK))
+    axes.add_patch(Circle(mass, 0.16, color=BLUE))
+    axes.text(-0.12, 0.3, "O", ha="right")
+    axes.text(0.16, -0.62, "θ")
+    axes.text(mass[0] + 0.22, mass[1] - 0.05, "m at r", color=BLUE)
+    _arrow(axes, (0.0, 0.2), (1.3, 0.2), VERMILION)
+    axes.text(1.35, 0.22, "$f_{OY}$", color=VERMILION)
+    _arrow(axes, (0.0, 0.2), (0.0, -0.95), VERMILION)
+    axes.text(-0.1, -0.75, "$f_{OZ}$", color=VERMILION, ha="right")
+    for end, name in (((-1.9, 1.9), "Y"), ((-2.6, 2.6), "Z")):
+        _arrow(axes, (-2.6, 1.9), end, BLACK)
+        axes.text(end[0] + 0.08, end[1], name)
+    return Drawing(
+        figure,
+        Caption(
+            "fig02",
+            "Platform of one degree of freedom: an eccentric mass m at a distance r of the axis O",
+            "the rotating mass gives the forces of Eq. (1).",
+            (
+                "θ = 0 where the mass hangs straight down; the directions of the forces are those "
+                f"of Eq. (1) at the θ drawn. Here m = {1e3 * TABLE_II.m:g} g and "
+                f"r = {1e3 * TABLE_II.r:g} mm (Table II).",
+            ),
+            {"m_kg": TABLE_II.m, "r_m": TABLE_II.r},
+        ),
+    )
+
+
+def fig04(results: Path) -> Drawing:
+    """Draw the robot from above, to scale."""
+    return Drawing(_robot(TABLE_I), _robot_caption(TABLE_I))
+
+
+def _robot(robot: RobotParams) -> plt.Figure:
+    figure, axes = plt.subplots(figsize=(WIDTH_IN / 2, WIDTH_IN / 2))
+    radius = 1e3 * robot.diameter_m / 2.0
+    _blank(axes, (-1.3 * radius, 1.5 * radius), (-1.2 * radius, 1.2 * radius))
+    axes.add_patch(Circle((0, 0), radius, facecolor=GREY, alpha=0.2, edgecolor=BLACK))
+    for (x, y, _), name in zip(1e3 * foot_positions(robot), "ABC", strict=True):
+        axes.add_patch(Circle((x, y), 0.9, color=GREEN))
+        axes.text(0.78 * x, 0.78 * y, name, color=GREEN, ha="center", va="center")
+    length, width = 1e3 * robot.motor_length_m, 1e3 * robot.motor_diameter_m
+    for mount, name in zip(motor_mounts(robot, TABLE_II), "DE", strict=True):
+        y = 1e3 * mount.y
+        inner = y - mount.sin_phi * length
+        axes.add_patch(
+            Rectangle((-width / 2, min(y, inner)), width, length, facecolor=BLUE, alpha=0.4)
+        )
+        axes.plot([0.0], [y], color=BLUE, marker="o", markersize=4)
+        axes.text(3.2, y - 2.5 * mount.sin_phi, name, color=BLUE, va="center")
+        axes.text(-3.2, (y + inner) / 2, f"φ = {90 * mount.sin_phi:.0f}°", ha="right", va="center")
+    for end, name in (((12.0, 0.0), "$x_b$"), ((0.0, 10.0), "$y_b$")):
+        _arrow(axes, (0.0, 0.0), end, BLACK)
+        axes.text(end[0] + 0.6, end[1] + 0.6, name)
+    _arrow(axes, (radius + 2, 0.0), (radius + 9, 0.0), VERMILION)
+    axes.text(radius + 5, -3.0, "forwards", color=VERMILION, ha="center")
+    axes.text(0.0, -radius - 3.0, f"diameter {2 * radius:g} mm", ha="center")
+    return figure
+
+
+def _robot_caption(robot: RobotParams) -> Caption:
+    return Caption(
+        "fig04",
+        "The robot from above, to scale: feet A, B, C and motors D, E",
+        "three contact points and two vibration motors, at φ = 90° and −90°.",
+        (
+            f"Feet on a circle of {1e3 * robot.foot_radius_m:g} mm and eccentric masses "
+            f"{1e3 * robot.motor_radius_m:g} mm from the centre (both assumed; the layout is that "
+            "of Fig. 4b); diameter and size of the motors are those of Table I. The robot drives "
+            "forwards at (ω_D, ω_E) = (−, +).",
+        ),
+        {"foot_radius_m": robot.foot_radius_m, "motor_radius_m": robot.motor_radius_m},
+    )
+
+
+# Blocks of Fig. 6: centre and half width, and what stands in them.
+_BLOCKS = (
+    (3.2, 1.05, "PI, Eq. (14)\n$K_p + K_i/s$"),
+    (6.1, 0.85, "limit\n±$V_{s,max}$"),
+    (8.9, 0.95, "motor\nEq. (13)"),
+)
+_SUM, _HEIGHT, _FEEDBACK = 1.2, 0.6, -1.7
+
+
+def fig06(results: Path) -> Drawing:
+    """Draw the speed loop of one motor with its signals."""
+    figure, axes = plt.subplots(figsize=(WIDTH_IN, 2.2))
+    _blank(axes, (-0.6, 11.6), (-2.3, 1.5))
+    axes.add_patch(Circle((_SUM, 0.0), 0.22, facecolor="white", edgecolor=BLACK))
+    axes.add_patch(Circle((_SUM, _FEEDBACK), 0.22, facecolor="white", edgecolor=BLACK))
+    for x, half, text in _BLOCKS:
+        box = FancyBboxPatch(
+            (x - half, -_HEIGHT), 2 * half, 2 * _HEIGHT, "round,pad=0.02", facecolor="white"
+        )
+        axes.add_patch(box)
+        axes.text(x, 0.0, text, ha="center", va="center")
+    edges = [_SUM + 0.22, *(side for x, half, _ in _BLOCKS for side in (x - half, x + half)), 11.3]
+    names = ("e", "u", "$V_s$", "ω")
+    for start, end, name in zip(edges[::2], edges[1::2], names, strict=True):
+        _arrow(axes, (start, 0.0), (end, 0.0), BLACK)
+        axes.text((start + end) / 2, 0.15, name, ha="center", color=BLUE)
+    _arrow(axes, (-0.5, 0.0), (_SUM - 0.22, 0.0), BLACK)
+    axes.text(-0.5, 0.15, "$ω_{des}$", color=BLUE)
+    _arrow(axes, (8.9, 1.4), (8.9, _HEIGHT), BLACK)
+    axes.text(9.05, 1.15, "d", color=BLUE)
+    axes.plot([10.8, 10.8], [0.0, _FEEDBACK], color=BLACK, linewidth=0.9)
+    _arrow(axes, (10.8, _FEEDBACK), (_SUM + 0.22, _FEEDBACK), BLACK)
+    _arrow(axes, (_SUM, _FEEDBACK + 0.22), (_SUM, -0.22), BLACK)
+    _arrow(axes, (-0.5, _FEEDBACK), (_SUM - 0.22, _FEEDBACK), BLACK)
+    axes.text(-0.5, _FEEDBACK + 0.15, "noise ±5 %", color=BLUE)
+    axes.text(_SUM - 0.15, -0.5, "−", ha="right", va="center")
+    gains = {"K_p": TABLE_II.K_p, "K_i": TABLE_II.K_i, "V_s_max": TABLE_II.V_s_max}
+    return Drawing(
+        figure,
+        Caption(
+            "fig06",
+            "Speed loop of one motor",
+            "a PI controller (Eq. 14) with limited voltage.",
+            (
+                f"$K_p$ = {TABLE_II.K_p:g}, $K_i$ = {TABLE_II.K_i:g}, $V_{{s,max}}$ = "
+                f"{TABLE_II.V_s_max:g} V (Table II). The integral holds while u is beyond the "
+                "limit and e would push it further out (assumed). All of it is in the motor FMU, "
+                "with these names.",
+            ),
+            gains,
+        ),
+    )
