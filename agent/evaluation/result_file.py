@@ -48,7 +48,6 @@ class ResultFile:
 
     Raises:
         ResultFileError: the file is another's, or damaged other than at its end.
-        OSError: the folder cannot be written.
     """
 
     def __init__(self, folder: Path, case: Case) -> None:

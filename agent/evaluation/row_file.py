@@ -3,6 +3,10 @@
 The first line says what the case is, for people and as a check.
 """
 
+import contextlib
+import errno
+import fcntl
+import os
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -11,7 +15,6 @@ import msgspec
 from agent.evaluation.cases import CaseIdentity
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, require_file
-from cosim.base.storage import replacing
 
 SCHEMA_VERSION = 1
 Row = TypeVar("Row", bound=msgspec.Struct)
@@ -33,7 +36,7 @@ _FILE = Kind("file of results", "move it away or choose another --out", ResultFi
 
 
 class RowFile(Generic[Row]):
-    """Rows of one kind.
+    """Rows of one kind. Reading them changes nothing on disk; the first `append` makes the file.
 
     Attributes:
         path: of the file.
@@ -41,29 +44,23 @@ class RowFile(Generic[Row]):
 
     Raises:
         ResultFileError: the file is another's, or damaged other than at its end.
-        OSError: the folder cannot be written.
     """
 
     def __init__(self, path: Path, header: Header, form: type[Row]) -> None:
-        self.path, self._form = path, form
+        self.path, self._header, self._form = path, header, form
         self.rows: list[Row] = []
-        path.parent.mkdir(parents=True, exist_ok=True)
-        whole = self._read(header.digest) if path.exists() else 0
-        if not whole:
-            with replacing(path) as temporary:
-                temporary.write_bytes(_line(header))
-        elif whole < path.stat().st_size:
-            with path.open("r+b") as file:
-                file.truncate(whole)
+        self._whole = self._size = 0
+        if path.exists():
+            self._read()
 
-    def _read(self, digest: str) -> int:
-        """Take the rows of the file; returns how many bytes of it are whole lines."""
+    def _read(self) -> None:
+        """Take the rows of the file, its size and how many bytes of it are whole lines."""
         require_file(self.path, _FILE)
-        whole = number = 0
+        number = 0
         with self.path.open("rb") as file:
             # A line without its end was being written when the process died.
             while (line := file.readline(_LONGEST)).endswith(b"\n") or len(line) == _LONGEST:
-                whole += len(line)
+                self._whole += len(line)
                 number += 1
                 try:
                     if number > 1:
@@ -74,17 +71,38 @@ class RowFile(Generic[Row]):
                     raise ResultFileError(
                         f"{self.path}: line {number} is damaged ({error}); remove that line"
                     ) from error
-                if (header.schema_version, header.digest) != (SCHEMA_VERSION, digest):
+                if (header.schema_version, header.digest) != (SCHEMA_VERSION, self._header.digest):
                     raise ResultFileError(
                         f"{self.path}: holds results of another configuration; move it away or "
                         "choose another folder with --out"
                     )
-        return whole
+            if not number and not _line(self._header).startswith(line):
+                raise ResultFileError(f"{self.path}: not a {_FILE.name}; {_FILE.mend}")
+            self._size = self._whole + len(line)
 
     def append(self, row: Row) -> None:
-        """Keep a row: in one write, so that a killed process leaves whole lines."""
+        """Keep a row: in one write, so that a killed process leaves whole lines.
+
+        Raises:
+            ResultFileError: another process has written to the file since this one read it.
+            OSError: the folder cannot be written.
+        """
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("ab", buffering=0) as file:
-            file.write(_line(row))
+            with contextlib.suppress(OSError):  # of a file system without locks
+                fcntl.flock(file, fcntl.LOCK_EX)
+            if self.path.stat().st_size != self._size:
+                raise ResultFileError(
+                    f"{self.path}: another process writes to this file; wait until it ends and "
+                    "run the same command again, or choose another --out"
+                )
+            if self._whole < self._size:
+                file.truncate(self._whole)
+            line = _line(row) if self._whole else _line(self._header) + _line(row)
+            self._size = self._whole + file.write(line)
+            if self._size < self._whole + len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
+            self._whole = self._size
         self.rows.append(row)
 
 

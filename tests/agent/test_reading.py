@@ -7,6 +7,7 @@ import os
 import zipfile
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -16,6 +17,7 @@ from agent.certification.certificate import issue, read_certificate
 from agent.certification.claims import parse_claim
 from agent.evaluation.cases import Case
 from agent.evaluation.result_file import ResultFile
+from agent.evaluation.row_file import Header
 from agent.moves.model import ObservedMoves, build_model
 from agent.process.config import ProcessConfig
 from agent.process.optimum import optimum
@@ -224,8 +226,11 @@ def test_arrays_are_read_as_they_were_written(tmp_path):
 def test_a_damaged_line_of_results_is_named(seeds, tmp_path, line):
     policy = Policy.load(seeds["policy"][0])
     case = Case(policy, CoSimConfig(), cached_fmu(), 0)
-    path = ResultFile(tmp_path, case).path
-    path.write_bytes(path.read_bytes() + line + b"\n")
+    path, header = (
+        ResultFile(tmp_path, case).path,
+        Header(**msgspec.structs.asdict(case.identity), digest=case.digest),
+    )
+    path.write_bytes(msgspec.json.encode(header) + b"\n" + line + b"\n")
     with pytest.raises(UserError, match="line 2 is damaged"):
         ResultFile(tmp_path, case)
 

@@ -1,5 +1,7 @@
 """Evaluation in the co-simulation: real short episodes, kept, continued, counted and recorded."""
 
+import resource
+import signal
 from dataclasses import replace
 
 import msgspec
@@ -19,6 +21,15 @@ from cosim.base.params import TABLE_I
 from cosim.evaluate import Evaluate
 from cosim.navigation.options import Driving
 from cosim.navigation.result import EpisodeResult
+
+RESULT = EpisodeResult(
+    Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
+)
+
+
+@pytest.fixture
+def case(near_policy, motor_fmu):
+    return Case(near_policy, CoSimConfig(), motor_fmu, 0)
 
 
 def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics):
@@ -110,12 +121,71 @@ def test_every_configuration_has_its_own_file(near_policy, motor_fmu, tmp_path):
     ]
     files = [ResultFile(tmp_path, c) for c in (case, *others)]
     assert len({file.path for file in files}) == 4
+    assert not any(file.path.exists() for file in files)  # nothing is kept yet
+    for file in files:
+        file.add(0, RESULT)
     files[0].path.replace(files[1].path)
     with pytest.raises(ResultFileError, match="holds results of another configuration"):
         ResultFile(tmp_path, others[0])
     files[2].path.write_bytes(files[2].path.read_bytes() + b'{"index":1}\n')
-    with pytest.raises(ResultFileError, match="line 2 is damaged"):
+    with pytest.raises(ResultFileError, match="line 3 is damaged"):
         ResultFile(tmp_path, others[1])
+
+
+def read_only(folder):
+    """Names, contents and times of the files of a folder."""
+    return {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("kept", [0, 20, -20, -1])
+def test_reading_writes_nothing_and_appending_repairs_the_end(case, tmp_path, kept):
+    """Whether the last line, or the first one, was cut off."""
+    path = ResultFile(tmp_path, case).path
+    assert not path.exists()
+    ResultFile(tmp_path, case).add(0, RESULT)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:kept])
+    before = read_only(tmp_path)
+    file = ResultFile(tmp_path, case)
+    assert file.results == {}
+    assert read_only(tmp_path) == before
+    file.add(0, RESULT)
+    assert path.read_bytes() == whole
+
+
+def test_a_file_of_something_else_is_kept(case, tmp_path):
+    path = ResultFile(tmp_path, case).path
+    path.write_bytes(b"notes without an end")
+    with pytest.raises(ResultFileError, match="not a file of results; move it away"):
+        ResultFile(tmp_path, case)
+    assert path.read_bytes() == b"notes without an end"
+
+
+def test_a_second_writer_is_refused(case, tmp_path):
+    first, second = ResultFile(tmp_path, case), ResultFile(tmp_path, case)
+    first.add(0, RESULT)
+    with pytest.raises(ResultFileError, match="another process writes to this file"):
+        second.add(1, RESULT)
+    first.add(2, RESULT)
+    assert list(ResultFile(tmp_path, case).results) == [0, 2]
+
+
+def test_a_row_that_does_not_fit_is_an_error_and_leaves_whole_lines(case, tmp_path):
+    file = ResultFile(tmp_path, case)
+    file.add(0, RESULT)
+    whole = file.path.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    signalled = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole) + 10, limits[1]))
+    try:
+        with pytest.raises(OSError, match=file.path.name):
+            file.add(1, RESULT)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, signalled)
+    file.add(2, RESULT)
+    assert file.path.read_bytes().startswith(whole)
+    assert list(ResultFile(tmp_path, case).results) == [0, 2]
 
 
 @pytest.mark.parametrize(
