@@ -30,7 +30,13 @@ from benchmarks.options import (
     Sensitivity,
     Steering,
 )
-from benchmarks.reliability.options import Adversaries, Endurance, Falsification, Splitting
+from benchmarks.reliability.options import (
+    Adversaries,
+    Coverage,
+    Endurance,
+    Falsification,
+    Splitting,
+)
 from cosim.base.command import print_json
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars, under_way
@@ -39,6 +45,7 @@ MODULES: dict[type[Benchmark], str] = {
     Adversaries: "reliability.adversaries",
     Convergence: "convergence",
     CosimStep: "cosim_step",
+    Coverage: "reliability.coverage",
     DriveMap: "drive_map",
     Endurance: "reliability.endurance",
     Envs: "learning.envs",

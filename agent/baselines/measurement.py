@@ -52,6 +52,7 @@ class _Runs:
     def __init__(self, out: Path, quick: bool, progress: Progress) -> None:
         self._out, self._quick, self._progress = out, quick, progress
         self._paths: dict[tuple[str, Learner, int], Path] = {}
+        self._drives: dict[Path, tuple[Drive, ...]] = {}
 
     def path(self, scenario: Scenario, learner: Learner, seed: int) -> Path:
         """File of a training, written when it has ended."""
@@ -66,10 +67,13 @@ class _Runs:
         return self._out / "policies" / f"{path.stem}.npz"
 
     def find(self, scenario: Scenario, learner: Learner, seed: int) -> LearnerRun | None:
-        """A training that is there."""
+        """Return a training that is there, with the episodes that `drive` has found of it."""
         path = self.path(scenario, learner, seed)
-        whole = path.exists() and self._policy(path).exists()
-        return read_json(path, _FILE, LearnerRun) if whole else None
+        if not (path.exists() and self._policy(path).exists()):
+            return None
+        run = read_json(path, _FILE, LearnerRun)
+        # Those in the file, which earlier versions have written, may be of other physics.
+        return msgspec.structs.replace(run, drives=self._drives.get(path, ()))
 
     def train(self, scenario: Scenario, learner: Learner, seed: int) -> None:
         """Train, evaluate on the grid and keep both."""
@@ -103,9 +107,8 @@ class _Runs:
         jobs: int,
         may_begin: Callable[[], bool],
     ) -> None:
-        """Simulate what is missing of the episodes of trainings, and keep all with them."""
-        runs = {key: run for key in keys if (run := self.find(*key)) is not None}
-        files = {key: self._file(*key) for key in runs}
+        """Simulate what is missing of the episodes of trainings, for `find` to show."""
+        files = {key: self._file(*key) for key in keys if self.find(*key) is not None}
         indices = {
             key: file.case.sample(min(episodes, len(file.case.starts)))
             for key, file in files.items()
@@ -116,16 +119,13 @@ class _Runs:
         for job, result in tracked(ended, len(missing), self._progress, "episodes"):
             by_digest[job.case.digest].add(job.index, result)
         for key, file in files.items():
-            known = file.beginning(indices[key])
-            if len(known) <= len(runs[key].drives):
-                continue
-            scenario, learner, _ = key
-            least = _least_times(scenario, _through(learner))
-            drives = tuple(
-                Drive(index, result.outcome, result.sim_time_s, float(least[index]))
-                for index, result in known.items()
-            )
-            write_json(self.path(*key), msgspec.structs.replace(runs[key], drives=drives))
+            if known := file.beginning(indices[key]):
+                scenario, learner, _ = key
+                least = _least_times(scenario, _through(learner))
+                self._drives[self.path(*key)] = tuple(
+                    Drive(index, result.outcome, result.sim_time_s, float(least[index]))
+                    for index, result in known.items()
+                )
 
     def _file(self, scenario: Scenario, learner: Learner, seed: int) -> ResultFile:
         policy = load_policy(self._policy(self.path(scenario, learner, seed)))

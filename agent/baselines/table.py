@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 
 from agent.evaluation.grid import PolicyMeasures
-from agent.evaluation.statistics import Rate, Statistics, rate, summarise
+from agent.evaluation.statistics import Rate, Statistics, interval_text, rate, summarise
 from agent.process.exact import Milestone
 from cosim.base.command import show_table
 from cosim.base.outcome import Outcome
@@ -30,14 +30,14 @@ class Drive(msgspec.Struct, frozen=True):
 
 
 class LearnerRun(msgspec.Struct, frozen=True, kw_only=True):
-    """A training, as its file has it.
+    """A training with its episodes.
 
     Attributes:
         scenario, learner, seed: what was trained.
         seconds: wall-clock time, evaluations included.
         curve: what greedy robots achieved meanwhile; empty if nothing was learnt.
         grid: what its policy achieves on the grid.
-        drives: and in the dynamics.
+        drives: and in the dynamics, as the files of episodes have it; none in the file.
     """
 
     scenario: str
@@ -159,7 +159,7 @@ def _row(scenario: str, learner: str, runs: list[LearnerRun], left_out: str | No
         learner=learner,
         left_out=left_out,
         seeds=len(runs),
-        success=summarise([run.grid.success for run in runs]),
+        success=summarise([run.grid.success for run in runs], shares=True),
         path_ratio=summarise([run.grid.ratio_to_bound for run in runs]),
         moves_ratio=summarise([run.grid.steps_ratio_to_bound for run in runs]),
         reached=len(reached),
@@ -188,15 +188,6 @@ _HEADINGS = (
 )
 
 
-def _text(statistics: Statistics, digits: int, factor: float = 1.0, unit: str = "") -> str:
-    """Mean, and its interval where there are several seeds that differ."""
-    s = statistics
-    if s.mean is None or s.low is None or s.high is None:
-        return "–"
-    mean, low, high = (f"{factor * value:.{digits}f}" for value in (s.mean, s.low, s.high))
-    return f"{mean}{unit}" if low == high else f"{mean}{unit} [{low}, {high}]"
-
-
 def _cells(row: BaselineRow) -> list[str]:
     if row.left_out:
         return [row.scenario, row.learner, row.left_out, *["–"] * (len(_HEADINGS) - 3)]
@@ -206,17 +197,17 @@ def _cells(row: BaselineRow) -> list[str]:
         row.scenario,
         row.learner,
         str(row.seeds),
-        _text(row.success, 1, 100.0, " %"),
-        _text(row.path_ratio, 3),
-        _text(row.moves_ratio, 3),
-        _text(row.steps_to_enough, 2, 1e-6, " million") + some,
-        _text(row.seconds_to_enough, 1, 1.0, " s"),
+        interval_text(row.success, 1, 100.0, " %"),
+        interval_text(row.path_ratio, 3),
+        interval_text(row.moves_ratio, 3),
+        interval_text(row.steps_to_enough, 2, 1e-6, " million") + some,
+        interval_text(row.seconds_to_enough, 1, 1.0, " s"),
         str(row.episodes),
         "–"
         if driven is None
         else f"{driven.share:.1%} [{100 * driven.low:.1f}, {100 * driven.high:.1f}]",
-        _text(row.time_s, 0, 1.0, " s"),
-        _text(row.time_ratio, 2),
+        interval_text(row.time_s, 0, 1.0, " s"),
+        interval_text(row.time_ratio, 2),
     ]
 
 

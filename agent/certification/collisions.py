@@ -17,7 +17,7 @@ from scipy.stats import beta
 from agent.certification.splitting import Branch, Entrances, split
 from agent.evaluation.cases import Case, Job
 from agent.evaluation.row_file import Header, RowFile
-from agent.evaluation.statistics import CONFIDENCE, bootstrap_interval
+from agent.evaluation.statistics import CONFIDENCE, rate_of_weights
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent
@@ -46,13 +46,15 @@ class ReachedLevel(msgspec.Struct, frozen=True):
     """A gap between robots, and the probability that they come so close or touch anything.
 
     The last one has the gap 0: they touch each other or an obstacle. `low` and `high` are the 95 %
-    bootstrap interval over the roots, both equal where all roots agree.
+    Wilson interval of `worth` episodes, those that would have the same standard error: all roots
+    where they agree.
     """
 
     gap_mm: float
     probability: float
     low: float
     high: float
+    worth: float
 
 
 class SplittingReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,11 +66,11 @@ class SplittingReport(msgspec.Struct, frozen=True, kw_only=True):
         branches: that an episode has after a level.
         simulated: episodes in all.
         collision: estimate of the rate, without bias.
-        low, high: 95 % bootstrap interval over the roots; both 0 where no root showed a collision.
+        low, high: 95 % interval, see `ReachedLevel`.
         roots_with_collision: roots of which a branch ended so.
         highest: bound of the rate at 97.5 % that holds for any distribution: that of the share of
             roots which show a collision (Clopper-Pearson).
-        worth: plain episodes that would have the same standard error, None where all roots agree.
+        worth: plain episodes that would have the same standard error, or the roots if all agree.
         levels: on the way to a collision.
         wall_s: of all episodes together.
     """
@@ -85,7 +87,7 @@ class SplittingReport(msgspec.Struct, frozen=True, kw_only=True):
     high: float
     roots_with_collision: int
     highest: float
-    worth: float | None
+    worth: float
     levels: tuple[ReachedLevel, ...]
     wall_s: float
 
@@ -121,11 +123,8 @@ def estimate_collisions(
         )
     simulated = _Branches(case, out, tuple(gaps_mm), jobs, progress)
     reached = split(case.cover(roots), branches, len(gaps_mm) + 1, simulated)
-    values = reached[:, -1]
-    columns = (reached.mean(axis=0), *bootstrap_interval(reached))
-    levels = tuple(map(ReachedLevel, (*gaps_mm, 0.0), *(column.tolist() for column in columns)))
-    share, with_one = float(values.mean()), int((values > 0.0).sum())
-    variance = float(values.var(ddof=1)) / roots if roots > 1 else 0.0
+    levels = tuple(map(_level, (*gaps_mm, 0.0), reached.T))
+    with_one = int((reached[:, -1] > 0.0).sum())
     tail = 0.5 * (1.0 - CONFIDENCE)
     highest = 1.0 if with_one == roots else beta.isf(tail, with_one + 1, roots - with_one)
     report = SplittingReport(
@@ -135,17 +134,24 @@ def estimate_collisions(
         roots=roots,
         branches=branches,
         simulated=len(simulated.asked),
-        collision=share,
+        collision=levels[-1].probability,
         low=levels[-1].low,
         high=levels[-1].high,
         roots_with_collision=with_one,
         highest=float(highest),
-        worth=share * (1.0 - share) / variance if variance else None,
+        worth=levels[-1].worth,
         levels=levels,
         wall_s=sum(row.wall_s for row in simulated.asked.values()),
     )
     write_json(out / SPLITTING_FILE, report)
     return report
+
+
+def _level(gap_mm: float, values: np.ndarray) -> ReachedLevel:
+    """A level by its estimates (roots,), one per root."""
+    share, variance = float(values.mean()), float(values.var(ddof=1)) / len(values)
+    worth = share * (1.0 - share) / variance if variance else float(len(values))
+    return ReachedLevel(gap_mm, *rate_of_weights(share, worth), worth)
 
 
 class _Branches:

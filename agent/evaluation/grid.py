@@ -155,7 +155,8 @@ def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
     for scenario in dict.fromkeys(row.scenario for row in rows):
         group = [row for row in rows if row.scenario == scenario]
         over_policies[scenario] = {
-            str(name): summarise([getattr(row, name) for row in group]) for name in _MEASURES
+            str(name): summarise([getattr(row, name) for row in group], shares=name in ENDS)
+            for name in _MEASURES
         }
     return GridReport(policies=rows, over_policies=over_policies)
 
@@ -181,7 +182,8 @@ def show(report: GridReport) -> None:
         rows = []
         for name, s in measures.items():
             mean, iqm, low, high = (_text(name, value) for value in (s.mean, s.iqm, s.low, s.high))
-            rows.append((name.replace("_", " "), mean, iqm, f"{low} to {high}"))
+            ends = "–" if s.low is None else f"{low} to {high}"
+            rows.append((name.replace("_", " "), mean, iqm, ends))
         header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
         show_table(None, header, rows)
 

@@ -24,7 +24,7 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
     robots' centres in any of them. Path, time and energy are means over successful episodes, the
     path also over the robots, the energy summed over them. `path_ratio_to_grid` is the mean over
     the episodes that succeed here and on the grid of the path over that of the same policy's exact
-    grid episode from the same start, with its bootstrap interval.
+    grid episode from the same start, with its 95 % Student interval.
     """
 
     episodes: int
@@ -79,9 +79,9 @@ def summary(case: Case, results: Mapping[int, EpisodeResult]) -> Measured:
         episodes=episodes,
         **shares,
         path_length_cm=_mean([r.path_length_cm for r in successes.values()]),
-        path_ratio_to_grid=ratio.mean if ratio.runs else None,
-        path_ratio_to_grid_low=ratio.low if ratio.runs else None,
-        path_ratio_to_grid_high=ratio.high if ratio.runs else None,
+        path_ratio_to_grid=ratio.mean,
+        path_ratio_to_grid_low=ratio.low,
+        path_ratio_to_grid_high=ratio.high,
         min_distance_cm=min(distances, default=None),
         sim_time_s=_mean([r.sim_time_s for r in successes.values()]),
         energy_j=_mean([r.energy_j for r in successes.values()]),

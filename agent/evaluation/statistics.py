@@ -1,18 +1,21 @@
-"""Intervals of rates; mean, interquartile mean and bootstrap interval over runs.
+"""Intervals of rates and of means over runs, and the interquartile mean.
 
-The latter are recommended for reinforcement learning by Agarwal et al., "Deep Reinforcement
-Learning at the Edge of the Statistical Precipice" (2021).
+How often the intervals cover is simulated by `benchmarks.coverage`. Agarwal et al., "Deep
+Reinforcement Learning at the Edge of the Statistical Precipice" (2021), recommend the interquartile
+mean for reinforcement learning.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from scipy.stats import binomtest
+from scipy.stats import binomtest, norm, t
 
-RESAMPLES = 10_000
 CONFIDENCE = 0.95
+_OTHERS = 10  # runs that differ from the most frequent value, after which intervals cover
+_TAIL = 0.5 * (1.0 - CONFIDENCE)
 
 
 class Statistics(msgspec.Struct, frozen=True):
@@ -21,7 +24,7 @@ class Statistics(msgspec.Struct, frozen=True):
     Attributes:
         mean: mean over the runs.
         iqm: mean of the middle half of the runs.
-        low, high: ends of the 95 % percentile bootstrap interval of the mean.
+        low, high: ends of the 95 % interval of the mean, see `mean_intervals`.
         runs: runs counted; runs without a value (NaN) are not.
     """
 
@@ -30,6 +33,14 @@ class Statistics(msgspec.Struct, frozen=True):
     low: float | None
     high: float | None
     runs: int
+
+
+class Interval(NamedTuple):
+    """A mean with its 95 % interval; None where it has none."""
+
+    mean: float | None
+    low: float | None
+    high: float | None
 
 
 class Rate(NamedTuple):
@@ -51,6 +62,30 @@ def rate(count: int, episodes: int) -> Rate:
     return Rate(count / episodes, float(interval.low), float(interval.high))
 
 
+def rate_of_weights(share: float, worth: float) -> Rate:
+    """Share with its 95 % Wilson score interval, of episodes that do not all count alike.
+
+    Args:
+        share: estimate.
+        worth: number of independent episodes that would have the same standard error.
+    """
+    z2 = float(norm.isf(_TAIL)) ** 2 / worth
+    centre, half = share + 0.5 * z2, math.sqrt(z2 * max(share * (1.0 - share), 0.0) + z2**2 / 4)
+    return Rate(share, (centre - half) / (1.0 + z2), (centre + half) / (1.0 + z2))
+
+
+def interval_text(
+    of: Interval | Statistics, digits: int, factor: float = 1.0, unit: str = ""
+) -> str:
+    """Mean in words, and its interval if it has one."""
+    if of.mean is None:
+        return "–"
+    text = f"{factor * of.mean:.{digits}f}{unit}"
+    if of.low is None or of.high is None:
+        return text
+    return f"{text} [{factor * of.low:.{digits}f}, {factor * of.high:.{digits}f}]"
+
+
 def interquartile_mean(values: np.ndarray) -> float:
     """Mean of the middle half of a sample, weighting the values at its ends by their share."""
     ordered = np.sort(np.asarray(values, dtype=float))
@@ -61,41 +96,42 @@ def interquartile_mean(values: np.ndarray) -> float:
     return float((weights * ordered).sum() / weights.sum())
 
 
-def summarise(values: Sequence[float | None] | np.ndarray, seed: int = 0) -> Statistics:
-    """Statistics of one value per run.
+def summarise(values: Sequence[float | None] | np.ndarray, *, shares: bool = False) -> Statistics:
+    """Return the statistics of one value per run.
 
     Args:
         values: (runs,), NaN or None for a run without a value.
-        seed: of the bootstrap.
+        shares: whether values, and so the interval, lie between 0 and 1.
     """
     given = np.asarray(values, dtype=float)
     known = given[np.isfinite(given)]
     if not len(known):
         return Statistics(None, None, None, None, runs=0)
-    low, high = bootstrap_interval(known[:, None], seed)[:, 0]
-    return Statistics(
-        float(known.mean()), interquartile_mean(known), float(low), float(high), len(known)
-    )
+    ends = mean_intervals(known[:, None])[:, 0]
+    if shares:
+        ends = ends.clip(0.0, 1.0)
+    low, high = (None if math.isnan(end) else float(end) for end in ends)
+    return Statistics(float(known.mean()), interquartile_mean(known), low, high, len(known))
 
 
-def bootstrap_interval(values: np.ndarray, seed: int = 0) -> np.ndarray:
-    """95 % percentile bootstrap interval of the mean over runs.
+def mean_intervals(values: np.ndarray) -> np.ndarray:
+    """Return the 95 % Student intervals of the means over runs.
+
+    There is none for a single run, nor where most runs agree (as those that succeed from every
+    start) and fewer than ten others are left to estimate the spread from.
 
     Args:
         values: (runs, points) float64; NaNs are left out of a point's mean.
-        seed: of the resampling.
 
     Returns:
-        (2, points) float64, lower and upper ends.
+        (2, points) float64, lower and upper ends; NaN where there is no interval.
     """
-    if not values.size:
-        return np.empty((2, values.shape[1]))
-    random = np.random.default_rng(seed)
-    n = len(values)
-    # resampling n runs with replacement is a multinomial count of each
-    counts = random.multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES).astype(float)
-    known = np.isfinite(values)
-    with np.errstate(invalid="ignore"):
-        means = counts @ np.where(known, values, 0.0) / (counts @ known)
-    tails = 100.0 * np.array([(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0])
-    return np.nanpercentile(means, tails, axis=0)
+    ends = np.full((2, values.shape[1]), np.nan)
+    for point, column in enumerate(values.T):
+        known = column[np.isfinite(column)]
+        n = len(known)
+        others = n - max(np.unique(known, return_counts=True)[1], default=0)
+        if n > 1 and others >= min(n / 2, _OTHERS):
+            half = t.isf(_TAIL, n - 1) * known.std(ddof=1) / math.sqrt(n)
+            ends[:, point] = known.mean() - half, known.mean() + half
+    return ends

@@ -1,10 +1,9 @@
 """Statistics of `agent.evaluation.outcomes` as text: in tables for the terminal, and one by one."""
 
-from typing import Any
-
 from agent.evaluation.dynamics import EvaluationReport
 from agent.evaluation.grid import show_failures
 from agent.evaluation.outcomes import Measured
+from agent.evaluation.statistics import Interval, interval_text
 from cosim.base.command import show_table
 from cosim.base.outcome import ENDS
 
@@ -47,15 +46,13 @@ def text(value: float | None, form: str) -> str:
 
 def rate_text(row: Measured, name: str) -> str:
     """A rate with its interval, in per cent."""
-    share, low, high = _interval(row, name)
-    return "–" if share is None else f"{share:.1%} [{100 * low:.1f}, {100 * high:.1f}]"
+    return interval_text(_interval(row, name), 1, 100.0, "%")
 
 
 def ratio_text(row: Measured) -> str:
     """The ratio to the grid's path with its interval."""
-    ratio, low, high = _interval(row, "path_ratio_to_grid")
-    return "–" if ratio is None else f"{ratio:.3f} [{low:.3f}, {high:.3f}]"
+    return interval_text(_interval(row, "path_ratio_to_grid"), 3)
 
 
-def _interval(row: Measured, name: str) -> tuple[Any, Any, Any]:
-    return getattr(row, name), getattr(row, f"{name}_low"), getattr(row, f"{name}_high")
+def _interval(row: Measured, name: str) -> Interval:
+    return Interval(*(getattr(row, name + end) for end in ("", "_low", "_high")))

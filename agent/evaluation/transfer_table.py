@@ -13,6 +13,7 @@ from rich.markdown import Markdown
 
 from agent.evaluation.outcomes import Failure, Measured, failures, summary
 from agent.evaluation.result_file import ResultFile
+from agent.evaluation.statistics import Interval, interval_text
 from agent.evaluation.tables import rate_text, ratio_text, text
 from agent.training.settings import BEST
 from cosim.base.command import show_table
@@ -65,8 +66,8 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     goal: str
     limit: float
     worst: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     scenario: str
     mu: float
     holds: bool
@@ -218,13 +219,13 @@ def _cells(entry: TransferRow) -> list[str]:
 def _findings(report: TransferReport) -> list[str]:
     lines = []
     for goal in report.goals:
-        form = "{:.3f}" if goal.goal.startswith("path") else "{:.1%}"
-        low, high = form.format(goal.low), form.format(goal.high)
+        form = (3, 1.0, "") if goal.goal.startswith("path") else (1, 100.0, "%")
+        limit = interval_text(Interval(goal.limit, None, None), *form)
+        worst = interval_text(Interval(goal.worst, goal.low, goal.high), *form)
         verdict = "holds" if goal.holds else "does not hold"
         lines.append(
-            f"- Goal, {goal.goal} ({form.format(goal.limit)}): {verdict}; the worst row has "
-            f"{form.format(goal.worst)} [{low}, {high}] (scenario {goal.scenario}, "
-            f"µ = {goal.mu:g})."
+            f"- Goal, {goal.goal} ({limit}): {verdict}; the worst row has {worst} "
+            f"(scenario {goal.scenario}, µ = {goal.mu:g})."
         )
     lines.append(
         f"- {report.simulated} episodes simulated in {report.elapsed_s / 60.0:.0f} min "

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from agent.evaluation.grid import GridReport, PolicyMeasures
-from agent.evaluation.statistics import Statistics, summarise
+from agent.evaluation.statistics import Statistics, interval_text, summarise
 from agent.experiments.variants import Name
 from cosim.base.command import show_table
 
@@ -122,10 +122,6 @@ def _intervals(statistics: Mapping[str, Statistics], measures: tuple[str, ...]) 
 
 
 def _interval(name: str, s: Statistics) -> str:
-    if s.mean is None or s.low is None or s.high is None:
-        return "–"
-    factor, digits, unit = (100.0, 2, " %") if name == "success" else (1.0, 2, "")
-    if name == "ratio_to_bound":
-        digits = 3
-    mean, low, high = (f"{factor * value:.{digits}f}" for value in (s.mean, s.low, s.high))
-    return f"{mean}{unit} [{low}, {high}]"
+    if name == "success":
+        return interval_text(s, 2, 100.0, " %")
+    return interval_text(s, 3 if name == "ratio_to_bound" else 2)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agent.evaluation.statistics import bootstrap_interval
+from agent.evaluation.statistics import mean_intervals
 from agent.experiments.results import ExperimentResult
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
@@ -77,12 +77,12 @@ def thinned(episodes: np.ndarray, curves: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def plot_band(axes: Axes, episodes: np.ndarray, curves: np.ndarray, label: str) -> None:
-    """Mean over runs with its 95 % bootstrap interval."""
+    """Mean over runs with its 95 % Student interval, where there is one."""
     episodes, curves = thinned(episodes, curves)
     known = np.isfinite(curves).any(axis=0)
     episodes, curves = episodes[known] / 1e6, curves[:, known]
     (line,) = axes.plot(episodes, np.nanmean(curves, axis=0), label=label)
-    low, high = bootstrap_interval(curves)
+    low, high = mean_intervals(curves)
     axes.fill_between(episodes, low, high, color=line.get_color(), alpha=0.25, linewidth=0)
 
 

@@ -11,7 +11,7 @@ import matplotlib as mpl
 from cycler import cycler
 from matplotlib.figure import Figure
 
-from agent.evaluation.statistics import Statistics
+from agent.evaluation.statistics import Interval, Statistics, interval_text
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import replacing, write_json
@@ -128,22 +128,8 @@ def read_caption(folder: Path, figure: str) -> Caption:
     return read_json(folder / f"{figure}.json", kind, Caption)
 
 
-class Interval(NamedTuple):
-    """A mean with its 95 % interval; None where it has none."""
-
-    mean: float | None
-    low: float | None
-    high: float | None
-
-
 def interval(
     of: Interval | Statistics, factor: float = 1.0, digits: int = 2, unit: str = ""
 ) -> str:
-    """Mean and 95 % interval in words."""
-    mean, low, high = of.mean, of.low, of.high
-    if mean is None:
-        return NOTHING
-    text = f"{factor * mean:.{digits}f}{unit}"
-    if low is not None and high is not None:
-        text += f" [{factor * low:.{digits}f}, {factor * high:.{digits}f}]"
-    return text.replace("-", "−")
+    """Mean and its 95 % interval, if it has one, in words."""
+    return interval_text(of, digits, factor, unit).replace("-", "−")

@@ -6,9 +6,10 @@ Reads what commands wrote and formats it, with intervals; the page around it is 
 from pathlib import Path
 from typing import NamedTuple
 
+from agent.evaluation.statistics import Interval
 from agent.evaluation.transfer_table import TransferRow
 from agent.experiments.results import ExperimentResult
-from analysis.figures.style import NOTHING, Interval, interval
+from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
 from analysis.reading.written import read_experiment, read_transfer
 from analysis.timings import TimingsFile
@@ -77,7 +78,8 @@ def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
     runs = len(next(iter(content.variants.values())).runs)
     note = (
         f"Every start, or 10 000 draws where there are more, for each of {_runs(runs)} of "
-        f"{content.episodes:,} training episodes: mean and 95 % bootstrap interval over the runs."
+        f"{content.episodes:,} training episodes: mean over the runs and its 95 % Student "
+        "interval, which is left out where too many runs agree."
     )
     command = (
         f"python -m agent.experiments {content.experiment} --runs {runs} "

@@ -36,6 +36,22 @@ class Adversaries(Benchmark):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Coverage(Benchmark):
+    """Simulate how often intervals of 95 % hold the mean or the rate that they are for."""
+
+    samples: int = 2000
+    """Samples of every distribution and number of runs."""
+    runs: tuple[int, ...] = (2, 5, 20, 100)
+    """Runs in a sample."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.samples < 1 or not self.runs or min(self.runs) < 2:
+            raise UserError("--samples must be at least 1, and --runs name numbers from 2 on")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Endurance(Benchmark):
     """Simulate hours of two robots, without and with a recording: memory, cost and what drifts."""
 

@@ -118,8 +118,7 @@ def show(found: SplittingComparison) -> None:
         for at in [level.splitting]
     ]
     show_table(None, header, rows, numbers=3)
-    worth = f", worth {of.worth:.0f} plain ones" if of.worth else ""
-    print(f"{of.simulated} episodes of splitting{worth}")
+    print(f"{of.simulated} episodes of splitting, worth {of.worth:.0f} plain ones")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,18 @@
-"""Interquartile mean and bootstrap against known values."""
+"""Intervals that hold what they are for as often as they say, and the interquartile mean."""
 
 import numpy as np
 import pytest
 
-from agent.evaluation.statistics import bootstrap_interval, interquartile_mean, summarise
+from agent.evaluation.statistics import (
+    Interval,
+    interquartile_mean,
+    interval_text,
+    mean_intervals,
+    rate,
+    rate_of_weights,
+    summarise,
+)
+from benchmarks.reliability.coverage import of_means, of_splitting
 
 
 def test_interquartile_mean_is_the_mean_of_the_middle_half():
@@ -18,12 +27,11 @@ def test_interquartile_mean_is_the_mean_of_the_middle_half():
 def test_interval_has_the_width_of_the_normal_one():
     values = np.random.default_rng(0).normal(3.0, 2.0, size=400)
     s = summarise(values)
-    half = 1.96 * values.std() / 20.0
+    half = 1.966 * values.std(ddof=1) / 20.0
     assert s.mean == pytest.approx(values.mean())
     assert s.low is not None
     assert s.high is not None
-    assert (s.high - s.low) / 2.0 == pytest.approx(half, rel=0.05)
-    assert s == summarise(values)
+    assert (s.high - s.low) / 2.0 == pytest.approx(half, rel=1e-3)
 
 
 def test_runs_without_a_value_are_left_out():
@@ -37,8 +45,56 @@ def test_runs_without_a_value_are_left_out():
 def test_interval_of_curves_is_that_of_each_point():
     curves = np.random.default_rng(1).random((20, 5))
     curves[3, 2] = np.nan
-    low, high = bootstrap_interval(curves)
+    curves[:, 4] = np.nan
+    low, high = mean_intervals(curves)
     assert low.shape == high.shape == (5,)
-    for k in (0, 2):
+    for k in range(4):
         s = summarise(curves[:, k])
-        assert (s.low, s.high) == pytest.approx((low[k], high[k]), abs=5e-3)
+        assert (s.low, s.high) == (low[k], high[k])
+    assert np.isnan([low[4], high[4]]).all()
+
+
+@pytest.mark.parametrize("runs", [2, 5, 20])
+def test_intervals_of_few_runs_cover(runs):
+    """Percentile bootstrap intervals of two runs hold the mean in half of all samples."""
+    found = of_means("normal", runs, samples=1000, seed=0)
+    assert found.student == pytest.approx(0.95, abs=0.03)
+    assert found.none == 0.0
+    for name in ("exponential", "success, half at 100 %"):
+        assert of_means(name, runs, samples=1000, seed=0).wrong < 0.12
+    assert found.percentile < {2: 0.55, 5: 0.88, 20: 0.95}[runs]
+
+
+@pytest.mark.parametrize(
+    ("values", "known"),
+    [
+        ([3.0], False),
+        ([1.0, 1.0], False),
+        ([1.0, 1.0, 1.0, 0.9, 0.8], False),
+        ([1.0, 1.0, 0.7, 0.9, 0.8], True),
+        ([1.0] * 30 + [0.01 * k for k in range(9)], False),
+        ([1.0] * 30 + [0.01 * k for k in range(10)], True),
+    ],
+)
+def test_runs_of_which_most_agree_have_no_interval(values, known):
+    s = summarise(values)
+    assert (s.low is not None, s.high is not None) == (known, known)
+    assert s.mean == pytest.approx(np.mean(values))
+
+
+def test_intervals_of_shares_end_at_0_and_1():
+    s = summarise([1.0, 0.99, 0.1], shares=True)
+    assert (s.low, s.high) == (0.0, 1.0)
+
+
+def test_episodes_that_count_less_have_wider_intervals():
+    assert rate_of_weights(0.2, 40) == pytest.approx(rate(8, 40))
+    assert rate_of_weights(0.0, 10) == pytest.approx(rate(0, 10))
+    assert rate_of_weights(1.0, 10) == pytest.approx(rate(10, 10))
+    assert of_splitting(40, samples=1000, seed=0).wilson > 0.93
+
+
+def test_an_interval_is_said_where_there_is_one():
+    assert interval_text(Interval(0.5, 0.25, 0.75), 1, 100.0, " %") == "50.0 % [25.0, 75.0]"
+    assert interval_text(Interval(0.5, None, None), 2) == "0.50"
+    assert interval_text(Interval(None, None, None), 2) == "–"

@@ -1,0 +1,175 @@
+"""How often intervals of 95 % hold the mean, or the rate, that samples are drawn from.
+
+Student intervals as `agent.evaluation.statistics.mean_intervals` gives them, percentile and BCa
+bootstrap intervals (`scipy.stats.bootstrap`) of the same samples, and Wilson intervals of rates.
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binom, bootstrap
+
+from agent.evaluation.statistics import CONFIDENCE, mean_intervals, rate, rate_of_weights
+from cosim.base.command import show_table
+
+Draw = Callable[[np.random.Generator, tuple[int, int]], np.ndarray]
+
+
+def _successes(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    """Half of the runs succeed from every start, the others from 90 to 100 % of them."""
+    return 1.0 - 0.1 * rng.random(shape) * (rng.random(shape) < 0.5)
+
+
+# Distributions of one value per run, with their means.
+DISTRIBUTIONS: dict[str, tuple[Draw, float]] = {
+    "normal": (lambda rng, shape: rng.normal(size=shape), 0.0),
+    "uniform": (lambda rng, shape: rng.random(shape), 0.5),
+    "exponential": (lambda rng, shape: rng.exponential(size=shape), 1.0),
+    "success, half at 100 %": (_successes, 0.975),
+}
+_RESAMPLES = 999
+
+
+@dataclass(frozen=True)
+class MeanCoverage:
+    """Results for one distribution and number of runs; names as in the JSON output.
+
+    Attributes:
+        distribution: of a run's value.
+        runs: in a sample.
+        student: share of the samples whose Student interval holds the mean.
+        wrong: share of the samples whose Student interval does not.
+        none: share of the samples that have no Student interval.
+        percentile, bca: shares of the samples whose bootstrap intervals hold the mean.
+    """
+
+    distribution: str
+    runs: int
+    student: float
+    wrong: float
+    none: float
+    percentile: float
+    bca: float
+
+
+@dataclass(frozen=True)
+class RateCoverage:
+    """Results for Wilson intervals, over 999 rates spread evenly between 0 and 1.
+
+    Attributes:
+        episodes: of which the rate is.
+        mean, least: probability that the interval holds the rate.
+    """
+
+    episodes: int
+    mean: float
+    least: float
+
+
+@dataclass(frozen=True)
+class SplitCoverage:
+    """Results for the intervals of `--splitting`.
+
+    Attributes:
+        roots: independent episodes.
+        rate: of collisions.
+        wilson: share of the samples whose interval holds the rate.
+    """
+
+    roots: int
+    rate: float
+    wilson: float
+
+
+@dataclass(frozen=True)
+class Coverages:
+    """All results."""
+
+    means: tuple[MeanCoverage, ...]
+    rates: tuple[RateCoverage, ...]
+    splitting: tuple[SplitCoverage, ...]
+
+
+def of_means(name: str, runs: int, samples: int, seed: int) -> MeanCoverage:
+    """Coverage of the intervals of a mean over runs."""
+    draw, mean = DISTRIBUTIONS[name]
+    values = draw(np.random.default_rng([seed, runs]), (runs, samples))
+    low, high = mean_intervals(values)
+    shown = np.isfinite(low)
+    holds = (low <= mean) & (mean <= high)
+    boots = []
+    for method in ("percentile", "BCa"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # samples whose values are all equal
+            ends = bootstrap(
+                (values,),
+                np.mean,
+                axis=0,
+                n_resamples=_RESAMPLES,
+                confidence_level=CONFIDENCE,
+                method=method,
+                batch=100,
+                rng=np.random.default_rng(seed),
+            ).confidence_interval
+        boots.append(float(((ends.low <= mean) & (mean <= ends.high)).mean()))
+    none, wrong = float((~shown).mean()), float((shown & ~holds).mean())
+    return MeanCoverage(name, runs, float(holds.mean()), wrong, none, *boots)
+
+
+def of_rates(episodes: int) -> RateCoverage:
+    """Exact coverage of Wilson intervals."""
+    counts = np.arange(episodes + 1)
+    ends = np.array([rate(int(count), episodes)[1:] for count in counts])
+    truth = np.arange(1, 1000) / 1000.0
+    holds = (ends[:, 0] <= truth[:, None]) & (truth[:, None] <= ends[:, 1])
+    found = (binom.pmf(counts, episodes, truth[:, None]) * holds).sum(axis=1)
+    return RateCoverage(episodes, float(found.mean()), float(found.min()))
+
+
+def of_splitting(roots: int, samples: int, seed: int) -> SplitCoverage:
+    """Coverage where 3 of 10 roots have four branches, which collide with a chance of their own."""
+    rng, shape = np.random.default_rng([seed, roots]), (samples, roots)
+    chance = rng.beta(0.2, 1.8, shape)
+    values = (rng.random(shape) < 0.3) * rng.binomial(4, chance) / 4.0
+    held = 0
+    for sample in values:
+        share, variance = float(sample.mean()), float(sample.var(ddof=1)) / roots
+        worth = share * (1.0 - share) / variance if variance else float(roots)
+        _, low, high = rate_of_weights(share, worth)
+        held += low <= 0.03 <= high
+    return SplitCoverage(roots, 0.03, held / samples)
+
+
+def measure(samples: int, runs: tuple[int, ...], seed: int) -> Coverages:
+    """Coverage of all intervals."""
+    return Coverages(
+        tuple(of_means(name, n, samples, seed) for name in DISTRIBUTIONS for n in runs),
+        tuple(map(of_rates, (8, 40, 200))),
+        tuple(of_splitting(roots, samples, seed) for roots in (40, 100)),
+    )
+
+
+def show(found: Coverages) -> None:
+    """Print three tables."""
+    header = ("values", "runs", "Student", "wrong", "none", "percentile", "BCa")
+    rows = [
+        (
+            row.distribution,
+            str(row.runs),
+            *(f"{v:.1%}" for v in (row.student, row.wrong, row.none, row.percentile, row.bca)),
+        )
+        for row in found.means
+    ]
+    show_table(None, header, rows, names=1)
+    rates = [(str(row.episodes), f"{row.mean:.1%}", f"{row.least:.1%}") for row in found.rates]
+    show_table(None, ("episodes", "Wilson, mean", "least"), rates, numbers=2)
+    split = [(str(row.roots), f"{row.rate:.1%}", f"{row.wilson:.1%}") for row in found.splitting]
+    show_table(None, ("roots", "rate", "splitting"), split, numbers=2)
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)
