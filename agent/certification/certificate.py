@@ -8,11 +8,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
+import numpy as np
+from scipy.stats import beta
 
 from agent.certification.claims import LEAST_CONFIDENCE, Claim, complement
 from agent.certification.sequential import Decision, SequentialTest, Verdict
 from agent.evaluation.cases import Case, CaseIdentity
 from agent.evaluation.result_file import ResultFile, beginning
+from agent.evaluation.statistics import CONFIDENCE
 from agent.policies import method_name
 from agent.process.exact import enumerable
 from cosim.base.config import CoSimConfig
@@ -22,7 +25,7 @@ from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
 from cosim.navigation.result import EpisodeResult
 
-_CERTIFICATE = Kind("certificate", "make it again with --claim", UserError)
+_CERTIFICATE = Kind("certificate", "move it away and make it again with --claim", UserError)
 CERTIFICATE_FILE, POLICY_FILE = "certificate.json", "policy.npz"
 
 
@@ -54,6 +57,8 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
         results_digest: of the episodes' results, but for the wall-clock time.
         simulated_s: simulated time of the episodes together.
         wall_s: wall-clock time that they took, of all threads together.
+        worst_start: largest of the upper bounds (95 %, Clopper-Pearson) of the rate of what speaks
+            against the claim, of every start on its own; None in certificates that lack it.
     """
 
     episodes: int
@@ -64,6 +69,7 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
     results_digest: str
     simulated_s: float
     wall_s: float
+    worst_start: float | None = None
 
 
 class CoveredStarts(msgspec.Struct, frozen=True):
@@ -78,6 +84,20 @@ class CoveredStarts(msgspec.Struct, frozen=True):
     starts: int
     all: bool
     rounds: float
+
+
+class Attempt(msgspec.Struct, frozen=True, kw_only=True):
+    """A certificate that another one has replaced; names as there, `superseded` is when."""
+
+    claim: str
+    confidence: float
+    seed: int
+    verdict: Verdict
+    episodes: int
+    against: int
+    results: str
+    issued: str
+    superseded: str
 
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True):
@@ -97,6 +117,7 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True):
         code_digest: of all that simulates and judges.
         versions: of packages.
         issued: when.
+        attempts: certificates of the same folder that this one has replaced, the first one first.
     """
 
     schema_version: int = 1
@@ -113,6 +134,7 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True):
     code_digest: str
     versions: dict[str, str]
     issued: str
+    attempts: tuple[Attempt, ...] = ()
 
     def __post_init__(self) -> None:
         if not LEAST_CONFIDENCE <= self.confidence < 1.0 or self.case.seed < 0:
@@ -126,6 +148,11 @@ def read_certificate(path: Path) -> Certificate:
         UserError: there is none, or it is damaged.
     """
     return read_json(path, _CERTIFICATE, Certificate)
+
+
+def now() -> str:
+    """The time, for certificates."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def claim_test(claim: Claim, confidence: float) -> SequentialTest:
@@ -186,7 +213,19 @@ def judge(
         results_digest=digest_of(indices, [lasting(result) for result in decisive]),
         simulated_s=sum(result.sim_time_s for result in decisive),
         wall_s=sum(result.wall_s for result in decisive),
+        worst_start=_worst_start(
+            np.array(indices, dtype=int) % len(case.starts),
+            np.array([result.outcome in claim.against for result in decisive], dtype=bool),
+            len(case.starts),
+        ),
     )
+
+
+def _worst_start(starts: np.ndarray, against: np.ndarray, count: int) -> float:
+    """See `Evidence`; of the starts of episodes, and whether these speak against the claim."""
+    episodes, failed = (np.bincount(of, minlength=count) for of in (starts, starts[against]))
+    bounds = beta.ppf(CONFIDENCE, failed + 1, np.maximum(episodes - failed, 1))
+    return float(np.where(episodes > failed, bounds, 1.0).max())
 
 
 def code_of_certificates() -> str:
@@ -201,7 +240,11 @@ def covered(case: Case, episodes: int) -> CoveredStarts:
 
 
 def issue(
-    file: ResultFile, claim: Claim, confidence: float, episodes: int | None = None
+    file: ResultFile,
+    claim: Claim,
+    confidence: float,
+    episodes: int | None = None,
+    attempts: tuple[Attempt, ...] = (),
 ) -> Certificate:
     """The certificate of the episodes that are known.
 
@@ -210,6 +253,7 @@ def issue(
         claim: to be judged.
         confidence: declared, below 1.
         episodes: most that are looked at, None for all.
+        attempts: earlier ones.
     """
     case = file.case
     test = claim_test(claim, confidence)
@@ -227,5 +271,6 @@ def issue(
         results=file.path.name,
         code_digest=code_of_certificates(),
         versions=versions(),
-        issued=datetime.now(UTC).isoformat(timespec="seconds"),
+        issued=now(),
+        attempts=attempts,
     )

@@ -1,9 +1,13 @@
 """Checks a certificate: its episodes judged anew, and a sample of them simulated again."""
 
+import math
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import msgspec
 import numpy as np
+from scipy.stats import hypergeom
 
 from agent.certification.certificate import (
     POLICY_FILE,
@@ -27,6 +31,7 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import versions
 from cosim.base.reading import Kind, require_file
 from cosim.navigation.options import Physics
+from cosim.navigation.result import EpisodeResult
 
 _RESULTS = Kind("file of the certificate's results", "keep both in one folder", UserError)
 # What a certificate is about: with another one it says nothing.
@@ -37,6 +42,10 @@ _SUBJECT = {
 }
 
 
+# The default sample finds with this probability that a share of the rows was altered.
+ALTERED, FOUND = 0.01, 0.95
+
+
 class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
     """A certificate beside what is found now.
 
@@ -44,6 +53,7 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
         certificate: file.
         claim, verdict: of it.
         compared: episodes that were simulated again.
+        found: probability that they show it where a share of `ALTERED` of all rows was altered.
         differences: in words; none if it stands. Of an episode that ended alike other numbers
             differ.
         changes: versions and digests that are not those of the certificate, then and now. They do
@@ -54,6 +64,7 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
     claim: str
     verdict: str
     compared: int
+    found: float
     differences: tuple[str, ...]
     changes: dict[str, tuple[str, str]]
 
@@ -63,8 +74,7 @@ def check(
     *,
     policy: Path | None = None,
     motor_fmu: Path | None = None,
-    sample: int = 20,
-    seed: int = 0,
+    sample: int | None = None,
     jobs: int = 2,
     progress: Progress = silent,
 ) -> CheckReport:
@@ -74,8 +84,8 @@ def check(
         path: certificate.json, beside its results.
         policy: by default that beside the certificate.
         motor_fmu: of the episodes, the built-in one by default.
-        sample: how many episodes to simulate.
-        seed: of that sample.
+        sample: how many episodes to simulate, drawn with fresh entropy; by default so many that
+            altered rows, if they are a share of `ALTERED`, are found with a probability of `FOUND`.
         jobs: threads.
         progress: is told how many episodes are simulated.
 
@@ -86,7 +96,8 @@ def check(
     claim, then = parse_claim(certificate.claim), certificate.case
     header = Header(**msgspec.structs.asdict(then), digest=certificate.digest)
     file = path.parent / Path(certificate.results).name
-    require_file(file, _RESULTS)
+    if certificate.evidence.episodes:
+        require_file(file, _RESULTS)
     results = {row.index: row.result for row in RowFile(file, header, IndexedResult).rows}
     loaded = load_policy(policy or path.parent / POLICY_FILE)
     fmu = Physics(motor_fmu=motor_fmu).fmu(progress)
@@ -97,12 +108,15 @@ def check(
     looked_at = known(case, results, episodes)
     test = claim_test(claim, certificate.confidence)
     verdict, evidence = judge(case, test, claim, looked_at)
+    if certificate.evidence.worst_start is None:
+        evidence = msgspec.structs.replace(evidence, worst_start=None)
     if verdict != certificate.verdict or _rounded(evidence) != _rounded(certificate.evidence):
         differences.append("verdict and evidence are not what the results say")
     if certificate.starts != covered(case, evidence.episodes):
         differences.append("the starts are not those of the episodes")
     if certificate.method != method_name(loaded):
         differences.append("the policy was not trained by the method")
+    differences += _invented(case, looked_at)
     used = case.identity.parameters
     differences += [
         f"{name} was {used[name]} by the configuration, and {value} by the list of parameters"
@@ -112,7 +126,10 @@ def check(
     for name in then.parameters.keys() ^ used.keys():
         before[name] = str(then.parameters.get(name, ""))
         now[name] = str(used.get(name, ""))
-    drawn = np.random.default_rng(seed).permutation(list(looked_at))[:sample].tolist()
+    rows = len(looked_at)
+    if sample is None:
+        sample = bisect_left(range(rows), FOUND, key=lambda size: _found(rows, size))
+    drawn = np.random.default_rng().permutation(list(looked_at))[:sample].tolist()
     ended = run_jobs([Job(case, index) for index in drawn], jobs)
     for count, (job, result) in enumerate(ended, 1):
         progress("episodes", count, len(drawn), f"{count}/{len(drawn)}")
@@ -124,15 +141,36 @@ def check(
         claim=certificate.claim,
         verdict=certificate.verdict,
         compared=len(drawn),
+        found=_found(rows, len(drawn)),
         differences=tuple(differences),
         changes={k: (v, now.get(k, "")) for k, v in before.items() if v != now.get(k)},
     )
 
 
+def _found(rows: int, sample: int) -> float:
+    """Probability that a sample has an altered row, where a share of `ALTERED` was altered."""
+    return float(1.0 - hypergeom.pmf(0, rows, math.ceil(ALTERED * rows), sample)) if rows else 1.0
+
+
+def _invented(case: Case, results: Mapping[int, EpisodeResult]) -> Iterator[str]:
+    """What shows without any simulation that results are none of the case."""
+    moved = [k for k, result in results.items() if result.starts != case.start_cells(k)]
+    if moved:
+        yield f"{len(moved)} episodes begin elsewhere than their index says, as episode {moved[0]}"
+    copies = len(results) - len({msgspec.json.encode(lasting(r)) for r in results.values()})
+    if copies and case.config.noise.relative_amplitude:
+        yield f"{copies} episodes are copies of others, which their noise rules out"
+
+
 def _rounded(evidence: Evidence) -> Evidence:
     """Chances to six digits: the last ones are those of a library, and not of the episodes."""
-    looks = (msgspec.structs.replace(k, chance=float(f"{k.chance:.6g}")) for k in evidence.looks)
-    return msgspec.structs.replace(evidence, looks=tuple(looks))
+    looks = (msgspec.structs.replace(k, chance=_digits(k.chance)) for k in evidence.looks)
+    worst = None if evidence.worst_start is None else _digits(evidence.worst_start)
+    return msgspec.structs.replace(evidence, looks=tuple(looks), worst_start=worst)
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.6g}")
 
 
 def _facts(case: CaseIdentity, certificate: Certificate | None = None) -> dict[str, str]:

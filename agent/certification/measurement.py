@@ -6,11 +6,14 @@ from pathlib import Path
 from agent.certification.certificate import (
     CERTIFICATE_FILE,
     POLICY_FILE,
+    Attempt,
     Certificate,
     claim_test,
     decide,
     issue,
     known,
+    now,
+    read_certificate,
 )
 from agent.certification.claims import Claim
 from agent.certification.sequential import Decision
@@ -48,10 +51,14 @@ def certify(
     *,
     episodes: int | None = None,
     budget_minutes: float | None = None,
+    supersede: bool = False,
     jobs: int = 2,
     progress: Progress = silent,
 ) -> Certificate:
     """Simulate what is missing until the claim is decided, and write the certificate.
+
+    An undecided one is written before any episode, so that no attempt goes unseen. A certificate
+    that has decided is final: it is returned as it is.
 
     Args:
         case: policy and configuration.
@@ -60,17 +67,31 @@ def certify(
         out: folder of certificate, policy and results.
         episodes: most that are looked at.
         budget_minutes: after which no episode is started.
+        supersede: replace the certificate of another attempt in the folder, and list it.
         jobs: threads; the results do not depend on it.
         progress: is told how many episodes are known.
 
     Raises:
-        UserError: robots that push each other on do not collide; or of an FMU.
+        UserError: robots that push each other on do not collide; the folder has the certificate of
+            another attempt; or of an FMU.
     """
     if case.config.on_collision != "end":
         raise UserError(
             "claims are about episodes that end where robots collide; leave out --on-collision "
             "continue"
         )
+    path, attempts = out / CERTIFICATE_FILE, ()
+    if path.exists():
+        before = read_certificate(path)
+        attempts = before.attempts
+        if (before.digest, before.claim, before.confidence) != (
+            case.digest,
+            claim.text,
+            confidence,
+        ):
+            attempts = (*attempts, _superseded(before, path, supersede))
+        elif before.verdict != "undecided":
+            return before
     end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     file, test = ResultFile(out, case), claim_test(claim, confidence)
 
@@ -81,21 +102,48 @@ def certify(
         in_time = end is None or time.monotonic() < end
         return in_time and decision.verdict == "undecided"
 
-    decision = so_far()
-    while may_begin():
-        needed = test.enough(decision.against)
-        wanted = min(needed, episodes or needed, decision.episodes + _AT_ONCE)
-        missing = file.missing(case.cover(wanted))
-        if not missing:
-            break
-        for job, result in run_jobs(missing, jobs, may_begin):
-            file.add(job.index, result)
-            done = len(file.results)
-            progress("episodes", done, needed, f"{done}/{needed}  {decision.against} against")
-            if result.outcome in claim.against:
-                decision = so_far()
-        decision = so_far()
-    certificate = issue(file, claim, confidence, episodes)
+    def keep() -> Certificate:
+        certificate = issue(file, claim, confidence, episodes, attempts)
+        write_json(path, certificate)
+        return certificate
+
     case.policy.save(out / POLICY_FILE)
-    write_json(out / CERTIFICATE_FILE, certificate)
+    keep()
+    try:
+        decision = so_far()
+        while may_begin():
+            needed = test.enough(decision.against)
+            wanted = min(needed, episodes or needed, decision.episodes + _AT_ONCE)
+            missing = file.missing(case.cover(wanted))
+            if not missing:
+                break
+            for job, result in run_jobs(missing, jobs, may_begin):
+                file.add(job.index, result)
+                done = len(file.results)
+                progress("episodes", done, needed, f"{done}/{needed}  {decision.against} against")
+                if result.outcome in claim.against:
+                    decision = so_far()
+            decision = so_far()
+    finally:
+        certificate = keep()
     return certificate
+
+
+def _superseded(before: Certificate, path: Path, supersede: bool) -> Attempt:
+    if not supersede:
+        raise UserError(
+            f"{path}: holds another attempt ({before.verdict}: {before.claim} at confidence "
+            f"{before.confidence:.10g}, seed {before.case.seed}); choose another --out, or replace "
+            "it with --supersede, which lists it in the new certificate"
+        )
+    return Attempt(
+        claim=before.claim,
+        confidence=before.confidence,
+        seed=before.case.seed,
+        verdict=before.verdict,
+        episodes=before.evidence.episodes,
+        against=before.evidence.against,
+        results=before.results,
+        issued=before.issued,
+        superseded=now(),
+    )

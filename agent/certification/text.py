@@ -1,9 +1,12 @@
 """Certificates, checks and estimates in words, for the terminal."""
 
+import msgspec
+
 from agent.certification.certificate import Certificate
-from agent.certification.check import CheckReport
+from agent.certification.check import ALTERED, CheckReport
 from agent.certification.collisions import SplittingReport
 from cosim.base.command import show_table
+from cosim.base.world import IDEAL, World
 
 
 def show_certificate(certificate: Certificate) -> None:
@@ -17,11 +20,40 @@ def show_certificate(certificate: Certificate) -> None:
         f"starts; {evidence.simulated_s / 3600.0:.1f} simulated hours in "
         f"{evidence.wall_s / 3600.0:.2f} hours of threads"
     )
+    if evidence.worst_start is not None:
+        print(
+            f"the claim is about the mean over these starts; of a single one the rate against it "
+            f"is bounded by {evidence.worst_start:.3g} (95 %, the largest bound of any start)"
+        )
+    config = certificate.config
+    print(
+        f"shield {'on' if config.shield else 'off'}, time limit "
+        f"{config.timing.episode_limit_s:g} s, world: {_world(config.world)}"
+    )
+    for number, attempt in enumerate(certificate.attempts, 1):
+        print(
+            f"attempt {number}, superseded {attempt.superseded}: {attempt.verdict}: "
+            f"{attempt.claim} at confidence {attempt.confidence:.10g}, seed {attempt.seed}, "
+            f"{attempt.episodes} episodes, {attempt.against} against"
+        )
+    if certificate.attempts:
+        wrong = (len(certificate.attempts) + 1) * (1.0 - certificate.confidence)
+        print(
+            f"this is attempt {len(certificate.attempts) + 1}: that any one of so many verdicts at "
+            f"its confidence is wrong has a probability of at most {min(wrong, 1.0):.3g}"
+        )
     if certificate.verdict == "undecided":
         print(
             f"{evidence.enough} episodes would certify it if no more of them speak against it; go "
             "on with more --episodes or --budget-minutes"
         )
+
+
+def _world(world: World) -> str:
+    """What differs from the ideal world."""
+    said = msgspec.structs.asdict(world).items()
+    differ = {name: value for name, value in said if value != getattr(IDEAL, name)}
+    return msgspec.json.encode(differ).decode() if differ else "ideal"
 
 
 def show_check(report: CheckReport) -> None:
@@ -33,6 +65,10 @@ def show_check(report: CheckReport) -> None:
         print(difference)
     equal = "differ" if report.differences else "are equal in every bit"
     print(f"the certificate and {report.compared} of its episodes, simulated again, {equal}")
+    print(
+        f"if {ALTERED:.0%} of all rows had been altered, such a sample would show it with a "
+        f"probability of {report.found:.1%}"
+    )
 
 
 def show_splitting(report: SplittingReport) -> None:
@@ -42,10 +78,10 @@ def show_splitting(report: SplittingReport) -> None:
         for at in report.levels
     ]
     show_table(None, ("gap", "probability", "95 %"), rows, numbers=2)
-    worth = f", worth {report.worth:.0f} plain ones" if report.worth else ""
     print(
-        f"collision {report.collision:.3g} [{report.low:.3g}, {report.high:.3g}] (95 %, bootstrap "
-        f"over {report.roots} roots); {report.roots_with_collision} of the roots showed one, so "
-        f"the rate is at most {report.highest:.3g} (97.5 %); {report.simulated} episodes{worth}"
+        f"collision {report.collision:.3g} [{report.low:.3g}, {report.high:.3g}] (95 %, Wilson "
+        f"interval); {report.roots_with_collision} of {report.roots} roots showed one, so the rate "
+        f"is at most {report.highest:.3g} (97.5 %); {report.simulated} episodes, worth "
+        f"{report.worth:.0f} plain ones"
     )
     print("an estimate certifies nothing; --claim does")

@@ -9,20 +9,36 @@ import numpy as np
 import pytest
 
 import agent.certification.__main__ as certify_command
+from agent.certification import check as checking
+from agent.certification import measurement
 from agent.certification.__main__ import Certify
-from agent.certification.certificate import Certificate, read_certificate
+from agent.certification.certificate import (
+    Certificate,
+    claim_test,
+    issue,
+    judge,
+    read_certificate,
+)
 from agent.certification.check import CheckReport, check
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import SplittingReport, estimate_collisions
 from agent.certification.measurement import case_of, certify
-from agent.evaluation.cases import Job
+from agent.certification.text import show_certificate
+from agent.evaluation.cases import Job, run_jobs
+from agent.evaluation.result_file import IndexedResult, ResultFile
+from agent.evaluation.statistics import rate
 from agent.policies import load_policy
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
+from cosim.base.storage import write_json
 from cosim.base.world import Sensor, World
 from cosim.episodes import simulate_tasks
 from cosim.navigation.options import Driving
+from cosim.navigation.result import EpisodeResult
 
+RESULT = EpisodeResult(
+    Outcome.SUCCESS, 1.5, 8.0, 9.0, None, ((0, 0),), (1.5, 1.5), 0.0, 7.0, 1.0, (0.5, 0.5), 0
+)
 CLAIM, CONFIDENCE = parse_claim("success > 0.5"), 0.9  # five successes certify it
 
 
@@ -86,6 +102,71 @@ def test_it_goes_on_where_it_ended(out, case, tmp_path):
     assert lasting(second) == lasting(read(out))
 
 
+def test_a_verdict_is_final_and_other_attempts_are_kept(out, case, command, tmp_path):
+    """Another seed, claim or confidence replaces no certificate unless it lists it."""
+    for path in out.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    first = (tmp_path / "certificate.json").read_bytes()
+    assert certify(case, CLAIM, CONFIDENCE, tmp_path) == read(tmp_path)
+    other, claim = replace(case, seed=1), parse_claim("success > 0.4")
+    for tried in ((other, CLAIM, CONFIDENCE), (case, claim, CONFIDENCE), (case, CLAIM, 0.8)):
+        with pytest.raises(UserError, match=r"holds another attempt \(certified: .*--supersede"):
+            certify(*tried, tmp_path)
+    assert (tmp_path / "certificate.json").read_bytes() == first
+    certify(other, CLAIM, CONFIDENCE, tmp_path, episodes=1, supersede=True, jobs=1)
+    second = certify(other, CLAIM, CONFIDENCE, tmp_path, episodes=2, supersede=True, jobs=1)
+    assert (second.verdict, second.evidence.episodes, second.case.seed) == ("undecided", 2, 1)
+    third = certify(case, claim, CONFIDENCE, tmp_path, supersede=True, jobs=1)
+    tried = [(a.seed, a.claim, a.verdict, a.episodes) for a in third.attempts]
+    assert tried == [(0, CLAIM.text, "certified", 5), (1, CLAIM.text, "undecided", 2)]
+    assert read(tmp_path) == third
+    done = command(certify_command, "--check", tmp_path / "certificate.json", "--sample", 0)
+    assert done.returncode == 0, done.stderr
+    assert "attempt 1, superseded 20" in done.stdout
+    assert "this is attempt 3: that any one of so many verdicts" in done.stdout
+    assert "a probability of at most 0.3" in done.stdout
+
+
+def test_an_attempt_is_registered_before_its_episodes(case, tmp_path, monkeypatch):
+    """One that is interrupted has a certificate of what is known."""
+
+    def interrupted(*_):
+        assert read(tmp_path).verdict == "undecided"
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(measurement, "run_jobs", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        certify(case, CLAIM, CONFIDENCE, tmp_path)
+    assert (read(tmp_path).verdict, read(tmp_path).evidence.episodes) == ("undecided", 0)
+    assert check(tmp_path / "certificate.json").differences == ()
+
+
+def test_the_verdict_names_its_conditions(case, tmp_path, capsys):
+    world = World(motor_spread=0.1, floor_tilt_deg=1.0)
+    rough = replace(case, config=replace(case.config, world=world))
+    show_certificate(certify(rough, CLAIM, CONFIDENCE, tmp_path, episodes=1, jobs=1))
+    said = capsys.readouterr().out
+    assert "shield off, time limit 600 s" in said
+    assert 'world: {"motor_spread":0.1,"floor_tilt_deg":1.0}' in said
+    assert "the claim is about the mean over these starts" in said
+    assert "bounded by 1 (95 %, the largest bound of any start)" in said
+
+
+def test_a_single_start_is_known_far_worse_than_the_mean(case):
+    plain = dict(enumerate([RESULT] * 9))
+    test = claim_test(CLAIM, 0.999)
+
+    def worst(results):
+        known = {k: results[n] for n, k in enumerate(case.cover(len(results)))}
+        return judge(case, test, CLAIM, known)[1].worst_start
+
+    assert worst({k: plain[k] for k in range(8)}) == pytest.approx(1.0 - 0.05**0.5)
+    # one of two episodes from a start
+    failed = msgspec.structs.replace(RESULT, outcome=Outcome.TIMEOUT)
+    assert worst({k: failed if k == 0 else plain[k] for k in range(8)}) == pytest.approx(0.95**0.5)
+    assert worst({k: plain[k] for k in range(3)}) == 1.0  # a start without an episode
+
+
 def test_a_bad_policy_is_refused(near_policy, case, tmp_path):
     config = replace(case.config, timing=case.config.timing._replace(episode_limit_s=10.0))
     bad = replace(case, policy=replace(near_policy, q=-near_policy.q), config=config)
@@ -124,6 +205,75 @@ def test_a_check_finds_a_changed_result(copied, command):
     assert "verdict and evidence are not what the results say" in done.stdout
     assert f"episode {changed['index']}: success then, success now" in done.stdout
     assert done.stdout.count("then,") == 1
+
+
+@pytest.fixture(scope="module")
+def forged(case, tmp_path_factory):
+    """A certificate of 14 502 episodes, of which those that seed 0 draws are true."""
+    folder, claim = tmp_path_factory.mktemp("forged"), parse_claim("collision < 1e-3")
+    indices = case.cover(14_502)
+    true = np.random.default_rng(0).permutation(indices)[:20].tolist()
+    rows = {job.index: result for job, result in run_jobs([Job(case, k) for k in true], 1)}
+    file = ResultFile(folder, case)
+    file.add(true[0], rows.pop(true[0]))
+    for k in indices:
+        if k not in rows and k != true[0]:
+            result = msgspec.structs.replace(RESULT, starts=case.start_cells(k), energy_j=1e-6 * k)
+            rows[k] = result
+    lines = [IndexedResult(**msgspec.structs.asdict(row), index=k) for k, row in rows.items()]
+    with file.path.open("ab") as opened:
+        opened.writelines(msgspec.json.encode(line) + b"\n" for line in lines)
+    certificate = issue(ResultFile(folder, case), claim, 0.999999)
+    assert (certificate.verdict, certificate.evidence.episodes) == ("certified", 14_502)
+    write_json(folder / "certificate.json", certificate)
+    case.policy.save(folder / "policy.npz")
+    return folder / "certificate.json"
+
+
+def test_a_check_finds_fabricated_rows_whatever_seed_they_were_made_for(forged):
+    report = check(forged, sample=20, jobs=1)
+    assert (len(report.differences), report.compared) == (20, 20)
+    assert all("success then" in difference for difference in report.differences)
+
+
+@pytest.mark.parametrize(
+    ("change", "difference"),
+    [
+        (lambda row: {"energy_j": 1.0}, "episodes are copies of others"),
+        (lambda row: {"starts": row["starts"][::-1]}, "14502 episodes begin elsewhere"),
+    ],
+)
+def test_a_check_looks_at_all_rows(forged, tmp_path, change, difference):
+    for path in forged.parent.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (file,) = tmp_path.glob("*.jsonl")
+    header, *lines = file.read_bytes().splitlines()
+    rows = [msgspec.json.decode(line) for line in lines]
+    lines = [msgspec.json.encode(row | change(row)) for row in rows]
+    file.write_bytes(b"\n".join([header, *lines, b""]))
+    found = check(tmp_path / "certificate.json", sample=0).differences
+    assert any(difference in text for text in found)
+
+
+def test_the_default_sample_finds_one_altered_row_in_100(monkeypatch, forged, out):
+    sizes = []
+    monkeypatch.setattr(checking, "run_jobs", lambda jobs, _: sizes.append(len(jobs)) or iter(()))
+    report = check(forged)
+    assert report.compared == sizes[0] == 294
+    assert report.found >= 0.95
+    altered, rng = 146, np.random.default_rng(0)  # rows of 14 502
+    hits = [(rng.permutation(14_502)[:294] < altered).any() for _ in range(1000)]
+    assert np.mean(hits) == pytest.approx(0.95, abs=0.02)
+    assert check(out / "certificate.json").compared == 5  # all of a small file
+
+
+def test_a_check_writes_nothing(copied):
+    (file,) = copied.glob("*.jsonl")
+    file.write_bytes(file.read_bytes() + b'{"outcome": "succ')
+    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in copied.iterdir()}
+    assert check(copied / "certificate.json", sample=1).differences == ()
+    after = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in copied.iterdir()}
+    assert after == before
 
 
 @pytest.mark.parametrize(("factor", "stands"), [(1.0 + 1e-9, True), (1.01, False)])
@@ -207,8 +357,9 @@ def test_a_missing_file_is_named(copied, command):
     assert f"{file}: no such file of the certificate's results" in done.stderr
 
 
-def test_undecided_exits_with_one(out, command, near_file):
-    options = ("--policy", near_file, "--claim", "timeout < 0.1", "--episodes", 5, "--out", out)
+def test_undecided_exits_with_one(copied, command, near_file):
+    options = ("--policy", near_file, "--claim", "timeout < 0.1", "--episodes", 5, "--supersede")
+    options += ("--out", copied)
     done = command(certify_command, *options, "--json")
     assert done.returncode == 1, done.stderr
     assert "138 episodes would certify it" in done.stdout
@@ -252,11 +403,12 @@ def test_splitting_simulates_and_keeps_branches(case, tmp_path, monkeypatch):
     report = estimate()
     # robots are so close at once: each root is split after its first RL step
     assert [level.probability for level in report.levels] == [1.0, 0.0]
-    assert (report.simulated, report.collision, report.high) == (4, 0.0, 0.0)
+    assert (report.simulated, report.collision, report.low) == (4, 0.0, 0.0)
+    assert report.high == pytest.approx(rate(0, 2).high)
     assert report.roots_with_collision == 0
     assert report.highest == pytest.approx(1.0 - 0.025**0.5)
-    assert report.worth is None
-    assert (report.levels[0].low, report.levels[0].high) == (1.0, 1.0)
+    assert report.worth == 2.0
+    assert (report.levels[0].low, report.levels[0].high) == pytest.approx(rate(2, 2)[1:])
 
     def refuse(tasks, _):
         assert not tasks
@@ -271,7 +423,7 @@ def test_every_branch_of_robots_that_drive_at_each_other_collides(case, near_pol
     q[:, 0, :, 0] = q[:, 1, :, 4] = 1.0  # east and west
     bad = replace(case, policy=replace(near_policy, q=q))
     report = estimate_collisions(bad, tmp_path, roots=4, branches=2, gaps_mm=(15.0, 8.0), jobs=1)
-    assert (report.collision, report.low, report.high) == (1.0, 1.0, 1.0)
+    assert (report.collision, report.low, report.high) == pytest.approx(rate(4, 4))
     assert (report.roots_with_collision, report.highest) == (4, 1.0)
     assert report.simulated > 4 * 2
 
@@ -290,6 +442,8 @@ def test_every_branch_of_robots_that_drive_at_each_other_collides(case, near_pol
         ({"claim": "collision < 0.1", "episodes": 0}, "--episodes must be at least 1"),
         ({"splitting": True, "seed": -1}, "--seed must not be negative"),
         ({"check": Path("c.json"), "out": Path("elsewhere")}, "--out has no effect with --check"),
+        ({"check": Path("c.json"), "seed": 1}, "--seed has no effect with --check"),
+        ({"splitting": True, "supersede": True}, "--supersede has no effect without --claim"),
     ],
 )
 def test_options_that_cannot_be_are_refused(options, message, tmp_path):
