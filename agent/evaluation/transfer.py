@@ -13,7 +13,14 @@ from pathlib import Path
 from agent.evaluation.cases import Case, run_jobs
 from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
-from agent.evaluation.transfer_table import Row, Session, TransferReport, markdown, report_of
+from agent.evaluation.transfer_table import (
+    QUICK_EPISODES,
+    Row,
+    Session,
+    TransferReport,
+    markdown,
+    report_of,
+)
 from agent.method import method_policy
 from agent.training.policy import Policy
 from agent.training.settings import BEST, COMPARED, METHODS
@@ -29,7 +36,7 @@ from cosim.scenarios.file import find_scenario
 TABLE_FILE, MARKDOWN_FILE, SESSIONS_FILE = "transfer.json", "transfer.md", "sessions.json"
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 # Episodes of a pair in rows of the best method at the default friction, and of all other rows.
-_MANY, _SOME, _QUICK = 200, 50, 2
+_MANY, _SOME = 200, 50
 _SESSIONS = Kind("list of sessions", "remove it", UserError)
 
 
@@ -93,7 +100,7 @@ class Measurement:
     def _count(self, case: Case, method: str, mu: float) -> int | None:
         available = len(case.starts)
         if self.quick:
-            return min(_QUICK, available)
+            return min(QUICK_EPISODES, available)
         if method != BEST or mu != TABLE_I.mu or case.config.shield:
             return min(_SOME, available)
         return None if case.policy.config.scenario.robots == 1 else min(_MANY, available)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from analysis.figures.style import FORMATS, Caption, FigureError, read_caption
 from analysis.reading.results import FIGURES, RESULTS, missing
 from analysis.reading.written import read_run
+from analysis.timings import TimingsFile
 from cosim.base.errors import UserError
 from cosim.base.storage import replacing
 from cosim.scenarios.built_in import PAPER
@@ -84,8 +85,18 @@ def pictures(figures: Path, out: Path) -> Iterator[Picture]:
         yield Picture(label, caption, *files)
 
 
-def not_drawn(figures: Path, results: Path) -> dict[str, list[str]]:
-    """Figures that have not been drawn, with the commands that make them."""
+def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict[str, list[str]]:
+    """Figures that have not been drawn, with the commands that make them.
+
+    Args:
+        figures: folder.
+        results: folder.
+        timings: of the reproduction whose folder it is; that one makes its results.
+    """
+    if timings is not None:
+        quick = " --quick" if timings.profile.get("name") == "quick" else ""
+        again = f"python -m analysis.reproduce --out . --seed {timings.seed}{quick}"
+        return {name: [again] for name in FIGURES if not (figures / f"{name}.json").is_file()}
     commands = {}
     for name in FIGURES:
         if not (figures / f"{name}.json").is_file():

@@ -62,7 +62,7 @@ def write_report(
     timings = read_timings(results)
     content = {
         "pictures": list(pictures(figures, out)),
-        "missing": not_drawn(figures, results),
+        "missing": not_drawn(figures, results, timings),
         "tables": [*learning_tables(results), *transfer_tables(results)],
         "episodes": found,
         "trainings": list(trainings(results, out)),

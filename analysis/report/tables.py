@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from agent.evaluation.statistics import Interval
-from agent.evaluation.transfer_table import TransferRow
+from agent.evaluation.transfer_table import QUICK_EPISODES, TransferRow
 from agent.experiments.results import ExperimentResult
 from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
@@ -100,7 +100,16 @@ def transfer_tables(results: Path) -> list[ReportTable]:
     """
     if not RESULTS["transfer"].exists(results):
         return []
-    rows = [_transfer_row(row) for row in read_transfer(results).rows]
+    report = read_transfer(results)
+    rows = [_transfer_row(row) for row in report.rows]
+    scenarios, methods = (
+        " ".join(dict.fromkeys(getattr(row, of) for row in report.rows))
+        for of in ("scenario", "method")
+    )
+    command = f"python -m cosim.transfer --scenarios {scenarios} --methods {methods}"
+    command += f" --seed {report.seed}"
+    if max((row.planned for row in report.rows), default=0) <= QUICK_EPISODES:
+        command += " --quick"
     outcomes = (name.replace("_", " ") for name in ENDS)
     header = ("scenario", "training", "µ", "shield", "episodes", *outcomes, "path over grid")
     note = (
@@ -108,7 +117,7 @@ def transfer_tables(results: Path) -> list[ReportTable]:
         "intervals."
     )
     title = "Success in co-simulation by training method"
-    return [ReportTable(title, note, "python -m cosim.transfer", header, rows)]
+    return [ReportTable(title, note, command, header, rows)]
 
 
 def _transfer_row(row: TransferRow) -> tuple[str, ...]:

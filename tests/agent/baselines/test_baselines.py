@@ -153,7 +153,9 @@ def test_episodes_of_a_session_that_was_cut_are_in_the_table(done, board):
 
     for episodes in (2, 1):
         rows = table(0.0, episodes).rows
-        assert [(row.episodes, row.driven and row.driven.share) for row in rows] == [(episodes, 1.0)] * 2
+        assert [(row.episodes, row.driven and row.driven.share) for row in rows] == [
+            (episodes, 1.0)
+        ] * 2
     kept = {path: path.read_bytes() for path in (out / "episodes").iterdir()}
     for path in kept:
         path.unlink()

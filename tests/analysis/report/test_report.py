@@ -5,6 +5,7 @@ import re
 import shutil
 import threading
 
+import msgspec
 import numpy as np
 import pytest
 from markupsafe import escape
@@ -14,10 +15,11 @@ from playwright.sync_api import sync_playwright
 from analysis.figures.style import Caption, Interval, interval, read_caption, write_caption
 from analysis.reading.results import FIGURES
 from analysis.reading.written import ResultError
-from analysis.report.content import ReportError
+from analysis.report.content import ReportError, not_drawn
 from analysis.report.page import write_report
 from analysis.report.server import address, server
 from analysis.report.tables import transfer_tables
+from analysis.timings import TimingsFile
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 # Drawn by the processor: machines that test have no graphics card.
@@ -102,6 +104,20 @@ def test_transfer_is_a_table_with_intervals(row, write_transfer):
     assert cells[:6] == ("4", "slip", "0.15", "–", "50", "85.0 % [75.0, 95.0]")
     assert cells[-1] == "–"
     assert len(cells) == len(table.header)
+    assert table.command == "python -m cosim.transfer --scenarios 4 --methods slip --seed 0"
+    few = msgspec.structs.replace(row("2", "moves", 1.0), planned=2)
+    (table,) = transfer_tables(write_transfer(few))
+    assert table.command.endswith("--scenarios 2 --methods moves --seed 0 --quick")
+
+
+def test_what_a_reproduction_has_not_drawn_is_made_by_its_command(tmp_path):
+    """With its seed and its amount: that of quick ones is a third of the episodes."""
+    for name, option in (("quick", " --quick"), ("full", "")):
+        timings = TimingsFile(1, {"name": name}, 7, None, {})
+        commands = not_drawn(tmp_path, tmp_path, timings)["fig09"]
+        assert commands == [f"python -m analysis.reproduce --out . --seed 7{option}"]
+    alone, *_ = not_drawn(tmp_path, tmp_path, None)["fig09"]
+    assert alone.startswith("python -m cosim.run --scenario 1a")
 
 
 def test_intervals_in_words():
