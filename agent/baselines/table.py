@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 
 from agent.evaluation.grid import PolicyMeasures
-from agent.evaluation.statistics import Rate, Statistics, interval_text, rate, summarise
+from agent.evaluation.statistics import Interval, Rate, Statistics, interval_text, rate, summarise
 from agent.process.exact import Milestone
 from cosim.base.command import show_table
 from cosim.base.outcome import Outcome
@@ -192,7 +192,6 @@ def _cells(row: BaselineRow) -> list[str]:
     if row.left_out:
         return [row.scenario, row.learner, row.left_out, *["–"] * (len(_HEADINGS) - 3)]
     some = "" if row.reached == row.seeds or not row.reached else f" ({row.reached} seeds)"
-    driven = row.driven
     return [
         row.scenario,
         row.learner,
@@ -203,9 +202,7 @@ def _cells(row: BaselineRow) -> list[str]:
         interval_text(row.steps_to_enough, 2, 1e-6, " million") + some,
         interval_text(row.seconds_to_enough, 1, 1.0, " s"),
         str(row.episodes),
-        "–"
-        if driven is None
-        else f"{driven.share:.1%} [{100 * driven.low:.1f}, {100 * driven.high:.1f}]",
+        interval_text(Interval(*(row.driven or [None] * 3)), 1, 100.0, "%"),
         interval_text(row.time_s, 0, 1.0, " s"),
         interval_text(row.time_ratio, 2),
     ]

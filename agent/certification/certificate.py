@@ -58,7 +58,7 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
         simulated_s: simulated time of the episodes together.
         wall_s: wall-clock time that they took, of all threads together.
         worst_start: largest of the upper bounds (95 %, Clopper-Pearson) of the rate of what speaks
-            against the claim, of every start on its own; None in certificates that lack it.
+            against the claim, of every start on its own.
     """
 
     episodes: int
@@ -69,7 +69,7 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
     results_digest: str
     simulated_s: float
     wall_s: float
-    worst_start: float | None = None
+    worst_start: float
 
 
 class CoveredStarts(msgspec.Struct, frozen=True):
@@ -84,20 +84,6 @@ class CoveredStarts(msgspec.Struct, frozen=True):
     starts: int
     all: bool
     rounds: float
-
-
-class Attempt(msgspec.Struct, frozen=True, kw_only=True):
-    """A certificate that another one has replaced; names as there, `superseded` is when."""
-
-    claim: str
-    confidence: float
-    seed: int
-    verdict: Verdict
-    episodes: int
-    against: int
-    results: str
-    issued: str
-    superseded: str
 
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True):
@@ -117,7 +103,8 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True):
         code_digest: of all that simulates and judges.
         versions: of packages.
         issued: when.
-        attempts: certificates of the same folder that this one has replaced, the first one first.
+        superseded: when another one replaced it.
+        attempts: those of the same folder that this one has replaced, the first one first.
     """
 
     schema_version: int = 1
@@ -134,7 +121,8 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True):
     code_digest: str
     versions: dict[str, str]
     issued: str
-    attempts: tuple[Attempt, ...] = ()
+    superseded: str | None = None
+    attempts: tuple["Certificate", ...] = ()
 
     def __post_init__(self) -> None:
         if not LEAST_CONFIDENCE <= self.confidence < 1.0 or self.case.seed < 0:
@@ -151,8 +139,15 @@ def read_certificate(path: Path) -> Certificate:
 
 
 def now() -> str:
-    """The time, for certificates."""
+    """Return the time, for certificates."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def said(certificate: Certificate) -> str:
+    """Return the verdict in words."""
+    claim, confidence = certificate.claim, certificate.confidence
+    seed = certificate.case.seed
+    return f"{certificate.verdict}: {claim} at confidence {confidence:.10g}, seed {seed}"
 
 
 def claim_test(claim: Claim, confidence: float) -> SequentialTest:
@@ -240,11 +235,7 @@ def covered(case: Case, episodes: int) -> CoveredStarts:
 
 
 def issue(
-    file: ResultFile,
-    claim: Claim,
-    confidence: float,
-    episodes: int | None = None,
-    attempts: tuple[Attempt, ...] = (),
+    file: ResultFile, claim: Claim, confidence: float, episodes: int | None = None
 ) -> Certificate:
     """The certificate of the episodes that are known.
 
@@ -253,7 +244,6 @@ def issue(
         claim: to be judged.
         confidence: declared, below 1.
         episodes: most that are looked at, None for all.
-        attempts: earlier ones.
     """
     case = file.case
     test = claim_test(claim, confidence)
@@ -272,5 +262,4 @@ def issue(
         code_digest=code_of_certificates(),
         versions=versions(),
         issued=now(),
-        attempts=attempts,
     )

@@ -108,8 +108,6 @@ def check(
     looked_at = known(case, results, episodes)
     test = claim_test(claim, certificate.confidence)
     verdict, evidence = judge(case, test, claim, looked_at)
-    if certificate.evidence.worst_start is None:
-        evidence = msgspec.structs.replace(evidence, worst_start=None)
     if verdict != certificate.verdict or _rounded(evidence) != _rounded(certificate.evidence):
         differences.append("verdict and evidence are not what the results say")
     if certificate.starts != covered(case, evidence.episodes):
@@ -164,13 +162,9 @@ def _invented(case: Case, results: Mapping[int, EpisodeResult]) -> Iterator[str]
 
 def _rounded(evidence: Evidence) -> Evidence:
     """Chances to six digits: the last ones are those of a library, and not of the episodes."""
-    looks = (msgspec.structs.replace(k, chance=_digits(k.chance)) for k in evidence.looks)
-    worst = None if evidence.worst_start is None else _digits(evidence.worst_start)
+    looks = (msgspec.structs.replace(k, chance=float(f"{k.chance:.6g}")) for k in evidence.looks)
+    worst = float(f"{evidence.worst_start:.6g}")
     return msgspec.structs.replace(evidence, looks=tuple(looks), worst_start=worst)
-
-
-def _digits(value: float) -> float:
-    return float(f"{value:.6g}")
 
 
 def _facts(case: CaseIdentity, certificate: Certificate | None = None) -> dict[str, str]:

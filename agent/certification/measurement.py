@@ -3,10 +3,11 @@
 import time
 from pathlib import Path
 
+import msgspec
+
 from agent.certification.certificate import (
     CERTIFICATE_FILE,
     POLICY_FILE,
-    Attempt,
     Certificate,
     claim_test,
     decide,
@@ -14,6 +15,7 @@ from agent.certification.certificate import (
     known,
     now,
     read_certificate,
+    said,
 )
 from agent.certification.claims import Claim
 from agent.certification.sequential import Decision
@@ -82,16 +84,18 @@ def certify(
         )
     path, attempts = out / CERTIFICATE_FILE, ()
     if path.exists():
-        before = read_certificate(path)
-        attempts = before.attempts
-        if (before.digest, before.claim, before.confidence) != (
-            case.digest,
-            claim.text,
-            confidence,
-        ):
-            attempts = (*attempts, _superseded(before, path, supersede))
-        elif before.verdict != "undecided":
-            return before
+        last = read_certificate(path)
+        attempts = last.attempts
+        if (last.digest, last.claim, last.confidence) == (case.digest, claim.text, confidence):
+            if last.verdict != "undecided":
+                return last
+        elif supersede:
+            attempts += (msgspec.structs.replace(last, attempts=(), superseded=now()),)
+        else:
+            raise UserError(
+                f"{path}: holds another attempt ({said(last)}); choose another --out, or replace "
+                "and list it with --supersede"
+            )
     end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     file, test = ResultFile(out, case), claim_test(claim, confidence)
 
@@ -103,8 +107,8 @@ def certify(
         return in_time and decision.verdict == "undecided"
 
     def keep() -> Certificate:
-        certificate = issue(file, claim, confidence, episodes, attempts)
-        write_json(path, certificate)
+        issued = issue(file, claim, confidence, episodes)
+        write_json(path, certificate := msgspec.structs.replace(issued, attempts=attempts))
         return certificate
 
     case.policy.save(out / POLICY_FILE)
@@ -127,23 +131,3 @@ def certify(
     finally:
         certificate = keep()
     return certificate
-
-
-def _superseded(before: Certificate, path: Path, supersede: bool) -> Attempt:
-    if not supersede:
-        raise UserError(
-            f"{path}: holds another attempt ({before.verdict}: {before.claim} at confidence "
-            f"{before.confidence:.10g}, seed {before.case.seed}); choose another --out, or replace "
-            "it with --supersede, which lists it in the new certificate"
-        )
-    return Attempt(
-        claim=before.claim,
-        confidence=before.confidence,
-        seed=before.case.seed,
-        verdict=before.verdict,
-        episodes=before.evidence.episodes,
-        against=before.evidence.against,
-        results=before.results,
-        issued=before.issued,
-        superseded=now(),
-    )

@@ -2,58 +2,49 @@
 
 import msgspec
 
-from agent.certification.certificate import Certificate
+from agent.certification.certificate import Certificate, said
 from agent.certification.check import ALTERED, CheckReport
 from agent.certification.collisions import SplittingReport
 from cosim.base.command import show_table
-from cosim.base.world import IDEAL, World
+from cosim.base.world import IDEAL
 
 
 def show_certificate(certificate: Certificate) -> None:
     """Print the verdict and what it stands on."""
     evidence, starts = certificate.evidence, certificate.starts
     ended = ", ".join(f"{count} {outcome}" for outcome, count in evidence.outcomes.items())
-    print(f"{certificate.verdict}: {certificate.claim} at confidence {certificate.confidence:.10g}")
+    print(said(certificate))
     print(
         f"{evidence.episodes} episodes ({ended or 'none'}), {evidence.against} against the claim; "
         f"{starts.rounds:.2f} rounds of {'all' if starts.all else 'a sample of'} {starts.starts} "
         f"starts; {evidence.simulated_s / 3600.0:.1f} simulated hours in "
         f"{evidence.wall_s / 3600.0:.2f} hours of threads"
     )
-    if evidence.worst_start is not None:
-        print(
-            f"the claim is about the mean over these starts; of a single one the rate against it "
-            f"is bounded by {evidence.worst_start:.3g} (95 %, the largest bound of any start)"
-        )
-    config = certificate.config
+    config, attempts = certificate.config, certificate.attempts
+    world = msgspec.structs.asdict(config.world).items()
+    differs = {name: value for name, value in world if value != getattr(IDEAL, name)}
     print(
-        f"shield {'on' if config.shield else 'off'}, time limit "
-        f"{config.timing.episode_limit_s:g} s, world: {_world(config.world)}"
+        f"the rate is the mean over the starts; of any single start that against the claim is at "
+        f"most {evidence.worst_start:.3g} (95 %); shield {'on' if config.shield else 'off'}, time "
+        f"limit {config.timing.episode_limit_s:g} s, world "
+        f"{msgspec.json.encode(differs).decode() if differs else 'ideal'}"
     )
-    for number, attempt in enumerate(certificate.attempts, 1):
+    for number, attempt in enumerate(attempts, 1):
         print(
-            f"attempt {number}, superseded {attempt.superseded}: {attempt.verdict}: "
-            f"{attempt.claim} at confidence {attempt.confidence:.10g}, seed {attempt.seed}, "
-            f"{attempt.episodes} episodes, {attempt.against} against"
+            f"attempt {number}, superseded {attempt.superseded}: {said(attempt)}, "
+            f"{attempt.evidence.episodes} episodes, {attempt.evidence.against} against"
         )
-    if certificate.attempts:
-        wrong = (len(certificate.attempts) + 1) * (1.0 - certificate.confidence)
+    if attempts:
+        wrong = sum(1.0 - tried.confidence for tried in (*attempts, certificate))
         print(
-            f"this is attempt {len(certificate.attempts) + 1}: that any one of so many verdicts at "
-            f"its confidence is wrong has a probability of at most {min(wrong, 1.0):.3g}"
+            f"this is attempt {len(attempts) + 1}; the probability that any of these verdicts is "
+            f"wrong is at most {min(wrong, 1.0):.3g}"
         )
     if certificate.verdict == "undecided":
         print(
             f"{evidence.enough} episodes would certify it if no more of them speak against it; go "
             "on with more --episodes or --budget-minutes"
         )
-
-
-def _world(world: World) -> str:
-    """What differs from the ideal world."""
-    said = msgspec.structs.asdict(world).items()
-    differ = {name: value for name, value in said if value != getattr(IDEAL, name)}
-    return msgspec.json.encode(differ).decode() if differ else "ideal"
 
 
 def show_check(report: CheckReport) -> None:

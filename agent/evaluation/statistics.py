@@ -1,6 +1,6 @@
 """Intervals of rates and of means over runs, and the interquartile mean.
 
-How often the intervals cover is simulated by `benchmarks.coverage`. Agarwal et al., "Deep
+How often the intervals cover is simulated by `benchmarks.reliability.coverage`. Agarwal et al., "Deep
 Reinforcement Learning at the Edge of the Statistical Precipice" (2021), recommend the interquartile
 mean for reinforcement learning.
 """
@@ -63,12 +63,7 @@ def rate(count: int, episodes: int) -> Rate:
 
 
 def rate_of_weights(share: float, worth: float) -> Rate:
-    """Share with its 95 % Wilson score interval, of episodes that do not all count alike.
-
-    Args:
-        share: estimate.
-        worth: number of independent episodes that would have the same standard error.
-    """
+    """Return a share with its 95 % Wilson interval, by the standard error of `worth` episodes."""
     z2 = float(norm.isf(_TAIL)) ** 2 / worth
     centre, half = share + 0.5 * z2, math.sqrt(z2 * max(share * (1.0 - share), 0.0) + z2**2 / 4)
     return Rate(share, (centre - half) / (1.0 + z2), (centre + half) / (1.0 + z2))

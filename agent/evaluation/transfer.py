@@ -13,14 +13,7 @@ from pathlib import Path
 from agent.evaluation.cases import Case, run_jobs
 from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
-from agent.evaluation.transfer_table import (
-    QUICK_EPISODES,
-    Row,
-    Session,
-    TransferReport,
-    markdown,
-    report_of,
-)
+from agent.evaluation.transfer_table import Row, Session, TransferReport, markdown, report_of
 from agent.method import method_policy
 from agent.training.policy import Policy
 from agent.training.settings import BEST, COMPARED, METHODS
@@ -36,7 +29,7 @@ from cosim.scenarios.file import find_scenario
 TABLE_FILE, MARKDOWN_FILE, SESSIONS_FILE = "transfer.json", "transfer.md", "sessions.json"
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 # Episodes of a pair in rows of the best method at the default friction, and of all other rows.
-_MANY, _SOME = 200, 50
+_MANY, _SOME, QUICK_EPISODES = 200, 50, 2
 _SESSIONS = Kind("list of sessions", "remove it", UserError)
 
 

@@ -20,7 +20,6 @@ from cosim.base.command import show_table
 
 # What the best method is to reach, in every scenario and for every friction coefficient.
 SUCCESS_GOAL, PATH_RATIO_GOAL = 0.99, 1.25
-QUICK_EPISODES = 2  # of every row, with --quick
 
 
 @dataclass(frozen=True)

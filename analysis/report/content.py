@@ -86,13 +86,7 @@ def pictures(figures: Path, out: Path) -> Iterator[Picture]:
 
 
 def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict[str, list[str]]:
-    """Figures that have not been drawn, with the commands that make them.
-
-    Args:
-        figures: folder.
-        results: folder.
-        timings: of the reproduction whose folder it is; that one makes its results.
-    """
+    """Figures that have not been drawn, with the commands (of a reproduction: its own) for them."""
     if timings is not None:
         quick = " --quick" if timings.profile.get("name") == "quick" else ""
         again = f"python -m analysis.reproduce --out . --seed {timings.seed}{quick}"

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from agent.evaluation.statistics import Interval
-from agent.evaluation.transfer_table import QUICK_EPISODES, TransferRow
+from agent.evaluation.transfer import QUICK_EPISODES
+from agent.evaluation.transfer_table import TransferRow
 from agent.experiments.results import ExperimentResult
 from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
@@ -102,12 +103,9 @@ def transfer_tables(results: Path) -> list[ReportTable]:
         return []
     report = read_transfer(results)
     rows = [_transfer_row(row) for row in report.rows]
-    scenarios, methods = (
-        " ".join(dict.fromkeys(getattr(row, of) for row in report.rows))
-        for of in ("scenario", "method")
-    )
-    command = f"python -m cosim.transfer --scenarios {scenarios} --methods {methods}"
-    command += f" --seed {report.seed}"
+    command = f"python -m cosim.transfer --seed {report.seed}"
+    for of in ("scenario", "method"):
+        command += f" --{of}s " + " ".join(dict.fromkeys(getattr(row, of) for row in report.rows))
     if max((row.planned for row in report.rows), default=0) <= QUICK_EPISODES:
         command += " --quick"
     outcomes = (name.replace("_", " ") for name in ENDS)

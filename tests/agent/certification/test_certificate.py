@@ -117,14 +117,14 @@ def test_a_verdict_is_final_and_other_attempts_are_kept(out, case, command, tmp_
     second = certify(other, CLAIM, CONFIDENCE, tmp_path, episodes=2, supersede=True, jobs=1)
     assert (second.verdict, second.evidence.episodes, second.case.seed) == ("undecided", 2, 1)
     third = certify(case, claim, CONFIDENCE, tmp_path, supersede=True, jobs=1)
-    tried = [(a.seed, a.claim, a.verdict, a.episodes) for a in third.attempts]
+    tried = [(a.case.seed, a.claim, a.verdict, a.evidence.episodes) for a in third.attempts]
     assert tried == [(0, CLAIM.text, "certified", 5), (1, CLAIM.text, "undecided", 2)]
     assert read(tmp_path) == third
     done = command(certify_command, "--check", tmp_path / "certificate.json", "--sample", 0)
     assert done.returncode == 0, done.stderr
     assert "attempt 1, superseded 20" in done.stdout
-    assert "this is attempt 3: that any one of so many verdicts" in done.stdout
-    assert "a probability of at most 0.3" in done.stdout
+    assert "this is attempt 3; the probability that any of these verdicts" in done.stdout
+    assert "is wrong is at most 0.3" in done.stdout
 
 
 def test_an_attempt_is_registered_before_its_episodes(case, tmp_path, monkeypatch):
@@ -147,9 +147,9 @@ def test_the_verdict_names_its_conditions(case, tmp_path, capsys):
     show_certificate(certify(rough, CLAIM, CONFIDENCE, tmp_path, episodes=1, jobs=1))
     said = capsys.readouterr().out
     assert "shield off, time limit 600 s" in said
-    assert 'world: {"motor_spread":0.1,"floor_tilt_deg":1.0}' in said
-    assert "the claim is about the mean over these starts" in said
-    assert "bounded by 1 (95 %, the largest bound of any start)" in said
+    assert 'world {"motor_spread":0.1,"floor_tilt_deg":1.0}' in said
+    assert "the rate is the mean over the starts; of any single start" in said
+    assert "against the claim is at most 1 (95 %)" in said
 
 
 def test_a_single_start_is_known_far_worse_than_the_mean(case):

@@ -104,10 +104,10 @@ def test_transfer_is_a_table_with_intervals(row, write_transfer):
     assert cells[:6] == ("4", "slip", "0.15", "–", "50", "85.0 % [75.0, 95.0]")
     assert cells[-1] == "–"
     assert len(cells) == len(table.header)
-    assert table.command == "python -m cosim.transfer --scenarios 4 --methods slip --seed 0"
+    assert table.command == "python -m cosim.transfer --seed 0 --scenarios 4 --methods slip"
     few = msgspec.structs.replace(row("2", "moves", 1.0), planned=2)
     (table,) = transfer_tables(write_transfer(few))
-    assert table.command.endswith("--scenarios 2 --methods moves --seed 0 --quick")
+    assert table.command.endswith("--scenarios 2 --methods moves --quick")
 
 
 def test_what_a_reproduction_has_not_drawn_is_made_by_its_command(tmp_path):
