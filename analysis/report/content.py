@@ -87,14 +87,13 @@ def pictures(figures: Path, out: Path) -> Iterator[Picture]:
 
 def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict[str, list[str]]:
     """Figures that have not been drawn, with the commands (of a reproduction: its own) for them."""
-    if timings is not None:
-        quick = " --quick" if timings.profile.get("name") == "quick" else ""
-        again = f"python -m analysis.reproduce --out . --seed {timings.seed}{quick}"
-        return {name: [again] for name in FIGURES if not (figures / f"{name}.json").is_file()}
     commands = {}
     for name in FIGURES:
         if not (figures / f"{name}.json").is_file():
             needed = [result.command(Path("results")) for result in missing(name, results)]
+            if needed and timings:
+                quick = " --quick" if timings.profile.get("name") == "quick" else ""
+                needed = [f"python -m analysis.reproduce --out . --seed {timings.seed}{quick}"]
             drawing = f"python -m analysis.figures {name} --results results --out figures"
             commands[name] = [*needed, drawing]
     return commands
