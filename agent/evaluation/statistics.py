@@ -1,8 +1,8 @@
 """Intervals of rates and of means over runs, and the interquartile mean.
 
-How often the intervals cover is simulated by `benchmarks.reliability.coverage`. Agarwal et al., "Deep
-Reinforcement Learning at the Edge of the Statistical Precipice" (2021), recommend the interquartile
-mean for reinforcement learning.
+`benchmarks.reliability.coverage` simulates how often the intervals cover. The interquartile mean is
+recommended for reinforcement learning by Agarwal et al., "Deep Reinforcement Learning at the Edge
+of the Statistical Precipice" (2021).
 """
 
 import math
