@@ -13,6 +13,7 @@ from agent.process.readings import Process
 from agent.training.policy import Policy
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.navigation.features import DIRECTION_COUNT
+from cosim.scenarios.scenario import Scenario
 
 _FEATURES = "XYDGBHP"  # in the order of the strides of a process
 _STEERING = (
@@ -110,6 +111,7 @@ def render_constants(policy: Policy, config: CoSimConfig) -> str:
         *(f"enum {{ {name} = {value} }};" for name, value in counts.items()),
         *_directions(),
         *_bearings(process),
+        *_forbidden(scenario),
     ]
     best = best_directions(policy.values)
     for robot, (x, y) in enumerate(scenario.targets):
@@ -155,6 +157,17 @@ def _directions() -> list[str]:
         line
         for name, values in columns.items()
         for line in _table("double", f"{name}[DIRECTIONS]", map(_double, values))
+    ]
+
+
+def _forbidden(scenario: Scenario) -> list[str]:
+    """Cells that the centre of each robot may not enter; a rectangle without cells fills up."""
+    edges = np.pad(scenario.forbidden, ((0, 0), (0, 1), (0, 0)))
+    edges = np.where(np.isinf(edges), 0.0, edges).astype(int)
+    nested = str(edges.tolist()).translate(str.maketrans("[]", "{}"))
+    return [
+        f"enum {{ FORBIDDEN = {edges.shape[1]} }};",
+        f"static const int32_t forbidden[ROBOTS][FORBIDDEN][4] = {nested};",
     ]
 
 

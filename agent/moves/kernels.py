@@ -32,7 +32,7 @@ from agent.process.grid import (
     Y,
     nearest_other,
 )
-from agent.process.readings import FREE, GOAL, OUTSIDE, Process
+from agent.process.readings import FORBIDDEN, FREE, GOAL, OUTSIDE, Process
 from agent.process.rng import next_index
 from cosim.base.jit import inlined
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
@@ -131,6 +131,25 @@ def _go_on(plans: np.ndarray, i: int, seconds: float) -> None:
 
 
 @inlined
+def _is_forbidden(process: Process, i: int, x: float, y: float, to_x: float, to_y: float) -> bool:
+    """Whether the centre of robot i enters a forbidden cell on its way between two near points."""
+    terrain = process.terrain[i]
+    if not (0.0 <= to_x < terrain.shape[0] - 2 and 0.0 <= to_y < terrain.shape[1] - 2):
+        return False
+    column, row = math.floor(x), math.floor(y)
+    to_column, to_row = int(to_x), int(to_y)
+    if terrain[to_column + 1, to_row + 1] == FORBIDDEN:
+        return True
+    if abs(column - to_column) != 1 or abs(row - to_row) != 1:
+        return False
+    # on its way it was in one of the two cells that both share a side with
+    share = (max(column, to_column) - x) / (to_x - x)
+    if math.floor(y + share * (to_y - y)) == row:
+        return bool(terrain[to_column + 1, row + 1] == FORBIDDEN)
+    return bool(terrain[column + 1, to_row + 1] == FORBIDDEN)
+
+
+@inlined
 def _touch(process: Process, model: MoveModel, world: np.ndarray, plans: np.ndarray) -> bool:
     """Whether robots touch each other or obstacles; those that had not arrived are HIT."""
     touched = False
@@ -199,8 +218,12 @@ def step(
     for _ in range(checks):
         for i in range(n):
             if world[i, STATUS] == MOVING and not waits(plans, i):
+                x, y = plans[i, AT_X], plans[i, AT_Y]
                 _go_on(plans, i, pause)
-        touched = _touch(process, model, world, plans)
+                if _is_forbidden(process, i, x, y, plans[i, AT_X], plans[i, AT_Y]):
+                    world[i, STATUS] = HIT
+                    touched = True
+        touched |= _touch(process, model, world, plans)
         if touched:
             break
     lost = False

@@ -22,7 +22,7 @@ from cosim.navigation.features import (
 )
 from cosim.scenarios.scenario import MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
 
-FREE, GOAL, OUTSIDE, OBSTACLE = 0, 1, 2, 3  # terrain of a cell, as one robot sees it
+FREE, GOAL, OUTSIDE, OBSTACLE, FORBIDDEN = range(5)  # terrain of a cell, as one robot sees it
 
 MAX_JOINT_STATES = 4_000_000  # of two robots on some 45 x 45 cells: 128 MB a table, some seconds
 MAX_STATES = 2**25  # of all robots together: 1 GB of tables
@@ -33,9 +33,10 @@ class Process(NamedTuple):
     """The decision process of one scenario, for the kernels.
 
     Attributes:
-        terrain: (N, columns + 2, rows + 2) uint8, FREE, GOAL, OUTSIDE or OBSTACLE as robot i sees
-            cell (x, y) at [i, x + 1, y + 1]; the rim is OUTSIDE. In the middle of an OBSTACLE cell
-            a robot would touch an obstacle, or it is another robot's target.
+        terrain: (N, columns + 2, rows + 2) uint8, FREE, GOAL, OUTSIDE, OBSTACLE or FORBIDDEN as
+            robot i sees cell (x, y) at [i, x + 1, y + 1]; the rim is OUTSIDE. In the middle of an
+            OBSTACLE cell a robot would touch an obstacle; no centre of a robot may be anywhere in a
+            FORBIDDEN one, which is another robot's target.
         corners: (columns + 1, rows + 1) bool, whether a robot over the lower left corner of a cell
             touches an obstacle: the middle of a diagonal move, looked at if contact is swept.
         walls: (M, 4) float64, obstacles as rectangles left, bottom, right, top in cells.
@@ -166,17 +167,15 @@ def _terrain(
     """Terrain as one robot sees it, uint8 of shape (columns + 2, rows + 2)."""
     terrain = np.full((scenario.columns + 2, scenario.rows + 2), OUTSIDE, dtype=np.uint8)
     terrain[1:-1, 1:-1] = FREE
+    terrain[1:-1, 1:-1][_blocked(scenario, 1)] = OBSTACLE
     if config.zone_is_obstacle:
         left, bottom, right, top = scenario.zone
-        terrain[left + 1 : right + 2, bottom + 1 : top + 2] = OBSTACLE
-    terrain[1:-1, 1:-1][_blocked(scenario, 1)] = OBSTACLE
-    blocked: list[Cell] = []
+        terrain[left + 1 : right + 2, bottom + 1 : top + 2] = FORBIDDEN
     squared_radius = thresholds.contact if config.target_obstacle == "disk" else 0
     for other, target in enumerate(scenario.targets):
         if other != robot:
-            blocked += _disk(target, squared_radius, scenario)
-    for x, y in blocked:
-        terrain[x + 1, y + 1] = OBSTACLE
+            for x, y in _disk(target, squared_radius, scenario):
+                terrain[x + 1, y + 1] = FORBIDDEN
     goal_x, goal_y = scenario.targets[robot]
     terrain[goal_x + 1, goal_y + 1] = GOAL
     return terrain

@@ -13,14 +13,19 @@ import numpy as np
 
 from cosim.reading.episode import Episode
 from cosim.reading.rrd import Signal
-from cosim.recording.series import NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE
+from cosim.recording.series import NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE, ON_TARGET
 
 # Eq. (9) calls robots near up to 6 cm for robots of 5 cm: a fifth of a diameter between them.
 NEAR_DIAMETERS = 1.2
 # A friction force is at its limit µN within this share of it; sticking feet stay below.
 AT_LIMIT = 1e-6
 FEET = 3
-_FAILURES = {OFF_THE_BOARD: "out of board", ON_OBSTACLE: "obstacle", NOT_ARRIVED: "not arrived"}
+_FAILURES = {
+    OFF_THE_BOARD: "out of board",
+    ON_OBSTACLE: "obstacle",
+    ON_TARGET: "another's target",
+    NOT_ARRIVED: "not arrived",
+}
 
 
 class Finding(msgspec.Struct, frozen=True):
@@ -151,7 +156,8 @@ def _near_misses(episode: Episode, first: str, second: str) -> Iterator[Finding]
     time_s, gap = gap_m(episode, first, second)
     limit = (NEAR_DIAMETERS - 1.0) * episode.parameter("diameter_m")
     runs = intervals(gap <= limit)
-    collided = episode.outcome == "collision"
+    told = [t for name in episode.robots if (t := episode.texts.get(f"/rl/{name}/failure"))]
+    collided = episode.outcome == "collision" and not any(ON_TARGET in t.texts for t in told)
     for number, (begin, end) in enumerate(runs):
         closest = begin + int(np.argmin(gap[begin : end + 1]))
         touched = gap[closest] <= 0.0 or (collided and number == len(runs) - 1)

@@ -68,14 +68,14 @@ POLICIES = {"short": Greedy, "random": Random, "greedy": Greedy}
 
 
 def arena(robots: int) -> Scenario:
-    """The board; every cell where a robot does not touch the obstacle is a start of all."""
+    """The board; every cell but targets where a robot touches no obstacle is a start of all."""
     targets, walls = TARGETS[:robots], np.array([(x, y, x + 1, y + 1) for x, y in OBSTACLES])
     radius = 0.5 * TABLE_I.diameter_m / CELL_M
     cells = tuple(
         (x, y)
         for x in range(SIDE)
         for y in range(SIDE)
-        if not touches_obstacle(x + 0.5, y + 0.5, radius**2, walls)
+        if (x, y) not in targets and not touches_obstacle(x + 0.5, y + 0.5, radius**2, walls)
     )
     starts = (cells,) * robots
     return Scenario(

@@ -58,8 +58,8 @@ class CoSimConfig:
         estimator: of the filter that robots see the camera through.
         order: of the coupling within a communication step; see `cosim.coupling.master`.
         reaction: whether the motors feel the acceleration of the body (the paper neglects it).
-        on_collision: whether a robot that touches another one or an obstacle ends the episode or
-            pushes on.
+        on_collision: whether a robot that touches another one or an obstacle, or enters another
+            one's target cell, ends the episode or pushes on.
         world: floor, motors, load and camera; `mu`, speed noise and obstacles are said elsewhere,
             see `in_world`.
         through: whether a robot drives on at the end of a move until it is asked, and turns only

@@ -1,10 +1,10 @@
 """The shield: a monitor that keeps robots apart whatever their policies want (docs/shield.md).
 
 Every control period, before the steering, it looks at where robots are estimated to be. The room
-of a robot is its distance to another one, an obstacle or the board's edge, less what stopping and
-the errors of the estimates can cost. A robot with little room stops, but for one at a time, which
-retreats straight along its own axis and is stopped when that costs room. A robot without room does
-not move.
+of a robot is its distance to another one, an obstacle or the board's edge, and the distance of its
+centre to another one's target, less what stopping and the errors of the estimates can cost. A robot
+with little room stops, but for one at a time, which retreats straight along its own axis and is
+stopped when that costs room. A robot without room does not move.
 """
 
 import math
@@ -43,6 +43,7 @@ def guard(
     robots: int,
     board: np.ndarray,
     obstacles: np.ndarray,
+    forbidden: np.ndarray,
     diameter_m: float,
     params: ShieldParams,
 ) -> None:
@@ -56,6 +57,7 @@ def guard(
         robots: their number.
         board: (2,) extent of the board in m.
         obstacles: (M, 4) rectangles left, bottom, right, top in m.
+        forbidden: (B, F, 4) such rectangles that each robot's centre may not enter.
         diameter_m: of every robot.
         params: what to keep.
     """
@@ -63,7 +65,7 @@ def guard(
     for i in range(first, first + robots):
         command, shield = commands[i], shields[i]
         room, error, away_x, away_y = _room(
-            estimates, i, first, robots, board, obstacles, diameter_m, params
+            estimates, i, first, robots, board, obstacles, forbidden[i], diameter_m, params
         )
         jitter = params.jitter * error
         if room >= params.room_m + jitter:
@@ -133,6 +135,7 @@ def _room(
     robots: int,
     board: np.ndarray,
     obstacles: np.ndarray,
+    forbidden: np.ndarray,
     diameter_m: float,
     params: ShieldParams,
 ) -> tuple[float, float, float, float]:
@@ -148,11 +151,14 @@ def _room(
     ):
         if room < least:
             least, away_x, away_y = room, toward_x, toward_y
-    for k in range(len(obstacles)):
-        dx, dy = away_from(obstacles[k], x, y)
-        distance = math.sqrt(dx * dx + dy * dy)
-        if distance - 0.5 * diameter_m - alone < least:
-            least, away_x, away_y = distance - 0.5 * diameter_m - alone, dx, dy
+    for rectangles, reach in ((obstacles, 0.5 * diameter_m), (forbidden, 0.0)):
+        for k in range(len(rectangles)):
+            dx, dy = away_from(rectangles[k], x, y)
+            distance = math.sqrt(dx * dx + dy * dy)
+            if distance - reach - alone < least:
+                least, away_x, away_y = distance - reach - alone, dx, dy
+                if distance == 0.0:  # within: no direction leads away
+                    away_x = 1.0
     for j in range(first, first + robots):
         if j == i:
             continue

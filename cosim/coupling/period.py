@@ -49,6 +49,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
                     robots,
                     state.boards[episode],
                     state.obstacles[episode],
+                    state.forbidden,
                     plant.pair.diameter,
                     plant.shield,
                 )

@@ -54,7 +54,8 @@ class Plant(NamedTuple):
         shield: what is kept where it is on.
         shielded: whether it is.
         pair: contact of robots with each other and with obstacles.
-        end_on_collision: whether such a contact is a COLLISION that ends the run.
+        end_on_collision: whether such a contact, or a robot's centre where it is forbidden, is a
+            COLLISION that ends the run.
         ticks_per_period: ticks of dt per control period.
         ticks_per_step: ticks of dt per communication step with the FMUs.
         jacobi: bodies see the motors' outputs of the start of a step (extrapolated), not of its

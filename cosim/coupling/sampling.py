@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from cosim.base.jit import inlined
 from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.control.camera import INTERVAL
@@ -83,9 +85,21 @@ def _event(plant: Plant, state: State, episode: int, column: int) -> int:
     x, y = state.bodies[0, column], state.bodies[1, column]
     if not (0.0 <= x <= state.boards[episode, 0] and 0.0 <= y <= state.boards[episode, 1]):
         return OUT_OF_BOARD
-    if plant.end_on_collision and state.touching[column] > 0.0:
+    if plant.end_on_collision and (
+        state.touching[column] > 0.0 or _is_within(state.forbidden[column], x, y)
+    ):
         return COLLISION
     return RUNNING
+
+
+@inlined
+def _is_within(rectangles: np.ndarray, x: float, y: float) -> bool:
+    """Whether a point is in one of some rectangles left, bottom, right, top."""
+    for k in range(len(rectangles)):
+        left, bottom, right, top = rectangles[k]
+        if left <= x < right and bottom <= y < top:
+            return True
+    return False
 
 
 @inlined

@@ -74,6 +74,7 @@ class State(NamedTuple):
         boards: (K, 2) extent of each episode's board in m, its corner at the origin.
         obstacles: (K, M, 4) rectangles left, bottom, right, top in m, which stay; infinitely far
             where an episode has fewer.
+        forbidden: (B, F, 4) rectangles likewise, in which the centre of a robot is a collision.
         patches: (K, P, 5) rectangles of the floor and their friction coefficients, likewise; later
             ones cover earlier ones.
     """
@@ -105,6 +106,7 @@ class State(NamedTuple):
     ended: np.ndarray
     boards: np.ndarray
     obstacles: np.ndarray
+    forbidden: np.ndarray
     patches: np.ndarray
 
 
@@ -210,22 +212,30 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         ended=bodies.copy(),
         boards=np.full((episodes, 2), np.inf),
         obstacles=np.empty((episodes, 0, 4)),
+        forbidden=np.empty((columns, 0, 4)),
         patches=np.empty((episodes, 0, 5)),
     )
 
 
-def with_room(state: State, obstacles: int, patches: int) -> State:
-    """The state with room for at least so many obstacles and patches of every episode."""
+def with_room(state: State, obstacles: int, patches: int, forbidden: int = 0) -> State:
+    """Copy of a state with room for more rectangles.
+
+    Args:
+        state: to be enlarged.
+        obstacles, patches: least number of every episode.
+        forbidden: least number of every robot.
+    """
 
     def enlarged(rectangles: np.ndarray, count: int) -> np.ndarray:
-        episodes, present, size = rectangles.shape
-        missing = np.full((episodes, max(0, count - present), size), np.inf)
+        rows, present, size = rectangles.shape
+        missing = np.full((rows, max(0, count - present), size), np.inf)
         return np.concatenate([rectangles, missing], axis=1)
 
     walls = enlarged(state.obstacles, obstacles)
     near = np.zeros((state.bodies.shape[1] * walls.shape[1], 2), dtype=np.int64)
     floor = enlarged(state.patches, patches)
-    return state._replace(obstacles=walls, near_walls=near, patches=floor)
+    cells = enlarged(state.forbidden, forbidden)
+    return state._replace(obstacles=walls, near_walls=near, patches=floor, forbidden=cells)
 
 
 def _aligned(rows: int, columns: int) -> np.ndarray:

@@ -173,9 +173,12 @@ class Batch:
 
     def _put_rectangles(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
         walls, patches = scenario.walls * scenario.cell_m, config.world.mu_patches
-        self._state = with_room(self._state, len(walls), len(patches))
+        forbidden, columns = scenario.forbidden * scenario.cell_m, self._columns(place)
+        self._state = with_room(self._state, len(walls), len(patches), forbidden.shape[1])
         self._state.obstacles[place] = self._state.patches[place] = np.inf
         self._state.obstacles[place, : len(walls)] = walls
+        self._state.forbidden[columns] = np.inf
+        self._state.forbidden[columns, : forbidden.shape[1]] = forbidden
         for k, patch in enumerate(patches):
             left, bottom, right, top = patch.cells
             corners = scenario.cell_m * np.array([left, bottom, right + 1, top + 1])

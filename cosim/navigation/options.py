@@ -144,8 +144,8 @@ class Driving(Physics, Deciding):
     """Speed while driving, in mm/s. Motor speeds follow from a calibration, which refuses a speed
     that needs hopping; by default 3.9, or what is possible without (0.97 with a μ of 0.4)."""
     on_collision: OnCollision = "end"
-    """What happens when a robot touches another one or an obstacle: the episode ends, or they push
-    each other on."""
+    """What happens when a robot touches another one or an obstacle, or its centre enters another
+    one's target cell: the episode ends, or they push each other on."""
     shield: bool = False
     """Keep robots apart, off obstacles and on the board whatever their policies want: a monitor in
     the control loop stops a robot in time and lets it retreat (docs/shield.md). How far robots go

@@ -21,7 +21,8 @@ class EpisodeResult(msgspec.Struct, frozen=True):
         recording: its path relative to the output folder, None if there is none.
         starts: start cell of each robot.
         path_length_cm_by_robot: of each robot.
-        contact_time_s: time in which any robot touched another one or an obstacle.
+        contact_time_s: time in which any robot touched another one or an obstacle; 0 of a collision
+            that is a robot in another one's target cell.
         min_distance_cm: smallest distance between the centres of two robots, None for one alone.
         energy_j: drawn by the motors of all robots, see `cosim.navigation.measures`.
         energy_j_by_robot: of each robot.

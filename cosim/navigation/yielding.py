@@ -36,6 +36,8 @@ class Board(NamedTuple):
         cell_m: edge of a cell.
         diameter_m: of every robot.
         obstacles: (M, 4) float64, rectangles left, bottom, right, top.
+        forbidden: (N, F, 4) float64, such rectangles that each robot's centre may not enter;
+            infinitely far where a robot has fewer.
     """
 
     columns: int
@@ -43,6 +45,7 @@ class Board(NamedTuple):
     cell_m: float
     diameter_m: float
     obstacles: np.ndarray
+    forbidden: np.ndarray
 
 
 def board_of(scenario: Scenario) -> Board:
@@ -53,6 +56,7 @@ def board_of(scenario: Scenario) -> Board:
         scenario.cell_m,
         scenario.robot_diameter_m,
         scenario.walls * scenario.cell_m,
+        scenario.forbidden * scenario.cell_m,
     )
 
 
@@ -110,7 +114,7 @@ def permitted(
         goals: (N, 2) end of each robot's move in m, NaN for a robot that stands.
         robot: that decides; it stands.
         direction: index of the direction that it wants.
-        margin_m: least gap to the other robots' plans and to obstacles.
+        margin_m: least gap to the other robots' plans, to obstacles and to forbidden cells.
         turns: (8,) int64, from the wanted direction to those that are tried, 0 the first.
 
     Returns:
@@ -125,7 +129,9 @@ def permitted(
         if not (0 <= column < board.columns and 0 <= row < board.rows):
             continue
         plan = (here, ((column + 0.5) * board.cell_m, (row + 0.5) * board.cell_m))
-        if _meets_obstacle(board, plan, margin_m):
+        if _meets(board.obstacles, plan, 0.5 * board.diameter_m + margin_m) or _meets(
+            board.forbidden[robot], plan, margin_m
+        ):
             continue
         free, by_moving = True, False
         for other in range(len(positions)):
@@ -143,14 +149,14 @@ def permitted(
 
 
 @inlined
-def _meets_obstacle(board: Board, plan: Line, margin_m: float) -> bool:
-    """Whether a plan that begins outside of the obstacles comes too close to one of their sides."""
-    for k in range(len(board.obstacles)):
-        left, bottom, right, top = board.obstacles[k]
+def _meets(rectangles: np.ndarray, plan: Line, least_m: float) -> bool:
+    """Whether a plan that begins outside of rectangles comes too close to one of their sides."""
+    for k in range(len(rectangles)):
+        left, bottom, right, top = rectangles[k]
         corners = ((left, bottom), (right, bottom), (right, top), (left, top))
         for side in range(4):
             ends = (corners[side], corners[(side + 1) % 4])
-            if _too_close(plan, ends, 0.5 * board.diameter_m + margin_m):
+            if _too_close(plan, ends, least_m):
                 return True
     return False
 

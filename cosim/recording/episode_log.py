@@ -11,6 +11,7 @@ import numpy as np
 import rerun as rr
 
 from cosim.base.config import CoSimConfig
+from cosim.base.outcome import COLLISION
 from cosim.navigation.step import Step
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording, simulated
@@ -21,6 +22,7 @@ from cosim.recording.series import (
     NOT_ARRIVED,
     OFF_THE_BOARD,
     ON_OBSTACLE,
+    ON_TARGET,
     OUTCOME,
 )
 from cosim.scenarios.scenario import Scenario, touches_obstacle
@@ -162,6 +164,8 @@ class EpisodeLog:
             touches = step.samples.touching_share[-1, robot] > 0.0
             if step.outcome == "collision" and touches and self._at_obstacle(x, y):
                 yield name, ON_OBSTACLE, place
+            if step.events[robot] == COLLISION and not touches:
+                yield name, ON_TARGET, place
             if step.outcome == "timeout" and tuple(step.after.cells[robot]) != target:
                 away_m = np.hypot(*(np.array(self._scenario.centre_m(target)) - (x, y)))
                 yield name, NOT_ARRIVED, f": target {100.0 * away_m:.1f} cm away"

@@ -172,8 +172,20 @@ class Scenario:
     @property
     def walls(self) -> np.ndarray:
         """(M, 4) int64, the obstacles as few rectangles left, bottom, right, top, in cells."""
-        cells = [[x, y, x + 1, y + 1] for x, y in set(self.obstacles)]
-        return np.array(_joined(_joined(cells, 0), 1), dtype=np.int64).reshape(-1, 4)
+        return _rectangles(set(self.obstacles))
+
+    @property
+    def forbidden(self) -> np.ndarray:
+        """(N, F, 4) float64, rectangles as of `walls` that each robot's centre may not enter.
+
+        They are the other robots' targets: static obstacles of Section III-A, although nothing
+        stands there. Rectangles are infinitely far where a robot has fewer.
+        """
+        of_robots = [_rectangles(set(self.targets) - {target}) for target in self.targets]
+        padded = np.full((self.robots, max(map(len, of_robots)), 4), np.inf)
+        for robot, rectangles in enumerate(of_robots):
+            padded[robot, : len(rectangles)] = rectangles
+        return padded
 
     def blocks(self, x: Any, y: Any) -> Any:
         """Whether a robot at (x, y), in half cells, touches an obstacle; numbers or arrays."""
@@ -192,6 +204,12 @@ class Scenario:
         """Hash (16 hex digits) of the geometry, whatever name and title are."""
         geometry = {k: v for k, v in asdict(self).items() if k not in {"name", "title"}}
         return digest_of(geometry)
+
+
+def _rectangles(cells: set[Cell]) -> np.ndarray:
+    """Cells as few rectangles left, bottom, right, top, (M, 4) int64."""
+    single = [[x, y, x + 1, y + 1] for x, y in cells]
+    return np.array(_joined(_joined(single, 0), 1), dtype=np.int64).reshape(-1, 4)
 
 
 def _joined(rectangles: list[list[int]], axis: int) -> list[list[int]]:

@@ -28,15 +28,20 @@ static int32_t nearest(const Cell cells[ROBOTS], int32_t *which) {
     return least;
 }
 
-/* The cells of all robots; false if one is off the board. */
+/* The cells of all robots; false if one is off the board, or where it may not be. */
 static bool cells_of(const Position positions[ROBOTS], Cell cells[ROBOTS]) {
-    bool on_board = true;
+    bool allowed = true;
     for (int32_t i = 0; i < ROBOTS; i++) {
         cells[i] = (Cell){whole(positions[i].x / CELL_M), whole(positions[i].y / CELL_M)};
-        on_board &= 0 <= cells[i].x && cells[i].x < COLUMNS;
-        on_board &= 0 <= cells[i].y && cells[i].y < ROWS;
+        allowed &= 0 <= cells[i].x && cells[i].x < COLUMNS;
+        allowed &= 0 <= cells[i].y && cells[i].y < ROWS;
+        for (int32_t k = 0; k < FORBIDDEN; k++) {
+            const int32_t *edge = forbidden[i][k]; /* left, bottom, right, top */
+            allowed &= cells[i].x < edge[0] || edge[2] <= cells[i].x || cells[i].y < edge[1]
+                       || edge[3] <= cells[i].y;
+        }
     }
-    return on_board;
+    return allowed;
 }
 
 /* The direction that a heading is nearest to; halves go to the even one. */
@@ -97,13 +102,13 @@ bool robot_decides(const Robot *robot) { return robot->period % DECISION_PERIODS
 void robot_decide(Robot *robot, double heading, const Position positions[ROBOTS]) {
     Cell cells[ROBOTS];
     int32_t other;
-    const bool on_board = cells_of(positions, cells);
+    const bool allowed = cells_of(positions, cells);
     const Cell own = cells[ROBOT - 1];
     const bool ended = robot->mode == HOLD || robot->mode == PAST;
     const bool moved = robot->direction != NO_DIRECTION;
     robot->arrived |= ended && moved && own.x == TARGET_X && own.y == TARGET_Y;
     const bool late = robot->period - robot->moving_since >= (uint32_t)MOVE_LIMIT_PERIODS;
-    if (robot->arrived || !on_board) {
+    if (robot->arrived || !allowed) {
         robot->mode = HOLD;
     } else if (ended || late) {
         const int32_t squared = nearest(cells, &other), towards = facing(heading);

@@ -234,16 +234,20 @@ def test_decisions_are_those_of_the_policy(name, features, tmp_path):
     write_sources(tmp_path, render_constants(policy, CoSimConfig()))
     fleet = Fleet(tmp_path, scenario.robots)
     thresholds = distance_thresholds(scenario)
-    eighth = math.pi / 4.0
+    targets, eighth = np.array(scenario.targets), math.pi / 4.0
     for _ in range(300):
         where = rng.random((2, scenario.robots, 2)) * scenario.size_m
         where[1] = (where[0] + rng.normal(0.0, 0.02, where[0].shape)).clip(
             0.0, np.nextafter(scenario.size_m, 0.0)
         )
+        if any(
+            c.tolist() in np.delete(targets, i, 0).tolist()
+            for i, c in enumerate(cells_of(where[1], scenario.cell_m))
+        ):
+            continue  # at another's target robots wait
         angles = rng.uniform(-math.pi, math.pi, scenario.robots)
         angles[0] = (rng.integers(-8, 8) / 2.0) * eighth  # also between two directions
         before = nearest_squared(cells_of(where[0], scenario.cell_m))
-        targets = np.array(scenario.targets)
         seen = observe(where[1], angles, scenario.cell_m, thresholds, before, targets)
         fleet.start(where[0])
         assert fleet.decide(where[1], angles).tolist() == policy.act(seen).tolist()
@@ -262,11 +266,15 @@ def test_moves_are_given_up_at_their_limit_whenever_they_began(tmp_path):
             assert fleet.robots[0].moving_since == began + since
 
 
-def test_a_robot_off_the_board_waits(tmp_path):
+@pytest.mark.parametrize("second", [(0.2, -1e-9), (0.155, 0.185)])
+def test_robots_wait_where_one_is_off_the_board_or_at_anothers_target(second, tmp_path):
     policy = random_policy(find_scenario("2"), "xydg", np.random.default_rng(0))
     write_sources(tmp_path, render_constants(policy, CoSimConfig()))
     fleet = Fleet(tmp_path, 2)
-    where = np.array([[0.1, 0.29], [0.2, -1e-9]])
+    fleet.start(np.array([[0.1, 0.29], [0.2, 0.1]]))
+    fleet.decide(np.array([[0.1, 0.29], [0.2, 0.1]]), np.zeros(2))
+    assert 0 not in [robot.mode for robot in fleet.robots]
+    where = np.array([[0.1, 0.29], second])
     fleet.start(where)
     fleet.decide(where, np.zeros(2))
     assert [robot.mode for robot in fleet.robots] == [0, 0]

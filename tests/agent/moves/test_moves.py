@@ -190,6 +190,30 @@ def test_a_robot_that_strays_to_an_obstacle_collides():
     assert rewards.tolist() == [-100.0]
 
 
+@pytest.mark.parametrize(
+    ("stop", "start", "direction", "outcome"),
+    [
+        (0.0, (9, 9), 1, COLLISION),  # into the other's target
+        (0.2, (9, 10), 1, RUNNING),  # over its upper left corner, to the left of it
+        (-0.2, (9, 10), 1, COLLISION),  # to the right of the corner: through the cell
+        (0.0, (9, 10), 2, RUNNING),  # past it
+    ],
+)
+def test_a_robot_whose_centre_passes_through_anothers_target_collides(
+    stop, start, direction, outcome
+):
+    process = build_process(SMALL, ProcessConfig())
+    model = build_model(ideal_moves(duration_s=2.0, stop=stop), 5.0)
+    world, plans = pair_at(process, start, (2, 2))
+    rewards = np.zeros(2, dtype=np.float32)
+    found = kernels.begin_move(process, model, world, plans, 0, direction, seeded_state(0))
+    if found == RUNNING:
+        found, _ = kernels.step(process, model, world, plans, rewards)
+        assert (rewards[0] == -100.0) == (outcome == COLLISION)
+    assert found == outcome
+    assert (world[0, grid.STATUS] == grid.HIT) == (outcome == COLLISION)
+
+
 def test_a_robot_that_drifts_off_the_board_while_it_turns_is_lost():
     process = build_process(SMALL, ProcessConfig())
     model = build_model(ideal_moves(3.0 * RL_STEP_S, turn_s=1.5 * RL_STEP_S, drift=2.0), 5.0)

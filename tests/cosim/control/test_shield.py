@@ -22,8 +22,9 @@ KEPT_M = 2.0 * SHIELD.stopping_m  # of a gap, at room 0
 class Robots:
     """The shield's view of some robots that drive."""
 
-    def __init__(self, *poses, obstacles=NOTHING):
+    def __init__(self, *poses, obstacles=NOTHING, forbidden=NOTHING):
         n = len(poses)
+        self.forbidden = np.array([forbidden] * n)
         self.commands, self.shields = np.zeros((n, COMMAND_SIZE)), np.zeros((n, SHIELD_SIZE))
         self.estimates = np.zeros((n, ESTIMATE_SIZE))
         self.estimates[:, POSE : POSE + 3] = poses
@@ -39,8 +40,8 @@ class Robots:
         return self.estimates[:, POSE : POSE + 2]
 
     def guarded(self):
-        state = self.commands, self.estimates, self.shields
-        guard(*state, 0, len(self.commands), BOARD, self.obstacles, DIAMETER_M, SHIELD)
+        state, n = (self.commands, self.estimates, self.shields), len(self.commands)
+        guard(*state, 0, n, BOARD, self.obstacles, self.forbidden, DIAMETER_M, SHIELD)
         return self
 
 
@@ -113,6 +114,14 @@ def test_edges_and_obstacles_are_kept_clear_of(pose, obstacles, sense):
     robots = Robots(pose, obstacles=obstacles).guarded()
     assert robots.modes == [RETREAT]
     assert robots.commands[0, SENSE] == sense
+
+
+def test_a_centre_is_kept_out_of_anothers_target():
+    for gap_m, mode in ((5e-4, RETREAT), (5e-3, DRIVE)):  # the rim is half over it
+        robots = Robots((0.2 - gap_m, 0.15, 0.0), forbidden=WALL).guarded()
+        assert robots.modes == [mode]
+    within = Robots((0.21, 0.15, 0.0), forbidden=WALL).guarded()
+    assert within.modes == [HOLD]
 
 
 def test_an_uncertain_estimate_needs_more_room():

@@ -81,6 +81,7 @@ def advance(
     periods=PERIODS,
     head_on=False,
     obstacles=None,
+    forbidden=None,
     board_x=0.3,
     straight=False,
     **changes,
@@ -96,6 +97,10 @@ def advance(
     if obstacles is not None:
         state = with_room(state, len(obstacles), 0)
         state.obstacles[0] = obstacles
+    if forbidden is not None:
+        state = with_room(state, 0, 0, 1)
+        state.forbidden[:] = np.inf
+        state.forbidden[0, 0] = forbidden
     state.boards[0] = board_x, 0.3
     state.running[0] = 1
     for robot in range(ROBOTS):
@@ -214,6 +219,21 @@ def test_robots_slide_along_obstacles_and_around_their_corners(motor_fmu):
     assert np.min(gaps) > TABLE_I.diameter_m / 2.0 - 1e-7
     assert (x[-1] > x[0] + 2e-3).all()
     assert x[-1, 1] > 0.151
+
+
+def test_a_centre_where_it_is_forbidden_ends_the_episode_in_every_driver(motor_fmu):
+    ahead = 0.05 + 1e-5, 0.14, 0.06, 0.16
+    straight = {"straight": True, "heading": 0.0, "periods": 60}
+    drivers = ("reference", 1, 2, host_lanes())
+    results = [advance(motor_fmu, d, forbidden=ahead, **straight) for d in drivers]
+    assert all(same(result, results[0]) for result in results[1:])
+    (done, event), state, samples, _ = results[0]
+    assert event == COLLISION
+    assert state["events"].tolist() == [COLLISION, RUNNING]  # the other one is not to blame
+    assert 1 < done < 60
+    assert samples.position[-2, 0, 0] < ahead[0] <= samples.position[-1, 0, 0]
+    on = advance(motor_fmu, 2, forbidden=ahead, end_on_collision=False, **straight)
+    assert on[0] == (60, RUNNING)
 
 
 @pytest.mark.parametrize("driver", [2, "reference"])

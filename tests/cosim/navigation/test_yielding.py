@@ -16,7 +16,7 @@ from cosim.scenarios.scenario import Scenario
 
 E, N, W, S = 0, 2, 4, 6
 FACING = Scenario(
-    "facing", "swap places", ((12, 5), (3, 12)), (((3, 5),), ((12, 5),)), 16, 16, zone=(7, 7, 8, 8)
+    "facing", "swap places", ((14, 5), (3, 12)), (((3, 5),), ((12, 5),)), 16, 16, zone=(7, 7, 8, 8)
 )
 BOARD = board_of(FACING)
 USUAL = 0.006, NEAREST_FIRST
