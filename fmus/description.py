@@ -3,6 +3,7 @@
 Only the markup of the standards lives here; what the variables are is `fmus.variables`.
 """
 
+import math
 from xml.etree import ElementTree as ET
 
 from fmus.compiler import unit_file
@@ -59,12 +60,12 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
         if variable.derivative:
             attributes["derivative"] = str(table[variable.derivative].reference)
         element = ET.SubElement(variables, variable.type, attributes)
-        if variable.dimension:
-            reference = str(table[variable.dimension].reference)
-            ET.SubElement(element, "Dimension", valueReference=reference)
-            if variable.start is not None:
-                count = int(table[variable.dimension].start or 0)
-                element.set("start", " ".join([attributes["start"]] * count))
+        sizes = [table[name] for name in variable.dimensions]
+        for size in sizes:
+            ET.SubElement(element, "Dimension", valueReference=str(size.reference))
+        if variable.start is not None:
+            count = math.prod(int(size.start or 0) for size in sizes)
+            element.set("start", " ".join([attributes["start"]] * count))
     structure = ET.SubElement(root, "ModelStructure")
     for name, unknowns in (
         ("Output", table.group("output")),

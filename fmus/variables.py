@@ -38,7 +38,8 @@ class Variable:
             each has a constant factor.
         event_indicator: whether a change of its sign is an event of Model Exchange.
         items: (name, description) of each choice of an Enumeration, counted from 1.
-        dimension: name of the structural parameter that an array has the length of, else None.
+        dimensions: names of the structural parameters that an array has the lengths of, the last
+            one's elements next to each other; none of a scalar.
         tunable: whether a parameter may change while the model runs.
     """
 
@@ -59,7 +60,7 @@ class Variable:
     dependence: str = "dependent"
     event_indicator: bool = False
     items: tuple[tuple[str, str], ...] = ()
-    dimension: str | None = None
+    dimensions: tuple[str, ...] = ()
     tunable: bool = False
 
 
@@ -190,7 +191,8 @@ def _variable(
     about: dict[str, Any],
 ) -> Variable:
     row["type"] = row.get("type", "Float64")
-    row["dimension"] = None if row.pop("scalar", False) else about.get("dimension")
+    usual = () if row.pop("scalar", False) or "dimension" not in about else (about["dimension"],)
+    row["dimensions"] = tuple(row.get("dimensions", usual))
     if "dimension" in about:
         row.pop("derivative", None)  # arrays are for co-simulation: their states are their own
     for key in ("depends", "parameters"):

@@ -8,9 +8,11 @@
 static const size_t model_size = sizeof(Motors);
 static const bool model_exchanges = false;
 
-Status motors_allocate(Motors *motors, const char *function, uint64_t n) {
+Status motors_allocate(Motors *motors, const char *function, uint64_t n, uint64_t samples) {
     const size_t count = block_count((size_t)n);
-    void *memory = calloc(1, count * sizeof(Block) + BLOCK_ALIGNMENT - 1);
+    const uint64_t kept = samples > 1 ? 2 * SAMPLED * samples * sample_stride((size_t)n) : 0;
+    const uint64_t size = count * sizeof(Block) + BLOCK_ALIGNMENT - 1 + kept * sizeof(double);
+    void *memory = size <= SIZE_MAX ? calloc(1, (size_t)size) : NULL;
     if (!memory)
         return fail(&motors->base, function, "out of memory");
     free(motors->memory);
@@ -18,6 +20,9 @@ Status motors_allocate(Motors *motors, const char *function, uint64_t n) {
     const uintptr_t first = (uintptr_t)memory + BLOCK_ALIGNMENT - 1;
     motors->blocks = (Block *)(first - first % BLOCK_ALIGNMENT);
     motors->n = (size_t)n;
+    motors->samples = (size_t)samples;
+    motors->sampled = kept ? (double *)(motors->blocks + count) : NULL;
+    motors->half = 0;
     motors->restarting = false;
     for (Block *b = motors->blocks; b < motors->blocks + count; b++)
         for (size_t k = 0; k < LANES; k++) {
@@ -84,7 +89,7 @@ Status model_reset(Instance *instance, const char *function) {
     motors->level = choose_level();
     motors->step_size = parameter_start[VR_step_size - PARAMETER_FIRST];
     motors->closed_loop = START_closed_loop;
-    if (motors_allocate(motors, function, START_n) == STATUS_OK)
+    if (motors_allocate(motors, function, START_n, START_samples) == STATUS_OK)
         return STATUS_OK;
     *motors = before;
     return STATUS_ERROR;
@@ -111,12 +116,21 @@ Status model_do_step(Instance *instance, const char *function, double time, doub
     Plan plan;
     if (plan_step(instance, function, time, step_size, motors->step_size, &plan) != STATUS_OK)
         return STATUS_ERROR;
+    const int64_t samples = (int64_t)motors->samples;
+    if (samples > 1 && (plan.rest > 0.0 || plan.steps % samples != 0))
+        return fail(instance, function,
+                    "the step of %g s cannot be made of %lu equal parts, each of whole internal steps "
+                    "of %g s; change samples or step_size",
+                    step_size, (unsigned long)samples, motors->step_size);
     const size_t count = block_count(motors->n);
     const Work work = {.block_count = count,
                        .few = motors->n <= LANES / 2,
                        .closed_loop = motors->closed_loop,
                        .restarting = motors->restarting,
-                       .steps = plan.steps,
+                       .samples = motors->samples,
+                       .sampled = samples > 1 ? sample_half(motors, !motors->half) : NULL,
+                       .stride = sample_stride(motors->n),
+                       .steps = samples > 1 ? plan.steps / samples : plan.steps,
                        .step_size = motors->step_size,
                        .rest = plan.rest};
     if (!motors->level.step(motors->blocks, &work))
@@ -125,6 +139,7 @@ Status model_do_step(Instance *instance, const char *function, double time, doub
         for (Block *b = motors->blocks; b < motors->blocks + count; b++)
             memcpy(b->restarted, b->restart, sizeof b->restart);
     motors->restarting = false;
+    motors->half = !motors->half;
     instance->now.time = time + step_size;
     instance->now.owed = plan.owed;
     return STATUS_OK;

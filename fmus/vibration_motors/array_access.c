@@ -16,26 +16,46 @@ static inline size_t row_of(uint32_t reference) {
 
 _Static_assert(VR_omega_dot - VR_theta == ROW_OMEGA_DOT - ROW_THETA, "rows as variables");
 
-static inline bool is_scalar(uint32_t reference) {
-    return reference == VR_time || reference == VR_step_size;
+static inline bool is_sampled(uint32_t reference) {
+    return reference - VR_theta_samples < SAMPLED;
 }
 
-static inline double electrical(const Motors *motors, size_t k, bool current) {
+/* How many values a variable has. */
+static inline size_t length_of(const Motors *motors, uint32_t reference) {
+    if (reference == VR_time || reference == VR_step_size)
+        return 1;
+    return is_sampled(reference) ? motors->samples * motors->n : motors->n;
+}
+
+static void read_samples(const Motors *motors, size_t output, double values[]) {
+    const size_t n = motors->n;
+    if (motors->samples == 1)
+        motors_read(motors, ROW_THETA + output, values);
+    else if (n == sample_stride(n))
+        memcpy(values, sample_row(motors, output, 0), motors->samples * n * sizeof *values);
+    else
+        for (size_t part = 0; part < motors->samples; part++, values += n)
+            memcpy(values, sample_row(motors, output, part), n * sizeof *values);
+}
+
+static inline double electrical(const Motors *motors, size_t k, uint32_t reference) {
     const Block *b = &motors->blocks[k / LANES];
     const MotorInputs in = lane_inputs(b, k % LANES);
     const MotorConstants p = lane_constants(b, k % LANES, motors->closed_loop);
     const MotorState x = lane_state(b, k % LANES);
-    const double V_s = motor_saturate(&p, motor_command(&p, &in, x.omega, x.integral));
-    return current ? motor_current(&p, x.omega, V_s) : V_s;
+    const double u = motor_command(&p, &in, x.omega, x.integral), V_s = motor_saturate(&p, u);
+    return reference == VR_u ? u : reference == VR_i ? motor_current(&p, x.omega, V_s) : V_s;
 }
 
 static bool read_doubles(const Motors *motors, uint32_t reference, double values[]) {
     const size_t row = row_of(reference);
     if (row < ROW_COUNT)
         motors_read(motors, row, values);
-    else if (reference == VR_V_s || reference == VR_i)
+    else if (is_sampled(reference))
+        read_samples(motors, reference - VR_theta_samples, values);
+    else if (reference == VR_V_s || reference == VR_i || reference == VR_u)
         for (size_t k = 0; k < motors->n; k++)
-            values[k] = electrical(motors, k, reference == VR_i);
+            values[k] = electrical(motors, k, reference);
     else if (reference == VR_time)
         *values = motors->base.now.time;
     else if (reference == VR_step_size)
@@ -52,7 +72,7 @@ static Status check_arrays(const Motors *motors, const char *function, const uin
         return fail_arrays(&motors->base, function);
     size_t wanted = 0;
     for (size_t k = 0; k < count; k++)
-        wanted += is_scalar(references[k]) ? 1 : motors->n;
+        wanted += length_of(motors, references[k]);
     if (wanted != value_count)
         return fail(&motors->base, function, "%lu values, but the variables have %lu",
                     (unsigned long)value_count, (unsigned long)wanted);
@@ -67,7 +87,7 @@ Status model_get_double(const Instance *instance, const char *function, const ui
     for (size_t k = 0; k < count; k++) {
         if (!read_doubles(motors, references[k], values))
             return fail_reference(instance, function, references[k], "floating-point variable");
-        values += is_scalar(references[k]) ? 1 : motors->n;
+        values += length_of(motors, references[k]);
     }
     return STATUS_OK;
 }
@@ -82,7 +102,7 @@ Status model_set_double(Instance *instance, const char *function, const uint32_t
     for (size_t k = 0; k < count; k++) {
         const bool is_input = references[k] - INPUT_FIRST < INPUT_COUNT;
         only_inputs &= is_input;
-        for (size_t j = is_scalar(references[k]) ? 1 : motors->n; j > 0; j--, value++)
+        for (size_t j = length_of(motors, references[k]); j > 0; j--, value++)
             if (!(is_input && isfinite(*value)) &&
                 check_double(instance, function, references[k], *value) != STATUS_OK)
                 return STATUS_ERROR;
@@ -92,7 +112,7 @@ Status model_set_double(Instance *instance, const char *function, const uint32_t
             motors->step_size = *values;
         else
             motors_write(motors, row_of(references[k]), values);
-        values += is_scalar(references[k]) ? 1 : motors->n;
+        values += length_of(motors, references[k]);
     }
     if (only_inputs)
         motors_refresh(motors);

@@ -4,30 +4,39 @@
 
 #include "array.h"
 
-/* A saved state is this, SAVED_ROWS rows of n doubles, and `restart` and `restarted` of n integers. */
+/* A saved state is this, SAVED_ROWS rows of n doubles, `restart` and `restarted` of n integers, and
+ * samples if there are several. */
 typedef struct {
     Standing now;
     double step_size;
     uint64_t n;
     int64_t closed_loop;
+    uint64_t samples;
 } Head;
 
 /* Equal states are equal bytes, so that importers can compare them. */
-_Static_assert(sizeof(Head) == 6 * sizeof(double) + 2 * sizeof(int32_t), "no padding");
+_Static_assert(sizeof(Head) == 7 * sizeof(double) + 2 * sizeof(int32_t), "no padding");
 
-static size_t state_size(uint64_t n) {
-    return sizeof(Head) + (size_t)n * (SAVED_ROWS * sizeof(double) + 2 * sizeof(int64_t));
+/* How many samples of a motor are in a state. */
+static size_t samples_in(const Head *head) {
+    return head->samples > 1 ? SAMPLED * (size_t)head->samples : 0;
 }
 
-size_t model_state_size(const void *state) { return state_size(((const Head *)state)->n); }
+static size_t state_size(const Head *head) {
+    const size_t doubles = SAVED_ROWS + samples_in(head);
+    return sizeof(Head) + (size_t)head->n * (doubles * sizeof(double) + 2 * sizeof(int64_t));
+}
+
+size_t model_state_size(const void *state) { return state_size(state); }
 
 Status model_save(const Instance *instance, const char *function, void **state) {
     const Motors *motors = motors_in(instance);
     const size_t n = motors->n;
-    Head *head = realloc(*state, state_size(n));
+    const Head now = {instance->now, motors->step_size, n, motors->closed_loop, motors->samples};
+    Head *head = realloc(*state, state_size(&now));
     if (!head)
         return fail(instance, function, "out of memory");
-    *head = (Head){instance->now, motors->step_size, n, motors->closed_loop};
+    *head = now;
     double *values = (double *)(head + 1);
     for (size_t row = 0; row < SAVED_ROWS; row++, values += n)
         motors_read(motors, row, values);
@@ -36,6 +45,9 @@ Status model_save(const Instance *instance, const char *function, void **state) 
         counters[k] = motors->blocks[k / LANES].restart[k % LANES];
         counters[n + k] = motors->blocks[k / LANES].restarted[k % LANES];
     }
+    double *samples = (double *)(counters + 2 * n);
+    for (size_t k = 0; k < samples_in(head) * n; k += motors->samples * n)
+        read_samples(motors, k / (motors->samples * n), samples + k);
     *state = head;
     return STATUS_OK;
 }
@@ -44,7 +56,8 @@ Status model_restore(Instance *instance, const char *function, const void *state
     Motors *motors = motors_of(instance);
     const Head *head = state;
     const size_t n = (size_t)head->n;
-    if (n != motors->n && motors_allocate(motors, function, n) != STATUS_OK)
+    if ((n != motors->n || head->samples != motors->samples) &&
+        motors_allocate(motors, function, n, head->samples) != STATUS_OK)
         return STATUS_ERROR;
     instance->now = head->now;
     motors->step_size = head->step_size;
@@ -57,6 +70,9 @@ Status model_restore(Instance *instance, const char *function, const void *state
         motors->blocks[k / LANES].restart[k % LANES] = counters[k];
         motors->blocks[k / LANES].restarted[k % LANES] = counters[n + k];
     }
+    const double *samples = (const double *)(counters + 2 * n);
+    for (size_t row = 0; row < samples_in(head); row++)
+        memcpy(sample_row(motors, 0, row), samples + row * n, n * sizeof *samples);
     motors->restarting = true;
     motors_tune(motors);
     return STATUS_OK;
@@ -85,7 +101,7 @@ static bool is_sound(const Head *head) {
                         limited ? most + parameter : NULL))
                 return false;
     }
-    return true;
+    return within(values + (SAVED_ROWS + 2) * n, samples_in(head) * n, NULL, NULL);
 }
 
 Status model_deserialize(const Instance *instance, const char *function,
@@ -98,11 +114,12 @@ Status model_deserialize(const Instance *instance, const char *function,
         return STATUS_ERROR;
     memcpy(&head, content, sizeof head);
     void *copy = NULL;
-    if (head.n >= LEAST_n && head.n <= MOST_n && size == sealed_size(state_size(head.n))) {
-        copy = malloc(state_size(head.n));
+    if (head.n >= LEAST_n && head.n <= MOST_n && head.samples >= LEAST_samples &&
+        head.samples <= MOST_samples && size == sealed_size(state_size(&head))) {
+        copy = malloc(state_size(&head));
         if (!copy)
             return fail(instance, function, "out of memory");
-        memcpy(copy, content, state_size(head.n));
+        memcpy(copy, content, state_size(&head));
     }
     if (!copy || !is_sound(copy)) {
         free(copy);

@@ -15,14 +15,14 @@ fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
     return fmi3OK;
 }
 
-/* The number of motors is the only UInt64. */
-static fmi3Status check_n(const Instance *self, const char *function,
+/* The numbers of motors and of samples are the only UInt64. */
+static fmi3Status check_sizes(const Instance *self, const char *function,
                           const fmi3ValueReference references[], size_t count,
                           const fmi3UInt64 values[]) {
     if (count && (!references || !values))
         return (fmi3Status)fail_arrays(self, function);
     for (size_t k = 0; k < count; k++)
-        if (references[k] != VR_n)
+        if (references[k] != VR_n && references[k] != VR_samples)
             return (fmi3Status)fail_reference(self, function, references[k], "UInt64 variable");
     return fmi3OK;
 }
@@ -32,10 +32,11 @@ fmi3Status fmi3GetUInt64(fmi3Instance instance, const fmi3ValueReference valueRe
     Instance *self = instance;
     REQUIRE(self, READABLE | CONFIGURATION);
     REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
-    if (check_n(self, __func__, valueReferences, nValues, values) != fmi3OK)
+    if (check_sizes(self, __func__, valueReferences, nValues, values) != fmi3OK)
         return fmi3Error;
+    const Motors *motors = motors_in(self);
     for (size_t k = 0; k < nValues; k++)
-        values[k] = motors_of(self)->n;
+        values[k] = valueReferences[k] == VR_n ? motors->n : motors->samples;
     return fmi3OK;
 }
 
@@ -44,14 +45,20 @@ fmi3Status fmi3SetUInt64(fmi3Instance instance, const fmi3ValueReference valueRe
     Instance *self = instance;
     REQUIRE(self, CONFIGURATION);
     REQUIRE_EQUAL_COUNTS(self, nValueReferences, nValues);
-    if (check_n(self, __func__, valueReferences, nValues, values) != fmi3OK)
+    if (check_sizes(self, __func__, valueReferences, nValues, values) != fmi3OK)
         return fmi3Error;
-    for (size_t k = 0; k < nValues; k++)
-        if (values[k] < LEAST_n || values[k] > MOST_n)
-            return (fmi3Status)fail(self, __func__, "n cannot be %llu; use %d to %d",
-                                    (unsigned long long)values[k], LEAST_n, MOST_n);
-    return nValues ? (fmi3Status)motors_allocate(motors_of(self), __func__, values[nValues - 1])
-                   : fmi3OK;
+    Motors *motors = motors_of(self);
+    uint64_t n = motors->n, samples = motors->samples;
+    for (size_t k = 0; k < nValues; k++) {
+        const bool is_n = valueReferences[k] == VR_n;
+        const int least = is_n ? LEAST_n : LEAST_samples, most = is_n ? MOST_n : MOST_samples;
+        if (values[k] < (uint64_t)least || values[k] > (uint64_t)most)
+            return (fmi3Status)fail(self, __func__, "%s cannot be %llu; use %d to %d",
+                                    variable_name[valueReferences[k]],
+                                    (unsigned long long)values[k], least, most);
+        *(is_n ? &n : &samples) = values[k];
+    }
+    return nValues ? (fmi3Status)motors_allocate(motors, __func__, n, samples) : fmi3OK;
 }
 
 fmi3Status fmi3GetInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],

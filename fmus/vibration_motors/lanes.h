@@ -32,7 +32,8 @@ enum {
     ROW_DAMPING,
     ROW_WEIGHT_TORQUE,
     ROW_INVERSE_J,
-    ROW_COUNT
+    ROW_COUNT,
+    SAMPLED = 3 /* rows from theta to omega_dot that are kept of parts of a step */
 };
 
 typedef struct {
@@ -49,7 +50,10 @@ typedef struct {
     bool few; /* whether all motors are in the first half of one block */
     bool closed_loop;
     bool restarting; /* whether motors may have to return to their start before the first step */
-    int64_t steps;
+    size_t samples;  /* equal parts of the step whose ends are kept */
+    double *sampled; /* where to, as in array.h; NULL for nowhere */
+    size_t stride;   /* of motors in it */
+    int64_t steps;   /* of a part */
     double step_size;
     double rest; /* s, of a shorter last step; 0 for none */
 } Work;
@@ -119,6 +123,15 @@ INLINE void block_step(Block *b, size_t lanes, bool closed_loop, double h) {
     }
 }
 
+/* Keep the outputs of a block at the end of a part. */
+INLINE void block_sample(const Block *b, size_t lanes, const Work *work, size_t index, size_t part) {
+    double *place = work->sampled + part * work->stride + index * LANES;
+    for (size_t output = 0; output < SAMPLED; output++) {
+        memcpy(place, b->row[ROW_THETA + output], lanes * sizeof *place);
+        place += work->samples * work->stride;
+    }
+}
+
 /* What a step leaves to be asked for; whether every motor is still bounded. */
 INLINE bool block_finish(Block *b, size_t lanes, bool closed_loop) {
     int64_t unbounded = 0;
@@ -139,11 +152,15 @@ INLINE bool blocks_step(Block *blocks, size_t lanes, const Work *work) {
         memcpy(b->row[ROW_BEFORE], b->row[ROW_INTEGRAL], 3 * sizeof *b->row);
         if (work->restarting)
             block_restart(b, lanes, work->closed_loop);
-        for (int64_t step = 0; step < work->steps; step++)
-            block_step(b, lanes, work->closed_loop, work->step_size);
-        if (work->rest > 0.0)
-            block_step(b, lanes, work->closed_loop, work->rest);
-        bounded &= block_finish(b, lanes, work->closed_loop);
+        for (size_t part = 0; part < work->samples; part++) {
+            for (int64_t step = 0; step < work->steps; step++)
+                block_step(b, lanes, work->closed_loop, work->step_size);
+            if (work->rest > 0.0)
+                block_step(b, lanes, work->closed_loop, work->rest);
+            bounded &= block_finish(b, lanes, work->closed_loop);
+            if (work->sampled)
+                block_sample(b, lanes, work, (size_t)(b - blocks), part);
+        }
     }
     return bounded;
 }

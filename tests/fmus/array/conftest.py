@@ -25,7 +25,7 @@ class Array:
         self.instance, self.n = instance, n
         instance.reference = REFERENCE
         if n != TABLE["n"].start:
-            assert self.set_n(n) == OK, self.messages
+            assert self.set_sizes(n=n) == OK, self.messages
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.instance, name)
@@ -36,9 +36,10 @@ class Array:
         size, room = ctypes.c_size_t, ctypes.c_void_p(values.ctypes.data)
         return self.call(function, references, size(len(names)), room, size(values.size))
 
-    def set_n(self, n: int) -> int:
+    def set_sizes(self, **sizes: int) -> int:
         assert self.call("EnterConfigurationMode") == OK
-        status = self.values("SetUInt64", ("n",), np.array([n], dtype=np.uint64))
+        values = np.array([*sizes.values()], dtype=np.uint64)
+        status = self.values("SetUInt64", tuple(sizes), values)
         assert self.call("ExitConfigurationMode") == OK
         return status
 
@@ -48,14 +49,14 @@ class Array:
         for name, value in values.items():
             kind = TABLE[name].type
             c_type = {"Float64": np.float64, "Int64": np.int64, "Boolean": np.bool_}[kind]
-            count = self.n if TABLE[name].dimension else 1
+            count = self.n if TABLE[name].dimensions else 1
             array = np.ascontiguousarray(np.broadcast_to(value, (count,)), dtype=c_type)
             worst = max(worst, self.values(f"Set{kind}", (name,), array))
         return worst
 
     def get(self, *names: str) -> np.ndarray:
         """Array (variables, n), or one number for each scalar."""
-        scalar = names[0] == "time" or TABLE[names[0]].dimension is None
+        scalar = names[0] == "time" or not TABLE[names[0]].dimensions
         room = np.full((len(names), 1 if scalar else self.n), np.nan)
         assert self.values("GetFloat64", names, room) == OK, self.messages
         return room

@@ -14,7 +14,7 @@ ALL_EXAMPLES, CALLS_EACH = 10_000, 25
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 1e300, -1e300, math.inf, math.nan, 1e-9]
 values = st.one_of(st.sampled_from(SPECIAL), st.floats(-1e4, 1e4), st.floats(1e-12, 1e-2))
-references = st.one_of(st.integers(0, 28), st.sampled_from([2**31, 2**32 - 1]))
+references = st.one_of(st.integers(0, 33), st.sampled_from([2**31, 2**32 - 1]))
 counts = st.one_of(st.integers(0, 20), st.just(3))
 INTEGERS = ["GetInt64", "SetInt64", "GetUInt64", "SetUInt64"]
 PLAIN = ["ExitInitializationMode", "Terminate", "Reset", "EnterConfigurationMode",
@@ -25,9 +25,10 @@ def machine(array) -> type[RuleBasedStateMachine]:
     """State machine that drives instances made by the fixture of that name."""
 
     class Importer(RuleBasedStateMachine):
-        @initialize(ahead=st.booleans())
-        def make(self, ahead):
+        @initialize(ahead=st.booleans(), samples=st.sampled_from([1, 2, 50]))
+        def make(self, ahead, samples):
             self.motors = array(3)
+            assert self.motors.set_sizes(samples=samples) == OK
             self.saved = [self.motors.save()]
             if ahead:
                 self.motors.start(omega_des=700.0)

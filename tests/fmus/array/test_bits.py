@@ -9,7 +9,7 @@ from fmus.variables import load_table
 
 OK = 0
 STEP_S = 1e-5
-NAMES = ("theta", "omega", "omega_dot", "V_s", "i", "integral")
+NAMES = ("theta", "omega", "omega_dot", "V_s", "i", "u", "integral")
 TABLE = load_table()
 PARAMETERS = ("m", "r", "K_T", "J", "R", "b", "c", "g", "K_p", "K_i", "V_s_max")
 
@@ -178,3 +178,35 @@ def test_a_motor_may_start_anew_from_another_angle(array):
     assert alone.do_step(0.0, STEP_S) == OK
     assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)[:, 0]).all()
     assert motors.get("theta")[0, 1] > before[0, 1]
+
+
+@pytest.mark.parametrize(("n", "part_s"), [(1, STEP_S), (4, STEP_S), (9, 2 * STEP_S)])
+def test_samples_have_the_bits_of_a_step_for_each(array, n, part_s):
+    """Also with a restart in the step, and after a way through a saved state."""
+    parts, names = 50, ("theta", "omega", "omega_dot")
+    sampled_names = tuple(f"{name}_samples" for name in names)
+    whole, single = array(n), array(n)
+    assert whole.set_sizes(samples=parts) == OK
+    for motors in (whole, single):
+        motors.start(omega_des=np.linspace(300.0, 900.0, n))
+    for step in range(6):
+        inputs = {"restart": np.arange(n) * (step // 3), "omega_noise": 10.0 * step}
+        for motors in (whole, single):
+            assert motors.set(**inputs) == OK
+        assert whole.do_step(step * parts * part_s, parts * part_s) == OK
+        each = []
+        for part in range(step * parts, (step + 1) * parts):
+            assert single.do_step(part * part_s, part_s) == OK
+            each.append(single.get(*names))
+        kept = np.full((3, parts, n), np.nan)
+        assert whole.values("GetFloat64", sampled_names, kept) == OK
+        assert np.array_equal(kept, np.swapaxes(each, 0, 1))
+        assert np.array_equal(whole.get(*NAMES), single.get(*NAMES))
+        saved, other = whole.save(), array(1)
+        assert other.load(saved) == OK
+        again = np.full_like(kept, np.nan)
+        assert other.values("GetFloat64", sampled_names, again) == OK
+        assert np.array_equal(again, kept)
+    one = np.full((3, n), np.nan)
+    assert single.values("GetFloat64", sampled_names, one) == OK
+    assert np.array_equal(one, single.get(*names))

@@ -40,6 +40,35 @@ def test_the_number_of_motors_is_set_in_configuration_mode(array):
     assert motors.start().get("omega_des").tolist() == [[0.0] * 4]
 
 
+def test_the_number_of_samples_is_set_alike(array):
+    motors = array(3)
+    for wrong in (0, MOST + 1):
+        status = motors.set_sizes(samples=wrong)
+        refused(motors, status, f"samples cannot be {wrong}; use 1 to {MOST}")
+    assert motors.set_sizes(samples=3, n=2) == OK
+    for expected in ([3, 2, 3], [1, 4, 1]):
+        room = np.zeros(3, dtype=np.uint64)
+        assert motors.call("EnterConfigurationMode") == OK
+        assert motors.values("GetUInt64", ("samples", "n", "samples"), room) == OK
+        assert room.tolist() == expected
+        assert motors.call("ExitConfigurationMode") == OK
+        assert motors.call("Reset") == OK
+
+
+@pytest.mark.parametrize("step_s", [2 * STEP_S, 4 * STEP_S, 3.3 * STEP_S])
+def test_a_step_is_refused_that_is_not_made_of_equal_parts(array, step_s):
+    motors = array(3)
+    assert motors.set_sizes(samples=3) == OK
+    motors.start(omega_des=700.0)
+    assert motors.do_step(0.0, 3 * STEP_S) == OK
+    before = motors.save()
+    refused(motors, motors.do_step(3 * STEP_S, step_s), "3 equal parts", "samples or step_size")
+    assert motors.set(d=1e300) == OK
+    unbounded = motors.save()
+    refused(motors, motors.do_step(3 * STEP_S, 3 * STEP_S), "motor 1")
+    assert motors.save() == unbounded != before
+
+
 def test_many_motors(array):
     motors = array(MOST).start(omega_des=np.linspace(100.0, 900.0, MOST))
     assert motors.do_step(0.0, STEP_S) == OK
