@@ -48,6 +48,9 @@ class StepTimes:
         realtime_factor: one pair as `cosim.run` simulates it, recording off.
         ratio_episode_to_scalar: that to the scalar path.
         lanes: bodies in a vector of the batch.
+        realtime_factor_fmpy: one pair whose FMU fmpy steps, once per control period.
+        ratio_fmpy: time of that to one of the compiled driver.
+        ratio_fmpy_batch: the same of a batch.
         ratio_to_reference: one pair to the driver through fmpy's Python classes.
         ratio_to_mujoco: MuJoCo's time for two bodies without motors to that of one pair.
         tick_ns: one pair with its four motors.
@@ -67,6 +70,9 @@ class StepTimes:
     realtime_factor: float
     ratio_episode_to_scalar: float
     lanes: int
+    realtime_factor_fmpy: float
+    ratio_fmpy: float
+    ratio_fmpy_batch: float
     ratio_to_reference: float
     ratio_to_mujoco: float
     tick_ns: float
@@ -202,11 +208,13 @@ def measure(rounds: int, lanes: int | None) -> dict[str, float]:
     pairs = ROBOTS_TOGETHER // 2
     one_motor, all_motors = cached_fmu("VibrationMotor"), cached_fmu("VibrationMotors")
     reference_s = 0.02
-    scalar_s, pair_s, batch_s, by_python_s, one_s, sixteen_s = best_s(
+    scalar_s, pair_s, batch_s, pair_fmpy_s, batch_fmpy_s, by_python_s, one_s, sixteen_s = best_s(
         rounds,
         driving(2, fmu=one_motor, lanes=1),
         driving(2),
         driving(2, pairs, lanes=lanes),
+        driving(2, driver="fmpy"),
+        driving(2, pairs, lanes=lanes, driver="fmpy"),
         driving(2, driver="reference", rl_step_s=reference_s),
         driving(1),
         driving(16),
@@ -220,6 +228,9 @@ def measure(rounds: int, lanes: int | None) -> dict[str, float]:
             realtime_factor=SHORT_S / pair_s,
             ratio_episode_to_scalar=scalar_s / pair_s,
             lanes=lanes,
+            realtime_factor_fmpy=SHORT_S / pair_fmpy_s,
+            ratio_fmpy=pair_fmpy_s / pair_s,
+            ratio_fmpy_batch=batch_fmpy_s / batch_s,
             ratio_to_reference=by_python_s / reference_s * SHORT_S / pair_s,
             ratio_to_mujoco=mujoco_step_s(rounds) / (tick * pair_s),
             tick_ns=1e9 * tick * pair_s,

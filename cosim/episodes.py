@@ -18,7 +18,7 @@ import numpy as np
 
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.provenance import digest_of
-from cosim.navigation.batch import ROBOTS_TOGETHER, Batch, shared
+from cosim.navigation.batch import IN_LANES, ROBOTS_TOGETHER, Batch, shared
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.result import EpisodeResult, facts_of, result_of
 from cosim.navigation.step import Step, SupportsAct
@@ -267,6 +267,6 @@ def compile_kernels(task: Task, tasks: int, threads: int) -> None:
 
 def _places(task: Task, tasks: int, threads: int) -> int:
     """Places of a batch: as many as fill its vectors, if each thread has that many tasks."""
-    if task.driver != "compiled":
+    if task.driver not in IN_LANES:
         return 1
     return max(1, min(ROBOTS_TOGETHER // task.scenario.robots, -(-tasks // threads)))

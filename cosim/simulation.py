@@ -46,7 +46,7 @@ def simulate(
         scenario: name of a built-in scenario, scenario file (.toml) or record.
         policy: asked every 2 s of simulated time.
         seed: of start cells and speed noise.
-        driver: compiled, reference or adaptive, see `python -m cosim.run --help`.
+        driver: compiled, fmpy, reference or adaptive, see `python -m cosim.run --help`.
         record: summary, default or full: how much of the episode is kept.
         motor_fmu: of every motor, the built-in one by default.
         progress: is told the simulated time.

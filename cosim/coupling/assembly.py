@@ -13,8 +13,8 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import TABLE_II, MotorParams, open_loop_voltage
 from cosim.base.world import generator
 from cosim.coupling.calls import Calls
-from cosim.coupling.fmu import FmuError, Motor, MotorFmu
-from cosim.coupling.interface import ELECTRICAL, INPUTS, OUTPUTS, PHASE, check_use
+from cosim.coupling.fmu import FmuError, Motor, MotorFmu, Sampling
+from cosim.coupling.interface import ELECTRICAL, INPUTS, OUTPUTS, PHASE, SAMPLED, check_use
 from cosim.coupling.plant import Plant
 from cosim.fmi.isolation import calling
 from cosim.physics.collision import PairParams
@@ -92,6 +92,23 @@ def check_motors(
     check_use(fmu.path, fmu.interface, motors, least_step_s, adaptive=adaptive)
 
 
+def why_not_fmpy(fmu: MotorFmu, config: CoSimConfig) -> str | None:
+    """Return why motors cannot be stepped once per control period; None if they can.
+
+    Args:
+        fmu: of every motor.
+        config: all parameters.
+    """
+    if config.reaction:
+        return "with --reaction motors and bodies act on each other in every communication step"
+    if not fmu.samples:
+        return f"motor FMU {fmu.path} has no {', '.join(SAMPLED)} for it"
+    step_s, internal_s = config.timing.communication_step_s, fmu.internal_step_s() or math.inf
+    if step_s > internal_s and abs(math.remainder(step_s / internal_s, 1.0)) > 1e-6:
+        return f"its communication step {step_s:g} s is no multiple of step_size = {internal_s:g} s"
+    return None
+
+
 def _differences(motor: MotorParams, usual: MotorParams) -> dict[str, float]:
     return {name: value for name, value in motor._asdict().items() if value != getattr(usual, name)}
 
@@ -103,8 +120,17 @@ class Motors:
     before its robot's first `restart`.
     """
 
-    def __init__(self, fmu: MotorFmu, config: CoSimConfig, columns: int) -> None:
-        """Prepare the motors of so many columns, with the parameters of a configuration.
+    def __init__(
+        self, fmu: MotorFmu, config: CoSimConfig, columns: int, *, sampled: bool = False
+    ) -> None:
+        """Prepare the motors of some columns, with the parameters of a configuration.
+
+        Args:
+            fmu: of every motor.
+            config: all parameters.
+            columns: of the robots.
+            sampled: whether the FMU is stepped by whole control periods, and hands out samples
+                at the ends of the communication steps in them.
 
         Raises:
             FmuError: they are to be in open loop, and the FMU cannot be.
@@ -114,6 +140,9 @@ class Motors:
         self._fmu = fmu
         self._usual = config.motor
         self._parameters = _differences(config.motor, TABLE_II)
+        step_s = config.timing.communication_step_s
+        count = config.ticks_per_period // config.ticks_per_step
+        self._sampling = Sampling(count, step_s) if sampled else None
         self._instances: list[Motor | None] = [None] * (1 if fmu.arrays else 2 * columns)
         self._runs = np.zeros(2 * columns, dtype=np.int64)  # of every motor, D before E
         # Usual and present values (2, B) of the parameters that some motor of the arrays has had
@@ -127,7 +156,15 @@ class Motors:
             fmu.inputs,
             fmu.outputs,
             fmu.electrical,
+            step_period=0,
+            sampled=np.zeros((0, columns)),
+            sampled_references=fmu.sampled if sampled else np.zeros(0, dtype=np.uint32),
         )
+
+    @property
+    def array(self) -> Motor | None:
+        """The instance of all motors; None before the first `restart`."""
+        return self._instances[0]
 
     @calling("the start of its motors")
     def restart(
@@ -193,7 +230,8 @@ class Motors:
     ) -> Motor:
         if (present := self._instances[place]) is not None:
             present.close()
-        motor = self._fmu.instantiate(name, {**self._parameters, **parameters}, motors)
+        values = {**self._parameters, **parameters}
+        motor = self._fmu.instantiate(name, values, motors, self._sampling)
         self._instances[place] = motor
         self.calls.instances[place], self.calls.ticks[place] = motor.instance, 0
         self.calls = self.calls._replace(**motor.addresses._asdict())

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.fmi.abi import FMI_OK, FMI_WARNING, do_step_3, exchange_3
+from cosim.fmi.abi import FMI_OK, FMI_WARNING, call_back, do_step_3, exchange_3
+from cosim.physics.lanes import Width, load, store
 
-INCOMPLETE, NOT_FINITE = 100, 101  # beyond every fmi3Status
+INCOMPLETE, NOT_FINITE, RAISED = 100, 101, 102  # beyond every fmi3Status
 
 
 @inlined
@@ -36,6 +37,10 @@ class Calls(NamedTuple):
         values: (3,) float64, room for the signals of an instance of one motor.
         set_float64, do_step, get_float64: functions of the binary.
         inputs, outputs, electrical: arrays of value references (uint32).
+        step_period: function that steps all motors over a control period; 0 to step them here.
+        sampled: (3 · S · 2, B) outputs in that period: of each signal, at the ends of its S
+            communication steps, of motors D and E.
+        sampled_references: (3,) value references of them.
     """
 
     instances: np.ndarray
@@ -47,6 +52,9 @@ class Calls(NamedTuple):
     inputs: np.ndarray
     outputs: np.ndarray
     electrical: np.ndarray
+    step_period: int
+    sampled: np.ndarray
+    sampled_references: np.ndarray
 
 
 @inlined
@@ -103,3 +111,41 @@ def step_motors(
                 return status, k
             calls.ticks[k] += count
     return get_signals(calls, calls.outputs, signals, first, end)
+
+
+@inlined
+def step_period(calls: Calls, signals: np.ndarray) -> int:
+    """Set the inputs of all motors, have them stepped over a control period, and get the samples.
+
+    Args:
+        calls: with a function that steps the instance of all motors.
+        signals: (6, B) inputs.
+
+    Returns:
+        The status.
+    """
+    status, _ = set_inputs(calls, signals)
+    if status <= FMI_WARNING:
+        status = call_back(calls.step_period, (0,))
+    if status <= FMI_WARNING:
+        references, sampled = calls.sampled_references, calls.sampled
+        arguments = (
+            calls.instances[0],
+            references.ctypes.data,
+            references.shape[0],
+            sampled.ctypes.data,
+            sampled.shape[0] * sampled.shape[1],
+        )
+        status = exchange_3(calls.get_float64, arguments)
+    return status
+
+
+@inlined
+def take_sampled(calls: Calls, signals: np.ndarray, step: int, width: Width) -> None:
+    """Put the outputs at the end of a communication step of the period in their place."""
+    sampled, rows = calls.sampled, signals.shape[0]
+    steps = sampled.shape[0] // rows
+    for row in range(rows):
+        sample = 2 * (row // 2 * steps + step) + row % 2
+        for column in range(0, signals.shape[1], len(width)):
+            store(signals, row, column, width, load(sampled, sample, column, width))

@@ -6,6 +6,7 @@ Stepping is the master's.
 """
 
 import contextlib
+import functools
 import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -21,6 +22,9 @@ from cosim.coupling.interface import (
     OPEN_INPUTS,
     OUTPUTS,
     RESTART,
+    SAMPLED,
+    SAMPLES,
+    STEP_SIZE,
     array_size,
     check_variable,
     require_fmi_3,
@@ -34,6 +38,13 @@ class Addresses(NamedTuple):
     set_float64: int
     do_step: int
     get_float64: int
+
+
+class Sampling(NamedTuple):
+    """Samples that a step of an FMU hands out: their number, and the time between two in s."""
+
+    number: int
+    interval_s: float
 
 
 class MotorFmu(Fmu):
@@ -88,6 +99,31 @@ class MotorFmu(Fmu):
         check_variable(self.path, self.description, variable, self._size, *causalities)
         return variable.valueReference
 
+    @property
+    def samples(self) -> bool:
+        """Whether an instance hands out samples within a step, see `cosim.coupling.interface`."""
+        return self.arrays and {SAMPLES, *SAMPLED} <= set(self.variables)
+
+    @functools.cached_property
+    def sampled(self) -> np.ndarray:
+        """Value references (uint32) of the samples of OUTPUTS.
+
+        Raises:
+            FmuError: they are no Float64 arrays of samples and motors in the usual unit.
+        """
+        sizes = self._size, self.variables[SAMPLES].valueReference
+        for name in SAMPLED:
+            variable = self.variables[name]
+            check_variable(
+                self.path, self.description, variable, sizes[0], "output", samples=sizes[1]
+            )
+        return np.array([self.variables[n].valueReference for n in SAMPLED], dtype=np.uint32)
+
+    def internal_step_s(self) -> float | None:
+        """Internal step unless it is set, None if that cannot be."""
+        variable = self.variables.get(STEP_SIZE)
+        return None if variable is None else float(variable.start or 0.0)
+
     def parameter(self, name: str, *, tunable: bool = False) -> int:
         """Value reference of a variable that is set before initialisation, or in a run too.
 
@@ -105,7 +141,11 @@ class MotorFmu(Fmu):
         return self._reference(name, "parameter", "input")
 
     def instantiate(
-        self, name: str, parameters: Mapping[str, float] | None = None, motors: int = 1
+        self,
+        name: str,
+        parameters: Mapping[str, float] | None = None,
+        motors: int = 1,
+        sampling: Sampling | None = None,
     ) -> "Motor":
         """New instance, initialised at t = 0 and in step mode.
 
@@ -113,18 +153,26 @@ class MotorFmu(Fmu):
             name: instance name, as it shall appear in messages.
             parameters: values that replace the FMU's own defaults, by variable name.
             motors: how many it shall have; more than one where they are arrays.
+            sampling: which samples a step shall have; None for none.
 
         Raises:
             FmuError: the FMU lacks a parameter, refuses it, to load or to be initialised.
         """
-        return Motor(self, name, parameters or {}, motors)
+        return Motor(self, name, parameters or {}, motors, sampling)
 
-    def configure(self, slave: Any, motors: int) -> None:
-        """Say how many motors an instance of arrays has."""
-        if self._size is not None:
-            slave.enterConfigurationMode()
-            slave.setUInt64([self._size], [motors])
-            slave.exitConfigurationMode()
+    def configure(self, slave: Any, motors: int, sampling: Sampling | None) -> None:
+        """Say how many motors an instance of arrays has, and which samples its steps."""
+        if self._size is None:
+            return
+        sizes = {self._size: motors}
+        if sampling is not None:
+            sizes[self.variables[SAMPLES].valueReference] = sampling.number
+        slave.enterConfigurationMode()
+        slave.setUInt64([*sizes], [*sizes.values()])
+        slave.exitConfigurationMode()
+        if sampling is not None and sampling.interval_s < (self.internal_step_s() or 0.0):
+            reference = self.variables[STEP_SIZE].valueReference
+            slave.setFloat64([reference], [sampling.interval_s])
 
     def restart(self, slave: Any, runs: np.ndarray) -> None:
         """Start the motors of an instance of arrays anew whose number has changed."""
@@ -144,7 +192,12 @@ class Motor:
     """
 
     def __init__(
-        self, fmu: MotorFmu, name: str, parameters: Mapping[str, float], motors: int
+        self,
+        fmu: MotorFmu,
+        name: str,
+        parameters: Mapping[str, float],
+        motors: int,
+        sampling: Sampling | None,
     ) -> None:
         self.fmu = fmu
         self.name = name
@@ -154,7 +207,7 @@ class Motor:
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         try:
             self.slave: Any = fmu.load(name, self.log)
-            fmu.configure(self.slave, motors)
+            fmu.configure(self.slave, motors, sampling)
             if fmu.closed_loop is not None:
                 self.slave.setBoolean([fmu.closed_loop], [False])
             for reference, value in values.items():

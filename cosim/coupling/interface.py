@@ -25,6 +25,10 @@ OPEN_INPUTS, CLOSED_LOOP = ("V_in", *INPUTS[1:]), "closed_loop"
 OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
 RESTART = "restart"
+# Of arrays, for a driver that has many communication steps of one `doStep`: the outputs at their
+# ends, the structural parameter that says how many, and the internal step.
+SAMPLED, SAMPLES = tuple(f"{name}_samples" for name in OUTPUTS), "samples"
+STEP_SIZE = "step_size"
 PHASE = "theta_start"  # parameter: angle at the start
 
 
@@ -77,6 +81,7 @@ def check_variable(
     variable: ModelVariable,
     size: int | None,
     *causalities: str,
+    samples: int | None = None,
 ) -> None:
     """Refuse a variable that the master cannot exchange.
 
@@ -86,6 +91,8 @@ def check_variable(
         variable: one of its variables.
         size: value reference of the size that it must have as an array, None for a scalar.
         causalities: those it may have, the usual one first.
+        samples: value reference of the number of values that it must have of each motor, None for
+            one.
 
     Raises:
         FmuError: it is no Float64 of that size and causality, is clocked, or has another unit.
@@ -96,7 +103,7 @@ def check_variable(
             f"{said} as {variable.type} {variable.causality}; export it as Float64 {causalities[0]}"
         )
     sizes = [dimension.valueReference for dimension in variable.dimensions]
-    if sizes != ([] if size is None else [size]):
+    if sizes != [number for number in (samples, size) if number is not None]:
         mend = "a scalar" if size is None else f"an array of the size of '{INPUTS[0]}'"
         raise FmuError(f"{said} as {'an array' if sizes else 'a scalar'}; export it as {mend}")
     if variable.clocks:

@@ -5,9 +5,10 @@ start, then every body does, tick by tick, with the motors' outputs of its end (
 of its start (Jacobi). Inputs change once per control period, with the reaction of the body after
 every step. Time is an integer tick count.
 
-Two drivers: `CompiledDriver` calls the FMU's C functions from machine code and moves bodies in the
-lanes of vectors, `ReferenceDriver` goes through fmpy's Python classes, one body after the other;
-both give the same bits.
+Three drivers give the same bits. `CompiledDriver` calls the FMU's C functions from machine code and
+moves bodies in the lanes of vectors. `cosim.coupling.stepping.FmpyDriver` does the same, but fmpy
+steps the FMU, once per control period. `ReferenceDriver` goes through fmpy's Python classes at
+every communication step, one body after the other.
 """
 
 from typing import Protocol
@@ -24,6 +25,8 @@ from cosim.coupling.calls import (
     get_signals,
     set_inputs,
     step_motors,
+    step_period,
+    take_sampled,
 )
 from cosim.coupling.period import begin_period
 from cosim.coupling.plant import Plant, begin_step, push_bodies, react, step_robots
@@ -142,7 +145,18 @@ class CompiledDriver:
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
     ) -> None:
         """See `Driver.advance`."""
-        calls, width = self.motors.calls, width_of(self.lanes)
+        self._run(plant, state, noise, samples, raw, self.motors.calls)
+
+    def _run(
+        self,
+        plant: Plant,
+        state: State,
+        noise: np.ndarray,
+        samples: Samples,
+        raw: RawSamples,
+        calls: Calls,
+    ) -> None:
+        width = width_of(self.lanes)
         status, instance = run_periods(plant, state, noise, samples, raw, calls, width)
         if status == NOT_FINITE:
             raise NotFiniteError(state, instance)
@@ -171,14 +185,20 @@ def run_periods(
     tick = 0
     for period in range(noise.shape[0]):
         begin_period(plant, state, noise[period], lanes)
-        fresh_inputs = True
-        for _ in range(plant.ticks_per_period // count):
+        fresh_inputs = calls.step_period == 0
+        if not fresh_inputs:
+            status = step_period(calls, state.inputs)
+            if status > FMI_WARNING:
+                return status, 0
+        for step in range(plant.ticks_per_period // count):
             begin_step(plant, state)
+            if calls.step_period != 0:
+                take_sampled(calls, state.outputs, step, width)
             if fresh_inputs:
                 status, instance = set_inputs(calls, state.inputs)
                 if status > FMI_WARNING:
                     return status, instance
-            if instances == 1:
+            if instances == 1 and calls.step_period == 0:
                 status, instance = step_motors(calls, state.outputs, 0, 1, count, dt)
                 if status > FMI_WARNING:
                     return status, instance

@@ -188,7 +188,7 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         return np.zeros(shape, dtype=np.int64)
 
     rows = [2, 2 * 3, 2 * 3, 2 * 3, 6, 2 * 2, STATISTICS]
-    bodies = _aligned(STATE_SIZE, columns)
+    bodies = aligned(STATE_SIZE, columns)
     bodies[QUATERNION.start] = 1.0
     return State(
         np.zeros((columns, ESTIMATE_SIZE)),
@@ -196,10 +196,10 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         np.zeros((columns, 0, FRAME_SIZE)),
         np.zeros((0, columns, NOISE)),
         bodies,
-        _aligned(PROPERTIES, columns),
+        aligned(PROPERTIES, columns),
         np.zeros((columns, COMMAND_SIZE)),
         np.zeros((columns, SHIELD_SIZE)),
-        *(_aligned(count, columns) for count in rows),
+        *(aligned(count, columns) for count in rows),
         touching=np.zeros(columns),
         touched=whole(columns),
         near=whole(episodes * robots * (robots - 1) // 2, 2),
@@ -238,7 +238,7 @@ def with_room(state: State, obstacles: int, patches: int, forbidden: int = 0) ->
     return state._replace(obstacles=walls, near_walls=near, patches=floor, forbidden=cells)
 
 
-def _aligned(rows: int, columns: int) -> np.ndarray:
+def aligned(rows: int, columns: int) -> np.ndarray:
     """Zeros in whole cache lines: a vector across two of them takes twice as long."""
     line = 8  # float64
     memory = np.zeros(rows * columns + line - 1)

@@ -64,6 +64,8 @@ do_step_2: Any = _caller("pddi")
 ask_status_2: Any = _caller("pip")
 # (instance, five places of a byte, place of a double), of FMI 3.0.
 update_discrete_states: Any = _caller("p" * 7)
+# (anything), of a callback of ctypes, which takes the interpreter's lock.
+call_back: Any = _caller("p")
 # (clock, place of seconds and nanoseconds), of POSIX.
 read_clock: Any = _caller("ip")
 

@@ -21,17 +21,20 @@ from cosim.coupling.assembly import (
     check_motors,
     new_plant,
     robot_properties,
+    why_not_fmpy,
 )
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver, Driver, NotFiniteError, ReferenceDriver
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
+from cosim.coupling.stepping import FmpyDriver
 from cosim.fmi.isolation import calling
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.step import Step
 from cosim.physics.lanes import host_lanes
 from cosim.scenarios.scenario import Cell, Scenario
 
-DRIVERS = ("compiled", "reference", "adaptive")
+DRIVERS = ("fmpy", "compiled", "reference", "adaptive")
+IN_LANES = ("fmpy", "compiled")
 
 # Robots that a batch has room for: two vectors of eight lanes, four of four. More would share the
 # cost of a call to the motors further, fewer wait for the last episode of a series.
@@ -39,8 +42,8 @@ ROBOTS_TOGETHER = 16
 
 
 def _driver(name: str, motors: Motors, lanes: int) -> Driver:
-    if name == "compiled":
-        return CompiledDriver(motors, lanes)
+    if name in IN_LANES:
+        return {"fmpy": FmpyDriver, "compiled": CompiledDriver}[name](motors, lanes)
     return {"reference": ReferenceDriver, "adaptive": AdaptiveDriver}[name](motors)
 
 
@@ -75,7 +78,8 @@ class Batch:
         robots: N.
 
     Raises:
-        ConfigError: lanes are given for another driver than the compiled one.
+        ConfigError: lanes are given for a driver without, or the driver cannot do what the
+            configuration asks for.
         FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
             that the driver needs.
     """
@@ -97,23 +101,25 @@ class Batch:
             robots: N.
             places: K.
             driver: one of DRIVERS.
-            lanes: bodies in a vector of the compiled driver, a power of two; by default 2 for up to
-                two robots, else what the processor has: every number is compiled by itself.
+            lanes: bodies in a vector of a driver of IN_LANES, a power of two; by default 2 for up
+                to two robots, else what the processor has: every number is compiled by itself.
         """
-        if lanes is not None and driver != "compiled":
+        if lanes is not None and driver not in IN_LANES:
             raise ConfigError(
                 f"lanes = {lanes} has no effect with the driver {driver}; leave it out"
             )
         fmu = MotorFmu(motor_fmu)
         check_motors(fmu, config, places * robots, adaptive=driver == "adaptive")
+        if driver == "fmpy" and (reason := why_not_fmpy(fmu, config)):
+            raise ConfigError(f"--driver fmpy cannot be used: {reason}; use --driver compiled")
         self.config = config
         self.robots = robots
-        if driver != "compiled":
+        if driver not in IN_LANES:
             lanes = 1
         elif lanes is None:
             lanes = 2 if places * robots <= 2 else host_lanes()
         columns = -(-places * robots // lanes) * lanes
-        self._motors = Motors(fmu, config, columns)
+        self._motors = Motors(fmu, config, columns, sampled=driver == "fmpy")
         self._driver = _driver(driver, self._motors, lanes)
         self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
         self._state = new_state(places, robots, columns)

@@ -10,7 +10,7 @@ static const bool model_exchanges = false;
 
 Status motors_allocate(Motors *motors, const char *function, uint64_t n, uint64_t samples) {
     const size_t count = block_count((size_t)n);
-    const uint64_t kept = samples > 1 ? 2 * SAMPLED * samples * sample_stride((size_t)n) : 0;
+    const uint64_t kept = samples > 1 ? SAMPLED * samples * sample_stride((size_t)n) : 0;
     const uint64_t size = count * sizeof(Block) + BLOCK_ALIGNMENT - 1 + kept * sizeof(double);
     void *memory = size <= SIZE_MAX ? calloc(1, (size_t)size) : NULL;
     if (!memory)
@@ -22,7 +22,6 @@ Status motors_allocate(Motors *motors, const char *function, uint64_t n, uint64_
     motors->n = (size_t)n;
     motors->samples = (size_t)samples;
     motors->sampled = kept ? (double *)(motors->blocks + count) : NULL;
-    motors->half = 0;
     motors->restarting = false;
     for (Block *b = motors->blocks; b < motors->blocks + count; b++)
         for (size_t k = 0; k < LANES; k++) {
@@ -128,9 +127,9 @@ Status model_do_step(Instance *instance, const char *function, double time, doub
                        .closed_loop = motors->closed_loop,
                        .restarting = motors->restarting,
                        .samples = motors->samples,
-                       .sampled = samples > 1 ? sample_half(motors, !motors->half) : NULL,
+                       .sampled = motors->sampled,
                        .stride = sample_stride(motors->n),
-                       .steps = samples > 1 ? plan.steps / samples : plan.steps,
+                       .steps = plan.steps / samples,
                        .step_size = motors->step_size,
                        .rest = plan.rest};
     if (!motors->level.step(motors->blocks, &work))
@@ -139,7 +138,6 @@ Status model_do_step(Instance *instance, const char *function, double time, doub
         for (Block *b = motors->blocks; b < motors->blocks + count; b++)
             memcpy(b->restarted, b->restart, sizeof b->restart);
     motors->restarting = false;
-    motors->half = !motors->half;
     instance->now.time = time + step_size;
     instance->now.owed = plan.owed;
     return STATUS_OK;

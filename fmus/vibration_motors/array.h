@@ -17,8 +17,7 @@ typedef struct {
     void *memory;  /* that the blocks are in, and the samples behind them */
     size_t samples;  /* parts of a step whose outputs are kept; with 1 they are the present outputs */
     double *sampled; /* theta, omega and omega_dot at the ends of the parts of the last step, a row of
-                        motors for each; and room for those of the next step */
-    size_t half;     /* which of the two the last step's are: 0 or 1 */
+                        motors for each; NULL with 1 */
 } Motors;
 
 static inline Motors *motors_of(Instance *instance) { return (Motors *)instance; }
@@ -36,16 +35,6 @@ static inline size_t lane_count(const Motors *motors, size_t block) {
 /* Numbers in a row of samples. */
 static inline size_t sample_stride(size_t n) {
     return n <= LANES / 2 ? LANES / 2 : LANES * block_count(n);
-}
-
-/* Where the samples in a half begin, and where an output's row of a part begins in it. */
-static inline double *sample_half(const Motors *motors, size_t half) {
-    return motors->sampled + half * SAMPLED * motors->samples * sample_stride(motors->n);
-}
-
-static inline double *sample_row(const Motors *motors, size_t output, size_t part) {
-    const size_t row = output * motors->samples + part;
-    return sample_half(motors, motors->half) + row * sample_stride(motors->n);
 }
 
 /* Have n motors with start values in place of those there are, and room for samples; may be out of

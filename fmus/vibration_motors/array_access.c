@@ -28,14 +28,15 @@ static inline size_t length_of(const Motors *motors, uint32_t reference) {
 }
 
 static void read_samples(const Motors *motors, size_t output, double values[]) {
-    const size_t n = motors->n;
+    const size_t n = motors->n, stride = sample_stride(n);
+    const double *row = motors->sampled + output * motors->samples * stride;
     if (motors->samples == 1)
         motors_read(motors, ROW_THETA + output, values);
-    else if (n == sample_stride(n))
-        memcpy(values, sample_row(motors, output, 0), motors->samples * n * sizeof *values);
+    else if (n == stride)
+        memcpy(values, row, motors->samples * n * sizeof *values);
     else
-        for (size_t part = 0; part < motors->samples; part++, values += n)
-            memcpy(values, sample_row(motors, output, part), n * sizeof *values);
+        for (size_t part = 0; part < motors->samples; part++, row += stride, values += n)
+            memcpy(values, row, n * sizeof *values);
 }
 
 static inline double electrical(const Motors *motors, size_t k, uint32_t reference) {

@@ -4,8 +4,8 @@
 
 #include "array.h"
 
-/* A saved state is this, SAVED_ROWS rows of n doubles, `restart` and `restarted` of n integers, and
- * samples if there are several. */
+/* A saved state is this, SAVED_ROWS rows of n doubles, and `restart` and `restarted` of n integers.
+ * Samples are of a step, not of a state. */
 typedef struct {
     Standing now;
     double step_size;
@@ -17,26 +17,19 @@ typedef struct {
 /* Equal states are equal bytes, so that importers can compare them. */
 _Static_assert(sizeof(Head) == 7 * sizeof(double) + 2 * sizeof(int32_t), "no padding");
 
-/* How many samples of a motor are in a state. */
-static size_t samples_in(const Head *head) {
-    return head->samples > 1 ? SAMPLED * (size_t)head->samples : 0;
+static size_t state_size(uint64_t n) {
+    return sizeof(Head) + (size_t)n * (SAVED_ROWS * sizeof(double) + 2 * sizeof(int64_t));
 }
 
-static size_t state_size(const Head *head) {
-    const size_t doubles = SAVED_ROWS + samples_in(head);
-    return sizeof(Head) + (size_t)head->n * (doubles * sizeof(double) + 2 * sizeof(int64_t));
-}
-
-size_t model_state_size(const void *state) { return state_size(state); }
+size_t model_state_size(const void *state) { return state_size(((const Head *)state)->n); }
 
 Status model_save(const Instance *instance, const char *function, void **state) {
     const Motors *motors = motors_in(instance);
     const size_t n = motors->n;
-    const Head now = {instance->now, motors->step_size, n, motors->closed_loop, motors->samples};
-    Head *head = realloc(*state, state_size(&now));
+    Head *head = realloc(*state, state_size(n));
     if (!head)
         return fail(instance, function, "out of memory");
-    *head = now;
+    *head = (Head){instance->now, motors->step_size, n, motors->closed_loop, motors->samples};
     double *values = (double *)(head + 1);
     for (size_t row = 0; row < SAVED_ROWS; row++, values += n)
         motors_read(motors, row, values);
@@ -45,9 +38,6 @@ Status model_save(const Instance *instance, const char *function, void **state) 
         counters[k] = motors->blocks[k / LANES].restart[k % LANES];
         counters[n + k] = motors->blocks[k / LANES].restarted[k % LANES];
     }
-    double *samples = (double *)(counters + 2 * n);
-    for (size_t k = 0; k < samples_in(head) * n; k += motors->samples * n)
-        read_samples(motors, k / (motors->samples * n), samples + k);
     *state = head;
     return STATUS_OK;
 }
@@ -70,9 +60,6 @@ Status model_restore(Instance *instance, const char *function, const void *state
         motors->blocks[k / LANES].restart[k % LANES] = counters[k];
         motors->blocks[k / LANES].restarted[k % LANES] = counters[n + k];
     }
-    const double *samples = (const double *)(counters + 2 * n);
-    for (size_t row = 0; row < samples_in(head); row++)
-        memcpy(sample_row(motors, 0, row), samples + row * n, n * sizeof *samples);
     motors->restarting = true;
     motors_tune(motors);
     return STATUS_OK;
@@ -101,7 +88,7 @@ static bool is_sound(const Head *head) {
                         limited ? most + parameter : NULL))
                 return false;
     }
-    return within(values + (SAVED_ROWS + 2) * n, samples_in(head) * n, NULL, NULL);
+    return true;
 }
 
 Status model_deserialize(const Instance *instance, const char *function,
@@ -115,11 +102,11 @@ Status model_deserialize(const Instance *instance, const char *function,
     memcpy(&head, content, sizeof head);
     void *copy = NULL;
     if (head.n >= LEAST_n && head.n <= MOST_n && head.samples >= LEAST_samples &&
-        head.samples <= MOST_samples && size == sealed_size(state_size(&head))) {
-        copy = malloc(state_size(&head));
+        head.samples <= MOST_samples && size == sealed_size(state_size(head.n))) {
+        copy = malloc(state_size(head.n));
         if (!copy)
             return fail(instance, function, "out of memory");
-        memcpy(copy, content, state_size(&head));
+        memcpy(copy, content, state_size(head.n));
     }
     if (!copy || !is_sound(copy)) {
         free(copy);

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import cosim.replay
@@ -19,6 +20,7 @@ from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from cosim.base.storage import cache_dir
+from cosim.reading.episode import read_episode
 from cosim.scenarios.file import find_scenario
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
@@ -224,6 +226,18 @@ def test_threads_do_not_change_the_results(run, runs, tmp_path):
     for episode in ("ep_000.rrd", "ep_001.rrd"):
         files = [tmp_path / name / "episodes" / episode for name in ("serial", "parallel")]
         assert rrd("compare", "--unordered", *files).returncode == 0
+
+
+def test_fmpy_records_the_signals_of_the_compiled_driver(run, runs, tmp_path):
+    policy = ("--policy", runs / "a" / "policy.npz", "--seed", 3, "--time-limit", 4)
+    done = run("--scenario", 2, "--driver", "fmpy", "--out", tmp_path, *policy)
+    assert done.returncode == 0, done.stderr
+    ours, theirs = (read_episode(f / "episodes" / "ep_000.rrd") for f in (tmp_path, runs / "a"))
+    assert (ours.facts["driver"], theirs.facts["driver"]) == ("fmpy", "compiled")
+    assert ours.signals.keys() == theirs.signals.keys()
+    for name, values in ours.signals.items():
+        np.testing.assert_array_equal(values.time_s, theirs.signals[name].time_s, name)
+        np.testing.assert_array_equal(values.values, theirs.signals[name].values, name)
 
 
 def test_interrupt_keeps_the_recording(tmp_path, runs):

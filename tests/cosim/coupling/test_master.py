@@ -2,6 +2,8 @@
 
 import math
 import re
+import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.master import CompiledDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
+from cosim.coupling.stepping import FmpyDriver
 from cosim.physics.body_state import standing_state
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
@@ -57,8 +60,11 @@ def plant_with(**changes) -> Plant:
     return plant._replace(**changes)
 
 
-def new_motors(motor_fmu, columns, robots=ROBOTS):
-    motors = Motors(MotorFmu(motor_fmu), CoSimConfig(), columns)
+def new_motors(motor_fmu, columns, robots=ROBOTS, *, sampled=False, ticks_per_step=1):
+    config = CoSimConfig()
+    step_s = ticks_per_step * config.timing.dt_s
+    config = replace(config, timing=config.timing._replace(communication_step_s=step_s))
+    motors = Motors(MotorFmu(motor_fmu), config, columns, sampled=sampled)
     for first in range(0, columns - robots + 1, robots):
         motors.restart(range(first, first + robots), ((TABLE_II, TABLE_II),) * robots)
     return motors
@@ -88,11 +94,12 @@ def advance(
 ):
     """100 ticks a period of two robots that drive to the right, or the right one towards the other.
 
-    The driver is "reference", or a number of lanes.
+    The driver is "reference", "fmpy" (with as many lanes as there are robots) or a number of lanes.
     """
-    lanes = 1 if driver == "reference" else driver
+    lanes = {"reference": 1, "fmpy": 2}.get(driver, driver)
     columns = max(ROBOTS, lanes)
-    motors = new_motors(motor_fmu, columns)
+    steps = changes.get("ticks_per_step", 1)
+    motors = new_motors(motor_fmu, columns, sampled=driver == "fmpy", ticks_per_step=steps)
     state = new_state(1, ROBOTS, columns)
     if obstacles is not None:
         state = with_room(state, len(obstacles), 0)
@@ -117,7 +124,10 @@ def advance(
     if broken_period is not None:
         speeds[broken_period, 0, 0] = np.nan
     samples, raw = new_samples(periods, columns), new_raw_samples(1000, columns)
-    chosen = ReferenceDriver(motors) if driver == "reference" else CompiledDriver(motors, lanes)
+    if driver == "reference":
+        chosen = ReferenceDriver(motors)
+    else:
+        chosen = (FmpyDriver if driver == "fmpy" else CompiledDriver)(motors, lanes)
     chosen.advance(plant_with(**changes), state, speeds, samples, raw)
     motors.close()
     done = int(state.periods[0])
@@ -163,6 +173,8 @@ def test_drivers_lanes_and_arrays_agree_in_every_bit(motor_fmu, array_fmu, coupl
     for fmu in (motor_fmu, array_fmu):
         for lanes in {2, host_lanes()}:
             assert same(advance(fmu, lanes, **coupling), reference), (fmu, lanes)
+    if "reaction" not in coupling:
+        assert same(advance(array_fmu, "fmpy", **coupling), reference)
 
 
 @pytest.mark.slow  # compiles for widths that nothing chooses on this processor
@@ -184,9 +196,9 @@ def test_runs_repeat_in_every_bit(motor_fmu):
     assert not same(first, advance(motor_fmu, 2, noise=0.041))
 
 
-@pytest.mark.parametrize("driver", [2, "reference"])
-def test_collision_ends_the_advance(motor_fmu, driver):
-    progress, *_ = advance(motor_fmu, driver, gap_m=0.0499)
+@pytest.mark.parametrize("driver", [2, "reference", "fmpy"])
+def test_collision_ends_the_advance(array_fmu, driver):
+    progress, *_ = advance(array_fmu, driver, gap_m=0.0499)
     assert progress == (1, COLLISION)
 
 
@@ -236,9 +248,9 @@ def test_a_centre_where_it_is_forbidden_ends_the_episode_in_every_driver(motor_f
     assert on[0] == (60, RUNNING)
 
 
-@pytest.mark.parametrize("driver", [2, "reference"])
-def test_leaving_the_board_outranks_a_collision_as_on_the_grid(motor_fmu, driver):
-    progress, state, *_ = advance(motor_fmu, driver, gap_m=0.0499, board_x=0.07)
+@pytest.mark.parametrize("driver", [2, "reference", "fmpy"])
+def test_leaving_the_board_outranks_a_collision_as_on_the_grid(array_fmu, driver):
+    progress, state, *_ = advance(array_fmu, driver, gap_m=0.0499, board_x=0.07)
     assert progress == (1, OUT_OF_BOARD)
     assert state["events"].tolist() == [COLLISION, OUT_OF_BOARD]
 
@@ -247,6 +259,43 @@ def test_leaving_the_board_outranks_a_collision_as_on_the_grid(motor_fmu, driver
 def test_failing_fmu_is_named_with_its_time(motor_fmu, driver):
     with pytest.raises(FmuError, match=r"instance r1\.D, at 0\.00300 s .*: .*omega_noise"):
         advance(motor_fmu, driver, broken_period=3)
+
+
+def test_fmpy_names_a_failing_fmu_with_its_time(array_fmu):
+    """Whether it refuses its inputs or a step, in which the speed grows beyond all bounds."""
+    with pytest.raises(FmuError, match=r"instance motors, at 0\.00300 s .*: .*omega_noise"):
+        advance(array_fmu, "fmpy", broken_period=3)
+    parameters = TABLE_II._replace(K_p=1e300, V_s_max=1e300, J=1e-15)
+    motors = Motors(MotorFmu(array_fmu), CoSimConfig(), 2, sampled=True)
+    motors.restart(range(2), ((parameters, TABLE_II),) * 2)
+    state, _ = lone_robot(array_fmu, columns=2)
+    samples, raw, noise = new_samples(3, 2), new_raw_samples(0, 2), np.full((3, 2, 2), 1e3)
+    driver = FmpyDriver(motors, 2)
+    with pytest.raises(FmuError, match=r"motors, at 0\.00000 s failed .*: .*beyond all bounds"):
+        driver.advance(plant_with(robots=1), state, noise, samples, raw)
+
+
+def test_fmpy_raises_what_comes_up_in_a_step(array_fmu, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(FMU3Slave, "doStep", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        advance(array_fmu, "fmpy", periods=3)
+
+
+def test_a_signal_ends_an_advance_of_fmpy(array_fmu, monkeypatch):
+    """At the end of the advance: out of a callback the exception would be lost."""
+    do_step, done = FMU3Slave.doStep, []
+
+    def signalled(*arguments):
+        done.append(signal.raise_signal(signal.SIGINT) if len(done) == 3 else None)
+        return do_step(*arguments)
+
+    monkeypatch.setattr(FMU3Slave, "doStep", signalled)
+    with pytest.raises(KeyboardInterrupt):
+        advance(array_fmu, "fmpy", periods=5)
+    assert len(done) == 5
 
 
 def final_position(motor_fmu, **changes):

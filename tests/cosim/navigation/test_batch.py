@@ -1,10 +1,12 @@
 """Episodes that share a batch are, bit for bit, those that have a co-simulation to themselves."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy.fmi3 import FMU3Slave
 
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
@@ -175,6 +177,7 @@ def test_motors_begin_at_the_phases_of_their_world(order, motor_fmu, array_fmu):
         first_rad = step.raw.theta[0].reshape(-1)
         np.testing.assert_allclose(first_rad, np.radians(phases_deg), atol=1e-3)
         others = [{"lanes": 8}, {"driver": "reference"}]
+        others += [{"driver": "fmpy"}] if fmu == array_fmu else []
         for options in others:
             for a, b in zip(step.samples, simulate(fmu, turned, **options).samples, strict=True):
                 assert np.array_equal(a, b)
@@ -203,6 +206,45 @@ def test_a_still_robot_slides_down_a_floor_steeper_than_its_friction(mu, array_f
     down = max(0.0, TABLE_II.g * (math.sin(slope) - mu * math.cos(slope)))
     expected = [down * math.cos(towards), down * math.sin(towards), 0.0]
     np.testing.assert_allclose(rate, expected, rtol=5e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("changes", [{}, {"dt_s": 5e-6, "communication_step_s": 5e-6},
+    {"communication_step_s": 5e-5}], ids=["default", "dt", "step"])  # fmt: skip
+def test_fmpy_steps_once_per_control_period_and_instance(array_fmu, monkeypatch, changes):
+    """1000 calls per simulated second for all motors of a batch, with the bits of other drivers."""
+    do_step, calls = FMU3Slave.doStep, []
+
+    def counted(slave, *arguments):
+        calls.append((slave.instanceName, arguments))
+        return do_step(slave, *arguments)
+
+    monkeypatch.setattr(FMU3Slave, "doStep", counted)
+    config = CoSimConfig(timing=TIMING._replace(rl_step_s=0.2, **changes))
+    signals = []
+    for driver in ("fmpy", "compiled"):
+        batch = Batch(array_fmu, config, 2, 2, driver)
+        for place in range(2):
+            batch.begin(place, *EPISODES[0][:2], np.random.SeedSequence(place))
+        steps = batch.advance(dict.fromkeys(range(2), np.array([NORTH, NORTH])))
+        signals.append([signal for step in steps.values() for signal in step.samples])
+        batch.close()
+    assert len(calls) == 200  # none of them by the compiled driver
+    assert {name for name, _ in calls} == {"motors"}
+    assert [time_s for _, (time_s, _) in calls] == pytest.approx(1e-3 * np.arange(200))
+    assert [step_s for _, (_, step_s) in calls] == pytest.approx(np.full(200, 1e-3))
+    assert all(map(np.array_equal, *signals))
+
+
+def test_fmpy_is_refused_where_it_cannot_step(motor_fmu, array_fmu):
+    refused = "driver fmpy cannot be used: .*%s.*; use --driver compiled"
+    for fmu, changes, reason in (
+        (array_fmu, {"reaction": True}, "with --reaction"),
+        (motor_fmu, {}, "VibrationMotor.fmu has no theta_samples"),
+        (array_fmu, {"timing": TIMING._replace(dt_s=2.5e-5, communication_step_s=2.5e-5)},
+         "2.5e-05 s is no multiple of step_size = 1e-05"),
+    ):  # fmt: skip
+        with pytest.raises(ConfigError, match=refused % re.escape(reason)):
+            Batch(fmu, CoSimConfig(**changes), 1, 1, "fmpy")
 
 
 def test_errors_of_a_thread_are_raised_where_results_are_taken(array_fmu):

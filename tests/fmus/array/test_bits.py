@@ -182,7 +182,7 @@ def test_a_motor_may_start_anew_from_another_angle(array):
 
 @pytest.mark.parametrize(("n", "part_s"), [(1, STEP_S), (4, STEP_S), (9, 2 * STEP_S)])
 def test_samples_have_the_bits_of_a_step_for_each(array, n, part_s):
-    """Also with a restart in the step, and after a way through a saved state."""
+    """Also with a restart in the step, and from a saved state on."""
     parts, names = 50, ("theta", "omega", "omega_dot")
     sampled_names = tuple(f"{name}_samples" for name in names)
     whole, single = array(n), array(n)
@@ -202,11 +202,10 @@ def test_samples_have_the_bits_of_a_step_for_each(array, n, part_s):
         assert whole.values("GetFloat64", sampled_names, kept) == OK
         assert np.array_equal(kept, np.swapaxes(each, 0, 1))
         assert np.array_equal(whole.get(*NAMES), single.get(*NAMES))
-        saved, other = whole.save(), array(1)
-        assert other.load(saved) == OK
-        again = np.full_like(kept, np.nan)
-        assert other.values("GetFloat64", sampled_names, again) == OK
-        assert np.array_equal(again, kept)
+        if step == 4:
+            saved, whole = whole.save(), array(1)
+            assert whole.load(saved) == OK
+            whole.n = n
     one = np.full((3, n), np.nan)
     assert single.values("GetFloat64", sampled_names, one) == OK
     assert np.array_equal(one, single.get(*names))

@@ -39,7 +39,7 @@ FIELDS = {
     "stop_time": (16, "=d", (np.nan, -np.inf)), "life_cycle": (24, "=i", (0, 3, 8, 128)),
     "model_exchange": (28, "=i", (1,)), "step_size": (32, "=d", (0.0, 1.0, np.nan)),
     "n": (40, "=Q", (0, 1, 2, 4, MOST + 1, 2**64 - 1)), "closed_loop": (48, "=q", (2, -1)),
-    "samples": (56, "=Q", (0, 2, MOST + 1, 2**64 - 1)),
+    "samples": (56, "=Q", (0, MOST + 1, 2**64 - 1)),
     "omega_des of motor 2": (72, "=d", (np.nan, np.inf)),
     "m of motor 1": (64 + 4 * 24, "=d", (-1.0, np.nan)),
     "J of motor 3": (64 + 7 * 24 + 16, "=d", (0.0, np.nan)),
