@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cosim.base import errors as _errors  # noqa: F401 - from now on Ctrl-C ends a command quietly
+
 if TYPE_CHECKING:
     from cosim.reading.episode import Episode
 

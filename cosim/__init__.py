@@ -6,6 +6,8 @@ Names are imported when they are asked for, so that `import cosim` itself takes 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from cosim.base import errors as _errors  # noqa: F401 - from now on Ctrl-C ends a command quietly
+
 if TYPE_CHECKING:
     from cosim.base.config import CoSimConfig
     from cosim.base.outcome import Outcome

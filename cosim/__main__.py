@@ -4,7 +4,7 @@ import sys
 from importlib import import_module
 from typing import NamedTuple
 
-from cosim.base.errors import USER_ERROR_STATUS, run_command
+from cosim.base.errors import USER_ERROR_STATUS, end_at_interrupt, run_command
 
 
 class Command(NamedTuple):
@@ -75,6 +75,7 @@ _COMPLETION = "--tyro-print-completion"
 
 def main() -> None:
     """Hand over to a sub-command, or say which there are."""
+    end_at_interrupt()
     name, *rest = sys.argv[1:] or ["--help"]
     if name in {"-h", "--help"}:
         print("usage: minirobots COMMAND [OPTIONS]   (minirobots COMMAND --help tells them)\n")

@@ -2,7 +2,6 @@
 
 import math
 import sys
-import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +13,7 @@ import tyro
 from cosim.base.command import Json, MotorFmuFile, parse, print_json
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars, silent
+from cosim.base.storage import temporary_folder
 from cosim.fmi.isolation import Isolation
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def replay(
     path = policy or recording.absolute().parents[1] / "policy.npz"
     loaded = load_policy(path, origin.scenario)
     task = Task.again(origin, Physics(motor_fmu=motor_fmu).fmu(progress), loaded)
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         file = Path(folder) / "again.rrd"
 
         def recorder(episode: RunningEpisode) -> EpisodeRecorder:

@@ -14,11 +14,11 @@ import shutil
 import struct
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
 from cosim.base.errors import UserError
+from cosim.base.storage import temporary_folder
 from fmus.models import STANDARDS, Fmi, Model, find
 
 # Without contraction to fused multiply-adds every platform computes the same bits.
@@ -154,7 +154,7 @@ def compile_library(model: Model, header: str, target: str) -> bytes:
         command += ["-target", TARGETS[target].triple]
     elif target != host_target():
         raise BuildError(f"cc builds for this machine only; install ziglang to build for {target}")
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         work = Path(folder)
         for fmi in STANDARDS[model]:
             for name, content in source_files(model, fmi, header).items():

@@ -6,7 +6,6 @@ FMU; they lie beside the sources. In an archive they have the form of the cross-
 what each file is.
 """
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from xml.etree import ElementTree as ET
 
 from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import run_command
-from cosim.base.storage import replacing
+from cosim.base.storage import replacing, temporary_folder
 from fmus.description import to_bytes
 from fmus.models import ROOT, Model, find, folders, read_bytes
 from fmus.variables import load_table
@@ -77,7 +76,7 @@ def simulate(fmu: Path, model: Model) -> list[list[float]]:
 
     experiment, table = EXPERIMENTS[model], load_table(model)
     references = [variable.reference for variable in table.group("output")]
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         description = fmpy.read_model_description(str(fmu))
         fmpy.extract(str(fmu), folder)
         instance = FMU3Slave(
@@ -164,7 +163,7 @@ def main() -> None:
         path = folders(model)[0] / f"{model}_ref.csv"
         if not path.exists():  # the first one: an archive holds what is there
             path.write_bytes(b"")
-        with tempfile.TemporaryDirectory() as folder:
+        with temporary_folder() as folder:
             rows = simulate(build_fmu(Path(folder), model), model)
         with replacing(path) as temporary:
             temporary.write_bytes(_csv(["time", *outputs_of(model)], rows))

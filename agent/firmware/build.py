@@ -4,13 +4,12 @@ import os
 import re
 import struct
 import subprocess
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
-from cosim.base.storage import replacing
+from cosim.base.storage import replacing, temporary_folder
 from fmus.compiler import SAME_BITS, TARGETS, BuildError, compiler_command, host_target
 
 SOURCES = Path(__file__).with_name("c")
@@ -87,7 +86,7 @@ def measure(folder: Path, robot: int) -> FirmwareSize:
         raise BuildError("sizes on a Cortex-M4 need its compiler: install ziglang")
     flags = (*MICROCONTROLLER, *FLAGS, "-Wframe-larger-than=1")
     link = ("-ffunction-sections", "-Wl,--gc-sections", "-Wl,-e,main")
-    with tempfile.TemporaryDirectory() as work:
+    with temporary_folder() as work:
         program = Path(work) / "firmware.elf"
         sources = [folder / name for name in PROGRAM]
         said = _compile([*flags, *link], folder, program, sources, robot)
@@ -103,7 +102,7 @@ def _compile(
     flags: Sequence[str], folder: Path, out: Path, sources: Sequence[Path], robot: int
 ) -> str:
     """What the compiler said; its own cache is left out, which keeps what it says to itself."""
-    with tempfile.TemporaryDirectory() as cache:
+    with temporary_folder() as cache:
         command = [*compiler_command(), *flags, f"-DROBOT={robot}", f"-I{folder}"]
         run = subprocess.run(
             [*command, *map(str, sources), "-o", str(out)],

@@ -7,7 +7,6 @@ files until an episode is opened. Every folder with recordings is a dataset.
 import contextlib
 import json
 import re
-import tempfile
 from collections import defaultdict
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -20,6 +19,7 @@ from rerun.blueprint import table as rrt
 
 from agent.training.runs import RECORDING_FILE
 from cosim.base.errors import UserError
+from cosim.base.storage import temporary_folder
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import APPLICATION
 
@@ -105,7 +105,7 @@ def serving(folder: Path, port: int = 0) -> Iterator[list[Dataset]]:
     from rerun.server import Server
 
     with contextlib.ExitStack() as stack:
-        layouts = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        layouts = Path(stack.enter_context(temporary_folder()))
         try:
             server = Server(host="127.0.0.1", port=port, datasets={**recordings})
         except (OSError, RuntimeError, ValueError) as error:

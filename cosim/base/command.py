@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 import msgspec
 import tyro
 
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -142,6 +142,6 @@ def show_table(
             justify = "right" if k >= len(header) - numbers else "left"
             table.add_column(header[k], justify=justify, no_wrap=k >= names, overflow="fold")
         for row in rows:
-            table.add_row(*(row[k] for k in (*range(names), *shown)))
+            table.add_row(*(visible(row[k]) for k in (*range(names), *shown)))
         console.print(table)
         title = None

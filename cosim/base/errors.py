@@ -1,11 +1,14 @@
 """Errors that are the caller's to mend, and how a command line reports them."""
 
+import contextlib
 import errno
 import os
+import re
 import reprlib
 import signal
 import sys
 from collections.abc import Callable
+from typing import Any, TextIO, cast
 
 USER_ERROR_STATUS = 2
 INTERRUPTED_STATUS = 130
@@ -27,6 +30,12 @@ _MENDS = {
     errno.ENAMETOOLONG: "its name is longer than the file system allows; choose a shorter one",
     errno.ELOOP: "a symbolic link leads back to itself; correct the link or choose another path",
 }
+_COMMANDS = ("agent", "analysis", "cosim", "fmus")  # packages with commands
+# Control characters but for ends of lines and tabs, bidirectional ones, halves of characters.
+_HIDDEN = re.compile(
+    "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+_COLOUR = re.compile(r"(\x1b\[[\d;]*m)")
 
 
 class Terminated(KeyboardInterrupt):
@@ -42,6 +51,37 @@ def shown(value: object) -> str:
     return " ".join(reprlib.repr(value).split())
 
 
+def end_at_interrupt() -> None:
+    """Let Ctrl-C end the process without a traceback until `run_command`: modules are imported."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+# The package of a module that Python is to run is imported.
+if sys.argv[:1] == ["-m"] and any(name.partition(".")[0] in _COMMANDS for name in sys.orig_argv):
+    end_at_interrupt()
+
+
+def visible(text: str) -> str:
+    r"""Return a text with `\u001b` and the like in place of what would control a terminal."""
+    return _HIDDEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+class _Visible:
+    """A text stream that shows names as they are: of what controls a terminal, colours pass."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+    def write(self, text: str) -> int:
+        parts = _COLOUR.split(text) if self.isatty() else [text]
+        parts[::2] = map(visible, parts[::2])
+        return self.stream.write("".join(parts))
+
+
 def run_command(main: Callable[[], None]) -> None:
     """Run a command line's body and leave with its exit status.
 
@@ -54,6 +94,14 @@ def run_command(main: Callable[[], None]) -> None:
         main: the command; whatever it must keep on an interrupt it has saved by its own means.
     """
     signal.signal(signal.SIGTERM, _terminate)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    out, err = (cast(TextIO, _Visible(stream)) for stream in (sys.stdout, sys.stderr))
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        _run(main)
+
+
+def _run(main: Callable[[], None]) -> None:
     try:
         try:
             main()
@@ -63,13 +111,13 @@ def run_command(main: Callable[[], None]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(BROKEN_PIPE_STATUS)
     except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {visible(str(error))}", file=sys.stderr)
         sys.exit(USER_ERROR_STATUS)
     except OSError as error:
         if error.errno not in _MENDS:
             raise
         where = f"{error.filename}: " if error.filename else ""
-        print(f"error: {where}{_MENDS[error.errno]}", file=sys.stderr)
+        print(f"error: {visible(where)}{_MENDS[error.errno]}", file=sys.stderr)
         sys.exit(USER_ERROR_STATUS)
     except KeyboardInterrupt as interrupt:
         print("interrupted", file=sys.stderr)

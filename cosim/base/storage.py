@@ -2,11 +2,16 @@
 
 import contextlib
 import fcntl
+import functools
 import glob
 import hashlib
 import logging
 import os
+import re
+import shutil
 import tempfile
+import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,6 +24,9 @@ from cosim.base.errors import UserError
 
 _LOGGER = logging.getLogger(__name__)
 Value = TypeVar("Value")
+_FOLDERS = "minirobots-tmp-"  # beginning of the names of temporary folders
+_YOUNG_S = 60.0  # in which a new folder is locked
+_LOCK = threading.Lock()
 
 
 class StorageError(UserError):
@@ -166,6 +174,46 @@ def replacing(path: Path) -> Iterator[Path]:
         os.close(handle)
 
 
+def temporary_folder() -> "tempfile.TemporaryDirectory[str]":
+    """Make a temporary folder; what killed processes left of theirs is removed."""
+    with _LOCK:
+        return tempfile.TemporaryDirectory(dir=_folder_of_process().name)
+
+
+@functools.cache
+def _folder_of_process() -> "tempfile.TemporaryDirectory[str]":
+    """Folder with all temporary folders of this process, which is locked as long as it lives."""
+    for old in Path(tempfile.gettempdir()).glob(f"{_FOLDERS}*"):
+        with contextlib.suppress(OSError), contextlib.ExitStack() as stack:
+            handle = os.open(old, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            stack.callback(os.close, handle)
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if time.time() - os.fstat(handle).st_mtime > _YOUNG_S:
+                shutil.rmtree(old)
+    folder = tempfile.TemporaryDirectory(prefix=_FOLDERS)
+    with contextlib.suppress(OSError):  # of a file system without locks: nothing is removed there
+        fcntl.flock(os.open(folder.name, os.O_RDONLY), fcntl.LOCK_EX)
+    return folder
+
+
+def named(path: Path | str, ending: str) -> Path:
+    """Return the path of a file to write, by whose `ending` programs know its kind.
+
+    Raises:
+        StorageError: its name ends otherwise.
+    """
+    path = Path(path)
+    if path.suffix != ending:
+        raise StorageError(f"{path}: its name must end in {ending}; choose {path.stem}{ending}")
+    return path
+
+
+def json_text(content: Any) -> bytes:
+    """Encode as JSON for people and programs: indented, but lists of numbers on one line."""
+    text = msgspec.json.format(msgspec.json.encode(content), indent=1)
+    return re.sub(rb"\[\n[-+.\deE,\s\[\]]*\]", lambda found: b"".join(found[0].split()), text)
+
+
 def write_json(path: Path, content: Any) -> None:
     """Write what `msgspec` can encode as JSON for people and programs, whole or not at all.
 
@@ -173,7 +221,7 @@ def write_json(path: Path, content: Any) -> None:
         OSError: the folder cannot be written.
     """
     with replacing(path) as temporary:
-        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
+        temporary.write_bytes(json_text(content) + b"\n")
 
 
 def _temporary(path: Path) -> tuple[int, Path]:

@@ -11,7 +11,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ import tyro
 
 from cosim.base.config import ConfigError
 from cosim.base.errors import Terminated
+from cosim.base.storage import temporary_folder
 
 _NOTES = "MINIROBOTS_NOTES"  # folder of the notes, in the environment of a child
 _ENDED = "ended"  # note of a child that Python has ended, not the FMU
@@ -106,7 +106,7 @@ def _run_in_child(module: str, foreign: Path | None, limit_s: float) -> NoReturn
     fmu = "the built-in FMU"
     if foreign is not None:
         fmu = f"{'FMU' if foreign.suffix == '.fmu' else 'an FMU of'} {foreign.name}"
-    with tempfile.TemporaryDirectory(prefix="minirobots-") as folder:
+    with temporary_folder() as folder:
         notes = Path(folder)
         command = [sys.executable, "-m", module, *sys.argv[1:]]
         # A session of its own: Ctrl-C reaches it through its parent, once.
@@ -123,6 +123,8 @@ def _run_in_child(module: str, foreign: Path | None, limit_s: float) -> NoReturn
             )
         if (notes / _ENDED).exists():
             sys.exit(child.returncode)
+        if child.returncode in {-signal.SIGINT, -signal.SIGTERM}:  # while it imported modules
+            raise Terminated if child.returncode == -signal.SIGTERM else KeyboardInterrupt
         when = " and ".join(note.read_text() for note in notes.iterdir()) or "no call of ours"
         how = f"ended the process with status {child.returncode}"
         if child.returncode < 0:

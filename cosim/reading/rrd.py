@@ -6,7 +6,6 @@ What the signals of an episode mean is said in `cosim.reading.episode`.
 
 import subprocess
 import sys
-import tempfile
 import warnings
 from collections import defaultdict
 from collections.abc import Iterable
@@ -20,6 +19,7 @@ from rerun.chunk import RrdReader
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, require_file
+from cosim.base.storage import temporary_folder
 
 TIMELINE = "sim_time"
 # Columns read as arrays: what is added to the entity's path to name the signal, and its unit; a
@@ -109,7 +109,7 @@ def read_rrd(path: Path) -> RecordingData:
         return _read_whole(path)
     except (RuntimeError, ValueError) as error:
         broken = error
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         mended = Path(folder) / "mended.rrd"
         # Only the command line skips a frame that was cut off.
         command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(path), "-o", str(mended)]

@@ -1,10 +1,10 @@
 """Builds archives of systems: of SSP 1.0 with FMUs of FMI 2.0, and of SSP 2.0 with FMI 3.0."""
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from cosim.base.progress import Progress, silent
+from cosim.base.storage import temporary_folder
 from fmus.archive import write_archive
 from fmus.build import build_fmus
 from fmus.compiler import host_target
@@ -43,7 +43,7 @@ def build_ssp(
     models: list[Model] = [model for model in MODELS if model in used]
     sources: dict[Model, str] = {model: f"resources/{model}.fmu" for model in models}
     written = []
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         built: dict[Model, dict[Fmi, Path]] = {}
         for model in models:
             standards: list[Fmi] = [FMI[version] for version in versions]

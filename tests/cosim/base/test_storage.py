@@ -1,14 +1,17 @@
 """The cache mends itself, files are whole or absent, and nothing is left beside them."""
 
+import json
 import logging
+import os
 import signal
 import subprocess
 import sys
 import tempfile
+from pathlib import Path
 
 import pytest
 
-from cosim.base.storage import StorageError, cached, replacing
+from cosim.base.storage import StorageError, cached, named, replacing, write_json
 
 KEPT = "kept"
 
@@ -150,3 +153,65 @@ def test_every_name_that_the_file_system_allows_can_be_written(tmp_path):
         temporary.write_text("whole")
     assert raised.value.filename == str(tmp_path / ("a" * 300))
     assert [*tmp_path.iterdir()] == [path]
+
+
+def holder(temporary):
+    """A process with a temporary folder in `temporary`, and what it says of that."""
+    script = (
+        "import time; from cosim.base.storage import temporary_folder;"
+        "folder = temporary_folder(); print(folder.name, flush=True); time.sleep(60)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"TMPDIR": str(temporary)},
+    )
+    assert process.stdout is not None
+    return process, Path(process.stdout.readline().strip()).parent
+
+
+def test_folders_of_killed_processes_are_swept_and_nothing_else(tmp_path):
+    killed, left = holder(tmp_path)
+    (left / "file").touch()
+    killed.kill()
+    killed.communicate()
+    young, fresh = holder(tmp_path)  # looks, but what was made just now may not be locked yet
+    assert left.exists()
+    young.kill()
+    young.communicate()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "minirobots-tmp-link").symlink_to("mine")
+    (tmp_path / "minirobots-tmp-file").touch()
+    (tmp_path / "minirobots-mine").mkdir()
+    living, held = holder(tmp_path)
+    for path in tmp_path.iterdir():
+        os.utime(path, (0, 0))
+    other, own = holder(tmp_path)
+    kept = {"mine", "minirobots-tmp-link", "minirobots-tmp-file", "minirobots-mine"}
+    assert {path.name for path in tmp_path.iterdir()} == kept | {held.name, own.name}
+    for process in (living, other):
+        process.send_signal(signal.SIGINT)  # an orderly end removes what is its own
+        process.communicate()
+    assert {path.name for path in tmp_path.iterdir()} == kept
+    assert fresh not in (held, own)
+
+
+def test_json_has_lists_of_numbers_on_one_line(tmp_path):
+    content = {
+        "cells": [[[1, 2], [-3, 4.5e-9]], [[0, 0]]],
+        "words": ["a", "b [\n1,\n 2\n]"],
+        "rows": [{"a": 1, "starts": [[1, 2], [3, 4]], "b": []}, {"a": [1, None, True]}],
+    }
+    write_json(tmp_path / "a.json", content)
+    text = (tmp_path / "a.json").read_text()
+    assert json.loads(text) == content
+    assert '"cells": [[[1,2],[-3,4.5e-9]],[[0,0]]],\n' in text
+    assert '"starts": [[1,2],[3,4]],\n' in text
+    assert '"a",\n' in text
+
+
+def test_a_file_of_another_name_is_refused():
+    assert named("a/b.rrd", ".rrd") == Path("a/b.rrd")
+    with pytest.raises(StorageError, match=r"b\.txt: its name must end in \.rrd; choose b\.rrd"):
+        named("a/b.txt", ".rrd")
