@@ -6,9 +6,7 @@ mesa-vulkan-drivers, libvulkan1 and libegl1.
 
 import contextlib
 import os
-import re
 import socket
-import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -115,30 +113,25 @@ def _headless() -> Iterator[ViewerClient]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with tempfile.TemporaryFile() as log:
+    stderr = os.dup(2)  # which the viewer inherits, for its log and its panic
+    try:
+        with Path(os.devnull).open("w") as nothing:
+            os.dup2(nothing.fileno(), 2)
+        executable = viewer_executable()
         try:
-            stderr = os.dup(2)  # which the viewer inherits
-            os.dup2(log.fileno(), 2)
-            try:
-                viewer = ViewerClient.spawn(
-                    headless=True,
-                    port=port,
-                    hide_welcome_screen=True,
-                    executable_path=viewer_executable(),
-                )
-            finally:
-                os.dup2(stderr, 2)
-                os.close(stderr)
-            with viewer:
-                yield viewer
-        except (ConnectionError, RuntimeError) as error:  # as rerun raises them, whatever the cause
-            log.seek(0)
-            panic = re.search(r"panicked at '(.*)'", log.read().decode(errors="replace"))
-            reason = panic[1] if panic else str(error).partition("\n")[0]
-            raise ViewerError(
-                f"the Rerun viewer does not draw ({reason}); install software Vulkan, on Debian "
-                "`apt install mesa-vulkan-drivers libvulkan1 libegl1`"
-            ) from error
+            viewer = ViewerClient.spawn(
+                headless=True, port=port, hide_welcome_screen=True, executable_path=executable
+            )
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+        with viewer:
+            yield viewer
+    except (ConnectionError, RuntimeError) as error:  # as rerun raises them, whatever the cause
+        raise ViewerError(
+            f"the Rerun viewer does not draw ({error}); install software Vulkan, on Debian "
+            "`apt install mesa-vulkan-drivers libvulkan1 libegl1`"
+        ) from error
 
 
 def _tab_names(blueprint: dict[str, Any]) -> dict[str, tuple[str, str]]:

@@ -98,6 +98,15 @@ def test_simulate_is_the_first_episode_of_a_run(policy, episode, tmp_path):
     assert of_run.recording_id == episode.recording_id
 
 
+def test_files_of_another_name_are_refused(policy, episode, tmp_path):
+    for saved, ending in ((policy, "npz"), (episode, "rrd"), (cosim.find_preset("paper"), "toml")):
+        with pytest.raises(
+            UserError, match=rf"x\.txt: its name must end in \.{ending}; choose x\."
+        ):
+            saved.save(tmp_path / "x.txt")
+    assert not list(tmp_path.iterdir())
+
+
 def test_another_seed_is_another_episode(policy, episode):
     assert signals(cosim.simulate("1a", policy, seed=4, **BRIEF)) != signals(episode)
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -42,7 +43,7 @@ class CaseIdentity(msgspec.Struct, frozen=True, kw_only=True):
     policy_digest: str
     seed: int
     motor_fmu_digest: str
-    parameters: dict[str, float | bool | str]
+    parameters: dict[str, float | bool | str | list[Any]]
     code_digest: str
 
 

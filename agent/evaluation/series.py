@@ -51,7 +51,7 @@ class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
 class RunSummary(RunFacts, frozen=True, kw_only=True):
     """The content of `summary.json`: the facts, parameters by name, and every episode."""
 
-    parameters: dict[str, float | bool | str]
+    parameters: dict[str, float | bool | str | list[Any]]
     episodes: tuple[EpisodeResult, ...]
     schema_version: int = 1
 

@@ -13,7 +13,7 @@ from agent.process.exact import Evaluation
 from agent.process.readings import Process, build_process
 from agent.process.rewards import DrivenStep, reward_parts
 from cosim.base.errors import UserError
-from cosim.base.storage import replacing
+from cosim.base.storage import json_text, named, replacing, write_json
 from cosim.navigation.features import Observation
 from cosim.recording.policy_map import PolicyMap
 from cosim.scenarios.scenario import Scenario
@@ -67,17 +67,18 @@ class GreedyPolicy(ABC):
         """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
 
         Raises:
+            StorageError: its name does not end in .npz.
             OSError: the folder cannot be written.
         """
-        path = Path(path)
+        path = named(path, ".npz")
         facts = {"scenario_digest": self.config.scenario.digest(), "episodes": self.episodes}
         description = msgspec.to_builtins(self.config) | facts
-        text = msgspec.json.format(msgspec.json.encode(description), indent=1)
-        with replacing(path.with_suffix(".json")) as temporary:
-            temporary.write_bytes(text + b"\n")
+        write_json(path.with_suffix(".json"), description)
         with replacing(path) as temporary, temporary.open("wb") as file:
             arrays: dict[str, Any] = self.arrays()
-            np.savez_compressed(file, **arrays, config=np.frombuffer(text, dtype=np.uint8))
+            np.savez_compressed(
+                file, **arrays, config=np.frombuffer(json_text(description), dtype=np.uint8)
+            )
 
     def act(self, observation: Observation) -> np.ndarray:
         """(N,) int64, greedy direction of each robot; ties go to the least rotation.

@@ -24,13 +24,20 @@ class Export:
     to: Format
     """Format to write."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File to write; by default beside the recording, with its name."""
+    """File to write; by default next to the recording, with its name."""
+    signals: tuple[str, ...] = ()
+    """Signals and states to write, by name or pattern, such as r1/motors/omega or 'r1/*'; all by
+    default. A recording of 90 s with all of them takes some 120 MB as csv."""
+    rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
+    """Samples to write per second of a signal: the first one of every period of 1/HZ s, as it was
+    recorded and not filtered, so that faster oscillations are aliased. All by default."""
     json: Json = False
 
 
 def main() -> None:
     """Command line; see `Export`."""
     options = parse(Export, "analysis.export")
+    from analysis.export.content import chosen
     from analysis.export.writing import export
     from cosim.base.progress import progress_bars
     from cosim.reading.episode import read_episode
@@ -40,6 +47,7 @@ def main() -> None:
         progress("reading", 0, None)
         episode = read_episode(options.recording)
         progress("reading", 1, 1)
+        episode = chosen(episode, options.signals, options.rate)
         export(episode, options.to, out, progress)
     print(f"wrote {out}")
     if options.json:

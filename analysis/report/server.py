@@ -52,7 +52,7 @@ class _Handler(SimpleHTTPRequestHandler):
         """Say nothing of requests: the terminal keeps showing the address."""
 
     def send_head(self) -> Any:
-        """Send the head of an answer; return what is to follow it, if anything."""
+        """Send the head of an answer; return what follows it."""
         self._bytes: int | None = None
         if self.headers.get("Host", HOST).split(":")[0].lower() not in _NAMES:
             return self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
@@ -60,17 +60,12 @@ class _Handler(SimpleHTTPRequestHandler):
         if path is None:
             return self.send_error(HTTPStatus.NOT_FOUND)
         part = _RANGE.fullmatch(self.headers.get("Range", ""))
-        if not part or "If-Range" in self.headers or self.command != "GET" or path.is_dir():
-            return super().send_head()
         size = path.stat().st_size
-        first, last, final = (None if text is None else int(text) for text in part.groups())
-        start = max(size - (final or 0), 0) if first is None else first
-        stop = size if last is None else min(last + 1, size)
-        if start >= stop:
-            self.send_response(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE)
-            self.send_header("Content-Range", f"bytes */{size}")
-            self.send_header("Content-Length", "0")
-            return self.end_headers()
+        first, last, final = map(int, part.groups("-1")) if part else (0, -1, -1)
+        start = first if final < 0 else max(size - final, 0)
+        stop = min(last + 1, size) if last >= 0 else size
+        if not part or "If-Range" in self.headers or start >= stop or path.is_dir():
+            return super().send_head()  # the whole file, as is allowed
         file = path.open("rb")
         file.seek(start)
         self._bytes = stop - start
@@ -88,11 +83,7 @@ class _Handler(SimpleHTTPRequestHandler):
             page = path / PAGE if path.is_dir() else path
             inside = page.resolve().is_relative_to(Path(self.directory).resolve())
             return path if inside and page.is_file() else None
-        except (
-            OSError,
-            ValueError,
-            RuntimeError,
-        ):  # a name too long, a zero byte, a link to itself
+        except (OSError, ValueError, RuntimeError):  # too long, a zero byte, a link to itself
             return None
 
     def copyfile(self, source: Any, outputfile: Any) -> None:
@@ -102,11 +93,6 @@ class _Handler(SimpleHTTPRequestHandler):
         while self._bytes and (chunk := source.read(min(self._bytes, 2**16))):
             outputfile.write(chunk)
             self._bytes -= len(chunk)
-
-    def end_headers(self) -> None:
-        """End the head of an answer; parts of files can be asked for."""
-        self.send_header("Accept-Ranges", "bytes")
-        super().end_headers()
 
 
 def server(folder: Path, port: int = 0) -> ThreadingHTTPServer:

@@ -26,7 +26,7 @@ from cosim.base.params import (
     lift_off_speed,
 )
 from cosim.base.reading import Kind, read_toml
-from cosim.base.storage import replacing
+from cosim.base.storage import named, replacing
 from cosim.base.world import IDEAL, Sensor, World, WorldError
 
 PAPER = "paper"
@@ -96,7 +96,7 @@ class Preset(NamedTuple):
         Raises:
             StorageError, OSError: it cannot be written.
         """
-        with replacing(Path(path)) as temporary:
+        with replacing(named(path, ".toml")) as temporary:
             temporary.write_text("\n".join(self._lines()) + "\n", encoding="utf-8")
 
     def _lines(self) -> Iterator[str]:

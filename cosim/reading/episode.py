@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim.base.reading import Kind, parsing, require_file
-from cosim.base.storage import StorageError, replacing
+from cosim.base.storage import StorageError, named, replacing
 from cosim.reading.rrd import RecordingReadError, Signal, Texts, read_rrd
 from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME
 
 _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
 # What a signal's name may leave out, in the order of being tried.
-_PREFIXES = ("", "/", "/sim/", "/rl/", "/raw/", "/world/")
+PREFIXES = ("", "/", "/sim/", "/rl/", "/raw/", "/world/")
 _NOTHING = Texts(np.zeros(0), ())
 EPISODE = Kind("recording of an episode", "record it anew", RecordingReadError)
 
@@ -33,7 +33,7 @@ EPISODE = Kind("recording of an episode", "record it anew", RecordingReadError)
 class Parameter(NamedTuple):
     """A parameter of the run: its value in the given unit, what it is, and its source."""
 
-    value: float | bool | str
+    value: float | bool | str | list[Any]
     unit: str
     description: str
     source: str
@@ -83,7 +83,7 @@ class Signals(Mapping[str, Signal]):
         Raises:
             SignalError: there is none, an error of the user's and a KeyError at once.
         """
-        for prefix in _PREFIXES:
+        for prefix in PREFIXES:
             if prefix + name in self._signals:
                 return self._signals[prefix + name]
         near = difflib.get_close_matches(name, [*self._signals, *map(_short, self._signals)], n=3)
@@ -154,7 +154,7 @@ class Episode:
             RecordingReadError: the recording names no such number.
         """
         parameter = self.parameters.get(name)
-        if parameter is None or isinstance(parameter.value, str):
+        if parameter is None or isinstance(parameter.value, (str, list)):
             raise RecordingReadError(
                 f"{self.path} does not say its parameter {name}; record it anew"
             )
@@ -167,11 +167,11 @@ class Episode:
             path: of the new file (.rrd); its folder is made if it is missing.
 
         Raises:
-            StorageError: there is such a file or folder.
+            StorageError: there is such a file or folder, or its name does not end in .rrd.
             RecordingReadError: the recording itself is gone.
             OSError: the folder cannot be written.
         """
-        path = Path(path)
+        path = named(path, ".rrd")
         if path.exists():
             raise StorageError(f"{path}: it exists; move it away or choose another name")
         require_file(self.path, EPISODE)

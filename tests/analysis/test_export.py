@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import get_args
 
@@ -166,4 +167,55 @@ def test_refusals_leave_nothing(command, recording, monkeypatch, tmp_path):
     assert "parquet" in unknown.stderr + unknown.stdout
     missing = command(command_module, tmp_path / "none.rrd", "--to", "csv")
     assert missing.returncode == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_some_signals_at_some_rate(command, recording, episode, tmp_path):
+    """Each format has the chosen signals, of each period the first sample."""
+    names = ("r1/motors/omega", "/rl/r2/*")
+    chosen = {path for path in (*episode.signals, *episode.texts) if path.startswith("/rl/r2/")}
+    chosen.add("/sim/r1/motors/omega")
+    whole = episode.signals["r1/motors/omega"]
+    kept = [0]
+    for k, time_s in enumerate(whole.time_s):
+        if round(time_s * 1e9) // 50_000_000 != round(whole.time_s[kept[-1]] * 1e9) // 50_000_000:
+            kept.append(k)
+    for kind, read in READERS.items():
+        out = tmp_path / f"e.{kind}"
+        run = command(
+            command_module,
+            recording,
+            "--to",
+            kind,
+            "--out",
+            out,
+            "--rate",
+            "20",
+            "--signals",
+            *names,
+        )
+        assert run.returncode == 0, run.stderr
+        found = read(out)
+        assert {path for path, _ in found} == chosen
+        unit, times, values = found["/sim/r1/motors/omega", whole.components[0]]
+        assert unit == whole.unit
+        assert times == whole.time_s[kept].tolist()
+        assert values == whole.values[kept, 0].tolist()
+        moves = episode.texts["/rl/r2/move"]
+        assert found["/rl/r2/move", "text"][2] == list(moves.texts)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--signals", "r1/motors/omga"), "omga: .* has no such signal or state; .* lists them"),
+        (("--signals", "r1/motors/omega", "r9/*"), r"--signals r9/\*: "),
+        (("--rate", "0"), "--rate 0 is invalid; give samples per second above 0"),
+        (("--rate", "nan"), "--rate nan is invalid"),
+    ],
+)
+def test_a_choice_of_nothing_is_refused(command, recording, tmp_path, options, said):
+    run = command(command_module, recording, "--to", "csv", "--out", tmp_path / "e.csv", *options)
+    assert (run.returncode, run.stderr.count("\n")) == (2, 1)
+    assert re.search(said, run.stderr)
     assert not list(tmp_path.iterdir())

@@ -91,9 +91,10 @@ def test_names_of_other_hosts_are_refused(serving, host, status):
         ("bytes=-1", 206, b"2", "bytes 3-3/4"),
         ("bytes=-9", 206, b"RRF2", "bytes 0-3/4"),
         ("bytes=0-99", 206, b"RRF2", "bytes 0-3/4"),
-        ("bytes=4-", 416, b"", "bytes */4"),
-        ("bytes=-0", 416, b"", "bytes */4"),
-        ("bytes=0-0,2-3", 200, b"RRF2", None),  # several parts: the whole file is allowed
+        ("bytes=4-", 200, b"RRF2", None),  # nothing of it is there: the whole file is allowed
+        ("bytes=-0", 200, b"RRF2", None),
+        ("bytes=3-2", 200, b"RRF2", None),
+        ("bytes=0-0,2-3", 200, b"RRF2", None),
         ("lines=1-2", 200, b"RRF2", None),
         (f"bytes={'9' * 5000}-", 200, b"RRF2", None),
     ],
@@ -103,7 +104,6 @@ def test_parts_of_files(serving, asked, status, content, said):
     assert (answer[0], answer[2]) == (status, content)
     assert answer[1]["Content-Range"] == said
     assert answer[1]["Content-Length"] == str(len(content))
-    assert answer[1]["Accept-Ranges"] == "bytes"
 
 
 def test_nothing_but_files_of_the_folder_is_served(serving, folder, tmp_path_factory):

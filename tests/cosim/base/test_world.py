@@ -1,5 +1,6 @@
 """Worlds: what is refused, and what an episode draws."""
 
+import json
 import math
 
 import numpy as np
@@ -57,6 +58,21 @@ def test_draws_are_the_seeds_alone():
     assert list(first.table()) == ["r1.D", "r1.E", "r2.D", "r2.E", "floor"]
     assert first.table()["r2.D"]["K_T"] == first.motors[1][0].K_T
     assert draw_world(world, TABLE_II, 2, np.random.SeedSequence(8)) != first
+
+
+def test_parameters_of_a_world_are_values_of_json():
+    world = World(
+        mu_patches=(Patch((0, 1, 2, 3), 0.4),),
+        payload_g=20.0,
+        payload_offset_mm=(1.0, -2.0),
+        motor_phases_deg=(0.0, 90.0),
+    )
+    table = CoSimConfig(world=world).table()
+    values = {name: row["value"] for name, row in table.items()}
+    assert json.loads(json.dumps(values)) == values
+    assert values["mu_patches"] == [{"cells": [0, 1, 2, 3], "mu": 0.4}]
+    assert values["payload_offset_mm"] == [1.0, -2.0]
+    assert values["motor_phases_deg"] == [0.0, 90.0]
 
 
 def test_gravity_falls_where_the_floor_does():
