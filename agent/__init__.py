@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim.base.errors import UserError
-from cosim.base.progress import Progress, silent
+from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
@@ -28,6 +28,7 @@ def methods() -> tuple[str, ...]:
     return METHODS
 
 
+@showing
 def train(
     scenario: str | Path | Scenario,
     *,
@@ -36,7 +37,7 @@ def train(
     episodes: int | None = None,
     motor_fmu: str | Path | None = None,
     again: bool = False,
-    progress: Progress = silent,
+    progress: Progress | None = automatic,
 ) -> "Policy":
     """Train a policy, or find it in the cache if this configuration was trained before.
 
@@ -48,7 +49,8 @@ def train(
         motor_fmu: whose moves are observed by the methods moves, robust and prompt, by default
             the built-in one.
         again: train even if the policy is there.
-        progress: is told what is calibrated, observed and trained.
+        progress: receives what is calibrated, observed and trained; by default it is shown on
+            stderr if the call takes more than two seconds. None shows nothing.
 
     Returns:
         The policy: `act(observation)`, `save(path)` and what it was trained with, `config`.
@@ -72,7 +74,7 @@ def train(
         episodes=episodes,
         motor_fmu=None if motor_fmu is None else Path(motor_fmu),
         again=again,
-        progress=progress,
+        progress=progress or silent,
     )
     return policy
 

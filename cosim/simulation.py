@@ -5,7 +5,6 @@ A policy is anything with `act(observation)`. What else it has is recorded: `q_v
 (N, 8), `reward_parts(step, arrived)` (N, 3) and `maps()`, see `agent.training.policy`.
 """
 
-import tempfile
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from cosim.base.config import ConfigError, require_one_of
-from cosim.base.progress import Progress, silent
+from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.provenance import versions
+from cosim.base.storage import temporary_folder
 from cosim.base.world import IDEAL
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import DRIVERS
@@ -29,6 +29,7 @@ from cosim.scenarios.file import find_in_world
 from cosim.scenarios.scenario import Cell, Scenario
 
 
+@showing
 def simulate(
     scenario: str | Path | Scenario,
     policy: SupportsAct,
@@ -37,7 +38,7 @@ def simulate(
     driver: str = "compiled",
     record: Level = "default",
     motor_fmu: str | Path | None = None,
-    progress: Progress = silent,
+    progress: Progress | None = automatic,
     **options: Any,
 ) -> Episode:
     """Simulate one episode: the first one of `python -m cosim.run --seed SEED`.
@@ -49,7 +50,8 @@ def simulate(
         driver: compiled, fmpy, reference or adaptive, see `python -m cosim.run --help`.
         record: summary, default or full: how much of the episode is kept.
         motor_fmu: of every motor, the built-in one by default.
-        progress: is told the simulated time.
+        progress: receives the simulated time; by default it is shown on stderr if the call takes
+            more than two seconds. None shows nothing.
         options: physics by the names of `python -m cosim.run`, see `Driving`: `mu`, `noise`,
             `speed` (mm/s), `dt` (s), `time_limit` (s), `shield`, `world` (a file) and so
             on.
@@ -63,6 +65,7 @@ def simulate(
         ScenarioError: there is no such scenario.
         UserError: of the policy (trained on another scenario), the FMU or the calibration.
     """
+    report = progress or silent
     require_one_of("driver", driver, DRIVERS)
     require_one_of("record", record, DETAILS)
     if seed < 0:
@@ -80,16 +83,16 @@ def simulate(
     require = getattr(policy, "require_scenario", None)
     if require is not None:
         require(scenario)
-    config, fmu = driving.prepare(scenario.robot_diameter_m, progress, world)
+    config, fmu = driving.prepare(scenario.robot_diameter_m, report, world)
     config = with_bursts(config, record)
     starts, noise_seed = draw_episode(scenario, seed, 0)
 
     def watch(step: Step, episode: RunningEpisode, _: float) -> None:
         limit_s = episode.time_s if step.outcome else config.timing.episode_limit_s
         state = f"{episode.time_s:.0f} s {step.outcome}"
-        progress("simulating", episode.time_s, limit_s, state)
+        report("simulating", episode.time_s, limit_s, state)
 
-    folder = tempfile.TemporaryDirectory(prefix="minirobots-")
+    folder = temporary_folder()
     path = Path(folder.name) / "episode.rrd"
 
     def recorder(episode: RunningEpisode) -> EpisodeRecorder:
@@ -108,6 +111,7 @@ def simulate(
         )
 
     task = Task(scenario, fmu, config, policy, starts, noise_seed, recorder, watch, driver)
+    report("simulating", 0.0, config.timing.episode_limit_s)  # kernels may be compiled first
     for _ in simulate_tasks([task], 1):
         pass
     return read_episode(path, folder)

@@ -16,6 +16,7 @@ from agent.process.rewards import failed, step_reward
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING, TIMEOUT
 from cosim.base.params import TABLE_I
+from cosim.base.progress import progress_bars
 from cosim.calibration.cache import calibrated_slower
 from cosim.navigation.batch import Batch
 from cosim.navigation.observing import draw_starts
@@ -35,7 +36,10 @@ def new_batch(scenario: Scenario, places: int, config: CoSimConfig | None = None
     """
     fmu = cached_fmu()
     if config is None and scenario.robot_diameter_m != TABLE_I.diameter_m:
-        config = calibrated_slower(CoSimConfig().sized(scenario.robot_diameter_m), fmu)
+        with progress_bars() as progress:
+            config = calibrated_slower(
+                CoSimConfig().sized(scenario.robot_diameter_m), fmu, progress
+            )
     return Batch(fmu, config or CoSimConfig(), scenario.robots, places)
 
 

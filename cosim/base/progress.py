@@ -1,14 +1,20 @@
 """Progress of long work: library code calls back, commands draw bars."""
 
 import contextlib
+import functools
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
+_QUIET_S = 2.0  # in which nothing is shown
+_REFRESH_S = 0.1
 
 
 class Progress(Protocol):
@@ -40,15 +46,49 @@ def under_way(progress: Progress, task: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def progress_bars(console: "Console | None" = None) -> Iterator[Progress]:
-    """Bars on the terminal, a bar per task; nothing is drawn where there is no terminal.
+    """Show work that takes more than two seconds: bars on a terminal or in a notebook.
+
+    Elsewhere, as in a pipe or a log, each task that takes longer is announced on one line.
 
     Args:
-        console: to draw on, the terminal of stderr by default.
+        console: to draw on, by default stderr.
     """
+    reports: dict[str, tuple[float, float | None, str]] = {}
+    over = threading.Event()
+    thread = threading.Thread(target=_show, args=(reports, over, console), daemon=True)
+    thread.start()
+
+    def progress(task: str, done: float, total: float | None, state: str = "") -> None:
+        reports[task] = done, total, state
+
+    try:
+        yield progress
+    finally:
+        over.set()
+        thread.join()
+
+
+def _show(
+    reports: dict[str, tuple[float, float | None, str]],
+    over: threading.Event,
+    console: "Console | None",
+) -> None:
+    if over.wait(_QUIET_S):
+        return
     from rich import console as rich_console  # noqa: PLC0415 - slow to import
     from rich import progress as rich  # noqa: PLC0415
 
-    console = console or rich_console.Console(stderr=True)
+    # Bars move the cursor, which `run_command` keeps from what is printed.
+    console = console or rich_console.Console(file=getattr(sys.stderr, "stream", sys.stderr))
+    if not (console.is_terminal or console.is_jupyter):
+        announced = set()
+        while True:
+            for task, (done, total, _) in reports.copy().items():
+                if task not in announced and done != total:
+                    announced.add(task)
+                    console.print(f"{task} …", soft_wrap=True, markup=False, highlight=False)
+            if over.wait(_QUIET_S):
+                return
     columns = (
         rich.TextColumn("[progress.description]{task.description}"),
         rich.BarColumn(),
@@ -56,17 +96,38 @@ def progress_bars(console: "Console | None" = None) -> Iterator[Progress]:
         rich.TimeElapsedColumn(),
         rich.TimeRemainingColumn(),
     )
-    tasks: dict[str, rich.TaskID] = {}
-    lock = threading.Lock()
-    with rich.Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+    rows: dict[str, rich.TaskID] = {}
+    with rich.Progress(*columns, console=console) as bars:
+        ended = False
+        while not ended:
+            ended = over.wait(_REFRESH_S)
+            for task, (done, total, state) in reports.copy().items():
+                if task not in rows:
+                    rows[task] = bars.add_task(task, total=total, state=state)
+                bars.update(rows[task], completed=done, total=total, state=state)
 
-        def progress(task: str, done: float, total: float | None, state: str = "") -> None:
-            with lock:
-                if task not in tasks:
-                    tasks[task] = bars.add_task(task, total=total, state=state)
-                bars.update(tasks[task], completed=done, total=total, state=state)
 
-        yield progress
+def automatic(task: str, done: float, total: float | None, state: str = "") -> None:
+    """Progress of a call in Python that names none: `progress_bars`, see `showing`."""
+
+
+def showing(call: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """Return a function that shows its progress by default, and none with `progress=None`.
+
+    Args:
+        call: with the keyword argument `progress`, by default `automatic`.
+    """
+
+    @functools.wraps(call)
+    def shown(*args: Parameters.args, **options: Parameters.kwargs) -> Result:
+        progress = options.get("progress", automatic)
+        if progress is not automatic:
+            options["progress"] = progress or silent
+            return call(*args, **options)
+        with progress_bars() as options["progress"]:
+            return call(*args, **options)
+
+    return shown
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from cosim.base.config import whole_ratio
-from cosim.base.progress import Progress, silent
+from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.fmi.abi import FMI_OK
 from cosim.fmi.fmu import check_steps, function_address
 from cosim.fmi.isolation import calling
@@ -157,13 +157,17 @@ class System:
         """Communication steps that were taken back."""
         return int(self._now[REJECTED])
 
-    def run(self, until_s: float, *, every: int = 1, progress: Progress = silent) -> SystemRun:
+    @showing
+    def run(
+        self, until_s: float, *, every: int = 1, progress: Progress | None = automatic
+    ) -> SystemRun:
         """Go on to a time; the first row is what is there now.
 
         Args:
             until_s: time to reach, in s: a whole number of steps from the start.
             every: steps from one recorded row to the next; the last step has one, too.
-            progress: is told how far the run is.
+            progress: receives how far the run is; by default it is shown on stderr if the run takes
+                more than two seconds. None shows nothing.
 
         Raises:
             ConfigError: the time is no whole number of steps away.
@@ -195,7 +199,7 @@ class System:
             self._check(*found)
             ticks.append(room[0][: self._now[ROW]])
             rows.append(room[1][: self._now[ROW]])
-            progress("simulating", self.time_s - scheme.start_s, duration_s)
+            (progress or silent)("simulating", self.time_s - scheme.start_s, duration_s)
         ended = None
         if status == ENDED:
             ended = f"{list(self._instances)[component]} asked to end at {self.time_s:g} s"
