@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.killing import Case, Workplace
+from tests.faults.killing import CACHED, REMADE, Case, Workplace
 
 DAC_OVERRIDE, DAC_READ_SEARCH, PR_CAPBSET_DROP = 1, 2, 24
 FULL_BYTES = 1000
@@ -141,6 +141,50 @@ def test_a_read_only_disk(tmp_path, disk, name):
 def test_a_full_disk(tmp_path, disk, name):
     prepare, said = disk(0)
     refused(write_in(tmp_path, name, prepare), tmp_path / "out", said)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("megabytes", [1, 3, 8, 20])
+def test_a_cache_on_a_disk_that_fills(tmp_path, megabytes):
+    """Runs end in a sentence or well, whatever the full disk has; with room the next one goes well.
+
+    Where this user may not mount anything, a limit of file sizes stands in for the disk.
+    """
+    arguments = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
+    case = Case(("-m", "cosim.run", "--scenario", "1a", "--out", "OUT", *arguments), CACHED)
+    place, other = Workplace(tmp_path / "full", case), Workplace(tmp_path / "other", case)
+    size = f"size={megabytes}m"
+    mount = ("mount", "-t", "tmpfs", "-o", size, "tmpfs", str(place.cache))
+    mounted = not os.geteuid() and not subprocess.run(mount, check=False).returncode
+    limit = (megabytes * 10_000, megabytes * 10_000)
+    try:
+        statuses = []
+        for _ in range(5):
+            process = place.start(
+                None if mounted else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+            )
+            _, errors = process.communicate()
+            statuses.append(process.returncode)
+            said = [line for line in errors.splitlines() if not line.endswith(" …")]
+            if process.returncode:
+                assert re.search("free some|ulimit -f", errors), errors
+                assert len(said) == 1, errors
+            assert not REMADE.search(errors)
+        print(f"{megabytes} MB: {statuses}")
+        assert set(statuses) <= {0, 2}
+        if mounted:
+            again = ("mount", "-o", "remount,size=500m", str(place.cache))
+            subprocess.run(again, check=True)
+        _, errors = place.run()
+        assert not REMADE.search(errors)
+        other.environment["MINIROBOTS_CACHE"] = str(place.cache)
+        _, errors = other.run()
+        assert not REMADE.search(errors)
+        assert other.files() == place.files()
+        assert not [path for path in place.cache.rglob("*.tmp-*") if path.is_file()]
+    finally:
+        if mounted:
+            subprocess.run(("umount", str(place.cache)), check=True)
 
 
 @pytest.mark.faults
