@@ -106,6 +106,11 @@ class Workplace:
         }
 
 
+def without_progress(errors: str) -> str:
+    """What a command said on stderr, but for the lines that announce what takes long."""
+    return "".join(line for line in errors.splitlines(True) if not line.endswith(" …\n"))
+
+
 def said(path: Path, out: Path) -> Any:
     """What a file of results says, whenever and wherever it was written.
 
