@@ -27,7 +27,7 @@ class Export:
     """File to write; by default next to the recording, with its name."""
     signals: tuple[str, ...] = ()
     """Signals and states to write, by name or pattern, such as r1/motors/omega or 'r1/*'; all by
-    default. A recording of 90 s with all of them takes some 120 MB as csv."""
+    default. An episode of 76 s with all of them takes some 100 MB as csv."""
     rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
     """Samples to write per second of a signal: the first one of every period of 1/HZ s, as it was
     recorded and not filtered, so that faster oscillations are aliased. All by default."""
