@@ -1,8 +1,9 @@
 """How much of everything a reproduction does: the paper's amount, or a few minutes' worth."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
-from agent.training.settings import BEST, COMPARED, LearningConfig, Method
+from agent.training.settings import COMPARED, LearningConfig, Method
 from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.base.params import TIMING
 from cosim.scenarios.built_in import PAPER
@@ -16,8 +17,8 @@ class Profile:
         name: for people.
         runs: independent training runs of every variant.
         train_episodes: episodes of a training run.
-        drive_method: training method of the policies that drive the co-simulated episodes.
-        drive_episodes: episodes of their training; None is the number of that method.
+        drive_episodes: episodes of the training, by method, of the policies that drive the
+            co-simulated episodes; by default the number of the method.
         single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
             one robot and of a pair.
         episode_limit_s: simulated time after which such an episode ends as a time-out.
@@ -33,8 +34,7 @@ class Profile:
     pair_episodes: int
     transfer_scenarios: tuple[str, ...]
     transfer_quick: bool
-    drive_method: Method = BEST
-    drive_episodes: int | None = None
+    drive_episodes: Mapping[str, int] = field(default_factory=dict)
     episode_limit_s: float = TIMING.episode_limit_s
     transfer_methods: tuple[Method, ...] = COMPARED
 

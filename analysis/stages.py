@@ -12,6 +12,7 @@ from typing import cast
 from agent.evaluation.transfer import transfer
 from agent.experiments.run import run_experiment
 from agent.experiments.variants import Name
+from agent.training.settings import Method
 from analysis.figures.draw import draw_figures
 from analysis.motor.options import StepTest
 from analysis.motor.step_test import record
@@ -112,8 +113,8 @@ def _make(
             settings = Run(
                 scenario=result.of,
                 episodes=profile.single_episodes if alone else profile.pair_episodes,
-                method=profile.drive_method,
-                train_episodes=profile.drive_episodes,
+                method=cast(Method, result.method),
+                train_episodes=profile.drive_episodes.get(result.method),
                 seed=seed,
                 out=out,
                 jobs=jobs,

@@ -26,7 +26,7 @@ from analysis.figures.style import (
     FigureError,
 )
 from analysis.reading.findings import sliding
-from analysis.reading.results import FIGURES
+from analysis.reading.results import FIGURES, episodes_of
 from cosim.physics.forces import MotorMount, motor_force
 from cosim.reading.episode import Episode, read_episode
 
@@ -242,5 +242,5 @@ def make(results: Path) -> Drawing:
     Raises:
         FigureError: there is no recording, or none of its bursts holds a turn.
     """
-    cycle = find_cycle(read_episode(recorded(SCENARIO, results)[0]))
+    cycle = find_cycle(read_episode(recorded(episodes_of(SCENARIO, "moves"), results)[0]))
     return Drawing(draw(cycle), caption(cycle))

@@ -10,44 +10,50 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from analysis.figures.fig05 import draw_board, robot_colour
-from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
+from analysis.figures.style import BLACK, VERMILION, WIDTH_IN, Caption, Drawing, FigureError
 from analysis.reading.inspection import path_length_m
-from analysis.reading.results import FIGURES, RESULTS, recordings
+from analysis.reading.results import DRIVEN_BY, FIGURES, RESULTS, episodes_of, recordings
 from cosim.reading.episode import read_episode
 from cosim.scenarios.built_in import PAPER
 from cosim.scenarios.scenario import Scenario
 
 SINGLE, PAIRS = ("1a", "1b"), ("2", "3", "4")
+MARK_S = 10.0  # simulated time between two marks on a path
+STYLES: dict[str, str] = dict(zip(DRIVEN_BY, (":", "-"), strict=True))  # of distances over time
 
 
 class Track(NamedTuple):
     """What a figure needs of a recorded episode.
 
     Attributes:
+        times_s: (n,) of the positions.
         positions_m: (n, 2) of each robot's centre.
-        cells: (m, 2) of each robot at the RL steps.
         outcome: of the episode.
         path_length_m: of each robot.
         time_s: simulated.
     """
 
+    times_s: np.ndarray
     positions_m: tuple[np.ndarray, ...]
-    cells: tuple[np.ndarray, ...]
     outcome: str
     path_length_m: tuple[float, ...]
     time_s: float
+
+
+Tracks = dict[tuple[str, str], list[Track]]  # of a scenario and a method
 
 
 def read_track(path: Path) -> Track:
     """The track of an episode's recording.
 
     Raises:
-        RecordingReadError: it is no recording of an episode with positions and cells.
+        RecordingReadError: it is no recording of an episode with positions.
     """
     episode = read_episode(path)
+    positions = [episode.signals[f"{robot}/position"] for robot in episode.robots]
     return Track(
-        tuple(episode.signals[f"{robot}/position"].values[:, :2] for robot in episode.robots),
-        tuple(episode.signals[f"{robot}/cell"].values for robot in episode.robots),
+        positions[0].time_s,
+        tuple(position.values[:, :2] for position in positions),
         episode.outcome or "unfinished",
         tuple(path_length_m(episode, robot) or 0.0 for robot in episode.robots),
         episode.time_s,
@@ -55,18 +61,22 @@ def read_track(path: Path) -> Track:
 
 
 def fig09(results: Path) -> Drawing:
-    """Paths of one robot: all recorded episodes of a scenario on one board.
+    """Draw paths of one robot: all episodes of a scenario on one board, a method in each row.
 
     Raises:
         FigureError: there are no recordings.
     """
     tracks = _read(results, SINGLE)
-    figure, grid = plt.subplots(1, len(SINGLE), figsize=(WIDTH_IN, 3.9), squeeze=False)
-    for axes, (name, found) in zip(grid[0], tracks.items(), strict=True):
+    figure, grid = plt.subplots(
+        len(DRIVEN_BY), len(SINGLE), figsize=(WIDTH_IN, 7.6), sharex=True, squeeze=False
+    )
+    for axes, ((name, method), found) in zip(grid.flat, tracks.items(), strict=True):
         _draw_tracks(axes, PAPER[name], found)
         reached = sum(track.outcome == "success" for track in found)
-        axes.set_title(f"scenario {name}: {reached} of {len(found)} reached", loc="left")
-    grid[0, 0].set_ylabel("y in cm")
+        axes.set_title(f"{name}, {method}: {reached} of {len(found)} reached", loc="left")
+        axes.set_xlabel("x in cm" if axes in grid[-1] else "")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("y in cm")
     claim = (
         "after learning, short (sub-optimal) paths lead to the target from any random start of a "
         "relatively large grid."
@@ -75,17 +85,18 @@ def fig09(results: Path) -> Drawing:
 
 
 def fig12(results: Path) -> Drawing:
-    """Paths of pairs: an episode on each board, a scenario in each column.
+    """Draw paths of pairs, a method in each row, and below them the distance of their centres.
 
     Raises:
         FigureError: there are no recordings.
     """
     tracks = _read(results, PAIRS)
     return Drawing(
-        _draw_boards(tracks),
+        _draw_pairs(tracks),
         _caption(
             "fig12",
-            "Paths of pairs",
+            "Paths of pairs in the first episode, and the distance of their centres in all "
+            "(dotted: paper, solid: moves; line at 5 cm: contact)",
             "sub-optimal paths of both robots are found from random starts, while a collision "
             "between them is avoided.",
             tracks,
@@ -93,80 +104,90 @@ def fig12(results: Path) -> Drawing:
     )
 
 
-def recorded(scenario: str, results: Path) -> list[Path]:
-    """Recordings of a scenario's episodes, in their order.
+def recorded(name: str, results: Path) -> list[Path]:
+    """Return the recordings of a result's episodes, in their order.
 
     Raises:
         FigureError: there are none.
     """
-    paths = recordings(scenario, results)
+    paths = recordings(name, results)
     if not paths:
-        command = RESULTS[f"episodes_{scenario}"].command(results)
-        raise FigureError(f"scenario {scenario}: no recordings; run `{command}` first")
+        raise FigureError(f"{name}: no recordings; run `{RESULTS[name].command(results)}` first")
     return paths
 
 
-def _read(results: Path, scenarios: tuple[str, ...]) -> dict[str, list[Track]]:
-    return {name: [read_track(path) for path in recorded(name, results)] for name in scenarios}
+def _read(results: Path, scenarios: tuple[str, ...]) -> Tracks:
+    return {
+        (name, method): [read_track(path) for path in recorded(episodes_of(name, method), results)]
+        for method in DRIVEN_BY
+        for name in scenarios
+    }
 
 
-def _draw_boards(tracks: dict[str, list[Track]]) -> Figure:
-    rows, columns = max(map(len, tracks.values())), len(tracks)
-    width = WIDTH_IN / columns
-    size = (WIDTH_IN, (width + 0.35) * rows)
-    figure, grid = plt.subplots(rows, columns, figsize=size, squeeze=False)
-    for column, (name, found) in zip(grid.T, tracks.items(), strict=True):
-        for axes in column[len(found) :]:
-            axes.set_axis_off()
-        for axes, track in zip(column, found, strict=False):
-            _draw_tracks(axes, PAPER[name], [track])
-            axes.set_title(f"scenario {name}: {track.outcome.replace('_', ' ')}", loc="left")
-        for axes in column[: len(found) - 1]:
-            axes.set_xlabel("")
-    for axes in grid[:, 0]:
+def _draw_pairs(tracks: Tracks) -> Figure:
+    figure, grid = plt.subplots(
+        len(DRIVEN_BY) + 1, len(PAIRS), figsize=(WIDTH_IN, 7.2), squeeze=False,
+        height_ratios=[*(3 for _ in DRIVEN_BY), 2],
+    )  # fmt: skip
+    for axes, ((name, method), found) in zip(grid.flat, tracks.items(), strict=False):
+        _draw_tracks(axes, PAPER[name], found[:1])
+        axes.set_title(f"{name}, {method}: {found[0].outcome.replace('_', ' ')}", loc="left")
+        axes.set_xlabel("")
+        distance = grid[-1, PAIRS.index(name)]
+        for track in found:
+            first, second = track.positions_m
+            apart_cm = 100.0 * np.linalg.norm(first - second, axis=1)
+            distance.plot(track.times_s, apart_cm, STYLES[method], color=BLACK, linewidth=0.8)
+    for name, axes in zip(PAIRS, grid[-1], strict=True):
+        contact_cm = 100.0 * PAPER[name].robot_diameter_m
+        axes.axhline(contact_cm, color=VERMILION, linewidth=0.8)
+        axes.set(xlabel="time in s", ylim=(0.0, None))
+    for axes in grid[:-1, 0]:
         axes.set_ylabel("y in cm")
+    grid[-1, 0].set_ylabel("distance in cm")
     return figure
 
 
 def _draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:
-    """Lines: centres of robots; dots: cells at the decisions; circles: rims at start and end."""
+    """Draw centres of robots as lines, marks of time as dots, rims at start and end as circles."""
     draw_board(axes, scenario)
-    cell_cm = 100.0 * scenario.cell_m
     radius_cm = 50.0 * scenario.robot_diameter_m
     for track in tracks:
-        for robot, (position, cells) in enumerate(zip(track.positions_m, track.cells, strict=True)):
+        marks = np.searchsorted(track.times_s, np.arange(MARK_S, track.time_s, MARK_S))
+        for robot, position in enumerate(track.positions_m):
             colour = robot_colour(robot)
             line = "-" if track.outcome == "success" else ":"
             axes.plot(*(100.0 * position.T), line, color=colour, linewidth=1.0)
-            centres = (cells + 0.5) * cell_cm
-            axes.plot(*centres.T, ".", color=colour, markersize=2.5, alpha=0.6)
+            marked = position[np.minimum(marks, len(position) - 1)]
+            axes.plot(*(100.0 * marked.T), ".", color=colour, markersize=4)
             for place, alpha in ((position[0], 0.35), (position[-1], 0.8)):
                 centre = (100.0 * place[0], 100.0 * place[1])
                 axes.add_patch(Circle(centre, radius_cm, fill=False, color=colour, alpha=alpha))
 
 
-def _caption(figure: str, title: str, claim: str, tracks: dict[str, list[Track]]) -> Caption:
+def _caption(figure: str, title: str, claim: str, tracks: Tracks) -> Caption:
     numbers: dict[str, Any] = {}
     ours = []
-    for name, found in tracks.items():
+    for (name, method), found in tracks.items():
         outcomes = [track.outcome for track in found]
         succeeded = [track for track in found if track.outcome == "success"]
         lengths = [100.0 * np.mean(track.path_length_m) for track in succeeded]
-        numbers[name] = {
+        numbers[f"{name} {method}"] = {
             "outcomes": outcomes,
             "path_length_cm": [float(length) for length in lengths],
             "time_s": [track.time_s for track in found],
         }
         others = sorted({outcome.replace("_", " ") for outcome in outcomes} - {"success"})
         share = f"{len(succeeded)} of {len(found)}"
-        text = f"Scenario {name}: {share} co-simulated episodes end in success"
+        text = f"Scenario {name}, method {method}: {share} co-simulated episodes end in success"
         if lengths:
             text += f", after {np.mean(lengths):.1f} cm a robot on average"
         ours.append(text + (f"; the others: {', '.join(others)}." if others else "."))
     return Caption(
         figure,
-        f"{title} with motors, mass and friction; lines: centres (dotted where the episode "
-        "failed), dots: cells at the decisions, circles: rims at the start (light) and the end",
+        f"{title}, with motors, mass and friction, of policies by the paper's method and by "
+        f"moves, with the same starts and noise; lines: centres (dotted where the episode failed), "
+        f"dots: every {MARK_S:g} s, circles: rims at the start (light) and the end",
         claim,
         tuple(ours),
         numbers,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
 from analysis.figures.style import BLACK, BLUE, GREEN, GREY, VERMILION, WIDTH_IN, Caption, Drawing
@@ -73,7 +74,7 @@ def fig04(results: Path) -> Drawing:
     return Drawing(_robot(TABLE_I), _robot_caption(TABLE_I))
 
 
-def _robot(robot: RobotParams) -> plt.Figure:
+def _robot(robot: RobotParams) -> Figure:
     figure, axes = plt.subplots(figsize=(WIDTH_IN / 2, WIDTH_IN / 2))
     radius = 1e3 * robot.diameter_m / 2.0
     _blank(axes, (-1.3 * radius, 1.5 * radius), (-1.2 * radius, 1.2 * radius))

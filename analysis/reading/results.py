@@ -13,6 +13,9 @@ from cosim.scenarios.built_in import PAPER
 # Episodes of a scenario whose paths Fig. 9 or 12 shows: the paper draws many of one robot on one
 # board, and few of a pair.
 SINGLE_EPISODES, PAIR_EPISODES = 6, 2
+# Methods whose policies drive them, from the same starts with the same noise: the paper's, and the
+# one that learns on moves observed in the co-simulation.
+DRIVEN_BY = ("paper", "moves")
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class Result:
         proof: file below the results folder that is there once the result can be used.
         module: makes it.
         of: experiment or scenario, where the module makes several.
+        method: by which the policy of a run is made.
         arguments: of the module, without --out.
     """
 
@@ -35,6 +39,7 @@ class Result:
     proof: str
     module: str
     of: str = ""
+    method: str = ""
     arguments: tuple[str, ...] = ()
 
     def location(self, results: Path) -> Path:
@@ -57,16 +62,22 @@ class Result:
 
 def _experiment(name: str, title: str) -> Result:
     folder = f"experiments/{name}"
-    return Result(name, title, folder, f"{folder}/results.json", "agent.experiments", name, (name,))
+    proof = f"{folder}/results.json"
+    return Result(name, title, folder, proof, "agent.experiments", name, arguments=(name,))
 
 
-def _episodes(scenario: str) -> Result:
-    folder, alone = f"episodes/{scenario}", PAPER[scenario].robots == 1
-    title = f"scenario {scenario} co-simulated (Fig. {9 if alone else 12})"
+def episodes_of(scenario: str, method: str) -> str:
+    """Return the name of the result with a scenario's episodes under a method's policy."""
+    return f"episodes_{scenario}_{method}"
+
+
+def _episodes(scenario: str, method: str) -> Result:
+    folder, alone = f"episodes/{scenario}-{method}", PAPER[scenario].robots == 1
+    title = f"scenario {scenario} co-simulated, method {method} (Fig. {9 if alone else 12})"
     count = str(SINGLE_EPISODES if alone else PAIR_EPISODES)
-    arguments = ("--scenario", scenario, "--episodes", count, "--jobs", "2")
-    proof = f"{folder}/summary.json"
-    return Result(f"episodes_{scenario}", title, folder, proof, "cosim.run", scenario, arguments)
+    arguments = ("--scenario", scenario, "--method", method, "--episodes", count, "--jobs", "2")
+    proof, name = f"{folder}/summary.json", episodes_of(scenario, method)
+    return Result(name, title, folder, proof, "cosim.run", scenario, method, arguments)
 
 
 # In the order of being made: the quick ones first, so that a mistake shows early.
@@ -94,7 +105,7 @@ RESULTS: dict[str, Result] = {
             "calibration/calibration.npz",
             "cosim.calibrate",
         ),
-        *(_episodes(scenario) for scenario in PAPER),
+        *(_episodes(scenario, method) for scenario in PAPER for method in DRIVEN_BY),
         _experiment("fig08", "training of one robot (Fig. 8)"),
         _experiment("fig11", "training of pairs (Fig. 11)"),
         _experiment("fig10", "training with values of c (Fig. 10)"),
@@ -118,12 +129,12 @@ FIGURES: dict[str, tuple[str, ...]] = {
     "fig06": (),
     "fig07": ("motor_test",),
     "fig08": ("fig08",),
-    "fig09": ("episodes_1a", "episodes_1b"),
+    "fig09": tuple(episodes_of(name, method) for method in DRIVEN_BY for name in ("1a", "1b")),
     "fig10": ("fig10",),
     "fig11": ("fig11",),
-    "fig12": ("episodes_2", "episodes_3", "episodes_4"),
+    "fig12": tuple(episodes_of(name, method) for method in DRIVEN_BY for name in ("2", "3", "4")),
     "groups": (),
-    "motor_cycle": ("episodes_2",),
+    "motor_cycle": (episodes_of("2", "moves"),),
     "obstacles": (),  # scenarios as well
     "path_ratio": ("fig08", "fig11"),
     "sequel": ("sequel",),
@@ -136,6 +147,6 @@ def missing(figure: str, results: Path) -> list[Result]:
     return [RESULTS[name] for name in FIGURES[figure] if not RESULTS[name].exists(results)]
 
 
-def recordings(scenario: str, results: Path) -> list[Path]:
-    """Recordings of a scenario's episodes, in their order."""
-    return sorted(RESULTS[f"episodes_{scenario}"].location(results).glob("episodes/ep_*.rrd"))
+def recordings(name: str, results: Path) -> list[Path]:
+    """Recordings of a result's episodes, in their order."""
+    return sorted(RESULTS[name].location(results).glob("episodes/ep_*.rrd"))

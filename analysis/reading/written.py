@@ -49,13 +49,13 @@ def read_transfer(results: Path) -> TransferReport:
     return read_json(path, kind_of("transfer", results), TransferReport)
 
 
-def read_run(scenario: str, results: Path) -> tuple[EpisodeResult, ...]:
-    """Episodes of a run of `cosim.run`; none if it was not run.
+def read_run(name: str, results: Path) -> tuple[EpisodeResult, ...]:
+    """Return the episodes of a run of `cosim.run`; none if it was not run.
 
     Raises:
         ResultError: its summary is damaged.
     """
-    result = RESULTS[f"episodes_{scenario}"]
+    result = RESULTS[name]
     if not result.exists(results):
         return ()
     path = result.proof_in(results)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from analysis.figures.style import FORMATS, Caption, FigureError, read_caption
-from analysis.reading.results import FIGURES, RESULTS, missing
+from analysis.reading.results import DRIVEN_BY, FIGURES, RESULTS, Result, episodes_of, missing
 from analysis.reading.written import read_run
 from analysis.timings import TimingsFile
 from cosim.base.errors import UserError
@@ -105,30 +105,36 @@ def episodes(results: Path, out: Path) -> Iterator[Watchable]:
     Raises:
         ResultError: a summary is damaged.
     """
-    for name, scenario in PAPER.items():
-        result = RESULTS[f"episodes_{name}"]
-        for number, episode in enumerate(read_run(name, results)):
+    for run, result in _runs():
+        for number, episode in enumerate(read_run(result.name, results)):
             recording = result.location(results) / (episode.recording or "")
             if not recording.is_file():
                 continue
-            file = f"recordings/{name}-{number}.rrd"
+            file = f"recordings/{run}-{number}.rrd"
             place(recording, out / file)
             yield Watchable(
-                name=f"{name}/{number}",
+                name=f"{run}/{number}",
                 file=file,
                 outcome=episode.outcome.replace("_", " "),
                 path_length_cm=episode.path_length_cm,
                 sim_time_s=episode.sim_time_s,
                 megabytes=recording.stat().st_size / 1e6,
-                robots=scenario.robots,
+                robots=PAPER[result.of].robots,
             )
+
+
+def _runs() -> Iterator[tuple[str, Result]]:
+    """Runs of the main command by scenario and method, such as 2-moves."""
+    for name in PAPER:
+        for method in DRIVEN_BY:
+            yield f"{name}-{method}", RESULTS[episodes_of(name, method)]
 
 
 class Training(NamedTuple):
     """A recorded training on the page.
 
     Attributes:
-        scenario: its name.
+        scenario: its name and the method.
         file: recording, relative to the page.
     """
 
@@ -138,8 +144,8 @@ class Training(NamedTuple):
 
 def trainings(results: Path, out: Path) -> Iterator[Training]:
     """Recorded trainings of the policies that drove the episodes."""
-    for name in PAPER:
-        recording = RESULTS[f"episodes_{name}"].location(results) / "training.rrd"
+    for name, result in _runs():
+        recording = result.location(results) / "training.rrd"
         if recording.is_file():
             file = f"recordings/{name}-training.rrd"
             place(recording, out / file)

@@ -23,8 +23,7 @@ TINY = Profile(
     name="tiny",
     runs=2,
     train_episodes=3000,
-    drive_method="paper",  # needs no observed moves
-    drive_episodes=20_000,
+    drive_episodes={"paper": 20_000, "moves": 20_000},
     single_episodes=1,
     pair_episodes=1,
     episode_limit_s=8.0,
@@ -36,6 +35,7 @@ TINY = Profile(
 
 def evaluate_seldom(patch):
     """Few evaluations on the way, of groups from few starts: policies so raw circle to the end."""
+    patch.setattr("agent.moves.observe.MOVES_PER_KIND", 1)
     patch.setattr("agent.process.exact.MAX_STARTS", 1000)  # as many as pairs have, and more
     for module in ("agent.method", "agent.experiments.run"):
         patch.setattr(import_module(module), "replace", partial(replace, greedy_points=6))
@@ -72,7 +72,7 @@ def results(reproduction):
 @pytest.fixture(scope="session")
 def run_folder(results):
     """A run of two robots, one episode of 8 s."""
-    return RESULTS["episodes_2"].location(results)
+    return RESULTS["episodes_2_moves"].location(results)
 
 
 @pytest.fixture(scope="session")

@@ -22,20 +22,20 @@ def close_figures():
 
 def test_tracks_are_those_of_the_recordings(results, run_folder):
     figure, caption = paths.fig12(results)
-    boards = [axes for axes in figure.axes if axes.axison]
-    assert len(boards) == 3
-    lines = [line for line in boards[0].lines if len(np.asarray(line.get_xdata())) > 100]
+    boards, distances = figure.axes[:6], figure.axes[6:]
+    assert [len(axes.lines) for axes in distances] == [3, 3, 3]  # two methods, and contact
+    lines = [line for line in boards[3].lines if len(np.asarray(line.get_xdata())) > 100]
     assert [line.get_color() for line in lines] == [*ROBOT_COLOURS[:2]]
-    (path,) = recordings("2", results)
+    (path,) = recordings("episodes_2_moves", results)
     position = read_episode(path).signals["/sim/r2/position"].values
     np.testing.assert_array_equal(lines[1].get_xydata(), 100.0 * position)
     (result,) = json.loads((run_folder / "summary.json").read_text())["episodes"]
-    assert caption.numbers["2"]["outcomes"] == [result["outcome"]] == ["timeout"]
-    assert "Scenario 2: 0 of 1 co-simulated episodes end in success" in caption.text()
+    assert caption.numbers["2 moves"]["outcomes"] == [result["outcome"]] == ["timeout"]
+    assert "Scenario 2, method moves: 0 of 1 co-simulated episodes end in success" in caption.text()
 
 
 def test_length_of_a_track_is_that_of_the_run(results, run_folder):
-    (path,) = recordings("2", results)
+    (path,) = recordings("episodes_2_moves", results)
     (result,) = json.loads((run_folder / "summary.json").read_text())["episodes"]
     lengths = [100.0 * length for length in paths.read_track(path).path_length_m]
     assert lengths == pytest.approx(result["path_length_cm_by_robot"], abs=0.05)
@@ -44,10 +44,12 @@ def test_length_of_a_track_is_that_of_the_run(results, run_folder):
 def test_one_board_holds_all_tracks_of_one_robot(results):
     figure, caption = paths.fig09(results)
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
-        "scenario 1a: 0 of 1 reached",
-        "scenario 1b: 0 of 1 reached",
+        "1a, paper: 0 of 1 reached",
+        "1b, paper: 0 of 1 reached",
+        "1a, moves: 0 of 1 reached",
+        "1b, moves: 0 of 1 reached",
     ]
-    assert caption.inputs == ("episodes_1a", "episodes_1b")
+    assert caption.inputs[:2] == ("episodes_1a_paper", "episodes_1b_paper")
 
 
 def test_missing_recordings_are_named(tmp_path):
@@ -59,7 +61,7 @@ def test_missing_recordings_are_named(tmp_path):
 
 @pytest.fixture(scope="module")
 def cycle(results):
-    (path,) = recordings("2", results)
+    (path,) = recordings("episodes_2_moves", results)
     return motor_cycle.find_cycle(read_episode(path))
 
 
@@ -87,3 +89,15 @@ def test_cycle_is_drawn_and_described(cycle):
     force, load, speed, distance = motor_cycle.draw(cycle).axes
     np.testing.assert_array_equal(force.lines[0].get_ydata(), cycle.driving_n)
     assert [len(axes.lines) for axes in (force, load, speed, distance)] == [2, 3, 2, 1]
+
+
+def test_methods_meet_the_same_starts(results):
+    """Two methods are compared from the same starts and with the same noise."""
+    starts = {
+        method: [
+            track.positions_m[0][0].tolist()
+            for track in paths._read(results, ("1a",))["1a", method]
+        ]
+        for method in ("paper", "moves")
+    }
+    assert starts["paper"] == starts["moves"]

@@ -13,7 +13,7 @@ def test_figures_are_drawn_from_defined_results():
     assert len(set(locations)) == len(locations)
 
 
-@pytest.mark.parametrize("name", ["platform", "motor_test", "fig08", "episodes_4"])
+@pytest.mark.parametrize("name", ["platform", "motor_test", "fig08", "episodes_4_paper"])
 def test_commands_exist_and_name_the_place(name, tmp_path):
     result = RESULTS[name]
     assert importlib.util.find_spec(result.module) is not None
@@ -31,8 +31,11 @@ def test_what_is_missing_is_what_has_no_proof(tmp_path):
 
 
 def test_recordings_are_found_in_order(tmp_path):
-    folder = tmp_path / "episodes" / "2" / "episodes"
+    folder = tmp_path / "episodes" / "2-paper" / "episodes"
     folder.mkdir(parents=True)
     for name in ("ep_001.rrd", "ep_000.rrd", "ep_002.rrd.part"):
         (folder / name).touch()
-    assert [path.name for path in recordings("2", tmp_path)] == ["ep_000.rrd", "ep_001.rrd"]
+    assert [path.name for path in recordings("episodes_2_paper", tmp_path)] == [
+        "ep_000.rrd",
+        "ep_001.rrd",
+    ]
