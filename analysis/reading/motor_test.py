@@ -1,5 +1,6 @@
 """Recordings of `python -m analysis.motor_test`: the signals of both loops as arrays."""
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,6 +52,43 @@ def read(path: Path) -> dict[str, Response]:
             f"{path} is no recording of a motor test ({error}); "
             "make one with `python -m analysis.motor_test`"
         ) from error
+
+
+class Rise(NamedTuple):
+    """How a speed comes up to its set point; None where it does not within the test.
+
+    Attributes:
+        to_63_percent_s, to_90_percent_s, to_98_percent_s: time until the share is first reached.
+        within_2_percent_s: time from which on the speed stays within ±2 % of the set point.
+        overshoot: largest speed over the set point, less 1.
+    """
+
+    to_63_percent_s: float | None
+    to_90_percent_s: float | None
+    to_98_percent_s: float | None
+    within_2_percent_s: float | None
+    overshoot: float
+
+
+SHARES = (1.0 - math.exp(-1.0), 0.9, 0.98)  # the first is the time constant of a first-order lag
+BAND = 0.02
+
+
+def rise(time_s: np.ndarray, omega: np.ndarray, set_point: float) -> Rise:
+    """Return how a speed comes up to its set point.
+
+    Args:
+        time_s: (n,) from the step on.
+        omega: (n,) speed in rad/s.
+        set_point: in rad/s.
+    """
+    near = np.abs(omega - set_point) <= BAND * set_point
+    stays = np.logical_and.accumulate(near[::-1])[::-1]
+    to_63, to_90, to_98, within = (
+        float(time_s[np.argmax(there)]) if there.any() else None
+        for there in (*(omega >= share * set_point for share in SHARES), stays)
+    )
+    return Rise(to_63, to_90, to_98, within, float(omega.max() / set_point - 1.0))
 
 
 def _response(signals: dict[str, Signal], loop: str) -> Response:

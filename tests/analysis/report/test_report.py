@@ -79,7 +79,9 @@ def test_episode_can_be_chosen(reproduction, tmp_path):
     results, figures = reproduction / "results", reproduction / "figures"
     page = write_report(results, tmp_path / "report", figures, episode="1a-moves/0")
     assert "recordings/1a-moves-0.rrd" in page.read_text(encoding="utf-8")
-    with pytest.raises(ReportError, match="--episode 4/7: no such recording; choose one of: 1a-paper/0"):
+    with pytest.raises(
+        ReportError, match="--episode 4/7: no such recording; choose one of: 1a-paper/0"
+    ):
         write_report(results, tmp_path / "report", figures, episode="4/7")
 
 
