@@ -40,7 +40,7 @@ def test_timings_are_of_every_stage(out):
 
 def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny):
     results = out / "results"
-    lost, kept = results / "motor_test.rrd", results / "episodes" / "2" / "summary.json"
+    lost, kept = results / "motor_test.rrd", results / "episodes" / "2-moves" / "summary.json"
     policy = results / "experiments" / "fig08" / "1a" / "run_000" / "policy.npz"
     RESULTS["fig08"].proof_in(results).unlink()
     lost.unlink()
