@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 
 # Each makes one thing when it is told to, and says whether it was the one that made it.
 SCRIPT = """
@@ -20,7 +21,7 @@ os.environ["MINIROBOTS_CACHE"] = sys.argv[1]  # but for the kernels
 
 @kernel
 def squares(count):
-    total = 0
+    total = NUMBER  # another kernel each time
     for k in range(count):
         total += k * k
     return total
@@ -50,7 +51,7 @@ for make in (compiled, built, trained):
 
 def test_two_processes_make_everything_once(tmp_path):
     script = tmp_path / "make.py"
-    script.write_text(SCRIPT)
+    script.write_text(SCRIPT.replace("NUMBER", str(time.time_ns())))
     pair = [
         subprocess.Popen(
             [sys.executable, script, tmp_path / "cache"],
