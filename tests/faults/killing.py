@@ -19,7 +19,8 @@ from cosim.reading.rrd import read_rrd
 CACHED = ("kernels", "calibrations", "fmus", "policies", "bounds", "web_viewer")
 # What depends on the clock, by its name in JSON.
 OF_THE_CLOCK = {
-    "attempts", "cores", "elapsed_s", "episode_wall_s", "realtime_factor", "seconds", "sessions",
+    "attempts", "cores", "elapsed_s", "episode_wall_s", "issued", "realtime_factor", "seconds",
+    "sessions",
     "simulated", "wall_s",
 }  # fmt: skip
 # What the log says of a file of the cache that is not whole.
