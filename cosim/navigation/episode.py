@@ -96,12 +96,14 @@ class RunningEpisode:
         state.cameras[columns] = camera_of(sensor, period_s)
         self._commands[:] = self._shields[:] = 0.0
         self._commands[:, THROUGH] = config.through
+        headings_rad = np.empty(n)
         for robot, cell in enumerate(starts):
             x, y = scenario.centre_m(cell)
             # Assumed: robots are set down facing the middle of the board.
             facing = math.copysign(math.pi / 2.0, scenario.size_m[1] / 2.0 - y)
             self._bodies[robot] = standing_state(config.robot, x, y, facing)
             self._estimates[robot, POSE : POSE + 3] = x, y, facing
+            headings_rad[robot] = facing
         self._detours = generator(seed, DETOUR_CHILD)
         self.draw_from(seed)
         self._step = self._tick = 0
@@ -113,7 +115,7 @@ class RunningEpisode:
         self._action = np.full(n, -1)
         positions_m = self._positions_m()
         self._squared_at_decision = nearest_squared(cells_of(positions_m, self._board.cell_m))
-        self.measures = Measures(positions_m, config.timing.control_period_s)
+        self.measures = Measures(positions_m, headings_rad, config.timing.control_period_s)
         self.outcome = Outcome.RUNNING
         self.observation = self._observe()
 
