@@ -154,7 +154,7 @@ def test_progress_is_told_every_task_to_its_end(policy):
     ("arguments", "error", "message"),
     [
         ({"friction": 0.2}, ConfigError, "no option friction; choose from .*mu.*time_limit"),
-        ({"driver": "fast"}, ConfigError, "driver = 'fast' is unknown; choose one of compiled, "),
+        ({"driver": "fast"}, ConfigError, "driver = 'fast' is unknown; choose one of fmpy, "),
         ({"record": "none"}, ConfigError, "record = 'none' is unknown; choose one of summary, "),
         ({"order": "random"}, ConfigError, "order = 'random' is unknown; choose one of gauss-"),
         ({"on_collision": "stop"}, ConfigError, "on_collision = 'stop' is unknown; choose one of"),
