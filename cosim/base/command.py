@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 import msgspec
 import tyro
 
+from cosim.base.arguments import MAX_SEED
 from cosim.base.errors import UserError, visible
 
 if TYPE_CHECKING:
@@ -85,6 +86,8 @@ def require_at_least(least: int, **options: float | None) -> None:
         if value is not None and not value >= least:
             must = f"be at least {least}" if least else "not be negative"
             raise UserError(f"--{name.replace('_', '-')} must {must}")
+        if value is not None and value >= MAX_SEED:
+            raise UserError(f"--{name.replace('_', '-')} must be below 2**63")
 
 
 def require_falling(**options: Sequence[float]) -> None:

@@ -91,7 +91,7 @@ class RunningEpisode:
         self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
         self._events, self._columns = state.events[columns], columns
         self._estimates, self._shields = state.estimates[columns], state.shields[columns]
-        sensor, period_s = config.world.sensor, config.timing.control_period_s
+        sensor, period_s = config.world.camera, config.timing.control_period_s
         self._estimates[:] = 0.0
         state.cameras[columns] = camera_of(sensor, period_s)
         self._commands[:] = self._shields[:] = 0.0
@@ -150,7 +150,7 @@ class RunningEpisode:
         self._decided = self._adopt(self._directions(action))
         self._was_moving = ~self._at_end()
         noise[:] = draw_noise(self.config, self._noise, len(noise))
-        sensor = self.config.world.sensor
+        sensor = self.config.world.camera
         if sensor.rate_hz:
             for robot, rng in enumerate(self._cameras):
                 sight[:, robot] = draw_sight(sensor, rng, len(sight))
@@ -263,7 +263,7 @@ class RunningEpisode:
     def _positions_m(self) -> np.ndarray:
         """Where the robots think they are, (N, 2)."""
         positions_m = self._estimates[:, POSE : POSE + 2].copy()
-        if self.config.world.sensor.rate_hz:  # nobody thinks to be off the board and still asked
+        if self.config.world.camera.rate_hz:  # nobody thinks to be off the board and still asked
             positions_m = positions_m.clip(0.0, np.nextafter(self.scenario.size_m, 0.0))
         return positions_m
 
