@@ -50,7 +50,7 @@ class Physics:
             if number and not (0.0 <= value <= MAX_VALUE and (value or name in _MAY_BE_ZERO)):
                 sign = "not negative" if name in _MAY_BE_ZERO else "positive"
                 raise ConfigError(
-                    f"{name} = {value:g} must be finite and {sign}, at most {MAX_VALUE:g}"
+                    f"{name} = {value} must be finite and {sign}, at most {MAX_VALUE:g}"
                 )
 
     def config(self, world: World = IDEAL) -> CoSimConfig:

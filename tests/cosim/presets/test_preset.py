@@ -108,7 +108,7 @@ def test_a_world_sets_what_a_machine_brings_along_back_to_ideal(written):
 
 
 def test_a_communication_step_of_zero_is_refused():
-    with pytest.raises(ConfigError, match="communication_step = 0 must be finite and positive"):
+    with pytest.raises(ConfigError, match=r"communication_step = 0\.0 must be finite and positive"):
         Physics(communication_step=0.0)
 
 
