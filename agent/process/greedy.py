@@ -12,7 +12,6 @@ from agent.process.acting import greedy
 from agent.process.exact import Evaluation
 from agent.process.readings import Process, build_process
 from agent.process.rewards import DrivenStep, reward_parts
-from cosim.base.arguments import taken
 from cosim.base.errors import UserError
 from cosim.base.storage import json_text, named, replacing, write_json
 from cosim.navigation.features import Observation
@@ -71,7 +70,7 @@ class GreedyPolicy(ABC):
             StorageError: its name does not end in .npz.
             OSError: the folder cannot be written.
         """
-        path = named(taken("path", path, Path), ".npz")
+        path = named(path, ".npz")
         facts = {"scenario_digest": self.config.scenario.digest(), "episodes": self.episodes}
         description = msgspec.to_builtins(self.config) | facts
         write_json(path.with_suffix(".json"), description)

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.arguments import taken
 from cosim.base.reading import Kind, parsing, require_file
 from cosim.base.storage import StorageError, named, replacing
 from cosim.reading.rrd import RecordingReadError, Signal, Texts, read_rrd
@@ -172,7 +171,7 @@ class Episode:
             RecordingReadError: the recording itself is gone.
             OSError: the folder cannot be written.
         """
-        path = named(taken("path", path, Path), ".rrd")
+        path = named(path, ".rrd")
         if path.exists():
             raise StorageError(f"{path}: it exists; move it away or choose another name")
         require_file(self.path, EPISODE)
