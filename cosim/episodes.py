@@ -130,8 +130,7 @@ class _Attended:
     def act(self) -> np.ndarray:
         if (seed := self._task.redrawn.get(self._steps)) is not None:
             self.episode.draw_from(seed)
-        self._wanted = self._task.policy.act(self.episode.observation)
-        return self._wanted
+        return self._task.policy.act(self.episode.observation)
 
     def take(self, step: Step, wall_s: float) -> None:
         """Watch and record an RL step that took so long."""
@@ -145,7 +144,6 @@ class _Attended:
                 step,
                 q_values and q_values(step.before),
                 parts and parts(step, self.episode.arrived),
-                np.asarray(self._wanted),
             )
             if step.outcome:
                 self._recorder.conclude(facts_of(self.result()))

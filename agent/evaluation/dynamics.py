@@ -6,7 +6,6 @@ come; the command line is `cosim.evaluate`.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 
@@ -24,20 +23,16 @@ from cosim.navigation.options import Driving
 from cosim.navigation.result import EpisodeResult
 from cosim.scenarios.file import find_in_world, in_world, read_world
 
-STARTS = 50
-Starts = int | Literal["all"] | None
-
 
 class Evaluated:
     """A named policy with the episodes asked for and those that are there."""
 
     def __init__(
-        self, name: str, file: ResultFile, starts: Starts, folder: Path, recorded: int
+        self, name: str, file: ResultFile, starts: int | None, folder: Path, recorded: int
     ) -> None:
         self.name = name
         self.case = file.case
-        some = min(STARTS, len(file.case.starts)) if starts is None else starts
-        self.indices = file.case.sample(None if some == "all" else some)
+        self.indices = file.case.sample(starts)
         self.file = file
         self.recordings: dict[int, Path] = {}
         self._folder, self._recorded = folder, recorded
@@ -79,7 +74,7 @@ def evaluate(
     physics: Driving,
     out: Path,
     *,
-    starts: Starts = None,
+    starts: int | None = 50,
     seed: int = 0,
     scenario: str | None = None,
     recordings: int = 3,
@@ -92,7 +87,7 @@ def evaluate(
         policies: files, or folders of runs.
         physics: of the co-simulation.
         out: folder of results and recordings.
-        starts: how many to sample; by default `STARTS`, or all where there are fewer.
+        starts: how many to sample, None for all.
         seed: of the sample and of the speed noise.
         scenario: refuse policies of any other one.
         recordings: failures to record of each policy, and successes.

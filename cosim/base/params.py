@@ -200,6 +200,10 @@ class EstimatorParams(NamedTuple):
         float,
         Quantity("rad2/s", "assumed: 1.7° in 1 s", "growth of the variance of a driven heading"),
     ] = 9e-4
+    settle_s: Annotated[
+        float,
+        Quantity("s", "measured: at rest after 0.03 s", "time after a stop that counts as driven"),
+    ] = 0.1
 
 
 class ShieldParams(NamedTuple):
@@ -207,8 +211,8 @@ class ShieldParams(NamedTuple):
 
     stopping_m: Annotated[
         float,
-        Quantity("m", "measured: twice the largest", "from a look at a robot until it rests"),
-    ] = 1.5e-4
+        Quantity("m", "measured: 1 stop in 1e5, and 1/4", "from a look at a robot until it rests"),
+    ] = 1.1e-4
     room_m: Annotated[
         float, Quantity("m", "assumed: several retreats that fail", "room below which robots stop")
     ] = 6e-4
@@ -220,11 +224,12 @@ class ShieldParams(NamedTuple):
     ] = 1e-3
     retreat_m: Annotated[float, Quantity("m", "assumed: one cell", "length of a retreat")] = 0.01
     deviations: Annotated[
-        float, Quantity("1", "assumed", "standard deviations that bound an estimate's error")
+        float,
+        Quantity("1", "measured with a camera: 5 and the bias", "bound on an estimate's error, σ"),
     ] = 5.0
     jitter: Annotated[
-        float, Quantity("1", "assumed", "share of that bound which room_m and loss_m grow by")
-    ] = 0.3
+        float, Quantity("1", "assumed", "standard deviations that room_m and loss_m grow by")
+    ] = 1.5
 
 
 class Fig3Params(NamedTuple):

@@ -20,7 +20,6 @@ import msgspec
 import platformdirs
 from filelock import FileLock
 
-from cosim.base.arguments import taken
 from cosim.base.errors import UserError
 
 _LOGGER = logging.getLogger(__name__)
@@ -203,7 +202,7 @@ def named(path: Path | str, ending: str) -> Path:
     Raises:
         StorageError: its name ends otherwise.
     """
-    path = taken("path", path, Path)
+    path = Path(path)
     if path.suffix != ending:
         raise StorageError(f"{path}: its name must end in {ending}; choose {path.stem}{ending}")
     return path

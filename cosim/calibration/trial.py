@@ -11,6 +11,7 @@ import numpy as np
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import MotorParams
+from cosim.control.camera import FRAME_SIZE, NOISE, camera_of, frames_in_flight
 from cosim.coupling.assembly import (
     Motors,
     check_motors,
@@ -21,7 +22,14 @@ from cosim.coupling.assembly import (
 )
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver
-from cosim.coupling.signals import Samples, new_raw_samples, new_samples, new_state
+from cosim.coupling.signals import (
+    RawSamples,
+    Samples,
+    new_raw_samples,
+    new_samples,
+    new_state,
+    with_room,
+)
 from cosim.fmi.isolation import calling
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
@@ -38,6 +46,7 @@ class Trial:
     Attributes:
         bodies: (STATE_SIZE, N), layout in `cosim.physics.body_state`.
         commands: (N, COMMAND_SIZE), layout in `cosim.control.steering`.
+        estimates: (N, ESTIMATE_SIZE), layout in `cosim.control.estimation`.
         origins_m: (N, 2) where each robot was put.
         time_s: simulated time.
     """
@@ -50,6 +59,7 @@ class Trial:
         seed: np.random.SeedSequence,
         motors: Sequence[tuple[MotorParams, MotorParams]] | None = None,
         gravity: Vector | None = None,
+        sight: np.ndarray | None = None,
     ) -> None:
         """Put the robots on the floor.
 
@@ -60,6 +70,8 @@ class Trial:
             seed: of the speed noise; every motor gets a child of its own.
             motors: (N,) D and E of each robot; default the configuration's.
             gravity: in the frame of the floor, m/s²; default that of a level one.
+            sight: (M, N, NOISE) frames of the world's camera, see `cosim.control.camera`; default
+                no camera, so that poses are known exactly.
 
         Raises:
             FmuError: the FMU lacks a capability, refuses to load or to be initialised.
@@ -80,6 +92,15 @@ class Trial:
             self._state.properties[:, robot] = robot_properties(config, gravity, pair)
             self._motors.restart([robot], (pair,))
         self._state.running[:] = 1
+        if sight is not None:
+            sensor, columns = config.world.sensor, self._state.bodies.shape[1]
+            frames = np.zeros((columns, frames_in_flight(sensor), FRAME_SIZE))
+            self._state.cameras[:n] = camera_of(sensor, config.timing.control_period_s)
+            self._state = self._state._replace(
+                frames=frames, sight=np.zeros((len(sight), columns, NOISE))
+            )
+            self._state.sight[:, :n] = sight
+        self.estimates = self._state.estimates[:n]
         self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]
         self._noise = noise_generators(seed, n)
         self._driver = CompiledDriver(self._motors, lanes)
@@ -95,8 +116,21 @@ class Trial:
         """Simulated time in s."""
         return self._tick * self._config.timing.dt_s
 
-    def advance(self, periods: int) -> Samples:
+    def lay(self, patches: np.ndarray) -> None:
+        """Put a floor of its own under each robot: (N, P, 5), see `State.patches`."""
+        self._state = with_room(self._state, 0, patches.shape[1])
+        self._state.patches[: len(patches)] = patches
+
+    def ticks(self, count: int) -> RawSamples:
+        """Return room for the signals of `count` ticks, see `advance`."""
+        return new_raw_samples(count, self._state.bodies.shape[1])
+
+    def advance(self, periods: int, ticks: RawSamples | None = None) -> Samples:
         """Simulate some control periods, and return the samples at their ends.
+
+        Args:
+            periods: their number.
+            ticks: room for the first ticks, of all columns; written.
 
         Raises:
             FmuError: an FMU failed; names the instance and the time.
@@ -105,7 +139,7 @@ class Trial:
         samples = new_samples(periods, columns)
         noise = np.zeros((periods, columns, 2))
         noise[:, :n] = draw_noise(self._config, self._noise, periods)
-        raw = new_raw_samples(0, columns)
+        raw = new_raw_samples(0, columns) if ticks is None else ticks
         with calling(f"what begins at {self.time_s:g} s of a trial on an empty floor"):
             self._driver.advance(self._plant, self._state, noise, samples, raw)
         self._tick += periods * self._config.ticks_per_period

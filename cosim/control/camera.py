@@ -25,14 +25,13 @@ DELAY = 1  # of a frame
 POSITION_VARIANCE, HEADING_VARIANCE = 2, 3  # m², rad²
 _NOW = 4  # control periods since the start
 _TAKEN, _USED = 5, 6  # frames so far
-_LAST = 7  # when the frame was taken that arrived last
-SIGHT = 8  # frames since the noise was drawn
-_ROOM = 9  # for frames in flight
-CAMERA_SIZE = 10
+SIGHT = 7  # frames since the noise was drawn
+_ROOM = 8  # for frames in flight
+CAMERA_SIZE = 9
 
 # Layout of a frame under way.
 _AT, _FOUND, _SEEN, _REFERENCE = 0, 1, 2, 5
-FRAME_SIZE = 8
+FRAME_SIZE = 9
 
 NOISE = 4  # of a frame: x, y in m, heading in rad, and whether the robot is found
 
@@ -75,7 +74,6 @@ def look(
     estimate: np.ndarray,
     sight: np.ndarray,
     pose: Pose,
-    period_s: float,
     params: EstimatorParams,
 ) -> None:
     """Bring a robot's estimate to the start of a control period.
@@ -86,7 +84,6 @@ def look(
         estimate: of the robot, layout in `cosim.control.estimation`.
         sight: (M, NOISE) of frames since it was drawn.
         pose: the true one.
-        period_s: length of a control period.
         params: of the filter.
     """
     if camera[INTERVAL] == 0.0:
@@ -103,6 +100,7 @@ def look(
         for k in range(3):
             frame[_SEEN + k] = pose[k] + noise[k]
             frame[_REFERENCE + k] = reference[k]
+        frame[_REFERENCE + 3] = reference[3]
         camera[_TAKEN] += 1.0
         camera[SIGHT] += 1.0
     while camera[_USED] < camera[_TAKEN]:
@@ -114,12 +112,10 @@ def look(
             correct(
                 estimate,
                 (frame[_SEEN], frame[_SEEN + 1], frame[_SEEN + 2]),
-                (frame[_REFERENCE], frame[_REFERENCE + 1], frame[_REFERENCE + 2]),
-                (frame[_AT] - camera[_LAST]) * period_s,
+                odometry(frame, _REFERENCE),
                 camera[POSITION_VARIANCE],
                 camera[HEADING_VARIANCE],
                 params,
             )
-            camera[_LAST] = frame[_AT]
-    estimate_now(estimate, (now - camera[_LAST]) * period_s, params)
+    estimate_now(estimate, params)
     camera[_NOW] = now + 1.0

@@ -19,11 +19,13 @@ from cosim.physics.rotation import wrapped
 POSE = 0  # now
 COVARIANCE = 3  # of it, 3 x 3 row by row, m², m rad, rad²
 _STATE, _SIGMA = 12, 15  # pose and covariance at the last frame that has arrived
-ODOMETRY = 24  # commanded motion summed up since the start, a pose
-_REFERENCE = 27  # that sum at the last frame that has arrived
-ESTIMATE_SIZE = 30
+ODOMETRY = 24  # commanded motion summed up since the start, a pose and seconds of driving
+_REFERENCE = 28  # that sum at the last frame that has arrived
+_STILL = 32  # seconds since the motors were driven
+ESTIMATE_SIZE = 33
 
 Pose = tuple[float, float, float]
+Commanded = tuple[float, float, float, float]
 
 
 @inlined
@@ -37,18 +39,19 @@ def _put(estimate: np.ndarray, at: int, pose: Pose) -> None:
 
 
 @inlined
-def _between(first: Pose, second: Pose) -> Pose:
-    """The motion from one pose to another, in the frame of the first."""
+def _between(first: Commanded, second: Commanded) -> Commanded:
+    """Return the motion from one pose to another in the frame of the first, and its seconds."""
     c, s = math.cos(first[2]), math.sin(first[2])
     dx, dy = second[0] - first[0], second[1] - first[1]
-    return c * dx + s * dy, c * dy - s * dx, second[2] - first[2]
+    return c * dx + s * dy, c * dy - s * dx, second[2] - first[2], second[3] - first[3]
 
 
 @inlined
-def _predict(
-    estimate: np.ndarray, to: int, motion: Pose, seconds: float, params: EstimatorParams
-) -> None:
-    """Write the filter's pose after a motion, and its covariance behind it, to `to`."""
+def _predict(estimate: np.ndarray, to: int, motion: Commanded, params: EstimatorParams) -> None:
+    """Write the filter's pose after a motion, and its covariance behind it, to `to`.
+
+    Only a robot that is driven strays from what is commanded: at rest its variance does not grow.
+    """
     x, y, heading = _pose(estimate, _STATE)
     c, s = math.cos(heading), math.sin(heading)
     dx, dy = c * motion[0] - s * motion[1], s * motion[0] + c * motion[1]
@@ -64,9 +67,9 @@ def _predict(
     for k in range(0, 9, 3):
         after[k] -= dy * after[k + 2]
         after[k + 1] += dx * after[k + 2]
-    after[0] += params.position_drift_m2_s * seconds
-    after[4] += params.position_drift_m2_s * seconds
-    after[8] += params.heading_drift_rad2_s * seconds
+    after[0] += params.position_drift_m2_s * motion[3]
+    after[4] += params.position_drift_m2_s * motion[3]
+    after[8] += params.heading_drift_rad2_s * motion[3]
 
 
 @inlined
@@ -81,17 +84,37 @@ def start_estimate(
     estimate[_SIGMA + 8] = heading_variance
     for k in range(12):
         estimate[POSE + k] = estimate[_STATE + k]
+    estimate[_STILL] = math.inf
 
 
 @inlined
-def odometry(estimate: np.ndarray) -> Pose:
-    """The commanded motion since the start, to be kept with a frame."""
-    return _pose(estimate, ODOMETRY)
+def odometry(estimate: np.ndarray, at: int = ODOMETRY) -> Commanded:
+    """Return the commanded motion since the start, which is kept with a frame."""
+    return estimate[at], estimate[at + 1], estimate[at + 2], estimate[at + 3]
 
 
 @inlined
-def take_command(estimate: np.ndarray, speed: float, yaw_rate: float, seconds: float) -> None:
-    """Add up what is commanded: m/s along the heading, and rad/s."""
+def take_command(
+    estimate: np.ndarray,
+    speed: float,
+    yaw_rate: float,
+    driven: bool,
+    seconds: float,
+    params: EstimatorParams,
+) -> None:
+    """Add up what is commanded.
+
+    Args:
+        estimate: of the robot, see the layout.
+        speed: along the heading, m/s.
+        yaw_rate: in rad/s.
+        driven: whether a motor has a set point.
+        seconds: length of the control period.
+        params: how long robots move on after a stop.
+    """
+    estimate[_STILL] = 0.0 if driven else estimate[_STILL] + seconds
+    if estimate[_STILL] < params.settle_s:
+        estimate[ODOMETRY + 3] += seconds
     x, y, heading = _pose(estimate, ODOMETRY)
     # by the heading in the middle: exact to third order
     middle = heading + 0.5 * yaw_rate * seconds
@@ -104,8 +127,7 @@ def take_command(estimate: np.ndarray, speed: float, yaw_rate: float, seconds: f
 def correct(
     estimate: np.ndarray,
     seen: Pose,
-    reference: Pose,
-    seconds: float,
+    reference: Commanded,
     position_variance: float,
     heading_variance: float,
     params: EstimatorParams,
@@ -116,13 +138,12 @@ def correct(
         estimate: of the robot, see the layout.
         seen: pose in the frame.
         reference: `odometry` when it was taken.
-        seconds: from the frame before to this one.
         position_variance, heading_variance: of the camera, m² and rad².
         params: how much robots stray from what is commanded.
     """
-    motion = _between(_pose(estimate, _REFERENCE), reference)
-    _predict(estimate, _STATE, motion, seconds, params)
-    _put(estimate, _REFERENCE, reference)
+    _predict(estimate, _STATE, _between(odometry(estimate, _REFERENCE), reference), params)
+    for k in range(4):
+        estimate[_REFERENCE + k] = reference[k]
     sigma = estimate[_SIGMA : _SIGMA + 9]
     for row in range(3):
         variance = heading_variance if row == 2 else position_variance
@@ -145,7 +166,6 @@ def correct(
 
 
 @inlined
-def estimate_now(estimate: np.ndarray, seconds: float, params: EstimatorParams) -> None:
-    """Move the estimate on from the last frame to now, `seconds` later."""
-    motion = _between(_pose(estimate, _REFERENCE), _pose(estimate, ODOMETRY))
-    _predict(estimate, POSE, motion, seconds, params)
+def estimate_now(estimate: np.ndarray, params: EstimatorParams) -> None:
+    """Predict the present estimate from the last frame that has arrived."""
+    _predict(estimate, POSE, _between(odometry(estimate, _REFERENCE), odometry(estimate)), params)

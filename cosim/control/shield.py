@@ -1,4 +1,4 @@
-"""The shield: a monitor that keeps robots apart whatever their policies want (docs/shield.md).
+"""The shield: a monitor that keeps robots apart, for any policy (docs/shield.md: the premises).
 
 Every control period, before the steering, it looks at where robots are estimated to be. The room
 of a robot is its distance to another one, an obstacle or the board's edge, and the distance of its
@@ -28,7 +28,7 @@ from cosim.physics.collision import away_from
 
 # Layout of what the shield knows of one robot, float64.
 PARKED = 0  # 1.0: it has arrived, and does not retreat
-REFERENCE = 1  # room when its retreat began, m
+REFERENCE = 1  # room when its retreat began, without the error of estimates, m
 FAILURES = 2  # retreats given up since it had room
 STOPS = 3  # moves and retreats that the shield has ended
 SHIELD_SIZE = 4
@@ -64,19 +64,23 @@ def guard(
     retreating, chosen, best, along = False, -1, -math.inf, 0.0
     for i in range(first, first + robots):
         command, shield = commands[i], shields[i]
-        room, error, away_x, away_y = _room(
+        room, deviation, away_x, away_y = _room(
             estimates, i, first, robots, board, obstacles, forbidden[i], diameter_m, params
         )
-        jitter = params.jitter * error
+        jitter = params.jitter * deviation
+        # What a retreat is judged by: not less room because a robot that drives is less sure.
+        clear = room + params.deviations * deviation
         if room >= params.room_m + jitter:
             shield[FAILURES] = 0.0
             retreating |= command[MODE] == RETREAT
             continue
         if command[MODE] == RETREAT:
-            if room >= max(0.0, shield[REFERENCE] - params.loss_m - jitter):
+            lost = clear < shield[REFERENCE] - params.loss_m - jitter
+            if room >= 0.0 and not lost:
                 retreating = True
                 continue
-            shield[FAILURES] += 1.0
+            if lost:
+                shield[FAILURES] += 1.0
         if command[MODE] != HOLD:
             command[MODE], command[HEADING_ERROR] = HOLD, 0.0
             shield[STOPS] += 1.0
@@ -88,7 +92,7 @@ def guard(
         merit = abs(cosine) - 2.0 * shield[FAILURES]
         if merit >= best:
             chosen, best, along = i, merit, cosine
-            shield[REFERENCE] = room
+            shield[REFERENCE] = clear
     if chosen >= 0 and not retreating:
         sense = 1.0 if along >= 0.0 else -1.0
         if shields[chosen, FAILURES] % 2.0 == 1.0:
@@ -109,20 +113,24 @@ def _retreat(command: np.ndarray, estimate: np.ndarray, sense: float, length_m: 
 @inlined
 def plan_margin(estimates: np.ndarray, params: ShieldParams) -> float:
     """Gap in m between plans of robots whose drives the shield will not end, unless they stray."""
-    error = 0.0
+    variance = 0.0
     for i in range(len(estimates)):
-        variance = _variance(estimates[i])
-        error = max(error, params.deviations * math.sqrt(variance))
+        variance = max(variance, variance_of(estimates[i]))
         for j in range(i):
-            of_both = params.deviations * math.sqrt(variance + _variance(estimates[j]))
-            error = max(error, of_both)
-    room_m = params.room_m + params.jitter * error
-    return 2.0 * params.stopping_m + error + room_m + params.stray_m
+            variance = max(variance, variance_of(estimates[i]) + variance_of(estimates[j]))
+    return stopping_gap(math.sqrt(variance), params) + params.stray_m
 
 
 @inlined
-def _variance(estimate: np.ndarray) -> float:
-    """Of a position in any direction, m²; 0 without a camera."""
+def stopping_gap(deviation_m: float, params: ShieldParams) -> float:
+    """Return the gap in m at which robots stop, for the standard deviation of their difference."""
+    error = (params.deviations + params.jitter) * deviation_m
+    return 2.0 * params.stopping_m + error + params.room_m
+
+
+@inlined
+def variance_of(estimate: np.ndarray) -> float:
+    """Return the variance in m² of a position in its worst direction; 0 without a camera."""
     xx, xy, yy = estimate[COVARIANCE], estimate[COVARIANCE + 1], estimate[COVARIANCE + 4]
     return 0.5 * (xx + yy) + math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
 
@@ -139,10 +147,10 @@ def _room(
     diameter_m: float,
     params: ShieldParams,
 ) -> tuple[float, float, float, float]:
-    """Least room of a robot in m, the error in it, and the direction away from what leaves it."""
-    x, y, variance = estimates[i, POSE], estimates[i, POSE + 1], _variance(estimates[i])
-    error = params.deviations * math.sqrt(variance)
-    alone = params.stopping_m + error
+    """Return the least room of a robot and the standard deviation of it, in m, and the way out."""
+    x, y, variance = estimates[i, POSE], estimates[i, POSE + 1], variance_of(estimates[i])
+    deviation = math.sqrt(variance)
+    alone = params.stopping_m + params.deviations * deviation
     least, away_x, away_y = x - alone, 1.0, 0.0
     for room, toward_x, toward_y in (
         (board[0] - x - alone, -1.0, 0.0),
@@ -164,9 +172,10 @@ def _room(
             continue
         dx, dy = x - estimates[j, POSE], y - estimates[j, POSE + 1]
         # Errors of two robots are independent.
-        of_both = params.deviations * math.sqrt(variance + _variance(estimates[j]))
-        room = math.sqrt(dx * dx + dy * dy) - diameter_m - 2.0 * params.stopping_m - of_both
+        of_both = math.sqrt(variance + variance_of(estimates[j]))
+        kept = diameter_m + 2.0 * params.stopping_m + params.deviations * of_both
+        room = math.sqrt(dx * dx + dy * dy) - kept
         if room < least:
-            least, error, away_x, away_y = room, of_both, dx, dy
+            least, deviation, away_x, away_y = room, of_both, dx, dy
     length = math.sqrt(away_x * away_x + away_y * away_y)
-    return least, error, away_x / length, away_y / length
+    return least, deviation, away_x / length, away_y / length

@@ -39,7 +39,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
         first = episode * robots
         if state.running[episode]:
             for column in range(first, first + robots):
-                _look(plant, state, column, period_s)
+                _look(plant, state, column)
             if plant.shielded:
                 guard(
                     state.commands,
@@ -88,12 +88,12 @@ def _motor_input(plant: Plant, omega: float) -> float:
 
 
 @inlined
-def _look(plant: Plant, state: State, column: int, period_s: float) -> None:
+def _look(plant: Plant, state: State, column: int) -> None:
     """Find out where a robot is, as far as it can be known."""
     body, camera, sight = state.bodies[:, column], state.cameras[column], state.sight[:, column]
     pose = (body[0], body[1], heading((body[3], body[4], body[5], body[6])))
     estimate = state.estimates[column]
-    look(camera, state.frames[column], estimate, sight, pose, period_s, plant.estimator)
+    look(camera, state.frames[column], estimate, sight, pose, plant.estimator)
 
 
 @inlined
@@ -103,5 +103,7 @@ def _steer(plant: Plant, state: State, column: int, period_s: float) -> tuple[fl
     x, y, angle = estimate[POSE], estimate[POSE + 1], estimate[POSE + 2]
     set_points = steer(command, x, y, angle, period_s, plant.steering)
     if state.cameras[column, INTERVAL] > 0.0:
-        take_command(estimate, command[SPEED], command[YAW_RATE], period_s)
+        driven = set_points[0] != 0.0 or set_points[1] != 0.0
+        commanded = command[SPEED], command[YAW_RATE], driven
+        take_command(estimate, *commanded, period_s, plant.estimator)
     return set_points

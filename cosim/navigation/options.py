@@ -7,15 +7,12 @@ from typing import Annotated
 
 import tyro
 
-from cosim.base.arguments import ConfigError, take_fields
 from cosim.base.command import MotorFmuFile
-from cosim.base.config import MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
+from cosim.base.config import ConfigError, CoSimConfig, Loop, OnCollision, Order
 from cosim.base.params import STEERING, TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.world import IDEAL, World
-from cosim.presets.preset import PAPER, Preset, find_preset
-
-_MAY_BE_ZERO = ("mu", "noise")
+from cosim.presets.preset import PAPER, find_preset
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,16 +40,6 @@ class Physics:
     """Let the motors feel the acceleration of the body, which the paper neglects."""
     motor_fmu: MotorFmuFile = None
 
-    def __post_init__(self) -> None:
-        take_fields(self, but=["preset"] if isinstance(self.preset, Preset) else [])
-        for name, value in vars(self).items():
-            number = isinstance(value, float)
-            if number and not (0.0 <= value <= MAX_VALUE and (value or name in _MAY_BE_ZERO)):
-                sign = "not negative" if name in _MAY_BE_ZERO else "positive"
-                raise ConfigError(
-                    f"{name} = {value} must be finite and {sign}, at most {MAX_VALUE:g}"
-                )
-
     def config(self, world: World = IDEAL) -> CoSimConfig:
         """Parameters of the co-simulation, of robots of the preset's size and not yet calibrated.
 
@@ -69,10 +56,12 @@ class Physics:
                 raise ConfigError(
                     f"--{option} is given beside {field} of the world; leave one of them out"
                 )
-        step_s = self.dt if self.communication_step is None else self.communication_step
+        preset = find_preset(self.preset)
         return replace(
-            find_preset(self.preset).config(world).having(self.mu, self.noise),
-            timing=TIMING._replace(dt_s=self.dt, communication_step_s=step_s),
+            preset.config().in_world(preset.in_world(world)).having(self.mu, self.noise),
+            timing=TIMING._replace(
+                dt_s=self.dt, communication_step_s=self.communication_step or self.dt
+            ),
             order=self.order,
             reaction=self.reaction,
         )
@@ -158,9 +147,9 @@ class Driving(Physics, Deciding):
     """What happens when a robot touches another one or an obstacle, or its centre enters another
     one's target cell: the episode ends, or they push each other on."""
     shield: bool = False
-    """Keep robots apart, off obstacles and on the board whatever their policies want: a monitor in
-    the control loop stops a robot in time and lets it retreat (docs/shield.md). How far robots go
-    until they rest is measured once for every machine and world."""
+    """Keep robots apart, off obstacles and on the board for any policy: a monitor in the control
+    loop stops a robot in time and lets it retreat (docs/shield.md has its premises). How far robots
+    go until they rest, and how well a camera locates them, is measured once for every world."""
     open_loop: tuple[Loop, ...] = ()
     """What goes without feedback: motors, which then get a constant voltage for every set point
     instead of the loop of Eq. (14), and heading, the course that robots keep while they drive."""
@@ -197,7 +186,7 @@ class Driving(Physics, Deciding):
         world: World = IDEAL,
     ) -> tuple[CoSimConfig, Path]:
         """See `Physics.prepare`; robots drive as fast as they can without hopping, if slower."""
-        from cosim.calibration.stopping import shielded  # noqa: PLC0415 - as above
+        from cosim.calibration.shielding import shielded  # noqa: PLC0415 - as above
 
         config, fmu = self._driving(diameter_m, progress, world)
         return (shielded(config, fmu, progress) if config.shield else config), fmu

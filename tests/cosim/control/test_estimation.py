@@ -36,10 +36,10 @@ def drive(sensor: Sensor, params: EstimatorParams, noise: EstimatorParams, seed=
     x, y, heading = 0.1, 0.2, 0.5
     rows = []
     for _ in range(periods):
-        cameras.look(camera, frames, estimate, sight, (x, y, heading), PERIOD_S, params)
+        cameras.look(camera, frames, estimate, sight, (x, y, heading), params)
         rows.append(np.concatenate([(x, y, heading), estimate[POSE : COVARIANCE + 9]]))
         speed, yaw_rate = 5e-3, 0.3
-        estimation.take_command(estimate, speed, yaw_rate, PERIOD_S)
+        estimation.take_command(estimate, speed, yaw_rate, True, PERIOD_S, params)
         middle = heading + 0.5 * yaw_rate * PERIOD_S
         spread = np.sqrt(PERIOD_S * np.array([noise.position_drift_m2_s] * 2))
         dx, dy = spread * rng.standard_normal(2)
@@ -64,9 +64,9 @@ def test_a_frame_is_the_textbooks_correction():
     estimation.start_estimate(estimate, (0.1, 0.2, 3.0), variances[0], variances[2])
     mean, sigma = np.array([0.1, 0.2, 3.0]), np.diag(variances)
     drift = np.diag([ESTIMATOR.position_drift_m2_s] * 2 + [ESTIMATOR.heading_drift_rad2_s])
-    reference = np.zeros(3)
+    reference = np.zeros(4)
     for _ in range(20):
-        here = reference + rng.normal(size=3) * (0.01, 0.01, 0.3)
+        here = reference + np.append(rng.normal(size=3) * (0.01, 0.01, 0.3), 0.04)
         turn = np.array(
             [
                 [math.cos(reference[2]), math.sin(reference[2])],
@@ -86,10 +86,10 @@ def test_a_frame_is_the_textbooks_correction():
         sigma = (np.eye(3) - gain) @ sigma
         reference = here
         estimation.correct(
-            estimate, tuple(seen), tuple(here), 0.04, variances[0], variances[2], ESTIMATOR
+            estimate, tuple(seen), tuple(here), variances[0], variances[2], ESTIMATOR
         )
-        estimate[ODOMETRY : ODOMETRY + 3] = here
-        estimation.estimate_now(estimate, 0.0, ESTIMATOR)
+        estimate[ODOMETRY : ODOMETRY + 4] = here
+        estimation.estimate_now(estimate, ESTIMATOR)
         off = estimate[POSE : POSE + 3] - mean
         off[2] = (off[2] + math.pi) % (2.0 * math.pi) - math.pi
         np.testing.assert_allclose(off, 0.0, atol=1e-12)
@@ -132,15 +132,33 @@ def test_frames_come_at_their_rate_whatever_the_control_period():
     camera, estimate = camera_of(sensor, PERIOD_S), np.zeros(ESTIMATE_SIZE)
     frames, sight = np.zeros((frames_in_flight(sensor), FRAME_SIZE)), np.ones((91, 4))
     for _ in range(3000):
-        cameras.look(camera, frames, estimate, sight, (0.0, 0.0, 0.0), PERIOD_S, ESTIMATOR)
+        cameras.look(camera, frames, estimate, sight, (0.0, 0.0, 0.0), ESTIMATOR)
     assert camera[cameras.SIGHT] == 90
     assert len(camera) == CAMERA_SIZE
+
+
+def test_a_robot_that_stands_is_known_better_with_every_frame():
+    camera, estimate = camera_of(ROUGH, PERIOD_S), np.zeros(ESTIMATE_SIZE)
+    frames = np.zeros((frames_in_flight(ROUGH), FRAME_SIZE))
+    sight = draw_sight(ROUGH, np.random.default_rng(0), 200)
+    variance = []
+    for period in range(4000):
+        cameras.look(camera, frames, estimate, sight, (0.1, 0.2, 0.5), ESTIMATOR)
+        variance.append(estimate[COVARIANCE])
+        driven = 1000 <= period < 2000
+        estimation.take_command(estimate, 0.0, 0.0, driven, PERIOD_S, ESTIMATOR)
+    frame, settled = (1e-3 * ROUGH.position_noise_mm) ** 2, 1000 * ESTIMATOR.settle_s
+    assert variance[999] == pytest.approx(frame / 30, rel=0.1)  # of as many frames in a second
+    assert max(variance[1100:2000]) > 2.0 * variance[999]
+    assert variance[2000 + round(settled) + 150] > variance[-1]
+    assert variance[-1] < 2.0 * frame / 57
+    assert np.hypot(*(estimate[POSE : POSE + 2] - (0.1, 0.2))) < 4.0 * math.sqrt(variance[-1])
 
 
 def test_without_a_camera_the_pose_is_the_true_one():
     estimate = np.zeros(ESTIMATE_SIZE)
     pose = (0.123456789, 0.2, -1.0)
     nothing = np.zeros((0, FRAME_SIZE)), estimate, np.zeros((0, 4))
-    cameras.look(camera_of(Sensor(), PERIOD_S), *nothing, pose, PERIOD_S, ESTIMATOR)
+    cameras.look(camera_of(Sensor(), PERIOD_S), *nothing, pose, ESTIMATOR)
     assert tuple(estimate[POSE : POSE + 3]) == pose
     assert not estimate[COVARIANCE:].any()

@@ -130,6 +130,14 @@ def test_an_uncertain_estimate_needs_more_room():
     assert DRIVE not in robots.guarded().modes
 
 
+def test_a_retreat_goes_on_though_driving_makes_the_robot_less_sure():
+    robots = apart(KEPT_M + 0.9 * SHIELD.room_m, 0.0, math.pi).guarded()
+    for variance_m2, mode in ((1e-8, RETREAT), (4e-8, HOLD)):  # 0.5 and 1 mm of error
+        robots.estimates[1, COVARIANCE] = variance_m2
+        assert robots.guarded().modes == [HOLD, mode]
+    assert not robots.shields[:, FAILURES].any()  # no room is left, but none was lost
+
+
 steps = st.lists(
     st.tuples(*(st.floats(-1.0, 1.0),) * 4, st.integers(0, 15)), min_size=20, max_size=80
 )

@@ -1,0 +1,100 @@
+"""Configurations with the shield: what it keeps is measured for their machine and world, once."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from cosim.base.config import CoSimConfig
+from cosim.base.params import TIMING
+from cosim.base.progress import Progress, silent, under_way
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
+from cosim.base.storage import cache_dir, cached, write_json
+from cosim.base.world import World
+from cosim.calibration.speed_map import CalibrationError
+from cosim.calibration.stopping import RESERVE, SLIDES, stopping_distance
+from cosim.calibration.straying import best_filter
+from cosim.control.shield import stopping_gap
+from cosim.coupling.fmu import MotorFmu
+
+MOST_GAP = 0.5  # assumed: of the robots' diameter; with more there is no way past each other
+_FLOOR = ("motor_spread", "restitution", "floor_tilt_deg", "payload_g", "payload_offset_mm")
+
+
+def _reduced(config: CoSimConfig, *fields: str) -> CoSimConfig:
+    """Return what decides how a robot moves, with these fields of its world, and nothing else."""
+    clock = ("dt_s", "communication_step_s", "control_period_s")
+    return CoSimConfig(
+        robot=config.robot,
+        motor=config.motor,
+        noise=config.noise,
+        timing=TIMING._replace(**{name: getattr(config.timing, name) for name in clock}),
+        steering=config.steering,
+        order=config.order,
+        reaction=config.reaction,
+        open_loop=config.open_loop,
+        world=World(**{name: getattr(config.world, name) for name in fields}),
+    )
+
+
+def _kept(
+    measure: Callable[[CoSimConfig, MotorFmu], tuple[float, ...]],
+    config: CoSimConfig,
+    motor_fmu: Path,
+) -> tuple[float, ...]:
+    """Return what is measured for a configuration, from the cache where it is there."""
+
+    def load(path: Path) -> tuple[float, ...]:
+        return msgspec.json.decode(path.read_bytes(), type=tuple[float, ...])
+
+    def make() -> tuple[float, ...]:
+        return measure(config, MotorFmu(motor_fmu))
+
+    def save(found: tuple[float, ...], path: Path) -> None:
+        write_json(path, found)
+
+    key = digest_of(config, motor_fmu, code_digest(measure))
+    return cached(cache_dir("calibrations") / f"{key}.json", load, make, save)
+
+
+def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
+    """Return a calibrated configuration with the shield for its machine and world.
+
+    The stopping distance is measured once and kept in the cache; on a floor of patches on the most
+    slippery one, and across their edges. So is the error of estimates where there is a camera.
+
+    Raises:
+        CalibrationError: robots do not come to rest, or estimates are so bad that robots would
+            stop too far from each other.
+        FmuError: the FMU cannot be used, or failed.
+    """
+    world, shielding = config.world, config.shielding
+    least_mu = min([config.robot.mu, *(patch.mu for patch in world.mu_patches)])
+    slippery = _reduced(replace(config, robot=config.robot._replace(mu=least_mu)), *_FLOOR)
+    patchy = _reduced(config, *_FLOOR, "mu_patches")
+    with under_way(progress, "measuring stopping distances"):
+        floors = [slippery, patchy] if world.mu_patches else [slippery]
+        stops = [_kept(stopping_distance, floor, motor_fmu) for floor in floors]
+    bound_m, creep_m_s = map(max, zip(*stops, strict=True))
+    stopping_m = math.ceil(1e6 * RESERVE * bound_m) / 1e6
+    if creep_m_s * config.timing.episode_limit_s > stopping_m - bound_m:
+        raise CalibrationError(SLIDES.format(f"on, by {3.6e6 * creep_m_s:.2g} mm in an hour"))
+    shielding = shielding._replace(stopping_m=stopping_m)
+    if not world.sensor.rate_hz:
+        return replace(config, shielding=shielding)
+    seen = _reduced(config, *_FLOOR, "mu_patches", "sensor")
+    with under_way(progress, "measuring errors of estimates"):
+        drift, deviations, deviation_m = _kept(best_filter, seen, motor_fmu)
+    shielding = shielding._replace(deviations=math.ceil(100.0 * deviations) / 100.0)
+    gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, shielding)
+    if gap_m > MOST_GAP * config.robot.diameter_m:
+        raise CalibrationError(
+            f"positions are so unsure in this world that the shield stops robots {1e3 * gap_m:.0f} "
+            f"mm apart, more than {MOST_GAP:g} of their diameter; leave out --shield, or change "
+            "world.sensor, world.floor_tilt_deg or world.mu_patches"
+        )
+    estimator = config.estimator._replace(position_drift_m2_s=drift)
+    return replace(config, shielding=shielding, estimator=estimator)
