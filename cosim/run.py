@@ -37,8 +37,8 @@ class Run:
     """
 
     scenario: str = "2"
-    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway; 4-cross,
-    4-ring, 6-swap) or a scenario file (.toml)."""
+    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5, and 1a-zone to 4-zone, whose zone is forbidden;
+    5-corridor, 5-slalom, 5-doorway; 4-cross, 4-ring, 6-swap) or a scenario file (.toml)."""
     episodes: int = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None

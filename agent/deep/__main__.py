@@ -29,8 +29,8 @@ class Deep:
     """
 
     scenario: str = "2"
-    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway; 4-cross,
-    4-ring, 6-swap) or a scenario file (.toml)."""
+    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5, and 1a-zone to 4-zone, whose zone is forbidden;
+    5-corridor, 5-slalom, 5-doorway; 4-cross, 4-ring, 6-swap) or a scenario file (.toml)."""
     algorithm: Algorithm = "ippo"
     """Learner: PPO of skrl, whose critic sees what the robot sees (ippo) or the cells of all robots
     too (mappo), or double Q-learning with a network (ddqn)."""

@@ -18,7 +18,8 @@ class Experiments:
 
     fig08: one robot, scenarios 1a and 1b. fig10: the coefficient c. fig11: pairs, scenarios 2, 3
     and 4. features: which of x, y, d, g (and the bearing b) a robot needs. readings: what each
-    assumed reading of the paper changes. sequel: groups of four and six robots, by Q-learning and
+    assumed reading of the paper changes. zone: scenarios 1a to 4 with the central zone open and
+    forbidden. sequel: groups of four and six robots, by Q-learning and
     double Q-learning. The same command with --out goes on after an interrupt.
     Draw the figures with python -m analysis.figures.
     """

@@ -4,9 +4,9 @@ from typing import Literal, NamedTuple
 
 from agent.process.config import Feature, ProcessConfig
 from agent.training.settings import Algorithm, LearningConfig
-from cosim.scenarios.built_in import IN_GROUPS
+from cosim.scenarios.built_in import IN_GROUPS, PAPER, RESTRICTED
 
-Name = Literal["fig08", "fig10", "fig11", "features", "readings", "sequel"]
+Name = Literal["fig08", "fig10", "fig11", "features", "readings", "zone", "sequel"]
 
 
 class Variant(NamedTuple):
@@ -57,7 +57,6 @@ EXPERIMENTS: dict[Name, dict[str, Variant]] = {
         "as_read": Variant("as read here", _HARDEST),
         "swept": Variant("contact along the moves", _HARDEST, ProcessConfig(collision="swept")),
         "disk": Variant("targets are disks", _HARDEST, ProcessConfig(target_obstacle="disk")),
-        "zone": Variant("zone is an obstacle", _HARDEST, ProcessConfig(zone_is_obstacle=True)),
         "penalty": Variant(
             "both pay for a failure", _HARDEST, ProcessConfig(partner_of_failed="penalty")
         ),
@@ -76,6 +75,7 @@ EXPERIMENTS: dict[Name, dict[str, Variant]] = {
             "double Q-learning", _HARDEST, learning=LearningConfig(algorithm="double_q")
         ),
     },
+    "zone": _scenarios(*PAPER, *RESTRICTED),
     "sequel": {
         f"{name}-{algorithm}": Variant(
             f"{name}, {label}", name, learning=LearningConfig(algorithm=algorithm)

@@ -6,7 +6,7 @@ from agent.process.config import ProcessConfig
 from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import UserError, run_command
 
-_OF_PATHS = ("zone_is_obstacle", "target_obstacle", "collision")
+_OF_PATHS = ("target_obstacle", "collision")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,11 +18,11 @@ class BoundOptions:
     """
 
     scenario: str = "4"
-    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5; 5-corridor, 5-slalom, 5-doorway; 4-cross,
-    4-ring, 6-swap) or a scenario file (.toml)."""
+    """Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5, and 1a-zone to 4-zone, whose zone is forbidden;
+    5-corridor, 5-slalom, 5-doorway; 4-cross, 4-ring, 6-swap) or a scenario file (.toml)."""
     json: Json = False
     process: ProcessConfig = field(default_factory=ProcessConfig)
-    """Readings, of which zone_is_obstacle, target_obstacle and collision say where paths may go."""
+    """Readings, of which target_obstacle and collision say where paths may go."""
 
     def __post_init__(self) -> None:
         for reading in fields(self.process):

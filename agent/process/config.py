@@ -43,9 +43,6 @@ class ProcessConfig:
     features: tuple[Feature, ...] = ("x", "y", "d", "g")
     """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
     h (the axis that the robot itself faces, forwards or backwards), p (cell of the other)."""
-    zone_is_obstacle: bool = False
-    """Whether no robot's centre may enter the central zone, except its own target (assumed no).
-    Unlike a scenario's obstacles, which exist in the dynamics too, a reading of the grid alone."""
     target_obstacle: Literal["cell", "disk"] = "cell"
     """Extent of another robot's target as a static obstacle (assumed: its cell)."""
     collision: Literal["cells", "swept"] = "cells"
@@ -124,7 +121,6 @@ _WITHOUT_EFFECT: dict[Where, dict[str, str]] = {
     "the co-simulation": {
         **_NOT_BETWEEN_CELLS,
         **_NOBODY_LEARNS,
-        "zone_is_obstacle": "it is a reading of the grid alone",
         "target_obstacle": "it is a reading of the grid alone",
         "clearance_m": "contact is that of the bodies",
         "step_limit": "episodes are cut after a simulated time",

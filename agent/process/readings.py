@@ -36,7 +36,7 @@ class Process(NamedTuple):
         terrain: (N, columns + 2, rows + 2) uint8, FREE, GOAL, OUTSIDE, OBSTACLE or FORBIDDEN as
             robot i sees cell (x, y) at [i, x + 1, y + 1]; the rim is OUTSIDE. In the middle of an
             OBSTACLE cell a robot would touch an obstacle; no centre of a robot may be anywhere in a
-            FORBIDDEN one, which is another robot's target.
+            FORBIDDEN one: another robot's target, or the zone if that is an obstacle.
         corners: (columns + 1, rows + 1) bool, whether a robot over the lower left corner of a cell
             touches an obstacle: the middle of a diagonal move, looked at if contact is swept.
         walls: (M, 4) float64, obstacles as rectangles left, bottom, right, top in cells.
@@ -168,14 +168,13 @@ def _terrain(
     terrain = np.full((scenario.columns + 2, scenario.rows + 2), OUTSIDE, dtype=np.uint8)
     terrain[1:-1, 1:-1] = FREE
     terrain[1:-1, 1:-1][_blocked(scenario, 1)] = OBSTACLE
-    if config.zone_is_obstacle:
-        left, bottom, right, top = scenario.zone
-        terrain[left + 1 : right + 2, bottom + 1 : top + 2] = FORBIDDEN
-    squared_radius = thresholds.contact if config.target_obstacle == "disk" else 0
-    for other, target in enumerate(scenario.targets):
-        if other != robot:
-            for x, y in _disk(target, squared_radius, scenario):
-                terrain[x + 1, y + 1] = FORBIDDEN
+    rectangles = scenario.forbidden[robot]
+    for left, bottom, right, top in rectangles[np.isfinite(rectangles[:, 0])].astype(int):
+        terrain[left + 1 : right + 1, bottom + 1 : top + 1] = FORBIDDEN
+    others = [t for other, t in enumerate(scenario.targets) if other != robot]
+    for target in others if config.target_obstacle == "disk" else []:
+        for x, y in _disk(target, thresholds.contact, scenario):
+            terrain[x + 1, y + 1] = FORBIDDEN
     goal_x, goal_y = scenario.targets[robot]
     terrain[goal_x + 1, goal_y + 1] = GOAL
     return terrain

@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.reading.episode import Episode
 from cosim.reading.rrd import Signal
-from cosim.recording.series import NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE, ON_TARGET
+from cosim.recording.series import IN_ZONE, NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE, ON_TARGET
 
 # Eq. (9) calls robots near up to 6 cm for robots of 5 cm: a fifth of a diameter between them.
 NEAR_DIAMETERS = 1.2
@@ -24,6 +24,7 @@ _FAILURES = {
     OFF_THE_BOARD: "out of board",
     ON_OBSTACLE: "obstacle",
     ON_TARGET: "another's target",
+    IN_ZONE: "restricted zone",
     NOT_ARRIVED: "not arrived",
 }
 
@@ -157,7 +158,9 @@ def _near_misses(episode: Episode, first: str, second: str) -> Iterator[Finding]
     limit = (NEAR_DIAMETERS - 1.0) * episode.parameter("diameter_m")
     runs = intervals(gap <= limit)
     told = [t for name in episode.robots if (t := episode.texts.get(f"/rl/{name}/failure"))]
-    collided = episode.outcome == "collision" and not any(ON_TARGET in t.texts for t in told)
+    collided = episode.outcome == "collision" and not any(
+        {ON_TARGET, IN_ZONE} & {*t.texts} for t in told
+    )
     for number, (begin, end) in enumerate(runs):
         closest = begin + int(np.argmin(gap[begin : end + 1]))
         touched = gap[closest] <= 0.0 or (collided and number == len(runs) - 1)

@@ -97,6 +97,8 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
             default all, with the eccentric mass straight down.
         sensor: the camera.
         obstacles: cells [x, y] and rectangles that stand on the floor as well.
+        edge: whether the floor ends where the board does. By default the board is a part of a
+            larger floor, and feet beyond it stand.
     """
 
     mu: float | None = None
@@ -114,6 +116,9 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     motor_phases_deg: tuple[float, ...] = ()
     sensor: Sensor = Sensor()
     obstacles: tuple[tuple[int, ...], ...] = ()
+    edge: Annotated[bool, Quantity("", "world", "whether there is no floor beyond the board")] = (
+        False
+    )
 
     def __post_init__(self) -> None:
         self._require(

@@ -85,6 +85,8 @@ def _event(plant: Plant, state: State, episode: int, column: int) -> int:
     x, y = state.bodies[0, column], state.bodies[1, column]
     if not (0.0 <= x <= state.boards[episode, 0] and 0.0 <= y <= state.boards[episode, 1]):
         return OUT_OF_BOARD
+    if state.bodies[2, column] < 0.0:  # it has fallen over the edge of the floor
+        return OUT_OF_BOARD
     if plant.end_on_collision and (
         state.touching[column] > 0.0 or _is_within(state.forbidden[column], x, y)
     ):

@@ -5,6 +5,7 @@ judged. An episode that has ended leaves its place to another one at the next RL
 of an episode depends neither on who shares the batch nor on the number of lanes.
 """
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from cosim.coupling.stepping import FmpyDriver
 from cosim.fmi.isolation import calling
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.step import Step
+from cosim.physics.contact import NO_FLOOR
 from cosim.physics.lanes import host_lanes
 from cosim.scenarios.scenario import Cell, Scenario
 
@@ -178,17 +180,14 @@ class Batch:
         return episode
 
     def _put_rectangles(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
-        walls, patches = scenario.walls * scenario.cell_m, config.world.mu_patches
+        walls, patches = scenario.walls * scenario.cell_m, _floor(scenario, config)
         forbidden, columns = scenario.forbidden * scenario.cell_m, self._columns(place)
         self._state = with_room(self._state, len(walls), len(patches), forbidden.shape[1])
         self._state.obstacles[place] = self._state.patches[place] = np.inf
         self._state.obstacles[place, : len(walls)] = walls
         self._state.forbidden[columns] = np.inf
         self._state.forbidden[columns, : forbidden.shape[1]] = forbidden
-        for k, patch in enumerate(patches):
-            left, bottom, right, top = patch.cells
-            corners = scenario.cell_m * np.array([left, bottom, right + 1, top + 1])
-            self._state.patches[place, k] = *corners, patch.mu
+        self._state.patches[place, : len(patches)] = patches
 
     def _make_room_for_frames(self, frames: int) -> None:
         columns, present, size = self._state.frames.shape
@@ -268,6 +267,20 @@ class Batch:
     def close(self) -> None:
         """Free the FMU instances."""
         self._motors.close()
+
+
+def _floor(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
+    """(P, 5) `State.patches` of an episode."""
+    world = config.world
+    patches: list[tuple[float, ...]] = []
+    if world.edge:
+        beyond = (-math.inf, -math.inf, math.inf, math.inf, NO_FLOOR)
+        patches = [beyond, (0.0, 0.0, *scenario.size_m, config.robot.mu)]
+    for patch in world.mu_patches:
+        left, bottom, right, top = patch.cells
+        edges = scenario.cell_m * np.array([left, bottom, right + 1, top + 1])
+        patches.append((*edges.tolist(), patch.mu))
+    return np.array(patches).reshape(-1, 5)
 
 
 def require_size(scenario: Scenario, config: CoSimConfig) -> None:

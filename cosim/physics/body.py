@@ -147,8 +147,8 @@ def foot_velocities(
 
 
 @inlined
-def _least(foot: Vector, body: Body, normal: Vector, params: BodyParams) -> float:
-    """Least normal speed of a foot after the step."""
+def _least(foot: Vector, body: Body, normal: Vector, mu: float, params: BodyParams) -> float:
+    """Least normal speed of a foot after the step: any where no floor is below it."""
     if params.off_axis:
         x, y = params.centre
         foot = foot[0] - x, foot[1] - y, foot[2]
@@ -157,7 +157,7 @@ def _least(foot: Vector, body: Body, normal: Vector, params: BodyParams) -> floa
     if params.bounces:
         before = body.velocity[2] + dot(cross(normal, body.omega), foot)
         least = impact_speed(gap, before, least, params.restitution, params.inverse_dt)
-    return least
+    return select(mu < 0.0, -math.inf, least)
 
 
 @inlined
@@ -195,9 +195,9 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
     half_spin = plus(body.omega, -1.0, spun_omega)
 
     normal = world_from_body[2]
-    least_a = _least(contact.a, body, normal, params)
-    least_b = _least(contact.b, body, normal, params)
-    least_c = _least(contact.c, body, normal, params)
+    least_a = _least(contact.a, body, normal, contact.mu[0], params)
+    least_b = _least(contact.b, body, normal, contact.mu[1], params)
+    least_c = _least(contact.c, body, normal, contact.mu[2], params)
     at_a, at_b, at_c = body.at_a, body.at_b, body.at_c
     v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at_a, at_b, at_c)
     change = select(body.position[2] < math.inf, math.inf, 0.0)

@@ -29,6 +29,7 @@ GAP_CORRECTION = 0.1
 # converged contacts (benchmarks/convergence.py).
 CONTACT_TOLERANCE = 0.01
 MAX_SWEEPS = 50
+NO_FLOOR = -1.0  # in place of a friction coefficient: no floor is below the foot
 
 
 class ContactParams(NamedTuple):
@@ -37,7 +38,7 @@ class ContactParams(NamedTuple):
     Attributes:
         a, b, c: positions of feet A, B, C in m; origin: the robot's axis at the height of the
             centre of mass.
-        mu: Coulomb friction coefficient under each of them, static = kinetic.
+        mu: Coulomb friction coefficient under each of them, static = kinetic; or NO_FLOOR.
         step_normal, step_tangential: step sizes of the projected gradient in kg.
         spin_inertia: friction impulse at a foot, in N s, that changes a spin by 1 rad/s: kg m.
         tolerance: sweeps end when the impulses, that of the spin included, change by less than

@@ -19,6 +19,7 @@ from cosim.recording.series import (
     DIRECTION_NAMES,
     ENDED,
     GIVEN_UP,
+    IN_ZONE,
     NOT_ARRIVED,
     OFF_THE_BOARD,
     ON_OBSTACLE,
@@ -165,7 +166,8 @@ class EpisodeLog:
             if step.outcome == "collision" and touches and self._at_obstacle(x, y):
                 yield name, ON_OBSTACLE, place
             if step.events[robot] == COLLISION and not touches:
-                yield name, ON_TARGET, place
+                cell = int(x / self._scenario.cell_m), int(y / self._scenario.cell_m)
+                yield name, ON_TARGET if cell in self._scenario.targets else IN_ZONE, place
             if step.outcome == "timeout" and tuple(step.after.cells[robot]) != target:
                 away_m = np.hypot(*(np.array(self._scenario.centre_m(target)) - (x, y)))
                 yield name, NOT_ARRIVED, f": target {100.0 * away_m:.1f} cm away"

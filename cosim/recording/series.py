@@ -19,7 +19,7 @@ ARRIVED = "at target"
 # States of /rl/<robot>/move besides directions, and of /rl/<robot>/failure; OUTCOME is an entity.
 ENDED, GIVEN_UP = "ended", "given up"
 OFF_THE_BOARD, ON_OBSTACLE = "leaves the board", "touches an obstacle"
-ON_TARGET = "enters another robot's target"
+ON_TARGET, IN_ZONE = "enters another robot's target", "enters the restricted zone"
 NOT_ARRIVED = "has not arrived"
 OUTCOME = "/outcome"
 REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
@@ -167,7 +167,11 @@ def write_styles(file: Recording, signals: Sequence[SignalSpec], robots: int) ->
         for path, values, colours in (
             ("action", (*DIRECTION_NAMES, ARRIVED), [*EIGHT, LIGHT]),
             ("move", (*DIRECTION_NAMES, ENDED, GIVEN_UP), [*EIGHT, LIGHT, GREY]),
-            ("failure", (OFF_THE_BOARD, ON_OBSTACLE, NOT_ARRIVED, ON_TARGET), [*SERIES, GREY]),
+            (
+                "failure",
+                (OFF_THE_BOARD, ON_OBSTACLE, NOT_ARRIVED, ON_TARGET, IN_ZONE),
+                [*SERIES, GREY, LIGHT],
+            ),
             ("greedy", DIRECTION_NAMES, EIGHT),
             ("gradient", GRADIENT_SIGNS, SERIES),
         ):

@@ -1,5 +1,7 @@
 """Scenarios of the paper (Fig. 5), and those of this project: obstacles, groups of robots."""
 
+from dataclasses import replace
+
 from cosim.base.world import Rectangle
 from cosim.scenarios.scenario import Cell, Scenario
 
@@ -44,6 +46,13 @@ PAPER = _named(
     Scenario("2", "two robots, targets opposite", ((15, 18), (15, 12)), (_TOP, _BOTTOM)),
     Scenario("3", "two robots, targets beside", ((12, 15), (18, 15)), (_TOP, _BOTTOM)),
     Scenario("4", "two robots, targets swapped", ((15, 12), (15, 18)), (_TOP, _BOTTOM)),
+)
+# The same where "restricted zone" (Section V) means that robots may not enter it.
+RESTRICTED = _named(
+    *(
+        replace(s, name=f"{s.name}-zone", title=f"{s.title}, zone forbidden", zone_is_obstacle=True)
+        for s in PAPER.values()
+    )
 )
 # Not the paper's: pairs among obstacles, see docs/scenarios.md.
 AMONG_OBSTACLES = _named(
@@ -90,4 +99,4 @@ IN_GROUPS = _named(
         (_TOP[:10], _TOP[10:20], _TOP[20:], _BOTTOM[:10], _BOTTOM[10:20], _BOTTOM[20:]),
     ),
 )
-BUILT_IN = PAPER | AMONG_OBSTACLES | IN_GROUPS
+BUILT_IN = PAPER | RESTRICTED | AMONG_OBSTACLES | IN_GROUPS

@@ -124,6 +124,7 @@ class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
     rows: _Size = 30
     cell_m: float = 0.01
     zone: Rectangle | None = None
+    zone_is_obstacle: bool = False
     obstacles: list[list[_Index]] = []
     robot_diameter_m: float = TABLE_I.diameter_m
     world: World = IDEAL
@@ -164,6 +165,7 @@ def _read(path: Path) -> tuple[Scenario, World]:
         zone=file.zone or _central_zone(file.columns, file.rows),
         obstacles=_cells(f"{path}: obstacles", file.obstacles),
         robot_diameter_m=file.robot_diameter_m,
+        zone_is_obstacle=file.zone_is_obstacle,
     )
     return scenario, file.world
 

@@ -9,6 +9,7 @@ that corner, x to the right, y up.
 import math
 import re
 from dataclasses import asdict, dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,9 @@ class Scenario:
         rows: board height in cells (30, Section V).
         cell_m: edge of a cell in m (assumed: 1 cm, so that a target "occupies a single cell").
         zone: central zone as (first column, first row, last column, last row), inclusive
-            (7 x 7 cells, Section V); it only places the targets (assumed).
+            (7 x 7 cells, Section V).
+        zone_is_obstacle: whether no robot's centre may enter the zone, except its own target
+            (assumed: no, the zone only places targets).
         obstacles: cells that no robot may touch (none in the paper).
         robot_diameter_m: diameter of every robot (Table I), on the grid and in the dynamics.
 
@@ -84,6 +87,7 @@ class Scenario:
     zone: Rectangle = (12, 12, 18, 18)
     obstacles: tuple[Cell, ...] = ()
     robot_diameter_m: float = TABLE_I.diameter_m
+    zone_is_obstacle: bool = False
 
     def __post_init__(self) -> None:
         self._check_sizes()
@@ -179,9 +183,13 @@ class Scenario:
         """(N, F, 4) float64, rectangles as of `walls` that each robot's centre may not enter.
 
         They are the other robots' targets: static obstacles of Section III-A, although nothing
-        stands there. Rectangles are infinitely far where a robot has fewer.
+        stands there; and if `zone_is_obstacle` the zone but for the robot's own target. Rectangles
+        are infinitely far where a robot has fewer.
         """
-        of_robots = [_rectangles(set(self.targets) - {target}) for target in self.targets]
+        left, bottom, right, top = self.zone
+        columns, rows = range(left, right + 1), range(bottom, top + 1)
+        cells = {*self.targets, *(product(columns, rows) if self.zone_is_obstacle else ())}
+        of_robots = [_rectangles(cells - {target}) for target in self.targets]
         padded = np.full((self.robots, max(map(len, of_robots)), 4), np.inf)
         for robot, rectangles in enumerate(of_robots):
             padded[robot, : len(rectangles)] = rectangles
@@ -203,6 +211,8 @@ class Scenario:
     def digest(self) -> str:
         """Hash (16 hex digits) of the geometry, whatever name and title are."""
         geometry = {k: v for k, v in asdict(self).items() if k not in {"name", "title"}}
+        if not self.zone_is_obstacle:
+            del geometry["zone_is_obstacle"]  # as before there was this field
         return digest_of(geometry)
 
 

@@ -217,7 +217,6 @@ def compare(ours, theirs):
         ({"partner_of_failed": "none"}, False, "environments on the grid: nobody learns there"),
         ({"step_limit": 5}, True, "step_limit = 5 has no effect in the co-simulation: episodes"),
         ({"slip_probability": 0.1}, True, "moves end where they end; leave it at 0.0"),
-        ({"zone_is_obstacle": True}, True, "a reading of the grid alone; leave it at False"),
         ({"target_obstacle": "disk"}, True, "a reading of the grid alone; leave it at cell"),
     ],
 )

@@ -113,7 +113,7 @@ def test_target_of_the_other_robot_is_an_obstacle_of_a_cell_or_a_disk():
 
 def test_zone_is_an_obstacle_only_if_asked_but_never_the_own_target():
     assert step(pair(), world_at(pair(), (12, 19), (2, 2)), S, E)[0] == RUNNING
-    closed = pair(zone_is_obstacle=True)
+    closed = build_process(find_scenario("2-zone"), ProcessConfig())
     assert step(closed, world_at(closed, (12, 19), (2, 2)), S, E)[0] == COLLISION
     assert step(closed, world_at(closed, (15, 19), (2, 2)), S, E)[1][0] == 100.0
 

@@ -1,5 +1,7 @@
 """The target of another robot is a static obstacle (Section III-A): nothing stands there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from cosim.control.shield import STOPS
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.recording.episode_log import EpisodeLog
+from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
 E, NE, N, NW, W, S = 0, 1, 2, 3, 4, 6
@@ -90,3 +93,33 @@ def test_moves_into_anothers_target_or_over_its_corner_yield(cell, wanted, allow
     assert (
         permitted(board_of(BEYOND), positions[::-1].copy(), goals, 1, N, 2e-3, NEAREST_FIRST) == N
     )
+
+
+def test_a_zone_that_is_an_obstacle_ends_the_episode_in_the_dynamics(motor_fmu, straight_policy):
+    zoned = replace(BEYOND, targets=((4, 13), (12, 6)), zone=(3, 6, 5, 13), zone_is_obstacle=True)
+    system, steps = CoSimulation(zoned, motor_fmu), []
+    starts, seed = tuple(cells[0] for cells in BEYOND.starts), np.random.SeedSequence(0)
+    run_episode(system, straight_policy(zoned.targets), starts, seed, steps.append)
+    assert system.outcome == "collision"
+    log = EpisodeLog(zoned, system.config)
+    lines = [line.text for step in steps for line in log.lines(step, np.zeros(2))]
+    assert lines[-2].startswith("r1 enters the restricted zone at (4.")
+
+
+@pytest.mark.parametrize("name", ["1a", "1b", "2", "3", "4"])
+def test_the_restricted_zone_is_a_named_option_of_the_papers_scenarios(name):
+    usual, zoned = find_scenario(name), find_scenario(f"{name}-zone")
+    assert usual.digest() != zoned.digest()
+    for robot, target in enumerate(usual.targets):
+        allowed = np.ones((30, 30), dtype=bool)
+        allowed[12:19, 12:19] = False
+        allowed[target] = True
+        for scenario, expected in ((zoned, allowed), (usual, np.ones((30, 30), dtype=bool))):
+            free = np.ones((30, 30), dtype=bool)
+            for left, bottom, right, top in scenario.forbidden[robot]:
+                if left < np.inf:
+                    free[int(left) : int(right), int(bottom) : int(top)] = False
+            others = [cell for cell in usual.targets if cell != target]
+            for cell in others if scenario is usual else []:
+                expected[cell] = False
+            assert (free == expected).all()
