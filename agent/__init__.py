@@ -9,6 +9,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cosim.base.arguments import taken, taken_seed
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.scenarios.file import find_scenario
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from agent.process.greedy import GreedyPolicy
     from agent.training.policy import Policy
 
-__all__ = ["Policy", "load", "methods", "train"]
+__all__ = ["Policy", "UserError", "load", "methods", "train"]
 
 
 def methods() -> tuple[str, ...]:
@@ -63,35 +64,32 @@ def train(
 
     if motor_fmu is not None and method not in ON_MOVES:
         raise UserError(f"motor_fmu has no effect on training by method {method}; leave it out")
-    if seed < 0:
-        raise UserError(f"seed = {seed} must not be negative")
-    if not isinstance(scenario, Scenario):
-        scenario = find_scenario(str(scenario))
     policy, *_ = method_policy(
         method,
-        scenario,
-        seed,
-        episodes=episodes,
-        motor_fmu=None if motor_fmu is None else Path(motor_fmu),
-        again=again,
+        find_scenario(scenario),
+        taken_seed(seed),
+        episodes=taken("episodes", episodes, int | None),
+        motor_fmu=taken("motor_fmu", motor_fmu, Path | None),
+        again=taken("again", again, bool),
         progress=progress or silent,
     )
     return policy
 
 
-def load(path: str | Path, scenario: Scenario | None = None) -> "GreedyPolicy":
+def load(path: str | Path, scenario: str | Path | Scenario | None = None) -> "GreedyPolicy":
     """A policy from its file.
 
     Args:
         path: of the .npz file that a policy's `save` or a run has written.
-        scenario: if given, only a policy trained on that geometry is accepted.
+        scenario: name, file or record; if given, only a policy trained on it is accepted.
 
     Raises:
         PolicyError: there is no such file, it is no policy, or one of another scenario.
     """
     from agent.policies import load_policy  # noqa: PLC0415 - numba is slow to import
 
-    return load_policy(path, scenario)
+    only = None if scenario is None else find_scenario(scenario)
+    return load_policy(taken("path", path, Path), only)
 
 
 def __getattr__(name: str) -> Any:

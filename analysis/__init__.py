@@ -23,6 +23,7 @@ def open(path: "Path | str") -> "Episode":  # noqa: A001 - to be called as analy
     Raises:
         RecordingReadError: the file does not exist, cannot be read, or holds no episode.
     """
+    from cosim.base.arguments import taken
     from cosim.reading.episode import read_episode
 
-    return read_episode(Path(path))
+    return read_episode(taken("path", path, Path))

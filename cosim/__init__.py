@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any
 from cosim.base import errors as _errors  # noqa: F401 - from now on Ctrl-C ends a command quietly
 
 if TYPE_CHECKING:
+    from cosim.base.arguments import ConfigError
     from cosim.base.config import CoSimConfig
+    from cosim.base.errors import UserError
     from cosim.base.outcome import Outcome
+    from cosim.base.world import Patch, Sensor, World
     from cosim.navigation.cosimulation import CoSimulation
     from cosim.navigation.features import Observation
     from cosim.presets.preset import Preset, find_preset
@@ -22,11 +25,16 @@ if TYPE_CHECKING:
 __all__ = [
     "CoSimConfig",
     "CoSimulation",
+    "ConfigError",
     "Episode",
     "Observation",
     "Outcome",
+    "Patch",
     "Preset",
     "Scenario",
+    "Sensor",
+    "UserError",
+    "World",
     "find_preset",
     "find_scenario",
     "simulate",
@@ -35,11 +43,16 @@ __all__ = [
 _MODULES = {
     "CoSimConfig": "cosim.base.config",
     "CoSimulation": "cosim.navigation.cosimulation",
+    "ConfigError": "cosim.base.arguments",
     "Episode": "cosim.reading.episode",
     "Observation": "cosim.navigation.features",
     "Outcome": "cosim.base.outcome",
+    "Patch": "cosim.base.world",
     "Preset": "cosim.presets.preset",
     "Scenario": "cosim.scenarios.scenario",
+    "Sensor": "cosim.base.world",
+    "UserError": "cosim.base.errors",
+    "World": "cosim.base.world",
     "find_preset": "cosim.presets.preset",
     "find_scenario": "cosim.scenarios.file",
     "simulate": "cosim.simulation",

@@ -130,7 +130,8 @@ class _Attended:
     def act(self) -> np.ndarray:
         if (seed := self._task.redrawn.get(self._steps)) is not None:
             self.episode.draw_from(seed)
-        return self._task.policy.act(self.episode.observation)
+        self._wanted = self._task.policy.act(self.episode.observation)
+        return self._wanted
 
     def take(self, step: Step, wall_s: float) -> None:
         """Watch and record an RL step that took so long."""
@@ -144,6 +145,7 @@ class _Attended:
                 step,
                 q_values and q_values(step.before),
                 parts and parts(step, self.episode.arrived),
+                np.asarray(self._wanted),
             )
             if step.outcome:
                 self._recorder.conclude(facts_of(self.result()))

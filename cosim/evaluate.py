@@ -30,9 +30,9 @@ class Evaluate:
 
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Policies (policy.npz) or folders of runs made by agent.train."""
-    starts: str = "50"
+    starts: str | None = None
     """How many starts to sample without replacement, or 'all' of them (1a 30, 1b 116, pairs
-    900, those that start on one side 600)."""
+    900, those that start on one side 600); by default 50, or all where there are fewer."""
     seed: int = 0
     """Seed of the sample and of the speed noise; every start has its own noise."""
     scenario: str | None = None
@@ -48,7 +48,8 @@ class Evaluate:
 
     def __post_init__(self) -> None:
         workers(self.jobs)
-        if self.starts != "all" and not (self.starts.isdecimal() and int(self.starts) > 0):
+        number = self.starts is None or (self.starts.isdecimal() and int(self.starts) > 0)
+        if not number and self.starts != "all":
             raise ConfigError(f"--starts {self.starts} is neither 'all' nor a positive number")
         require_at_least(0, seed=self.seed, recordings=self.recordings)
 
@@ -65,7 +66,7 @@ def main() -> None:
             options.policies,
             options.physics,
             options.out,
-            starts=None if options.starts == "all" else int(options.starts),
+            starts=options.starts if options.starts in (None, "all") else int(options.starts),
             seed=options.seed,
             scenario=options.scenario,
             recordings=options.recordings,

@@ -15,7 +15,7 @@ from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, 
 from cosim.base.config import ConfigError, require_one_of
 from cosim.base.errors import run_command
 from cosim.base.progress import resumable_bars
-from cosim.scenarios.file import find_scenario, read_world
+from cosim.scenarios.file import ROUGH, find_scenario, read_world
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +39,9 @@ class Robustness:
     samples as is there."""
     scenario: str = "4"
     """Built-in scenario or a scenario file (.toml)."""
-    world: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("docs/examples/rough.toml")
-    """World in which nothing is ideal (.toml with a table [world])."""
+    world: Annotated[Path, tyro.conf.arg(metavar="FILE")] = ROUGH
+    """World in which nothing is ideal (.toml with a table [world]), by default that of
+    docs/robustness.md."""
     axes: tuple[Axis, ...] = AXES
     """What is not ideal in the worlds to measure, one thing at a time, and everything."""
     methods: tuple[Method, ...] = IN_WORLDS

@@ -218,13 +218,14 @@ def _show(results: "list[EpisodeResult]", out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("episode", "outcome", "path length", "simulated", "× real time")
+    table = Table("episode", "outcome", "path length", "rotation", "simulated", "× real time")
     table.add_column("recording", overflow="fold")
     for number, result in enumerate(results):
         table.add_row(
             str(number),
             result.outcome,
             f"{result.path_length_cm:.1f} cm",
+            f"{result.rotation_deg:.0f}°",
             f"{result.sim_time_s:.0f} s",
             f"{result.realtime_factor:.1f}",
             result.recording or "none",

@@ -5,17 +5,19 @@ A policy is anything with `act(observation)`. What else it has is recorded: `q_v
 (N, 8), `reward_parts(step, arrived)` (N, 3) and `maps()`, see `agent.training.policy`.
 """
 
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cosim.base.config import ConfigError, require_one_of
+from cosim.base.arguments import ConfigError, require_one_of, taken_seed
+from cosim.base.errors import shown
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.provenance import versions
 from cosim.base.storage import temporary_folder
-from cosim.base.world import IDEAL
+from cosim.base.world import World
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import DRIVERS
 from cosim.navigation.episode import RunningEpisode
@@ -38,6 +40,7 @@ def simulate(
     driver: str = "compiled",
     record: Level = "default",
     motor_fmu: str | Path | None = None,
+    world: str | Path | World | Mapping[str, Any] | None = None,
     progress: Progress | None = automatic,
     **options: Any,
 ) -> Episode:
@@ -50,11 +53,12 @@ def simulate(
         driver: compiled, fmpy, reference or adaptive, see `python -m cosim.run --help`.
         record: summary, default or full: how much of the episode is kept.
         motor_fmu: of every motor, the built-in one by default.
+        world: world file (.toml), record or dict of its fields; by default that of the scenario
+            file, or the paper's.
         progress: receives the simulated time; by default it is shown on stderr if the call takes
             more than two seconds. None shows nothing.
         options: physics by the names of `python -m cosim.run`, see `Driving`: `mu`, `noise`,
-            `speed` (mm/s), `dt` (s), `time_limit` (s), `shield`, `world` (a file) and so
-            on.
+            `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.
 
     Returns:
         Outcome, moves, parameters and every signal, with its recording in a temporary folder that
@@ -68,22 +72,22 @@ def simulate(
     report = progress or silent
     require_one_of("driver", driver, DRIVERS)
     require_one_of("record", record, DETAILS)
-    if seed < 0:
-        raise ConfigError(f"seed = {seed} must not be negative")
+    seed = taken_seed(seed)
+    if isinstance(policy, type) or not callable(getattr(policy, "act", None)):
+        raise ConfigError(
+            f"policy = {shown(policy)} has no act(observation); give an object that has, such as "
+            'agent.load("policy.npz")'
+        )
     known = [field.name for field in fields(Driving)]
     for name in options:
         if name not in known:
             raise ConfigError(f"simulate has no option {name}; choose from {', '.join(known)}")
-    driving = Driving(motor_fmu=None if motor_fmu is None else Path(motor_fmu), **options)
-    world = IDEAL
-    if not isinstance(scenario, Scenario):
-        scenario, world = find_in_world(scenario, driving.world)
-    elif driving.world is not None:
-        raise ConfigError("world has no effect beside a scenario record; name its file instead")
+    driving = Driving(**{"motor_fmu": motor_fmu, **options})
+    scenario, declared = find_in_world(scenario, world)
     require = getattr(policy, "require_scenario", None)
     if require is not None:
         require(scenario)
-    config, fmu = driving.prepare(scenario.robot_diameter_m, report, world)
+    config, fmu = driving.prepare(scenario.robot_diameter_m, report, declared)
     config = with_bursts(config, record)
     starts, noise_seed = draw_episode(scenario, seed, 0)
 

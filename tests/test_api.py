@@ -1,6 +1,9 @@
 """The Python API as a program meets it: train, keep, simulate, look back, refusals."""
 
 import gc
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +15,13 @@ import analysis
 import cosim
 import cosim.run
 from agent.training.policy import PolicyError
-from cosim.base.config import ConfigError
+from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.progress import silent
+from cosim.base.world import WorldError
 from cosim.navigation.options import Driving
 from cosim.scenarios.scenario import ScenarioError
+from fmus.build import cached_fmu
 
 BRIEF: dict[str, Any] = {"mu": 0.2, "time_limit": 4.0}
 
@@ -130,6 +135,23 @@ def test_policy_may_only_act(episode):
     assert {move.direction for move in mute.moves["r1"]} == {"90°"}
 
 
+class Torn:
+    """A policy that values all directions alike, and chooses among them by itself."""
+
+    def act(self, observation: cosim.Observation) -> np.ndarray:
+        return 3 + observation.cells[:, 0] % 2
+
+    def q_values(self, observation: cosim.Observation) -> np.ndarray:
+        return np.zeros((len(observation.cells), 8))
+
+
+def test_the_recorded_greedy_action_is_what_the_policy_chose():
+    episode = cosim.simulate("1a", Torn(), **BRIEF)
+    cells = episode.signals["/rl/r1/cell"].values[:, 0]
+    chosen = ["135°" if x % 2 == 0 else "180°" for x in cells.astype(int).tolist()]
+    assert list(episode.texts["/rl/r1/greedy"].texts) == chosen[: len(chosen) - 1]
+
+
 def test_methods_are_told_and_train_however_often_they_are_asked_for(policy):
     assert agent.methods()[0] == "moves"
     learnt = {"moves", "paper", "slip", "robust", "prompt"}
@@ -154,13 +176,30 @@ def test_progress_is_told_every_task_to_its_end(policy):
     ("arguments", "error", "message"),
     [
         ({"friction": 0.2}, ConfigError, "no option friction; choose from .*mu.*time_limit"),
-        ({"driver": "fast"}, ConfigError, "driver = 'fast' is unknown; choose one of compiled, "),
+        ({"driver": "fast"}, ConfigError, "driver = 'fast' is unknown; choose one of fmpy, "),
         ({"record": "none"}, ConfigError, "record = 'none' is unknown; choose one of summary, "),
         ({"order": "random"}, ConfigError, "order = 'random' is unknown; choose one of gauss-"),
         ({"on_collision": "stop"}, ConfigError, "on_collision = 'stop' is unknown; choose one of"),
         ({"scenario": "7"}, ScenarioError, "unknown scenario '7'"),
         ({"scenario": "2"}, PolicyError, "the policy was trained on scenario 1a .* scenario 2 "),
         ({"seed": -1}, ConfigError, "seed = -1 must not be negative"),
+        ({"seed": 2**63}, ConfigError, "must not be negative, and below 2"),
+        ({"seed": None}, ConfigError, "seed = None is invalid: expected int"),
+        ({"seed": True}, ConfigError, "seed = True is invalid: expected int"),
+        ({"mu": "0.2"}, ConfigError, "mu = '0.2' is invalid: expected float"),
+        ({"mu": np.array([0.2])}, ConfigError, r"mu = array\(\[0.2\]\) is invalid"),
+        ({"open_loop": "wheels"}, ConfigError, "open_loop = 'wheels' is unknown; choose one of"),
+        ({"shield": "yes"}, ConfigError, "shield = 'yes' is invalid: expected bool"),
+        ({"time_limit": 0}, ConfigError, "time_limit = 0.0 must be finite and positive"),
+        ({"rl_step": 0.0}, ConfigError, "rl_step = 0.0 must be finite and positive"),
+        ({"communication_step": 0}, ConfigError, "communication_step = 0.0 must be finite and"),
+        ({"preset": 5}, ConfigError, "preset = 5 is invalid: expected str"),
+        ({"motor_fmu": 5}, ConfigError, "motor_fmu = 5 is invalid: expected Path"),
+        ({"world": {"muu": 1}}, WorldError, "world = .* unknown field muu"),
+        ({"world": 5}, WorldError, "world = 5 is invalid"),
+        ({"policy": "P.npz"}, ConfigError, r"policy = 'P.npz' has no act\(observation\)"),
+        ({"policy": Upwards}, ConfigError, "policy = <class .* has no act"),
+        ({"scenario": None}, ScenarioError, "unknown scenario 'None'"),
         ({"mu": -1.0}, ConfigError, "mu = -1.0 must be"),
         ({"motor_fmu": "nowhere.fmu"}, UserError, "nowhere.fmu does not exist"),
     ],
@@ -168,7 +207,7 @@ def test_progress_is_told_every_task_to_its_end(policy):
 def test_simulate_refuses_what_it_does_not_know(policy, arguments, error, message):
     arguments = {"scenario": "1a"} | arguments
     with pytest.raises(error, match=message):
-        cosim.simulate(policy=policy, **arguments)
+        cosim.simulate(**{"policy": policy, **arguments})
 
 
 @pytest.mark.parametrize(
@@ -179,6 +218,9 @@ def test_simulate_refuses_what_it_does_not_know(policy, arguments, error, messag
         ({"motor_fmu": "my.fmu"}, UserError, "motor_fmu has no effect .* method paper"),
         ({"episodes": 0}, UserError, "episodes"),
         ({"seed": -1}, UserError, "seed"),
+        ({"seed": "1"}, ConfigError, "seed = '1' is invalid: expected int"),
+        ({"episodes": 0.5}, ConfigError, "episodes = 0.5 is invalid: expected int"),
+        ({"again": "yes"}, ConfigError, "again = 'yes' is invalid: expected bool"),
     ],
 )
 def test_train_refuses_what_it_does_not_know(arguments, error, message):
@@ -187,9 +229,71 @@ def test_train_refuses_what_it_does_not_know(arguments, error, message):
         agent.train(**arguments)
 
 
+def test_values_as_programs_have_them_give_the_same_bits(policy):
+    """NumPy scalars, a string for a tuple, dicts, records and lists for what they stand for."""
+    world = {"mu": np.float64(0.2), "sensor": {"rate_hz": np.int64(30)}}
+    record = cosim.World(mu=0.2, sensor=cosim.Sensor(rate_hz=30.0))
+    board = cosim.find_scenario("1a")
+    listed = replace(board, targets=[np.array(board.targets[0])])
+    assert (listed, listed.digest()) == (board, board.digest())
+    brief: dict[str, Any] = {"time_limit": 2.0, "record": "summary"}
+    found = [
+        cosim.simulate(scenario, policy, **{**brief, **options})
+        for scenario, options in (
+            ("1a", {"seed": 3, "world": world, "open_loop": ("motors",)}),
+            (board, {"seed": np.int64(3), "world": record, "open_loop": "motors"}),
+            (listed, {"seed": 3, "world": record, "open_loop": np.array(["motors"])}),
+            (Path("1a"), {"seed": np.uint8(3), "world": record, "time_limit": np.float32(2.0),
+                          "open_loop": ["motors"], "preset": cosim.find_preset("paper")}),
+        )
+    ]  # fmt: skip
+    assert all(signals(episode) == signals(found[0]) for episode in found)
+    assert found[0].parameter("mu") == 0.2
+
+
+def test_mistakes_are_value_errors_with_an_exported_base():
+    assert issubclass(cosim.ConfigError, ValueError)
+    assert issubclass(cosim.ConfigError, cosim.UserError)
+    assert agent.UserError is cosim.UserError
+
+
+def test_paths_are_refused_by_name(episode):
+    for call in (agent.load, analysis.open, episode.save):
+        with pytest.raises(ConfigError, match="path = 5 is invalid: expected Path, got int"):
+            call(5)  # pyright: ignore
+    with pytest.raises(UserError, match="a folder, no recording"):
+        analysis.open("")
+
+
+def test_records_convert_what_they_are_given():
+    robot = CoSimConfig().robot
+    assert type(CoSimConfig(robot=robot._replace(mu=np.float32(0.5))).robot.mu) is float
+    with pytest.raises(ConfigError, match="mu = 'x' is invalid: expected float"):
+        CoSimConfig(robot=robot._replace(mu="x"))
+    with pytest.raises(ScenarioError, match=r"targets = .* is invalid: expected int"):
+        replace(cosim.find_scenario("1a"), targets=[[3.5, 3]])
+
+
+def test_a_co_simulation_takes_numbers_and_lists():
+    system = cosim.CoSimulation(cosim.find_scenario("1a"), str(cached_fmu()))  # pyright: ignore
+    assert system.reset(np.array([[15, 29]]), np.int64(0)).cells.tolist() == [[15, 29]]  # pyright: ignore
+    with pytest.raises(ConfigError, match="must have a cell for each robot"):
+        system.reset(((15, 29), (0, 0)), 0)
+    with pytest.raises(ConfigError, match="driver = 'fast' is unknown"):
+        cosim.CoSimulation(cosim.find_scenario("1a"), cached_fmu(), driver="fast")
+    system.close()
+
+
+def test_the_function_train_survives_the_import_of_its_command():
+    code = "import agent.train; print(agent.train('1a', method='paper', episodes=20_000).episodes)"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout == "20000\n"
+
+
 def test_load_refuses_what_does_not_fit(policy, tmp_path):
     with pytest.raises(PolicyError, match="no such policy file"):
         agent.load(Path("nowhere.npz"))
     policy.save(tmp_path / "policy.npz")
+    assert agent.load(tmp_path / "policy.npz", "1a").episodes == 20_000
     with pytest.raises(PolicyError, match="was trained on scenario 1a"):
         agent.load(tmp_path / "policy.npz", cosim.find_scenario("2"))

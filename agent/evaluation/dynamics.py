@@ -6,6 +6,7 @@ come; the command line is `cosim.evaluate`.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
@@ -23,16 +24,20 @@ from cosim.navigation.options import Driving
 from cosim.navigation.result import EpisodeResult
 from cosim.scenarios.file import find_in_world, in_world, read_world
 
+STARTS = 50
+Starts = int | Literal["all"] | None
+
 
 class Evaluated:
     """A named policy with the episodes asked for and those that are there."""
 
     def __init__(
-        self, name: str, file: ResultFile, starts: int | None, folder: Path, recorded: int
+        self, name: str, file: ResultFile, starts: Starts, folder: Path, recorded: int
     ) -> None:
         self.name = name
         self.case = file.case
-        self.indices = file.case.sample(starts)
+        some = min(STARTS, len(file.case.starts)) if starts is None else starts
+        self.indices = file.case.sample(None if some == "all" else some)
         self.file = file
         self.recordings: dict[int, Path] = {}
         self._folder, self._recorded = folder, recorded
@@ -74,7 +79,7 @@ def evaluate(
     physics: Driving,
     out: Path,
     *,
-    starts: int | None = 50,
+    starts: Starts = None,
     seed: int = 0,
     scenario: str | None = None,
     recordings: int = 3,
@@ -87,7 +92,7 @@ def evaluate(
         policies: files, or folders of runs.
         physics: of the co-simulation.
         out: folder of results and recordings.
-        starts: how many to sample, None for all.
+        starts: how many to sample; by default `STARTS`, or all where there are fewer.
         seed: of the sample and of the speed noise.
         scenario: refuse policies of any other one.
         recordings: failures to record of each policy, and successes.

@@ -21,10 +21,11 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
     Every outcome has the share of the episodes that ended so, and its 95 % Wilson interval.
 
     Rates are over all episodes, and so is `min_distance_cm`, the smallest distance between two
-    robots' centres in any of them. Path, time and energy are means over successful episodes, the
-    path also over the robots, the energy summed over them. `path_ratio_to_grid` is the mean over
-    the episodes that succeed here and on the grid of the path over that of the same policy's exact
-    grid episode from the same start, with its 95 % Student interval.
+    robots' centres in any of them. Path, rotation, time and energy are means over successful
+    episodes, path and rotation also over the robots, the energy summed over them.
+    `path_ratio_to_grid` is the mean over the episodes that succeed here and on the grid of the path
+    over that of the same policy's exact grid episode from the same start, with its 95 % Student
+    interval.
     """
 
     episodes: int
@@ -41,6 +42,7 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
     timeout_low: float | None
     timeout_high: float | None
     path_length_cm: float | None
+    rotation_deg: float | None
     path_ratio_to_grid: float | None
     path_ratio_to_grid_low: float | None
     path_ratio_to_grid_high: float | None
@@ -79,6 +81,7 @@ def summary(case: Case, results: Mapping[int, EpisodeResult]) -> Measured:
         episodes=episodes,
         **shares,
         path_length_cm=_mean([r.path_length_cm for r in successes.values()]),
+        rotation_deg=_mean([r.rotation_deg for r in successes.values()]),
         path_ratio_to_grid=ratio.mean,
         path_ratio_to_grid_low=ratio.low,
         path_ratio_to_grid_high=ratio.high,

@@ -26,6 +26,7 @@ def show(report: EvaluationReport) -> None:
             row.policy,
             row.scenario,
             text(row.path_length_cm, "{:.1f} cm"),
+            text(row.rotation_deg, "{:.0f}°"),
             ratio_text(row),
             text(row.min_distance_cm, "{:.2f} cm"),
             text(row.sim_time_s, "{:.0f} s"),
@@ -33,7 +34,16 @@ def show(report: EvaluationReport) -> None:
         )
         for row in report.policies
     ]
-    header = ("policy", "scenario", "path", "× grid path", "min distance", "simulated", "energy")
+    header = (
+        "policy",
+        "scenario",
+        "path",
+        "rotation",
+        "× grid path",
+        "min distance",
+        "simulated",
+        "energy",
+    )
     title = "means of successes, and closest approach"
     show_table(None, header, measures, names=2, title=title)
     show_failures(report.policies)

@@ -183,10 +183,11 @@ class Space:
         return [f"{robot}.{motor}" for robot in self._robots for motor in MOTOR_NAMES]
 
     def _world(self, values: Mapping[str, float]) -> World:
-        own = {name: value for name, value in values.items() if name not in OF_SENSOR}
+        own: dict[str, Any] = {n: v for n, v in values.items() if n not in OF_SENSOR}
         camera = {n.partition(".")[2]: v for n, v in values.items() if n in OF_SENSOR}
-        sensor = msgspec.structs.replace(self.config.world.sensor, **camera)
-        return msgspec.structs.replace(self.config.world, **own, sensor=sensor)
+        if camera:
+            own["sensor"] = msgspec.structs.replace(self.config.world.camera, **camera)
+        return msgspec.structs.replace(self.config.world, **own)
 
     def _config_at(self, end: int) -> CoSimConfig:
         """The configuration at the least or greatest values that are declared, which is checked."""
@@ -200,7 +201,7 @@ class Space:
         """Why, by name."""
         config = self._config_at(1)
         world, controlled = config.world, "motors" not in config.open_loop
-        sensor = world.sensor
+        sensor = world.camera
         blurred = sensor.position_noise_mm or sensor.heading_noise_deg or sensor.dropout
         noisy = controlled and config.noise.relative_amplitude > 0.0
         why = {}

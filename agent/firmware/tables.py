@@ -128,7 +128,7 @@ def _require_plain(config: CoSimConfig) -> None:
     lacking = {
         "--shield": config.shield,
         "--open-loop": bool(config.open_loop),
-        "a camera in --world": config.world.sensor.rate_hz > 0.0,
+        "a camera in --world": config.world.camera.rate_hz > 0.0,
     }
     for name, asked in lacking.items():
         if asked:

@@ -20,13 +20,13 @@ from cosim.navigation.features import (
     DistanceThresholds,
     distance_thresholds,
 )
+from cosim.navigation.observing import DRAWS
 from cosim.scenarios.scenario import MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
 
 FREE, GOAL, OUTSIDE, OBSTACLE, FORBIDDEN = range(5)  # terrain of a cell, as one robot sees it
 
 MAX_JOINT_STATES = 4_000_000  # of two robots on some 45 x 45 cells: 128 MB a table, some seconds
 MAX_STATES = 2**25  # of all robots together: 1 GB of tables
-_DRAWS = 20_000  # of start cells
 
 
 class Process(NamedTuple):
@@ -183,8 +183,8 @@ def _terrain(
 def _has_free_starts(scenario: Scenario, contact: int) -> bool:
     """Whether some of many draws of start cells, which episodes begin with, have no contact."""
     rng = np.random.default_rng(0)
-    drawn = [np.array(cells)[rng.integers(len(cells), size=_DRAWS)] for cells in scenario.starts]
-    free = np.full(_DRAWS, fill_value=True)
+    drawn = [np.array(cells)[rng.integers(len(cells), size=DRAWS)] for cells in scenario.starts]
+    free = np.full(DRAWS, fill_value=True)
     for a, b in itertools.combinations(drawn, 2):
         free &= ((a - b) ** 2).sum(axis=1) > contact
     return bool(free.any())

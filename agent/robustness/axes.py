@@ -59,7 +59,7 @@ def _camera(
     heading_noise_deg: float = 1.0,
     dropout: float = 0.0,
 ) -> World:
-    """By default the camera of docs/examples/rough.toml."""
+    """By default the camera of `cosim.scenarios.file.ROUGH`."""
     sensor = Sensor(rate_hz, delay_ms, position_noise_mm, heading_noise_deg, dropout)
     return World(sensor=sensor)
 

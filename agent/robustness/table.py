@@ -109,6 +109,7 @@ _HEADINGS = (
     "out of board, timeout",
     "min distance",
     "path",
+    "rotation",
     "simulated",
     "energy",
 )
@@ -129,6 +130,7 @@ def _cells(entry: RobustnessRow) -> list[str]:
         ", ".join(map(str, others)) if n else "–",
         text(entry.min_distance_cm, "{:.2f} cm"),
         text(entry.path_length_cm, "{:.1f} cm"),
+        text(entry.rotation_deg, "{:.0f}°"),
         text(entry.sim_time_s, "{:.0f} s"),
         text(entry.energy_j, "{:.1f} J"),
     ]

@@ -4,6 +4,8 @@ Modules with commands import only what their options need; `main` imports the re
 `--help` comes at once.
 """
 
+import contextlib
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -13,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 import msgspec
 import tyro
 
+from cosim.base.arguments import MAX_SEED
 from cosim.base.errors import UserError, visible
 
 if TYPE_CHECKING:
@@ -57,9 +60,21 @@ def parse(
     """
     called = sys.argv[0] if sys.argv[0].startswith("minirobots ") else f"python -m {module}"
     config = (tyro.conf.FlagCreatePairsOff,)
-    return cast(
-        Options, tyro.cli(options, prog=called, args=arguments, default=default, config=config)
-    )
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            parsed = tyro.cli(options, prog=called, args=arguments, default=default, config=config)
+    except SystemExit as end:
+        error: BaseException | None = (
+            end  # tyro takes a ConfigError, as every ValueError, for its own
+        )
+        while error is not None and not isinstance(error, UserError):
+            error = error.__context__
+        if error is not None:
+            raise error from None
+        sys.stderr.write(said.getvalue())
+        raise
+    return cast(Options, parsed)
 
 
 def workers(jobs: int) -> int:
@@ -85,6 +100,8 @@ def require_at_least(least: int, **options: float | None) -> None:
         if value is not None and not value >= least:
             must = f"be at least {least}" if least else "not be negative"
             raise UserError(f"--{name.replace('_', '-')} must {must}")
+        if value is not None and value >= MAX_SEED:
+            raise UserError(f"--{name.replace('_', '-')} must be below 2**63")
 
 
 def require_falling(**options: Sequence[float]) -> None:

@@ -1,13 +1,12 @@
 """The parameters of one co-simulation together, checked against each other."""
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import msgspec
 
-from cosim.base.errors import UserError
+from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.params import (
     ESTIMATOR,
     SHIELD,
@@ -37,11 +36,8 @@ MAX_RATIO = 10**9  # of two periods
 MAX_VALUE = 1e9  # of a parameter in its unit
 
 _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another one
+_RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shielding")
 _SIGNED = ("com_x_m", "com_y_m")
-
-
-class ConfigError(UserError):
-    """Parameters that do not fit together; the message names the parameter and the mend."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +95,11 @@ class CoSimConfig:
         require_one_of("on_collision", self.on_collision, get_args(OnCollision))
         for loop in self.open_loop:
             require_one_of("open_loop", loop, get_args(Loop))
-        for record in self._records:
+        for part in _RECORDS:
+            record = getattr(self, part)
+            if any(type(value) is not float for value in record):
+                record = type(record)(*(taken(n, v, float) for n, v in record._asdict().items()))
+                object.__setattr__(self, part, record)
             for name, value in record._asdict().items():
                 if name not in _SIGNED and not 0.0 <= value <= MAX_VALUE:
                     raise ConfigError(
@@ -144,15 +144,7 @@ class CoSimConfig:
 
     @property
     def _records(self) -> tuple[Any, ...]:
-        return (
-            self.robot,
-            self.motor,
-            self.noise,
-            self.timing,
-            self.steering,
-            self.estimator,
-            self.shielding,
-        )
+        return tuple(getattr(self, part) for part in _RECORDS)
 
     def _check_geometry(self) -> None:
         robot = self.robot
@@ -259,9 +251,9 @@ class CoSimConfig:
             "preset": (self.preset, "machine that the parameters are of"),
             "shield": (self.shield, "whether a monitor keeps robots apart, for any policy"),
         }
-        parts = (*self._records, self.world)
+        parts = (*self._records, self.world.filled())
         sources = {name: {"source": text} for name, text in self.sources}
-        camera = {f"sensor_{name}": row for name, row in describe(self.world.sensor).items()}
+        camera = {f"sensor_{name}": row for name, row in describe(self.world.camera).items()}
         described = {k: row for part in parts for k, row in describe(part).items()} | camera
         return {
             name: {"value": value} | quantity._asdict() | sources.get(name, {})
@@ -270,16 +262,6 @@ class CoSimConfig:
             name: {"value": value, "unit": "", "source": "option", "description": text}
             for name, (value, text) in options.items()
         }
-
-
-def require_one_of(name: str, value: str, known: Collection[str]) -> None:
-    """Refuse a value that is not among the known ones.
-
-    Raises:
-        ConfigError: it is not; the message names them.
-    """
-    if value not in known:
-        raise ConfigError(f"{name} = {value!r} is unknown; choose one of {', '.join(known)}")
 
 
 def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:

@@ -20,6 +20,7 @@ import msgspec
 import platformdirs
 from filelock import FileLock
 
+from cosim.base.arguments import taken
 from cosim.base.errors import UserError
 
 _LOGGER = logging.getLogger(__name__)
@@ -202,7 +203,7 @@ def named(path: Path | str, ending: str) -> Path:
     Raises:
         StorageError: its name ends otherwise.
     """
-    path = Path(path)
+    path = taken("path", path, Path)
     if path.suffix != ending:
         raise StorageError(f"{path}: its name must end in {ending}; choose {path.stem}{ending}")
     return path

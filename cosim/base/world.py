@@ -10,6 +10,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from cosim.base.arguments import take_fields
 from cosim.base.errors import UserError
 from cosim.base.params import MotorParams, Quantity
 
@@ -45,6 +46,7 @@ class Patch(_Record, frozen=True, forbid_unknown_fields=True):
     mu: float
 
     def __post_init__(self) -> None:
+        take_fields(self, WorldError)
         self._require("world.mu_patches", mu=(0.0, 10.0))
 
 
@@ -66,6 +68,7 @@ class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
     ] = 0.0
 
     def __post_init__(self) -> None:
+        take_fields(self, WorldError)
         self._require(
             "world.sensor",
             rate_hz=(0.0, 1000.0),
@@ -82,7 +85,7 @@ class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
 
 
 class World(_Record, frozen=True, forbid_unknown_fields=True):
-    """A world as declared; None where nothing is said and the usual parameter holds.
+    """A world as declared; None where nothing is said and the machine's value holds.
 
     Attributes:
         mu: Coulomb friction coefficient of the floor.
@@ -104,23 +107,26 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     mu: float | None = None
     mu_patches: tuple[Patch, ...] = ()
     motor_spread: Annotated[
-        float, Quantity("1", "world", "relative standard deviation of K_T, R, J and m r")
-    ] = 0.0
+        float | None, Quantity("1", "world", "relative standard deviation of K_T, R, J and m r")
+    ] = None
     motor_speed_noise: float | None = None
-    restitution: Annotated[float, Quantity("1", "world", "Newton's impact law at the feet")] = 0.0
+    restitution: Annotated[
+        float | None, Quantity("1", "world", "Newton's impact law at the feet")
+    ] = None
     floor_tilt_deg: Annotated[float, Quantity("deg", "world", "slope of the floor")] = 0.0
     payload_g: Annotated[
         float, Quantity("g", "world", "on every robot, at the height of its centre of mass")
     ] = 0.0
     payload_offset_mm: tuple[float, float] = (0.0, 0.0)
     motor_phases_deg: tuple[float, ...] = ()
-    sensor: Sensor = Sensor()
+    sensor: Sensor | None = None
     obstacles: tuple[tuple[int, ...], ...] = ()
     edge: Annotated[bool, Quantity("", "world", "whether there is no floor beyond the board")] = (
         False
     )
 
     def __post_init__(self) -> None:
+        take_fields(self, WorldError)
         self._require(
             "world",
             mu=(0.0, 10.0),
@@ -149,7 +155,21 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     @property
     def draws(self) -> bool:
         """Whether episodes draw anything."""
-        return self.motor_spread > 0.0 or self.floor_tilt_deg > 0.0
+        return bool(self.motor_spread) or self.floor_tilt_deg > 0.0
+
+    @property
+    def camera(self) -> Sensor:
+        """The camera; exact poses where nothing is said of one."""
+        return self.sensor or Sensor()
+
+    def filled(self) -> "World":
+        """Return this world with ideal values for what a machine could have brought along."""
+        return msgspec.structs.replace(
+            self,
+            motor_spread=self.motor_spread or 0.0,
+            restitution=self.restitution or 0.0,
+            sensor=self.camera,
+        )
 
 
 IDEAL = World()  # the paper's
@@ -198,7 +218,9 @@ def draw_world(
     """
     rng = generator(seed, _WORLD_CHILD)
     normal = rng.standard_normal((robots, 2, 4))
-    factors = 1.0 + world.motor_spread * np.clip(normal, -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
+    factors = 1.0 + (world.motor_spread or 0.0) * np.clip(
+        normal, -_MOST_DEVIATIONS, _MOST_DEVIATIONS
+    )
     direction_deg = round(rng.uniform(0.0, 360.0), 6) if world.floor_tilt_deg else 0.0
 
     def own(row: np.ndarray) -> MotorParams:

@@ -29,7 +29,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
         clock,
         config.steering.dither_rad_s,
         coupling,
-        (config.world.restitution, config.world.payload_g, config.world.payload_offset_mm),
+        (config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm),
         motor_fmu,
         code,
     )

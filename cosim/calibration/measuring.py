@@ -103,7 +103,7 @@ def measure(
         np.array([p.phase for p in todo]),
         np.array([p.dithered for p in todo]),
         *table[:, 2:].T,
-        restitution=np.array(config.world.restitution),
+        restitution=np.array(config.world.restitution or 0.0),
     )
 
 

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.arguments import ConfigError, require_one_of, taken
+from cosim.base.config import CoSimConfig
+from cosim.base.errors import shown
 from cosim.base.world import motor_phases
 from cosim.control.camera import NOISE, SIGHT, frames_in_flight, frames_within
 from cosim.coupling.adaptive import AdaptiveDriver
@@ -106,11 +108,12 @@ class Batch:
             lanes: bodies in a vector of a driver of IN_LANES, a power of two; by default 2 for up
                 to two robots, else what the processor has: every number is compiled by itself.
         """
+        require_one_of("driver", driver, DRIVERS)
         if lanes is not None and driver not in IN_LANES:
             raise ConfigError(
                 f"lanes = {lanes} has no effect with the driver {driver}; leave it out"
             )
-        fmu = MotorFmu(motor_fmu)
+        fmu = MotorFmu(taken("motor_fmu", motor_fmu, Path))
         check_motors(fmu, config, places * robots, adaptive=driver == "adaptive")
         if driver == "fmpy" and (reason := why_not_fmpy(fmu, config)):
             raise ConfigError(f"--driver fmpy cannot be used: {reason}; use --driver compiled")
@@ -163,13 +166,16 @@ class Batch:
                 f"scenario {scenario.name} has {scenario.robots} robots, a place of the batch "
                 f"{self.robots}; make another batch for it"
             )
+        starts = taken("starts", starts, tuple[Cell, ...])
+        if len(starts) != self.robots:
+            raise ConfigError(f"starts = {shown(starts)} must have a cell for each robot")
         require_size(scenario, config)
         columns = self._columns(place)
         state = self._state
         for signals in (state.inputs, state.outputs, state.held, state.held_velocities):
             signals[:, columns] = 0.0  # nothing is left of who was there before
         state.boards[place] = scenario.size_m
-        self._make_room_for_frames(frames_in_flight(config.world.sensor))
+        self._make_room_for_frames(frames_in_flight(config.world.camera))
         self._put_rectangles(place, scenario, config)
         phases = motor_phases(config.world, self.robots)
         episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
@@ -213,7 +219,7 @@ class Batch:
         periods, columns = self.config.periods_per_step, state.bodies.shape[1]
         noise = np.zeros((periods, columns, len(MOTOR_NAMES)))
         step_s = self.config.timing.rl_step_s
-        frames = [frames_within(e.config.world.sensor, step_s) for e in going_on.values()]
+        frames = [frames_within(e.config.world.camera, step_s) for e in going_on.values()]
         sight = np.zeros((max(frames, default=0), columns, NOISE))
         state.cameras[:, SIGHT] = 0.0
         for (place, episode), count in zip(going_on.items(), frames, strict=True):
@@ -229,8 +235,13 @@ class Batch:
                 self._driver.advance(self._plant, state._replace(sight=sight), noise, samples, raw)
             except NotFiniteError as error:
                 place, robot = divmod(error.column, self.robots)
-                time_s = going_on[place].time_s + (error.tick + 1) * self.config.timing.dt_s
-                raise error.named(f"robot {robot + 1}", time_s) from None
+                name, start_s = f"robot {robot + 1}", begin_s
+                if place in going_on:
+                    start_s = going_on[place].time_s
+                else:  # all lanes of a vector are computed
+                    name += " of a place without an episode"
+                time_s = start_s + (error.tick + 1) * self.config.timing.dt_s
+                raise error.named(name, time_s) from None
         steps = {
             place: episode.end_step(samples, raw, int(state.periods[place]))
             for place, episode in going_on.items()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cosim.base.arguments import taken_seed
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import Outcome
 from cosim.navigation.batch import Batch, require_size
@@ -48,8 +49,10 @@ class CoSimulation:
         """Compile the kernels, or load them from the cache, by simulating nothing."""
         self._batch.compile()
 
-    def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence) -> Observation:
-        """Begin an episode; arguments as of `Batch.begin`."""
+    def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence | int) -> Observation:
+        """Begin an episode; arguments as of `Batch.begin`, where a seed can be a number."""
+        if not isinstance(seed, np.random.SeedSequence):
+            seed = np.random.SeedSequence(taken_seed(seed))
         self.episode = self._batch.begin(0, self.scenario, starts, seed, self.config)
         return self.episode.observation
 

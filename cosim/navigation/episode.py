@@ -91,17 +91,19 @@ class RunningEpisode:
         self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
         self._events, self._columns = state.events[columns], columns
         self._estimates, self._shields = state.estimates[columns], state.shields[columns]
-        sensor, period_s = config.world.sensor, config.timing.control_period_s
+        sensor, period_s = config.world.camera, config.timing.control_period_s
         self._estimates[:] = 0.0
         state.cameras[columns] = camera_of(sensor, period_s)
         self._commands[:] = self._shields[:] = 0.0
         self._commands[:, THROUGH] = config.through
+        headings_rad = np.empty(n)
         for robot, cell in enumerate(starts):
             x, y = scenario.centre_m(cell)
             # Assumed: robots are set down facing the middle of the board.
             facing = math.copysign(math.pi / 2.0, scenario.size_m[1] / 2.0 - y)
             self._bodies[robot] = standing_state(config.robot, x, y, facing)
             self._estimates[robot, POSE : POSE + 3] = x, y, facing
+            headings_rad[robot] = facing
         self._detours = generator(seed, DETOUR_CHILD)
         self.draw_from(seed)
         self._step = self._tick = 0
@@ -113,7 +115,7 @@ class RunningEpisode:
         self._action = np.full(n, -1)
         positions_m = self._positions_m()
         self._squared_at_decision = nearest_squared(cells_of(positions_m, self._board.cell_m))
-        self.measures = Measures(positions_m, config.timing.control_period_s)
+        self.measures = Measures(positions_m, headings_rad, config.timing.control_period_s)
         self.outcome = Outcome.RUNNING
         self.observation = self._observe()
 
@@ -148,7 +150,7 @@ class RunningEpisode:
         self._decided = self._adopt(self._directions(action))
         self._was_moving = ~self._at_end()
         noise[:] = draw_noise(self.config, self._noise, len(noise))
-        sensor = self.config.world.sensor
+        sensor = self.config.world.camera
         if sensor.rate_hz:
             for robot, rng in enumerate(self._cameras):
                 sight[:, robot] = draw_sight(sensor, rng, len(sight))
@@ -261,7 +263,7 @@ class RunningEpisode:
     def _positions_m(self) -> np.ndarray:
         """Where the robots think they are, (N, 2)."""
         positions_m = self._estimates[:, POSE : POSE + 2].copy()
-        if self.config.world.sensor.rate_hz:  # nobody thinks to be off the board and still asked
+        if self.config.world.camera.rate_hz:  # nobody thinks to be off the board and still asked
             positions_m = positions_m.clip(0.0, np.nextafter(self.scenario.size_m, 0.0))
         return positions_m
 

@@ -19,9 +19,10 @@ from cosim.navigation.features import (
     distance_thresholds,
     gradient_sign,
 )
-from cosim.scenarios.scenario import Cell, Scenario
+from cosim.scenarios.scenario import Cell, Scenario, ScenarioError
 
 _SECTOR_RAD = 2.0 * math.pi / DIRECTION_COUNT
+DRAWS = 20_000  # of start cells, before a scenario counts as one without free ones
 _NOBODY = np.iinfo(np.int64).max  # squared distance to the nearest other of a robot alone
 
 
@@ -84,10 +85,18 @@ def observe(
 
 
 def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:
-    """Start cells drawn uniformly, again while any two robots would touch."""
+    """Start cells drawn uniformly, again while any two robots would touch.
+
+    Raises:
+        ScenarioError: `DRAWS` times two of them do.
+    """
     contact = distance_thresholds(scenario).contact
-    while True:
+    for _ in range(DRAWS):
         starts = tuple(cells[rng.integers(len(cells))] for cells in scenario.starts)
         pairs = combinations(starts, 2)
         if all((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 > contact for a, b in pairs):
             return starts
+    raise ScenarioError(
+        f"scenario {scenario.name}: starts leave hardly a combination in which the robots do not "
+        "touch; move the start cells further apart"
+    )

@@ -7,12 +7,15 @@ from typing import Annotated
 
 import tyro
 
+from cosim.base.arguments import ConfigError, take_fields
 from cosim.base.command import MotorFmuFile
-from cosim.base.config import ConfigError, CoSimConfig, Loop, OnCollision, Order
+from cosim.base.config import MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
 from cosim.base.params import STEERING, TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.world import IDEAL, World
-from cosim.presets.preset import PAPER, find_preset
+from cosim.presets.preset import PAPER, Preset, find_preset
+
+_MAY_BE_ZERO = ("mu", "noise")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +43,16 @@ class Physics:
     """Let the motors feel the acceleration of the body, which the paper neglects."""
     motor_fmu: MotorFmuFile = None
 
+    def __post_init__(self) -> None:
+        take_fields(self, but=["preset"] if isinstance(self.preset, Preset) else [])
+        for name, value in vars(self).items():
+            number = isinstance(value, float)
+            if number and not (0.0 <= value <= MAX_VALUE and (value or name in _MAY_BE_ZERO)):
+                sign = "not negative" if name in _MAY_BE_ZERO else "positive"
+                raise ConfigError(
+                    f"{name} = {value} must be finite and {sign}, at most {MAX_VALUE:g}"
+                )
+
     def config(self, world: World = IDEAL) -> CoSimConfig:
         """Parameters of the co-simulation, of robots of the preset's size and not yet calibrated.
 
@@ -56,12 +69,10 @@ class Physics:
                 raise ConfigError(
                     f"--{option} is given beside {field} of the world; leave one of them out"
                 )
-        preset = find_preset(self.preset)
+        step_s = self.dt if self.communication_step is None else self.communication_step
         return replace(
-            preset.config().in_world(preset.in_world(world)).having(self.mu, self.noise),
-            timing=TIMING._replace(
-                dt_s=self.dt, communication_step_s=self.communication_step or self.dt
-            ),
+            find_preset(self.preset).config(world).having(self.mu, self.noise),
+            timing=TIMING._replace(dt_s=self.dt, communication_step_s=step_s),
             order=self.order,
             reaction=self.reaction,
         )

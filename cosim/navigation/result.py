@@ -1,5 +1,7 @@
 """One episode as results list it: how it ended and what was measured."""
 
+import math
+
 import msgspec
 import numpy as np
 
@@ -30,6 +32,8 @@ class EpisodeResult(msgspec.Struct, frozen=True):
             (`cosim.navigation.yielding`).
         drawn: what the episode has drawn from its world, None if that draws nothing.
         shield_stops: moves that the shield has ended, None without it.
+        rotation_deg_by_robot: how far each robot has turned, either way; results of before it was
+            measured have none.
     """
 
     outcome: Outcome
@@ -46,6 +50,12 @@ class EpisodeResult(msgspec.Struct, frozen=True):
     conflicts: int
     drawn: dict[str, dict[str, float]] | None = None
     shield_stops: int | None = None
+    rotation_deg_by_robot: tuple[float, ...] = ()
+
+    @property
+    def rotation_deg(self) -> float:
+        """Rotation as a mean over the robots."""
+        return float(np.mean(self.rotation_deg_by_robot or (np.nan,)))
 
     @property
     def wall_s(self) -> float:
@@ -80,6 +90,9 @@ def result_of(episode: RunningEpisode, starts: tuple[Cell, ...], wall_s: float) 
         conflicts=episode.conflicts,
         drawn=episode.drawn.table() if episode.config.world.draws else None,
         shield_stops=episode.shield_stops if episode.config.shield else None,
+        rotation_deg_by_robot=tuple(
+            round(math.degrees(turned), _DIGITS) for turned in measures.rotation_rad
+        ),
     )
 
 
@@ -88,6 +101,7 @@ def facts_of(result: EpisodeResult) -> dict[str, float | int | str]:
     facts = {
         "outcome": str(result.outcome),
         "path_length_cm": result.path_length_cm,
+        "rotation_deg": result.rotation_deg,
         "sim_time_s": result.sim_time_s,
         "contact_time_s": result.contact_time_s,
         "energy_j": result.energy_j,

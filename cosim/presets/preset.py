@@ -63,30 +63,37 @@ class Preset(NamedTuple):
     world: World = IDEAL
     sources: Mapping[str, str] = {}
 
-    def config(self) -> CoSimConfig:
-        """Parameters of a co-simulation of the machine on its own table, not yet calibrated.
+    def config(self, world: World = IDEAL) -> CoSimConfig:
+        """Parameters of a co-simulation of the machine in a world, not yet calibrated.
 
         Motor speeds of the steering are those of the paper's robot, as shares of lift-off.
+
+        Args:
+            world: what it says overrides what the machine brings along; by default the machine's
+                own table.
 
         Raises:
             ConfigError: they do not fit together.
         """
+        said = [_parameter("world", n) for n in WORLD_FIELDS if getattr(world, n) is not None]
+        if world.sensor is not None:
+            said += [_parameter("world.sensor", name) for name in Sensor.__struct_fields__]
         machine = CoSimConfig(
             robot=self.robot,
             motor=self.motor,
             steering=_steering(0.0),
             preset=self.name,
-            sources=tuple(self.sources.items()),
+            sources=tuple((n, text) for n, text in self.sources.items() if n not in said),
         )
         share = machine.lift_off_rad_s / lift_off_speed(TABLE_I, TABLE_II)
-        return replace(machine, steering=_steering(share)).in_world(self.world)
+        return replace(machine, steering=_steering(share)).in_world(self.in_world(world))
 
     def in_world(self, world: World) -> World:
         """A world with what the machine brings along; where the world says something, it holds."""
         brought = {
             name: getattr(self.world, name)
             for name in (*WORLD_FIELDS, "sensor")
-            if getattr(world, name) == getattr(IDEAL, name)
+            if getattr(world, name) is None
         }
         return msgspec.structs.replace(world, **brought)
 
@@ -110,7 +117,7 @@ class Preset(NamedTuple):
             }
             if values:
                 yield from ("", f"[{table}]")
-                yield from (f"{name} = {value!r}" for name, value in values.items())
+                yield from (f"{name} = {float(value)!r}" for name, value in values.items())
             said = {name: self.sources.get(_parameter(table, name)) for name in values}
             if any(said.values()):
                 yield from ("", f"[{table}.source]")
@@ -121,7 +128,7 @@ _TABLES = {
     "robot": (lambda preset: preset.robot, TABLE_I, RobotParams._fields),
     "motor": (lambda preset: preset.motor, TABLE_II, MotorParams._fields),
     "world": (lambda preset: preset.world, IDEAL, WORLD_FIELDS),
-    "world.sensor": (lambda preset: preset.world.sensor, Sensor(), Sensor.__struct_fields__),
+    "world.sensor": (lambda preset: preset.world.camera, Sensor(), Sensor.__struct_fields__),
 }
 
 
@@ -130,16 +137,19 @@ def built_in() -> list[str]:
     return sorted((path.stem for path in _FOLDER.glob("*.toml")), key=lambda n: (n != PAPER, n))
 
 
-def find_preset(name_or_path: str | Path) -> Preset:
+def find_preset(name_or_path: str | Path | Preset) -> Preset:
     """Built-in preset of that name, or the one in a TOML file.
 
     Args:
-        name_or_path: `paper`, `icra2006`, `thesis`, or a file (.toml).
+        name_or_path: `paper`, `icra2006`, `thesis`, or a file (.toml); a record is returned as it
+            is.
 
     Raises:
         PresetError: there is none, it is no TOML, or no such machine can be; the message names the
             field.
     """
+    if isinstance(name_or_path, Preset):
+        return name_or_path
     name = str(name_or_path)
     if name in built_in():
         path = _FOLDER / f"{name}.toml"
@@ -192,7 +202,7 @@ def _preset(name: str, file: dict[str, Any]) -> Preset:
         source,
         TABLE_I._replace(**values["robot"]),
         TABLE_II._replace(**values["motor"]),
-        World(sensor=Sensor(**values["world.sensor"]), **brought),
+        World(sensor=Sensor(**camera) if (camera := values["world.sensor"]) else None, **brought),
         sources,
     )
 

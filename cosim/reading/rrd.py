@@ -101,7 +101,7 @@ def read_rrd(path: Path) -> RecordingData:
     Raises:
         RecordingReadError: there is no such file, or it is no recording.
     """
-    part = path.with_name(path.name + ".part")
+    part = path.parent / f"{path.name}.part"
     left = not path.exists() and part.is_file()
     mend = f"its writer left {part}, read that" if left else "name an .rrd file"
     require_file(path, Kind("recording", mend, RecordingReadError))

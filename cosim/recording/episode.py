@@ -49,6 +49,7 @@ class _Decided(NamedTuple):
     step: Step
     q_values: np.ndarray
     reward_parts: np.ndarray
+    greedy: np.ndarray
 
 
 class EpisodeRecorder:
@@ -86,7 +87,7 @@ class EpisodeRecorder:
             facts = facts | {"drawn": drawn.table()}
         self._names = robot_names(scenario.robots)
         self._config, self._detail = config, DETAILS[level]
-        camera = config.world.sensor.rate_hz > 0.0
+        camera = config.world.camera.rate_hz > 0.0
         self._signals = signals_of(scenario.robots, camera=camera)
         self._return = np.zeros(scenario.robots)
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
@@ -141,6 +142,7 @@ class EpisodeRecorder:
         step: Step,
         q_values: np.ndarray | None = None,
         reward_parts: np.ndarray | None = None,
+        greedy: np.ndarray | None = None,
     ) -> None:
         """Take one RL step.
 
@@ -149,6 +151,8 @@ class EpisodeRecorder:
             q_values: (N, 8) action values of the observation before the step, if known.
             reward_parts: (N, 3) reward of the step as the sum of
                 `cosim.recording.series.REWARD_PARTS`, NaN where none was.
+            greedy: (N,) direction index that the policy chose, whether or not it was adopted;
+                by default that of the largest action value.
 
         Raises:
             RecordingError: the disk is full.
@@ -159,7 +163,8 @@ class EpisodeRecorder:
             q_values = np.full((robots, DIRECTION_COUNT), np.nan)
         if reward_parts is None:
             reward_parts = np.full((robots, len(REWARD_PARTS)), np.nan)
-        self._batch.append(_Decided(step, q_values, reward_parts))
+        chosen = q_values.argmax(axis=1) if greedy is None else greedy
+        self._batch.append(_Decided(step, q_values, reward_parts, chosen))
         if sum(decided.step.duration_s for decided in self._batch) > _BATCH_S - _ROUNDING_S:
             self._write_batch()
 
@@ -239,7 +244,7 @@ class EpisodeRecorder:
         states = {"action": [DIRECTION_NAMES[a] if a >= 0 else ARRIVED for a in action]}
         if not np.isnan(q_values).any():  # of a policy that says what it thinks of actions
             self._send(f"/rl/{name}/q_s", times, q_values, numbers)
-            states["greedy"] = [DIRECTION_NAMES[k] for k in q_values.argmax(axis=1)]
+            states["greedy"] = [DIRECTION_NAMES[int(d.greedy[robot])] for d in self._batch]
         for path, names in states.items():
             rows = rr.StateChange.columns(state=names)
             self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), rows)
@@ -287,7 +292,7 @@ class EpisodeRecorder:
         self._return[robot] += reward.sum()
 
     def _write_log(self) -> None:
-        told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts in self._batch)
+        told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts, _ in self._batch)
         write_lines(self.file, [line for lines in told for line in lines])
 
     def _starts(self) -> tuple[np.ndarray, np.ndarray]:

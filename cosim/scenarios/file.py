@@ -1,29 +1,31 @@
 """Scenario and world files (TOML), and scenarios found by name."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
+from cosim.base.arguments import taken
 from cosim.base.params import TABLE_I
 from cosim.base.reading import Kind, read_toml
 from cosim.base.world import IDEAL, Rectangle, World, WorldError
 from cosim.scenarios.built_in import BUILT_IN, filled, sides
 from cosim.scenarios.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
 
+ROUGH = Path(__file__).with_name("rough.toml")  # a world in which nothing is ideal
 MAX_CELLS = MAX_SIDE_CELLS**2  # of a list, before those that stand there twice are left out
 
 _FILE = Kind("scenario file", "check the path", ScenarioError)
 _WORLD_FILE = Kind("world file", "check the path", WorldError)
 
 
-def find_scenario(name_or_path: str | Path, *, ideal: bool = False) -> Scenario:
+def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -> Scenario:
     """Built-in scenario of that name, or the one in a TOML file.
 
     Args:
-        name_or_path: of a built-in scenario, or a scenario file.
+        name_or_path: of a built-in scenario, or a scenario file; a record is returned as it is.
         ideal: refuse a world of its own, of which only obstacles would have an effect.
 
     Raises:
@@ -39,33 +41,38 @@ def find_scenario(name_or_path: str | Path, *, ideal: bool = False) -> Scenario:
 
 
 def find_in_world(
-    name_or_path: str | Path, world_file: str | Path | None = None
+    scenario: str | Path | Scenario, world: str | Path | World | Mapping[str, Any] | None = None
 ) -> tuple[Scenario, World]:
     """A scenario, with the obstacles of its world, and the world it is in.
 
     Args:
-        name_or_path: of a built-in scenario, or a scenario file.
-        world_file: whose table `[world]` holds; by default that of the scenario file, or the
-            paper's.
+        scenario: name of a built-in scenario, scenario file (.toml) or record.
+        world: world file, record, or dict of its fields; by default the table `[world]` of the
+            scenario file, or the paper's.
 
     Raises:
         ScenarioError: there is no such scenario, or the file does not describe one.
         WorldError: the world cannot be, or both files have one.
     """
-    name = str(name_or_path)
-    world = None if world_file is None else read_world(Path(world_file))
-    if name in BUILT_IN:
-        scenario, own = BUILT_IN[name], IDEAL
+    name, own, declared = str(scenario), IDEAL, world
+    if isinstance(declared, str | Path):
+        declared = read_world(Path(declared))
+    declared = taken("world", declared, World | None, WorldError)
+    if isinstance(scenario, Scenario):
+        pass
+    elif name in BUILT_IN:
+        scenario = BUILT_IN[name]
     elif name.endswith(".toml"):
         scenario, own = _read(Path(name))
     else:
         raise ScenarioError(
             f"unknown scenario '{name}'; choose one of {', '.join(BUILT_IN)} or name a .toml file"
         )
-    if world is not None and own != IDEAL:
-        raise WorldError(f"{name} has a world of its own beside that of {world_file}; remove one")
-    world = own if world is None else world
-    return in_world(scenario, world), world
+    if declared is None:
+        declared = own
+    elif own != IDEAL:
+        raise WorldError(f"{name} has a world of its own beside that of {world}; remove one")
+    return in_world(scenario, declared), declared
 
 
 def in_world(scenario: Scenario, world: World) -> Scenario:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.base.arguments import take_fields
 from cosim.base.errors import UserError
 from cosim.base.params import TABLE_I
 from cosim.base.provenance import digest_of
@@ -90,6 +91,7 @@ class Scenario:
     zone_is_obstacle: bool = False
 
     def __post_init__(self) -> None:
+        take_fields(self, ScenarioError)
         self._check_sizes()
         if len(self.targets) != len(self.starts) or not 1 <= self.robots <= MAX_ROBOTS:
             raise ScenarioError(

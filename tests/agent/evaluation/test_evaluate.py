@@ -9,7 +9,7 @@ import pytest
 
 import cosim.evaluate
 from agent.evaluation.cases import Case
-from agent.evaluation.dynamics import EvaluationReport, evaluate, report_of
+from agent.evaluation.dynamics import Evaluated, EvaluationReport, evaluate, report_of
 from agent.evaluation.outcomes import summary
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.row_file import ResultFileError
@@ -200,6 +200,16 @@ def test_no_episode_gives_no_numbers(near_policy, motor_fmu):
     values = msgspec.structs.asdict(summary(Case(near_policy, CoSimConfig(), motor_fmu, 0), {}))
     assert values.pop("episodes") == 0
     assert set(values.values()) == {None}
+
+
+def test_the_default_is_at_most_what_the_scenario_has(near_policy, motor_fmu, tmp_path):
+    case = Case(near_policy, CoSimConfig(), motor_fmu, 0)
+    file = ResultFile(tmp_path, case)
+    some, every = (Evaluated("near", file, s, tmp_path, 0).indices for s in (None, "all"))
+    assert some == every == case.sample(4)
+    with pytest.raises(UserError, match="has only 4 starts, not 50"):
+        Evaluated("near", file, 50, tmp_path, 0)
+    assert Evaluate(policies=()).starts is None
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ OUTCOMES = {
     **{f"{name}_low": max(0.0, share - 0.0456) for name, share in SHARES.items()},
     **{f"{name}_high": min(1.0, share + 0.0456) for name, share in SHARES.items()},
     "path_length_cm": 123.4,
+    "rotation_deg": 345.0,
     "path_ratio_to_grid": 1.234,
     "path_ratio_to_grid_low": 1.111,
     "path_ratio_to_grid_high": 1.345,

@@ -28,7 +28,7 @@ def test_worlds_are_within_their_ranges():
             assert abs(left - SIDE // 2) <= REACH
             assert RANGES.patch_cells[0] <= right - left + 1 <= RANGES.patch_cells[1]
             assert bottom <= top
-        assert world.sensor.rate_hz >= RANGES.rate_hz[0]
+        assert world.camera.rate_hz >= RANGES.rate_hz[0]
     assert len(set(map(repr, worlds))) == len(worlds)
 
 

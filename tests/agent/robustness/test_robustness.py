@@ -51,6 +51,13 @@ def report(board) -> RobustnessReport:
     return measure(board.parent / "out", board)
 
 
+def test_the_default_world_is_there_wherever_the_command_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    world = Robustness().world
+    assert read_world(world) == read_world(ROUGH)
+    assert "cosim" in {parent.name for parent in world.parents}  # in the wheel
+
+
 def test_every_axis_has_worlds_of_its_own():
     scenario = find_scenario("4")
     worlds = [p for axis in AXES for p in points(axis, scenario, read_world(ROUGH))]

@@ -181,7 +181,7 @@ def test_a_robot_is_identified_from_its_track(tmp_path, monkeypatch, capsys):
     assert len(mu["rises"]) == 2
     preset = find_preset(out / "preset.toml")
     assert preset.robot.mu == mu["value"]
-    assert preset.config().world.sensor.rate_hz == 30.0
+    assert preset.config().world.camera.rate_hz == 30.0
     page = (out / "report.html").read_text()
     assert "<svg" in page
     assert "com_x_m" in page

@@ -11,6 +11,7 @@ from fmpy.fmi3 import FMU3Slave
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.base.world import Patch, Sensor, World, WorldError
+from cosim.coupling.master import NotFiniteError
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import Batch
 from cosim.recording.levels import with_bursts
@@ -245,6 +246,18 @@ def test_fmpy_is_refused_where_it_cannot_step(motor_fmu, array_fmu):
     ):  # fmt: skip
         with pytest.raises(ConfigError, match=refused % re.escape(reason)):
             Batch(fmu, CoSimConfig(**changes), 1, 1, "fmpy")
+
+
+@pytest.mark.parametrize("lane", [2, 3])
+def test_an_error_of_an_idle_lane_says_whose_it_is(lane, array_fmu):
+    """One of a place without an episode, and one that only fills the vector."""
+    batch = Batch(array_fmu, CoSimConfig(), 1, 3, lanes=4)
+    scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
+    batch.begin(0, scenario, ((15, 15),), np.random.SeedSequence(3))
+    batch._state.bodies[0, lane] = np.nan
+    with pytest.raises(NotFiniteError, match="of robot 1 of a place without an episode is nan at"):
+        batch.advance({0: np.array([NORTH])})
+    batch.close()
 
 
 def test_errors_of_a_thread_are_raised_where_results_are_taken(array_fmu):

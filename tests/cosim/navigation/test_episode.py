@@ -18,7 +18,7 @@ from cosim.navigation.observing import draw_starts
 from cosim.navigation.options import PROMPT_RL_STEP_S, Deciding
 from cosim.recording.levels import with_bursts
 from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.scenarios.scenario import Scenario, ScenarioError
 
 SHORT = Scenario("short", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 EAST, NORTH, SOUTH = 0, 2, 6
@@ -199,6 +199,12 @@ def test_starts_never_touch():
     for _ in range(50):
         a, b = draw_starts(crowd, rng)
         assert abs(a[0] - b[0]) > 5
+
+
+def test_starts_that_always_touch_are_refused():
+    crowd = Scenario("crowd", "", ((0, 0), (9, 9)), (((4, 0), (5, 0)),) * 2)
+    with pytest.raises(ScenarioError, match="crowd: starts leave hardly a combination"):
+        draw_starts(crowd, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(

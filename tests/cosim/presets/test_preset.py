@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from cosim.base.config import CoSimConfig
+from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TABLE_II
 from cosim.base.world import IDEAL, Sensor, World
 from cosim.navigation.options import Driving, Physics
@@ -57,7 +57,7 @@ def test_published_machines():
 def test_a_file_says_what_differs_and_where_it_is_from(written):
     config = find_preset(written(WHOLE)).config()
     assert (config.robot.mass_kg, config.motor.K_T) == (0.2, 4e-4)
-    assert (config.world.restitution, config.world.sensor.rate_hz) == (0.2, 30.0)
+    assert (config.world.restitution, config.world.camera.rate_hz) == (0.2, 30.0)
     table = config.table()
     assert table["mass_kg"]["source"] == "weighed"
     assert table["K_T"]["source"] == "identified here"
@@ -82,13 +82,34 @@ def test_what_is_said_explicitly_holds(written):
     world = World(restitution=0.3, floor_tilt_deg=1.0, mu=0.25)
     config = Physics(preset=file).config(world)
     assert (config.world.restitution, config.world.floor_tilt_deg) == (0.3, 1.0)
-    assert config.world.sensor == Sensor(rate_hz=30.0)  # of which the world says nothing
+    assert config.world.camera == Sensor(rate_hz=30.0)  # of which the world says nothing
     assert config.noise.relative_amplitude == 0.1
     assert Physics(preset="icra2006").config(world).robot.mu == 0.25
     own = Driving(preset="icra2006", mu=0.2, noise=0.0).config()
     assert (own.robot.mu, own.noise.relative_amplitude) == (0.2, 0.0)
     assert own.table()["mu"]["source"] == CoSimConfig().table()["mu"]["source"]
     assert find_preset("icra2006").in_world(IDEAL) == IDEAL
+
+
+def test_a_world_sets_what_a_machine_brings_along_back_to_ideal(written):
+    """Also to 0: what is said explicitly holds, and is not shown with the machine's source."""
+    world = World(restitution=0.0, motor_spread=0.0, motor_speed_noise=0.0, sensor=Sensor())
+    file = written(
+        "[world]\nrestitution = 0.2\nmotor_spread = 0.1\nmotor_speed_noise = 0.1\n"
+        'source = "measured"\n[world.sensor]\nrate_hz = 30\nsource = "data sheet"\n'
+    )
+    names = ("restitution", "motor_spread", "relative_amplitude", "sensor_rate_hz")
+    brought, ideal = (Physics(preset=file).config(w).table() for w in (IDEAL, world))
+    assert [brought[name]["value"] for name in names] == [0.2, 0.1, 0.1, 30.0]
+    assert [ideal[name]["value"] for name in names] == [0.0] * 4
+    usual = CoSimConfig().table()
+    assert [ideal[name]["source"] for name in names] == [usual[n]["source"] for n in names]
+    assert brought["sensor_rate_hz"]["source"] == "data sheet"
+
+
+def test_a_communication_step_of_zero_is_refused():
+    with pytest.raises(ConfigError, match=r"communication_step = 0\.0 must be finite and positive"):
+        Physics(communication_step=0.0)
 
 
 @pytest.mark.parametrize(

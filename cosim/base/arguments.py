@@ -1,0 +1,108 @@
+"""Arguments of the Python API, converted to the types that records declare, or refused by name."""
+
+from collections.abc import Collection, Mapping
+from functools import cache
+from pathlib import Path, PurePath
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+
+from cosim.base.errors import UserError, shown
+
+MAX_SEED = 2**63  # recordings have integers of 64 bits
+
+
+class ConfigError(UserError, ValueError):
+    """Invalid parameters or arguments; the message names the argument and how to fix it."""
+
+
+def taken(name: str, value: Any, kind: Any, error: type[UserError] = ConfigError) -> Any:
+    """Return an argument as the type that it must have.
+
+    NumPy scalars and arrays become numbers and lists, lists become tuples, strings paths, and dicts
+    records; a string becomes a tuple of one string.
+
+    Args:
+        name: of the argument, for messages.
+        value: as given.
+        kind: type, as msgspec takes it, or with paths.
+        error: raised if the value does not fit.
+
+    Raises:
+        UserError: `error`, which names the argument, its value and what is expected.
+    """
+    plain = _plain(value)
+    if isinstance(plain, PurePath) and kind is str:
+        plain = str(plain)
+    if isinstance(plain, str) and get_origin(kind) is tuple:
+        plain = (plain,)
+    try:
+        return msgspec.convert(plain, kind, dec_hook=_path)
+    except msgspec.ValidationError as problem:
+        if known := _choices(kind):
+            raise error(unknown(name, value, known)) from None
+        reason = str(problem).replace("`", "").replace("null", "None")
+        raise error(f"{name} = {shown(value)} is invalid: e{reason[1:]}") from None
+
+
+def taken_seed(seed: Any) -> int:
+    """Return a seed as an int from 0 to 2**63 - 1; raises ConfigError if it is none."""
+    seed = taken("seed", seed, int)
+    if not 0 <= seed < MAX_SEED:
+        raise ConfigError(f"seed = {seed} must not be negative, and below 2**63")
+    return seed
+
+
+def take_fields(
+    record: Any, error: type[UserError] = ConfigError, but: Collection[str] = ()
+) -> None:
+    """Convert the fields of a frozen record in place, all but some; see `taken`."""
+    struct = isinstance(record, msgspec.Struct)
+    put = msgspec.structs.force_setattr if struct else object.__setattr__
+    for name, kind in _hints(type(record)).items():
+        if name not in but:
+            put(record, name, taken(name, getattr(record, name), kind, error))
+
+
+def require_one_of(name: str, value: str, known: Collection[str]) -> None:
+    """Refuse a value that is not among the known ones.
+
+    Raises:
+        ConfigError: it is not; the message names them.
+    """
+    if value not in known:
+        raise ConfigError(unknown(name, value, known))
+
+
+def unknown(name: str, value: Any, known: Collection[str]) -> str:
+    """Return the message that refuses a value which is not among the known ones."""
+    return f"{name} = {shown(value)} is unknown; choose one of {', '.join(known)}"
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {_plain(key): _plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value
+
+
+def _path(kind: Any, value: Any) -> Any:
+    if kind is Path and isinstance(value, str | PurePath):
+        return Path(value)
+    raise ValueError(f"Expected {kind.__name__}, got {type(value).__name__}")
+
+
+def _choices(kind: Any) -> tuple[str, ...]:
+    """The values of the Literal in a type; none where there is no Literal."""
+    if get_origin(kind) is Literal:
+        return get_args(kind)
+    return next((found for part in get_args(kind) if (found := _choices(part))), ())
