@@ -1,13 +1,13 @@
 """Result files of trained runs, and an experiment's result as tables."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import msgspec
 import numpy as np
 
 from agent.evaluation.grid import GridReport, PolicyMeasures
 from agent.evaluation.statistics import Statistics, interval_text, summarise
-from agent.experiments.variants import Name
+from agent.experiments.variants import REFERENCES, Name
 from cosim.base.command import show_table
 
 RESULTS_FILE = "results.json"
@@ -71,28 +71,24 @@ class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def differences(
-    variants: Mapping[str, VariantResult], references: Collection[str]
+    variants: Mapping[str, VariantResult], references: Mapping[str, str]
 ) -> dict[str, dict[str, Statistics]]:
     """Statistics of each variant's runs minus the runs of the same seeds of its reference.
 
     Args:
         variants: by name.
-        references: names of the variants that the others of their scenarios are compared with.
+        references: names of variants, and of those that they are compared with.
     """
-    reference_of = {variants[name].scenario: name for name in references}
 
     def values(name: str, measure: str) -> np.ndarray:
         return np.array([getattr(run, measure) for run in variants[name].runs], dtype=float)
 
     return {
         name: {
-            measure: summarise(
-                values(name, measure) - values(reference_of[variant.scenario], measure)
-            )
+            measure: summarise(values(name, measure) - values(reference, measure))
             for measure in _COMPARED
         }
-        for name, variant in variants.items()
-        if references and name not in references
+        for name, reference in references.items()
     }
 
 
@@ -104,14 +100,14 @@ def show(result: ExperimentResult) -> None:
     rows = [(v.label, *_intervals(v.over_runs, measures)) for v in variants.values()]
     show_table(None, header, rows)
     if result.differences:
-        reference_of = {
-            v.scenario: v.label for name, v in variants.items() if name not in result.differences
-        }
+        references = REFERENCES[result.experiment]
         header = ("difference, run by run", *header[1:4])
         rows = [
-            (f"{v.label} minus {reference_of[v.scenario]}", *_intervals(statistics, _COMPARED))
+            (
+                f"{variants[name].label} minus {variants[references[name]].label}",
+                *_intervals(statistics, _COMPARED),
+            )
             for name, statistics in result.differences.items()
-            for v in (variants[name],)
         ]
         show_table(None, header, rows)
     print(f"{result.seconds:.0f} s; results in {result.out}/: {RESULTS_FILE}, runs by variant")

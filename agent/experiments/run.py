@@ -133,7 +133,7 @@ def run_experiment(
         seconds=time.perf_counter() - began,
         out=str(out),
         variants=variants,
-        differences=differences(variants, REFERENCES.get(name, ())),
+        differences=differences(variants, REFERENCES.get(name, {})),
     )
     write_json(out / RESULTS_FILE, result)
     return result

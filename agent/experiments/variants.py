@@ -1,12 +1,14 @@
 """The experiments: which variants each of them compares, and with which one."""
 
+import itertools
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 from agent.process.config import Feature, ProcessConfig
 from agent.training.settings import Algorithm, LearningConfig
 from cosim.scenarios.built_in import IN_GROUPS, PAPER, RESTRICTED
 
-Name = Literal["fig08", "fig10", "fig11", "features", "readings", "zone", "sequel"]
+Name = Literal["fig08", "fig10", "fig11", "features", "readings", "zone", "factorial", "sequel"]
 
 
 class Variant(NamedTuple):
@@ -30,7 +32,7 @@ def _scenarios(*names: str) -> dict[str, Variant]:
 
 
 # The paper does not say on which scenario Fig. 10 was made; 4 has the most encounters (assumed).
-_HARDEST = "4"
+_PAIRS, _HARDEST = ("2", "3", "4"), "4"
 _FEATURES: tuple[tuple[Feature, ...], ...] = (
     ("x", "y"),
     ("x", "y", "d"),
@@ -40,13 +42,37 @@ _FEATURES: tuple[tuple[Feature, ...], ...] = (
 )
 _ALGORITHMS: dict[Algorithm, str] = {"q": "Q-learning", "double_q": "double Q-learning"}
 
+_COEFFICIENTS = (1.0, 1.5, 2.0, 5.0)  # c of Fig. 10, and 1, which penalises nothing more
+
+
+def _factorial() -> dict[str, Variant]:
+    """Return every combination of the interpretations that may decide Fig. 10, with each c."""
+    found = {}
+    for scenario, zone, target, eta, schedule, c in itertools.product(
+        _PAIRS,
+        ("", "-zone"),
+        ("cell", "disk"),
+        (0.01, 0.001),
+        ("geometric", "linear"),
+        _COEFFICIENTS,
+    ):
+        parts = f"{scenario}{zone}", target, f"eta{eta:g}", schedule, f"c{c:g}"
+        found["-".join(parts)] = Variant(
+            " ".join(parts),
+            f"{scenario}{zone}",
+            ProcessConfig(approach_coefficient=c, target_obstacle=target),
+            LearningConfig(eta=eta, schedule=schedule),
+        )
+    return found
+
+
 EXPERIMENTS: dict[Name, dict[str, Variant]] = {
     "fig08": _scenarios("1a", "1b"),
     "fig10": {
         f"c{c:g}": Variant(f"c = {c:g}", _HARDEST, ProcessConfig(approach_coefficient=c))
-        for c in (1.0, 1.5, 2.0, 5.0)
+        for c in _COEFFICIENTS
     },
-    "fig11": _scenarios("2", "3", "4"),
+    "fig11": _scenarios(*_PAIRS),
     "features": {
         "".join(features): Variant(
             f"features {', '.join(features)}", _HARDEST, ProcessConfig(features=features)
@@ -76,6 +102,7 @@ EXPERIMENTS: dict[Name, dict[str, Variant]] = {
         ),
     },
     "zone": _scenarios(*PAPER, *RESTRICTED),
+    "factorial": _factorial(),
     "sequel": {
         f"{name}-{algorithm}": Variant(
             f"{name}, {label}", name, learning=LearningConfig(algorithm=algorithm)
@@ -85,10 +112,16 @@ EXPERIMENTS: dict[Name, dict[str, Variant]] = {
     },
 }
 
-# Variants that the others of the same scenario are compared with, run by run (same seed, same run).
-REFERENCES: dict[Name, tuple[str, ...]] = {
-    "fig10": ("c1.5",),
-    "features": ("xydg",),
-    "readings": ("as_read",),
-    "sequel": tuple(f"{name}-q" for name in IN_GROUPS),
+# What a variant is compared with, run by run (same seed, same run).
+REFERENCES: dict[Name, Mapping[str, str]] = {
+    "fig10": {name: "c1.5" for name in EXPERIMENTS["fig10"] if name != "c1.5"},
+    "features": {name: "xydg" for name in EXPERIMENTS["features"] if name != "xydg"},
+    "readings": {name: "as_read" for name in EXPERIMENTS["readings"] if name != "as_read"},
+    "zone": {f"{name}-zone": name for name in PAPER},
+    "factorial": {
+        name: f"{name.rpartition('-')[0]}-c1.5"
+        for name in EXPERIMENTS["factorial"]
+        if not name.endswith("-c1.5")
+    },
+    "sequel": {f"{name}-double_q": f"{name}-q" for name in IN_GROUPS},
 }
