@@ -83,7 +83,7 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
     if creep_m_s * config.timing.episode_limit_s > stopping_m - bound_m:
         raise CalibrationError(SLIDES.format(f"on, by {3.6e6 * creep_m_s:.2g} mm in an hour"))
     shielding = shielding._replace(stopping_m=stopping_m)
-    if not world.sensor.rate_hz:
+    if not world.camera.rate_hz:
         return replace(config, shielding=shielding)
     seen = _reduced(config, *_FLOOR, "mu_patches", "sensor")
     with under_way(progress, "measuring errors of estimates"):

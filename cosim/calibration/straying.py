@@ -62,7 +62,7 @@ class Tracks(NamedTuple):
 def drive_about(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> Tracks:
     """Simulate robots on an endless floor that drive lines, half of them always the same way."""
     rng, sequence = np.random.default_rng(seed), np.random.SeedSequence(seed)
-    period_s, sensor = config.timing.control_period_s, config.world.sensor
+    period_s, sensor = config.timing.control_period_s, config.world.camera
     drawn = draw_world(config.world, config.motor, robots, sequence)
     slope = gravity(config.world, drawn, config.motor.g)
     headings = rng.uniform(-np.pi, np.pi, robots)
@@ -124,7 +124,7 @@ def bias_of(tracks: Tracks, config: CoSimConfig) -> tuple[float, float]:
     Returns:
         Bias in standard deviations; and the standard deviation in m that a tenth of the looks has.
     """
-    sensor = config.world.sensor
+    sensor = config.world.camera
     camera = camera_of(sensor, config.timing.control_period_s)
     found = _replay(tracks, camera, frames_in_flight(sensor), _SAMPLED, config.estimator)
     error, variance = found[..., :2], found[..., 2] + _LEAST_M**2

@@ -93,7 +93,7 @@ class Trial:
             self._motors.restart([robot], (pair,))
         self._state.running[:] = 1
         if sight is not None:
-            sensor, columns = config.world.sensor, self._state.bodies.shape[1]
+            sensor, columns = config.world.camera, self._state.bodies.shape[1]
             frames = np.zeros((columns, frames_in_flight(sensor), FRAME_SIZE))
             self._state.cameras[:n] = camera_of(sensor, config.timing.control_period_s)
             self._state = self._state._replace(
