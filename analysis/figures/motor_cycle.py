@@ -33,6 +33,8 @@ from cosim.reading.episode import Episode, read_episode
 # A robot drives straight where its motors turn against each other, each within this share of the
 # forward speed; it turns on the spot where they turn alike.
 STEADY = 0.15
+# Loads are means over this time: a foot that lands has an impulse, not a force of its own.
+MEAN_S = 1e-4
 SCENARIO = "2"
 
 
@@ -46,9 +48,11 @@ class Cycle(NamedTuple):
         omega: (n, 2) speeds of D and E, rad/s.
         apart_rad: mean angle between the masses; 0 where they push together.
         driving_n: (n,) force of both eccentric masses along the body's x axis, Eq. (3).
-        friction_n: (n,) friction of all feet along it.
-        holds_n: (n,) largest friction that the feet's load allows.
-        normal_n: (n, 3) load of feet A, B, C.
+        friction_n: (n,) friction of all feet along it, mean over MEAN_S.
+        holds_n: (n,) largest friction that the feet's load allows, likewise.
+        normal_n: (n, 3) load of feet A, B, C, likewise.
+        impact_n_s: largest normal impulse with which a foot lands.
+        lifted: (n, 3) bool, feet that carry nothing.
         slides: (n, 3) bool, feet that slide.
         ahead_m: (n,) distance along the body's x axis since the first tick.
     """
@@ -62,6 +66,8 @@ class Cycle(NamedTuple):
     friction_n: np.ndarray
     holds_n: np.ndarray
     normal_n: np.ndarray
+    impact_n_s: float
+    lifted: np.ndarray
     slides: np.ndarray
     ahead_m: np.ndarray
 
@@ -125,6 +131,7 @@ def _cycle(episode: Episode, turn: _Turn) -> Cycle:
         episode.signals[f"/raw/{robot}/{name}"] for name in ("friction", "normal", "position")
     )
     mu, load = episode.parameter("mu"), normal.values[rows]
+    dt_s = episode.parameter("dt_s")
     time_s = position.time_s[rows]
     headings = episode.signals[f"/sim/{robot}/heading"]
     heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
@@ -136,12 +143,32 @@ def _cycle(episode: Episode, turn: _Turn) -> Cycle:
         turn.omega,
         turn.apart_rad(),
         _driving_force(episode, turn),
-        friction.values[rows][:, ::2].sum(axis=1),
-        mu * load.sum(axis=1),
-        load,
+        _mean(friction.values[rows][:, ::2].sum(axis=1), dt_s),
+        _mean(mu * load.sum(axis=1), dt_s),
+        np.apply_along_axis(_mean, 0, load, dt_s),
+        _largest_impact(load, dt_s),
+        load == 0.0,
         sliding(friction, normal, mu)[rows],
         path @ [np.cos(heading), np.sin(heading)],
     )
+
+
+def _mean(values: np.ndarray, dt_s: float) -> np.ndarray:
+    """Values (n,) at every tick of dt_s, averaged over MEAN_S around each."""
+    count = max(1, round(MEAN_S / dt_s))
+    window = np.ones(count)
+    return np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same")
+
+
+def _largest_impact(load: np.ndarray, dt_s: float) -> float:
+    """Largest normal impulse in N s of a foot in the two ticks in which it lands; 0 if none does.
+
+    Args:
+        load: (n, 3) normal forces at every tick.
+        dt_s: time between two.
+    """
+    landed = (load[:-2] == 0.0) & (load[1:-1] > 0.0)
+    return float(np.where(landed, load[1:-1] + load[2:], 0.0).max(initial=0.0)) * dt_s
 
 
 def _angles(
@@ -184,7 +211,7 @@ def draw(cycle: Cycle) -> Figure:
     force.set(ylabel="force along x in N")
     for name, values, colour in zip("ABC", cycle.normal_n.T, (BLUE, ORANGE, GREEN), strict=True):
         load.plot(degrees, values, color=colour, label=f"foot {name}")
-    load.set(ylabel="normal force in N")
+    load.set(ylabel=f"normal force in N,\nmean over {1e3 * MEAN_S:g} ms")
     for name, values, colour in zip("DE", np.abs(cycle.omega).T, (BLUE, VERMILION), strict=True):
         speed.plot(degrees, values, color=colour, label=f"motor {name}")
     speed.set(ylabel="speed in rad/s")
@@ -207,7 +234,7 @@ def caption(cycle: Cycle) -> Caption:
     speed = float(np.abs(cycle.omega).mean())
     step_um = 1e6 * float(cycle.ahead_m[-1])
     slides, holds = float(cycle.slides.mean()), float(cycle.holds_n.min())
-    lifted = float((cycle.normal_n == 0.0).any(axis=1).mean())
+    lifted = float(cycle.lifted.any(axis=1).mean())
     driving = float(np.abs(cycle.driving_n).max())
     return Caption(
         "motor_cycle",
@@ -220,7 +247,7 @@ def caption(cycle: Cycle) -> Caption:
             f"together, a turn takes {1e3 * turn_s:.2f} ms and moves the robot {step_um:.1f} µm.",
             f"The masses push with up to {driving:.2f} N, the friction that the load allows falls "
             f"to {holds:.3f} N; the feet slide in {slides:.0%} of the ticks, and some foot is in "
-            f"the air in {lifted:.0%}.",
+            f"the air in {lifted:.0%}. Feet land with up to {1e6 * cycle.impact_n_s:.0f} µN s.",
         ),
         {
             "omega_rad_s": speed,
@@ -231,6 +258,7 @@ def caption(cycle: Cycle) -> Caption:
             "lifted_share": lifted,
             "driving_max_n": driving,
             "friction_limit_min_n": holds,
+            "impact_max_n_s": cycle.impact_n_s,
         },
         FIGURES["motor_cycle"],
     )

@@ -14,7 +14,7 @@ from cosim.base.params import TABLE_II, MotorParams, open_loop_voltage
 from cosim.base.world import generator
 from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu, Sampling
-from cosim.coupling.interface import ELECTRICAL, INPUTS, OUTPUTS, PHASE, SAMPLED, check_use
+from cosim.coupling.interface import INPUTS, OUTPUTS, PHASE, SAMPLED, check_use
 from cosim.coupling.plant import Plant
 from cosim.fmi.isolation import calling
 from cosim.physics.collision import PairParams
@@ -116,7 +116,7 @@ def _differences(motor: MotorParams, usual: MotorParams) -> dict[str, float]:
 class Motors:
     """The motors of all robots: an FMU instance each, or one instance with all of them as arrays.
 
-    Signals are arrays (6, B), or (4, B), see `cosim.coupling.signals.State`. No motor is there
+    Signals are arrays (6, B), or (8, B), see `cosim.coupling.signals.State`. No motor is there
     before its robot's first `restart`.
     """
 
@@ -151,7 +151,7 @@ class Motors:
         self.calls = Calls(
             np.zeros(len(self._instances), dtype=np.int64),
             np.zeros(len(self._instances), dtype=np.int64),
-            np.zeros(len(INPUTS)),
+            np.zeros(max(len(INPUTS), len(fmu.electrical))),
             *(0, 0, 0),
             fmu.inputs,
             fmu.outputs,
@@ -248,8 +248,9 @@ class Motors:
             values[:] = np.reshape(motor.outputs(tick, dt_s), values.shape)
 
     def get_electrical(self, signals: np.ndarray, dt_s: float) -> None:
-        """Write ELECTRICAL to (4, B); raises FmuError naming instance and time."""
-        for motor, values, tick in self._each(signals, len(ELECTRICAL)):
+        """Write ELECTRICAL and LOOP to (8, B); raises FmuError naming instance and time."""
+        count = len(self.calls.electrical)
+        for motor, values, tick in self._each(signals[: len(MOTOR_NAMES) * count], count):
             values[:] = np.reshape(motor.electrical(tick, dt_s), values.shape)
 
     def step(self, count: int, dt_s: float) -> None:

@@ -34,7 +34,7 @@ class Calls(NamedTuple):
         instances: (I,) int64: one of all motors; or those of motors D and E of every column, 0
             where there is none.
         ticks: (I,) int64, ticks of dt that each has done.
-        values: (3,) float64, room for the signals of an instance of one motor.
+        values: (4,) float64, room for the signals of an instance of one motor.
         set_float64, do_step, get_float64: functions of the binary.
         inputs, outputs, electrical: arrays of value references (uint32).
         step_period: function that steps all motors over a control period; 0 to step them here.

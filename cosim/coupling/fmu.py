@@ -19,6 +19,7 @@ from cosim.coupling.interface import (
     CLOSED_LOOP,
     ELECTRICAL,
     INPUTS,
+    LOOP,
     OPEN_INPUTS,
     OUTPUTS,
     RESTART,
@@ -52,7 +53,7 @@ class MotorFmu(Fmu):
 
     Attributes:
         inputs, outputs, electrical: value references (uint32) of INPUTS (OPEN_INPUTS in open loop),
-            OUTPUTS, ELECTRICAL.
+            OUTPUTS, ELECTRICAL (and LOOP, if there is one).
         closed_loop: value reference of the parameter that instances in open loop get, else None.
         arrays: whether an instance has any number of motors.
 
@@ -80,6 +81,9 @@ class MotorFmu(Fmu):
         self.inputs = self._references(OPEN_INPUTS if open_loop else INPUTS, "input")
         self.outputs = self._references(OUTPUTS, "output")
         self.electrical = self._references(ELECTRICAL, "output")
+        with contextlib.suppress(KeyError, FmuError):  # what else has such a name is not the loop's
+            loop = [self._reference(name, "local", "output") for name in LOOP]
+            self.electrical = np.append(self.electrical, np.array(loop, dtype=np.uint32))
 
     def check_standard(self) -> None:
         """See `Fmu.check_standard`."""

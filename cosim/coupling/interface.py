@@ -24,6 +24,7 @@ INPUTS = ("omega_des", "omega_noise", "d")
 OPEN_INPUTS, CLOSED_LOOP = ("V_in", *INPUTS[1:]), "closed_loop"
 OUTPUTS = ("theta", "omega", "omega_dot")
 ELECTRICAL = ("V_s", "i")
+LOOP = ("u", "integral")  # of the controller, which an FMU need not have
 RESTART = "restart"
 # Of arrays, for a driver that has many communication steps of one `doStep`: the outputs at their
 # ends, the structural parameter that says how many, and the internal step.

@@ -10,7 +10,7 @@ from cosim.control.estimation import POSE, take_command
 from cosim.control.shield import guard
 from cosim.control.steering import SPEED, YAW_RATE, steer
 from cosim.coupling.plant import Plant
-from cosim.coupling.signals import MOTORS, State
+from cosim.coupling.signals import LANDING, MOTORS, State
 from cosim.physics.collision import find_near_obstacles, find_near_pairs
 from cosim.physics.properties import feel_patches
 from cosim.physics.rotation import heading
@@ -28,7 +28,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
     """
     period_s = plant.ticks_per_period * plant.body.dt
     robots, columns = plant.robots, state.bodies.shape[1]
-    for row in range(state.statistics.shape[0]):
+    for row in range(LANDING):
         for column in range(columns):
             state.statistics[row, column] = 0.0
     for column in range(columns):

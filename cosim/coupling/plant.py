@@ -15,10 +15,12 @@ from cosim.base.jit import inlined
 from cosim.base.params import EstimatorParams, ShieldParams, SteeringParams
 from cosim.coupling.signals import (
     AIRBORNE,
-    FRICTION_PEAK,
+    FRICTION,
+    IMPACT,
+    LANDING,
     LIFTED,
     MOTORS,
-    NORMAL_PEAK,
+    NORMAL,
     SLIPPING,
     State,
 )
@@ -166,12 +168,13 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     e = motor_wrench(mount_e, theta_e, omega_e, omega_dot_e)
     force = (d[0] + e[0], 0.0, d[1] + e[1])
     moment = (d[2] + e[2], d[3] + e[3], d[4] + e[4])
-    body = stepped(read_body(state.bodies, column, width), params, force, moment)
+    before = read_body(state.bodies, column, width)
+    body = stepped(before, params, force, moment)
     write_body(state.bodies, column, width, body)
     statistics, mu = state.statistics, params.contact.mu
-    lifted_a = _watch_foot(statistics, 0, column, width, body.at_a, mu[0])
-    lifted_b = _watch_foot(statistics, 1, column, width, body.at_b, mu[1])
-    lifted_c = _watch_foot(statistics, 2, column, width, body.at_c, mu[2])
+    lifted_a = _watch_foot(statistics, 0, column, width, before.at_a, body.at_a, mu[0])
+    lifted_b = _watch_foot(statistics, 1, column, width, before.at_b, body.at_b, mu[1])
+    lifted_c = _watch_foot(statistics, 2, column, width, before.at_c, body.at_c, mu[2])
     lifted = lifted_a + lifted_b + lifted_c
     _count(statistics, LIFTED, column, width, lifted > 0.0)
     _count(statistics, AIRBORNE, column, width, lifted > 2.0)
@@ -182,31 +185,42 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
 
 @inlined
 def _watch_foot(
-    statistics: np.ndarray, foot: int, column: int, width: Width, impulse: Impulse, mu: float
+    statistics: np.ndarray,
+    foot: int,
+    column: int,
+    width: Width,
+    before: Impulse,
+    impulse: Impulse,
+    mu: float,
 ) -> float:
-    """Note a foot's impulse; returns 1.0 if it carries nothing, else 0.0."""
+    """Note a foot's impulses, of the last tick and of this one.
+
+    Returns 1.0 if it carries nothing, else 0.0.
+    """
     normal, friction = impulse[0], dot(impulse[1], impulse[1])
-    _keep_largest(statistics, NORMAL_PEAK + foot, column, width, normal)
-    _keep_largest(statistics, FRICTION_PEAK + foot, column, width, friction)
+    _add(statistics, NORMAL + foot, column, width, normal)
+    _add(statistics, FRICTION + 2 * foot, column, width, impulse[1][0])
+    _add(statistics, FRICTION + 2 * foot + 1, column, width, impulse[1][1])
     limit = mu * normal
     carries = normal > 0.0
+    lands = select(carries & (before[0] <= 0.0), 1.0, 0.0)
+    stops = load(statistics, LANDING + foot, column, width)
+    _add(statistics, IMPACT + foot, column, width, select(lands + stops > 0.0, normal, 0.0))
+    store(statistics, LANDING + foot, column, width, lands)
     slides = carries & (friction >= AT_LIMIT * limit * limit)
     _count(statistics, SLIPPING + foot, column, width, slides)
     return select(carries, 0.0, 1.0)
 
 
 @inlined
-def _keep_largest(
-    statistics: np.ndarray, row: int, column: int, width: Width, value: float
-) -> None:
-    largest = load(statistics, row, column, width)
-    store(statistics, row, column, width, select(value > largest, value, largest))
+def _add(statistics: np.ndarray, row: int, column: int, width: Width, value: float) -> None:
+    total = load(statistics, row, column, width)
+    store(statistics, row, column, width, total + value)
 
 
 @inlined
 def _count(statistics: np.ndarray, row: int, column: int, width: Width, holds: bool) -> None:
-    ticks = load(statistics, row, column, width)
-    store(statistics, row, column, width, ticks + select(holds, 1.0, 0.0))
+    _add(statistics, row, column, width, select(holds, 1.0, 0.0))
 
 
 @inlined

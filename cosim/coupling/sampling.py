@@ -13,10 +13,11 @@ from cosim.coupling.plant import Plant
 from cosim.coupling.signals import (
     AIRBORNE,
     FEET,
-    FRICTION_PEAK,
+    FRICTION,
+    IMPACT,
     LIFTED,
     MOTORS,
-    NORMAL_PEAK,
+    NORMAL,
     SLIPPING,
     RawSamples,
     Samples,
@@ -106,7 +107,8 @@ def _is_within(rectangles: np.ndarray, x: float, y: float) -> bool:
 
 @inlined
 def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int) -> None:
-    dt, ticks = plant.body.dt, plant.ticks_per_period
+    ticks = plant.ticks_per_period
+    period_s = ticks * plant.body.dt
     body, statistics = state.bodies[:, column], state.statistics[:, column]
     for motor in range(MOTORS):
         samples.theta[row, column, motor] = state.outputs[motor, column]
@@ -115,6 +117,10 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
         samples.disturbance[row, column, motor] = state.inputs[2 * MOTORS + motor, column]
         samples.voltage[row, column, motor] = state.electrical[motor, column]
         samples.current[row, column, motor] = state.electrical[MOTORS + motor, column]
+        samples.command[row, column, motor] = state.electrical[2 * MOTORS + motor, column]
+        samples.integral[row, column, motor] = state.electrical[3 * MOTORS + motor, column]
+        samples.omega_dot[row, column, motor] = state.outputs[2 * MOTORS + motor, column]
+        samples.noise[row, column, motor] = state.inputs[MOTORS + motor, column]
     for axis in range(3):
         samples.position[row, column, axis] = body[axis]
         samples.velocity[row, column, axis] = body[7 + axis]
@@ -122,8 +128,10 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
         samples.quaternion[row, column, k] = body[3 + k]
     samples.yaw_rate[row, column] = body[12]
     for foot in range(FEET):
-        samples.normal_max[row, column, foot] = statistics[NORMAL_PEAK + foot] / dt
-        samples.friction_max[row, column, foot] = math.sqrt(statistics[FRICTION_PEAK + foot]) / dt
+        x, y = statistics[FRICTION + 2 * foot], statistics[FRICTION + 2 * foot + 1]
+        samples.normal_mean[row, column, foot] = statistics[NORMAL + foot] / period_s
+        samples.friction_mean[row, column, foot] = math.sqrt(x * x + y * y) / period_s
+        samples.impact[row, column, foot] = statistics[IMPACT + foot]
         samples.slipping_share[row, column, foot] = statistics[SLIPPING + foot] / ticks
     samples.lifted_share[row, column] = statistics[LIFTED] / ticks
     samples.airborne_share[row, column] = statistics[AIRBORNE] / ticks

@@ -30,9 +30,10 @@ SIGNALS = (
 )
 
 # Rows of the statistics of a control period, see `State.statistics`.
-NORMAL_PEAK, FRICTION_PEAK, SLIPPING = 0, FEET, 2 * FEET  # of feet A, B, C each
-LIFTED, AIRBORNE = 3 * FEET, 3 * FEET + 1
-STATISTICS = AIRBORNE + 1
+NORMAL, IMPACT, SLIPPING, FRICTION = 0, FEET, 2 * FEET, 3 * FEET  # of feet A, B, C each
+LIFTED, AIRBORNE = 5 * FEET, 5 * FEET + 1
+LANDING = AIRBORNE + 1  # rows from here on outlast the period
+STATISTICS = LANDING + FEET
 
 
 class State(NamedTuple):
@@ -56,10 +57,12 @@ class State(NamedTuple):
         outputs: (6, B) theta, omega, omega_dot.
         held: (6, B) the outputs at the start of the communication step.
         held_velocities: (6, B) velocity (world) and angular velocity (body) at that time.
-        electrical: (4, B) V_s, i.
-        statistics: (STATISTICS, B) of this control period: of each foot the largest normal impulse
-            in N s, the largest friction impulse, squared, in N² s², and ticks in which it slid;
-            ticks in which a foot carried nothing, and in which no foot carried anything.
+        electrical: (8, B) V_s, i, u, integral; NaN what an FMU does not have.
+        statistics: (STATISTICS, B) of this control period: of each foot the sum of normal impulses
+            in N s, the part of it in impacts, ticks in which it slid, and the sums of friction
+            impulses along x and y of the body; ticks in which a foot carried nothing, and in
+            which no foot carried anything; whether a foot landed in this tick. A foot that lands
+            closes its gap in one tick and stops in the next: an impact is both.
         touching: (B,) ticks of this period in which another robot or an obstacle was touched.
         touched: (B,) int64, whether that is so in this tick.
         near: (K N (N − 1) / 2, 2) int64, columns of pairs that may touch in this period.
@@ -117,12 +120,18 @@ class Samples(NamedTuple):
 
     Attributes:
         omega, omega_des, theta, voltage, current: (n, N, 2), motors D and E.
+        omega_dot: (n, N, 2), rad/s².
+        noise: (n, N, 2) that each motor's controller hears, rad/s.
+        command: (n, N, 2) u of Eq. (14) before saturation, V; NaN if the FMU does not tell.
+        integral: (n, N, 2) of the speed error in the controller, rad; likewise.
         disturbance: (n, N, 2) torque of input d in N m.
         position: (n, N, 3) centre of mass in the world.
         quaternion: (n, N, 4) world from body, (w, x, y, z).
         velocity: (n, N, 3) in the world.
         yaw_rate: (n, N).
-        normal_max, friction_max: (n, N, 3) largest forces of feet A, B, C in the period, N.
+        normal_mean, friction_mean: (n, N, 3) forces of feet A, B, C, mean over the period, N;
+            friction is the size of the mean vector.
+        impact: (n, N, 3) normal impulse of feet A, B, C as they landed in the period, N s.
         slipping_share: (n, N, 3) share of the period in which feet A, B, C slid: they carried
             weight and friction was at its limit.
         lifted_share: (n, N) share of the period in which a foot carried nothing.
@@ -141,13 +150,18 @@ class Samples(NamedTuple):
     theta: np.ndarray
     voltage: np.ndarray
     current: np.ndarray
+    omega_dot: np.ndarray
+    noise: np.ndarray
+    command: np.ndarray
+    integral: np.ndarray
     disturbance: np.ndarray
     position: np.ndarray
     quaternion: np.ndarray
     velocity: np.ndarray
     yaw_rate: np.ndarray
-    normal_max: np.ndarray
-    friction_max: np.ndarray
+    normal_mean: np.ndarray
+    friction_mean: np.ndarray
+    impact: np.ndarray
     slipping_share: np.ndarray
     lifted_share: np.ndarray
     airborne_share: np.ndarray
@@ -164,7 +178,8 @@ class RawSamples(NamedTuple):
     Attributes:
         omega, theta: (m, N, 2), motors D and E.
         position: (m, N, 3) of the centre of mass.
-        normal: (m, N, 3) normal forces of A, B, C in N.
+        normal: (m, N, 3) normal forces of A, B, C in N, mean over the tick: of a foot that lands,
+            its impulse divided by dt.
         friction: (m, N, 6) friction forces, x and y in the body frame of A, B, C in N.
     """
 
@@ -187,10 +202,10 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
     def whole(*shape: int) -> np.ndarray:
         return np.zeros(shape, dtype=np.int64)
 
-    rows = [2, 2 * 3, 2 * 3, 2 * 3, 6, 2 * 2, STATISTICS]
+    rows = [2, 2 * 3, 2 * 3, 2 * 3, 6, 4 * 2, STATISTICS]
     bodies = aligned(STATE_SIZE, columns)
     bodies[QUATERNION.start] = 1.0
-    return State(
+    state = State(
         np.zeros((columns, ESTIMATE_SIZE)),
         np.zeros((columns, CAMERA_SIZE)),
         np.zeros((columns, 0, FRAME_SIZE)),
@@ -215,6 +230,8 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         forbidden=np.empty((columns, 0, 4)),
         patches=np.empty((episodes, 0, 5)),
     )
+    state.electrical[:] = np.nan
+    return state
 
 
 def with_room(state: State, obstacles: int, patches: int, forbidden: int = 0) -> State:
@@ -249,7 +266,7 @@ def aligned(rows: int, columns: int) -> np.ndarray:
 def new_samples(periods: int, robots: int) -> Samples:
     """Room for the samples of `periods` control periods."""
     motors, feet = (MOTORS,), (FEET,)
-    shapes = [motors] * 6 + [(3,), (4,), (3,), (), feet, feet, feet, *[()] * 5, (3,), (6,)]
+    shapes = [motors] * 10 + [(3,), (4,), (3,), (), *[feet] * 4, *[()] * 5, (3,), (6,)]
     return Samples(*(np.zeros((periods, robots, *shape)) for shape in shapes))
 
 

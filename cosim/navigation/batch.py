@@ -172,8 +172,9 @@ class Batch:
         require_size(scenario, config)
         columns = self._columns(place)
         state = self._state
-        for signals in (state.inputs, state.outputs, state.held, state.held_velocities):
-            signals[:, columns] = 0.0  # nothing is left of who was there before
+        rows = state.inputs, state.outputs, state.held, state.held_velocities, state.statistics
+        for signals in rows:
+            signals[:, columns] = 0.0  # nothing is left of the episode before
         state.boards[place] = scenario.size_m
         self._make_room_for_frames(frames_in_flight(config.world.camera))
         self._put_rectangles(place, scenario, config)

@@ -91,8 +91,9 @@ def episode_blueprint(
         ],
         plots(
             "contact",
-            ("largest normal force N", "/sim/{r}/contact/normal_max"),
-            ("largest friction force N", "/sim/{r}/contact/friction_max"),
+            ("mean normal force N", "/sim/{r}/contact/normal_mean"),
+            ("mean friction force N", "/sim/{r}/contact/friction_mean"),
+            ("impulse of impacts N s", "/sim/{r}/contact/impact"),
             ("share of time in which a foot slides", "/sim/{r}/contact/slipping_share"),
             ("share of time with a foot in the air", "/sim/{r}/contact/lifted_share"),
         ),
@@ -105,7 +106,9 @@ def episode_blueprint(
                 ("visited cells", "/rl/{r}/visited"),
                 *([("distance to the nearest robot in cells", "/rl/{r}/distance")] * (robots > 1)),
             ),
-            states("greedy direction, and how the distance changed", "greedy", "gradient"),
+            states(
+                "greedy direction, distance and its change", "greedy", "distance_class", "gradient"
+            ),
             row_shares=[4, 1],
             name="learning",
         ),

@@ -17,7 +17,12 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.base.world import Drawn
 from cosim.coupling.signals import RawSamples, Samples
-from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS, Observation
+from cosim.navigation.features import (
+    DIRECTION_COUNT,
+    DISTANCE_CLASSES,
+    GRADIENT_SIGNS,
+    Observation,
+)
 from cosim.navigation.step import Step
 from cosim.recording.blueprint import episode_blueprint, robot_names
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
@@ -88,7 +93,8 @@ class EpisodeRecorder:
         self._names = robot_names(scenario.robots)
         self._config, self._detail = config, DETAILS[level]
         camera = config.world.camera.rate_hz > 0.0
-        self._signals = signals_of(scenario.robots, camera=camera)
+        loop = self._detail.loop_s is not None
+        self._signals = signals_of(scenario.robots, camera=camera, loop=loop)
         self._return = np.zeros(scenario.robots)
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
         self._batch: list[_Decided] = []
@@ -213,6 +219,8 @@ class EpisodeRecorder:
             if every not in times:
                 times[every] = simulated(time_s[block_ends(len(time_s), every)])
             values = reduce(signal.of(samples), every, signal.reduced)
+            if np.isnan(values[0]).any():  # what the motor FMU does not tell
+                continue
             for robot, name in enumerate(self._names):
                 rows = scalars(values[:, robot])
                 self.file.columns(f"/sim/{name}/{signal.path}", times[every], rows)
@@ -275,8 +283,10 @@ class EpisodeRecorder:
             nearest = np.delete(distances, robot, axis=1).min(axis=1)
             self._send(f"/rl/{name}/distance", times, nearest, numbers)
         signs = [GRADIENT_SIGNS[int(observation.gradient_sign[robot]) + 1] for observation in seen]
-        states = rr.StateChange.columns(state=signs)
-        self.file.columns(f"/rl/{name}/gradient", simulated(times, numbers), states)
+        classes = [DISTANCE_CLASSES[observation.distance_class[robot]] for observation in seen]
+        for path, names in (("gradient", signs), ("distance_class", classes)):
+            states = rr.StateChange.columns(state=names)
+            self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), states)
 
     def _write_rewards(self, name: str, robot: int) -> None:
         earned = [d for d in self._batch if not np.isnan(d.reward_parts[robot]).any()]

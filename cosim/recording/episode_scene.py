@@ -20,7 +20,7 @@ from cosim.scenarios.scenario import Scenario
 TRAIL_PERIOD_S = 0.5
 LONGEST_TRAIL_S = 600.0  # every RL step records all of it
 _TRAIL_POINTS = round(LONGEST_TRAIL_S / TRAIL_PERIOD_S)
-# The weight on a foot makes an arrow of 1 cm; impacts of tens of newtons would leave the picture.
+# The weight on a foot makes an arrow of 1 cm; a foot that lands would leave the picture.
 _METRES_PER_NEWTON = 0.03
 _LONGEST_ARROW_M = 0.09
 _TRAIL_HEIGHT_M = 0.0005
@@ -80,7 +80,7 @@ class EpisodeScene:
             translation=samples.position[rows, self._robot], quaternion=quaternion
         )
         self._file.columns(base, times, pose)
-        normal = reduce(samples.normal_max[:, self._robot], every, "max")
+        normal = reduce(samples.normal_mean[:, self._robot], every, "max")
         arrows = np.zeros((*normal.shape, 3))
         arrows[:, :, 2] = np.minimum(_METRES_PER_NEWTON * normal, _LONGEST_ARROW_M)
         forces = rr.Arrows3D.columns(vectors=arrows.reshape(-1, 3))

@@ -19,8 +19,9 @@ class Detail(NamedTuple):
 
     Attributes:
         fast_s: of what changes within a motor turn: speeds and voltages.
-        slow_s: of everything else; contact forces are maxima and shares are means over it.
+        slow_s: of everything else; forces and shares are means over it, impacts the largest.
         pose_s: of poses, positions and headings.
+        loop_s: of what the motors' controllers work with; None for nothing.
         burst_s: length of the burst at the start of every RL step that is kept at every tick.
         burst_signals: fields of `cosim.coupling.signals.RawSamples` in the burst.
     """
@@ -28,15 +29,18 @@ class Detail(NamedTuple):
     fast_s: float
     slow_s: float
     pose_s: float
+    loop_s: float | None
     burst_s: float
     burst_signals: tuple[str, ...]
 
 
 DETAILS: dict[Level, Detail] = {
-    "summary": Detail(math.inf, math.inf, 0.1, 0.0, ()),
+    "summary": Detail(math.inf, math.inf, 0.1, None, 0.0, ()),
     # 9 ms are 1.4 motor turns; slow rows meet the ends of RL steps, where bursts begin.
-    "default": Detail(0.001, 0.025, 0.025, 0.009, ("omega", "position", "normal", "friction")),
-    "full": Detail(0.001, 0.001, 0.001, 0.05, RawSamples._fields),
+    "default": Detail(
+        0.001, 0.025, 0.025, None, 0.009, ("omega", "position", "normal", "friction")
+    ),
+    "full": Detail(0.001, 0.001, 0.001, 0.001, 0.05, RawSamples._fields),
 }
 
 

@@ -8,7 +8,7 @@ import rerun as rr
 
 from cosim.base.outcome import ENDS
 from cosim.coupling.signals import Samples
-from cosim.navigation.features import DIRECTION_COUNT, GRADIENT_SIGNS
+from cosim.navigation.features import DIRECTION_COUNT, DISTANCE_CLASSES, GRADIENT_SIGNS
 from cosim.physics.rotation import headings
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording
@@ -42,7 +42,7 @@ class SignalSpec(NamedTuple):
     path: str
     names: tuple[str, ...]
     unit: str
-    rate: Literal["fast", "slow", "pose"]
+    rate: Literal["fast", "slow", "pose", "loop"]
     reduced: Literal["mean", "max", "last"]
     of: Callable[[Samples], np.ndarray]
 
@@ -62,6 +62,11 @@ SIGNALS = (
     SignalSpec("motors/omega_des", _DE, "rad/s", "slow", "last", lambda s: s.omega_des),
     SignalSpec("motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
     SignalSpec("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
+    SignalSpec("motors/omega_dot", _DE, "rad/s2", "loop", "last", lambda s: s.omega_dot),
+    SignalSpec("motors/noise", _DE, "rad/s", "loop", "last", lambda s: s.noise),
+    SignalSpec("motors/u", _DE, "V", "loop", "last", lambda s: s.command),
+    SignalSpec("motors/integral", _DE, "rad", "loop", "last", lambda s: s.integral),
+    SignalSpec("motors/disturbance", _DE, "N.m", "loop", "last", lambda s: s.disturbance),
     SignalSpec("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
     SignalSpec("heading", ("heading",), "rad", "pose", "last", lambda s: headings(s.quaternion)),
     SignalSpec("estimate/position", _XY, "m", "pose", "last", lambda s: s.estimate[..., :2]),
@@ -77,11 +82,13 @@ SIGNALS = (
         lambda s: s.covariance,
     ),
     SignalSpec("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
+    SignalSpec("yaw_rate", ("yaw rate",), "rad/s", "slow", "mean", lambda s: s.yaw_rate),
     SignalSpec("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
     SignalSpec("mode", ("mode",), "1", "slow", "last", lambda s: s.mode),
     SignalSpec("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
-    SignalSpec("contact/normal_max", _ABC, "N", "slow", "max", lambda s: s.normal_max),
-    SignalSpec("contact/friction_max", _ABC, "N", "slow", "max", lambda s: s.friction_max),
+    SignalSpec("contact/normal_mean", _ABC, "N", "slow", "mean", lambda s: s.normal_mean),
+    SignalSpec("contact/friction_mean", _ABC, "N", "slow", "mean", lambda s: s.friction_mean),
+    SignalSpec("contact/impact", _ABC, "N.s", "slow", "max", lambda s: s.impact),
     SignalSpec("contact/slipping_share", _ABC, "1", "slow", "mean", lambda s: s.slipping_share),
     SignalSpec("contact/lifted_share", ("share",), "1", "slow", "mean", lambda s: s.lifted_share),
     SignalSpec(
@@ -111,13 +118,20 @@ RL_SERIES = {
 }
 
 
-def signals_of(robots: int, *, camera: bool) -> list[SignalSpec]:
-    """Those that say something: no distances of a robot alone, no estimates of exact poses."""
+def signals_of(robots: int, *, camera: bool, loop: bool) -> list[SignalSpec]:
+    """Those that say something: no distances of a robot alone, no estimates of exact poses.
+
+    Args:
+        robots: their number.
+        camera: whether robots see themselves through one.
+        loop: whether signals of the motors' controllers are recorded.
+    """
     return [
         signal
         for signal in SIGNALS
         if (robots > 1 or signal.path != "distance_m")
         and (camera or not signal.path.startswith("estimate/"))
+        and (loop or signal.rate != "loop")
     ]
 
 
@@ -174,6 +188,7 @@ def write_styles(file: Recording, signals: Sequence[SignalSpec], robots: int) ->
             ),
             ("greedy", DIRECTION_NAMES, EIGHT),
             ("gradient", GRADIENT_SIGNS, SERIES),
+            ("distance_class", DISTANCE_CLASSES, SERIES),
         ):
             _write_states(file, f"/rl/{name}/{path}", values, colours)
     _write_states(file, OUTCOME, ENDS, [SERIES[2], EIGHT[5], EIGHT[4], GREY])

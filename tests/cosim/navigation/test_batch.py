@@ -236,6 +236,26 @@ def test_fmpy_steps_once_per_control_period_and_instance(array_fmu, monkeypatch,
     assert all(map(np.array_equal, *signals))
 
 
+def test_force_statistics_do_not_depend_on_dt(array_fmu):
+    """Within 5 %, of eight pairs that drive for 8 s: friction depends on how their masses drift."""
+    found = []
+    for dt_s in (1e-5, 5e-6):
+        timing = TIMING._replace(dt_s=dt_s, communication_step_s=dt_s)
+        batch = Batch(array_fmu, CoSimConfig(timing=timing), 2, 8)
+        for place in range(8):
+            batch.begin(place, *EPISODES[0][:2], np.random.SeedSequence(place))
+        actions = dict.fromkeys(range(8), np.array([NORTH, NORTH]))
+        steps = [step.samples for _ in range(4) for step in batch.advance(actions).values()]
+        batch.close()
+        normal, friction, impact = (
+            np.concatenate([getattr(step, name) for step in steps])
+            for name in ("normal_mean", "friction_mean", "impact")
+        )
+        spread = (normal.std(), *np.quantile(normal, [0.95, 0.99]), np.quantile(impact, 0.99))
+        found.append([normal.mean(), friction.mean(), impact.sum(), *spread])
+    assert found[0] == pytest.approx(found[1], rel=0.05)
+
+
 def test_fmpy_is_refused_where_it_cannot_step(motor_fmu, array_fmu):
     refused = "driver fmpy cannot be used: .*%s.*; use --driver compiled"
     for fmu, changes, reason in (

@@ -100,11 +100,71 @@ def test_motor_signals_are_the_simulated_ones(recorded):
             assert time_s == pytest.approx(1e-3 * np.arange(1, len(values) + 1), abs=1e-9)
 
 
-def test_contact_forces_are_maxima_of_blocks(recorded):
+def test_contact_forces_are_means_of_blocks_and_impacts_maxima(recorded):
     path, steps = recorded
-    _, values = rows(path, "/sim/r1/contact/normal_max")
-    every = np.concatenate([step.samples.normal_max[:, 0] for step in steps])
-    assert np.array_equal(values, every.reshape(len(values), -1, 3).max(axis=1))
+    for signal, reduced in (
+        ("normal_mean", np.mean),
+        ("friction_mean", np.mean),
+        ("impact", np.max),
+    ):
+        _, values = rows(path, f"/sim/r1/contact/{signal}")
+        every = np.concatenate([getattr(step.samples, signal)[:, 0] for step in steps])
+        expected = reduced(every.reshape(len(values), -1, 3), axis=1)
+        np.testing.assert_allclose(values, expected, rtol=1e-12)
+
+
+def test_contact_statistics_are_those_of_the_ticks(recorded):
+    """An impact is what a foot carries in the two ticks in which it lands."""
+    _, steps = recorded
+    raw, samples = steps[1].raw, steps[1].samples
+    periods = len(raw.normal) // 100
+    blocks = raw.normal[: 100 * periods].reshape(periods, 100, 2, 3)
+    assert samples.normal_mean[:periods] == pytest.approx(blocks.mean(axis=1), rel=1e-9, abs=1e-12)
+    mean = raw.friction[: 100 * periods].reshape(periods, 100, 2, 3, 2).mean(axis=1)
+    size = np.linalg.norm(mean, axis=-1)
+    assert samples.friction_mean[:periods] == pytest.approx(size, rel=1e-9, abs=1e-12)
+    lands = (raw.normal[:-1] == 0.0) & (raw.normal[1:] > 0.0)
+    impulse = 1e-5 * raw.normal[2:] * (lands[1:] | lands[:-1])  # from tick 2 on
+    later = impulse[98 : 100 * periods - 2].reshape(periods - 1, 100, 2, 3).sum(axis=1)
+    assert samples.impact[1:periods] == pytest.approx(later, rel=1e-9, abs=1e-15)
+    assert later.max() > 1e-5
+
+
+def test_the_controller_can_be_checked_from_the_file(recorded, tmp_path):
+    """Eq. (14) of what each motor heard, and Eq. (13) of its acceleration."""
+    _, steps = recorded
+    path, config = tmp_path / "episode.rrd", with_bursts(CoSimConfig(), "full")
+    with EpisodeRecorder(path, SCENARIO, config, "test", {"seed": 0}, level="full") as recorder:
+        for step in steps:
+            recorder.write(step)
+    motor = config.motor
+    for robot in ("r1", "r2"):
+        names = (
+            "omega_des",
+            "omega",
+            "noise",
+            "integral",
+            "u",
+            "voltage",
+            "omega_dot",
+            "theta",
+            "disturbance",
+        )
+        found = {name: rows(path, f"/sim/{robot}/motors/{name}")[1] for name in names}
+        error = found["omega_des"] - found["omega"] - found["noise"]
+        u = motor.K_p * error + motor.K_i * found["integral"]
+        np.testing.assert_allclose(found["u"], u, rtol=1e-9, atol=1e-12)
+        limit = motor.V_s_max
+        np.testing.assert_allclose(found["voltage"], np.clip(u, -limit, limit), atol=1e-12)
+        assert (np.abs(u) > limit).any() and np.abs(found["noise"]).max() > 10.0
+        torque = motor.K_T * (found["voltage"] - motor.K_T * found["omega"]) / motor.R
+        torque -= motor.b * found["omega"] + motor.c * np.sign(found["omega"])
+        torque += found["disturbance"] - motor.m * motor.g * motor.r * np.sin(found["theta"])
+        turning = found["omega"] != 0.0
+        accelerations = found["omega_dot"][turning]
+        np.testing.assert_allclose(accelerations, torque[turning] / motor.J, rtol=1e-6, atol=1e-3)
+    classes = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
+    assert {"/rl/r1/distance_class", "/sim/r1/yaw_rate"} <= classes
 
 
 def test_slipping_is_friction_at_its_limit(recorded):
