@@ -47,7 +47,9 @@ def test_instance_runs_from_its_defaults(motor_fmu):
     for tick in range(3):
         motor.step(tick, 1, 1e-5)
     theta, omega, omega_dot = motor.outputs(3, 1e-5)
-    voltage, current = motor.electrical(3, 1e-5)
+    voltage, current, command, integral = motor.electrical(3, 1e-5)
+    assert integral >= 0.0
+    assert voltage == min(command, TABLE_II.V_s_max)
     assert theta > 0.0
     assert omega > 0.0
     assert omega_dot > 0.0
