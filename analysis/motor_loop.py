@@ -38,21 +38,25 @@ def main() -> None:
     from analysis.figures.style import NOTHING, save, use_style
     from analysis.motor.gains import compare_gains
     from analysis.motor.speed_loop import draw, figures_of_merit, measured_response, speed_loop
-    from cosim.base.params import TABLE_II, motor_time_constant
+    from cosim.base.config import CoSimConfig
+    from cosim.base.params import motor_time_constant
     from cosim.base.progress import progress_bars
     from cosim.coupling.fmu import MotorFmu
+    from cosim.coupling.parameters import with_motor
     from fmus.build import cached_fmu
 
     use_style()
-    loop = speed_loop()
+    fmu = options.motor_fmu or cached_fmu("VibrationMotor")
+    config = with_motor(CoSimConfig(), fmu)
+    config.require_known("the loop", "K_T", "R", "J", "b", "K_p", "K_i")
+    loop = speed_loop(config.motor)
     merit = figures_of_merit(loop)
     frequencies = np.logspace(0.5, 3.5, 10)
-    fmu = options.motor_fmu or cached_fmu("VibrationMotor")
     motor = MotorFmu(fmu)
     with progress_bars() as progress:
         measured = measured_response(fmu, frequencies, progress)
     poles = ", ".join(f"{pole:.4g}" for pole in merit.poles_rad_s)
-    print(f"motor alone: pole {-1.0 / motor_time_constant(TABLE_II):.4g} rad/s")
+    print(f"motor alone: pole {-1.0 / motor_time_constant(config.motor):.4g} rad/s")
     print(f"closed loop: poles {poles} rad/s, bandwidth {merit.bandwidth_rad_s:.4g} rad/s")
     print(
         f"margins: gain {merit.gain_margin:g}, phase {merit.phase_margin_deg:.1f}° "

@@ -54,10 +54,12 @@ def calibrate(options: Calibrate, progress: Progress) -> "tuple[Calibration, Cal
     """
     from cosim.calibration.cache import find_calibration
     from cosim.calibration.report import draw, report_of
+    from cosim.coupling.parameters import with_motor
 
     config, out = options.physics.config(), options.out
     out.mkdir(parents=True, exist_ok=True)
     fmu = options.physics.fmu(progress)
+    config = with_motor(config, fmu)
     calibration = find_calibration(
         config, fmu, progress, jobs=workers(options.jobs), again=options.again
     )

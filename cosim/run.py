@@ -198,7 +198,7 @@ def _policy(
 def _facts(options: Run, scenario: "Scenario", policy: "GreedyPolicy", fmu: Path) -> "RunFacts":
     from agent.evaluation.series import RunFacts
     from agent.policies import method_name
-    from cosim.base.provenance import versions
+    from cosim.base.provenance import digest_of, versions
 
     seed = policy.config.seed
     return RunFacts(
@@ -208,6 +208,7 @@ def _facts(options: Run, scenario: "Scenario", policy: "GreedyPolicy", fmu: Path
         train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
         driver=options.driver,
         motor_fmu=fmu.name,
+        motor_fmu_digest=digest_of(fmu),
         method=method_name(policy),
         versions=versions(),
     )

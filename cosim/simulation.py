@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.arguments import ConfigError, require_one_of, taken_seed
 from cosim.base.errors import shown
 from cosim.base.progress import Progress, automatic, showing, silent
-from cosim.base.provenance import versions
+from cosim.base.provenance import digest_of, versions
 from cosim.base.storage import temporary_folder
 from cosim.base.world import World
 from cosim.episodes import Task, simulate_tasks
@@ -40,6 +40,7 @@ def simulate(
     driver: str = "compiled",
     record: Level = "default",
     motor_fmu: str | Path | None = None,
+    motor_parameters: Mapping[str, float] = {},
     world: str | Path | World | Mapping[str, Any] | None = None,
     progress: Progress | None = automatic,
     **options: Any,
@@ -53,6 +54,7 @@ def simulate(
         driver: compiled, fmpy, reference or adaptive, see `python -m cosim.run --help`.
         record: summary, default or full: how much of the episode is kept.
         motor_fmu: of every motor, the built-in one by default.
+        motor_parameters: of the motor FMU, set through FMI, in its units, such as {"J": 5e-9}.
         world: world file (.toml), record or dict of its fields; by default that of the scenario
             file, or the paper's.
         progress: receives the simulated time; by default it is shown on stderr if the call takes
@@ -82,7 +84,7 @@ def simulate(
     for name in options:
         if name not in known:
             raise ConfigError(f"simulate has no option {name}; choose from {', '.join(known)}")
-    driving = Driving(**{"motor_fmu": motor_fmu, **options})
+    driving = Driving(**{"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options})
     scenario, declared = find_in_world(scenario, world)
     require = getattr(policy, "require_scenario", None)
     if require is not None:
@@ -136,6 +138,7 @@ def episode_facts(
         "seed": seed,
         "driver": driver,
         "motor_fmu": fmu.name,
+        "motor_fmu_digest": digest_of(fmu),
         "versions": versions(),
         "episode": number,
         "starts": starts,

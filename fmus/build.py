@@ -142,6 +142,11 @@ def cached_fmu(model: Model = "VibrationMotors") -> Path:
     return cached(path, lambda path: path, lambda: path, lambda _, at: build_fmu(at.parent, model))
 
 
+def is_built_in(path: Path) -> bool:
+    """Whether a file is one that `cached_fmu` returns."""
+    return path.parent == ROOT.parent / CARRIED or cache_dir("fmus") in path.parents
+
+
 def instantiation_token(table: Table) -> str:
     """Token that ties model description and binary: a hash of everything they are made from."""
     digest = hashlib.sha256(f"{table!r}{read_origin()}{license_text()}".encode())

@@ -29,7 +29,7 @@ class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
         seed: of start cells and speed noise.
         train_seed: of the policy; a list, the experiment's first, if it was spawned from that.
         driver: of the co-simulation.
-        motor_fmu: name of the file.
+        motor_fmu, motor_fmu_digest: name and hash of the file.
         method: by which the policy was trained, "other" for readings of somebody's own.
         versions: of this package, Python and libraries.
     """
@@ -40,6 +40,7 @@ class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
     train_seed: Any
     driver: str
     motor_fmu: str
+    motor_fmu_digest: str
     method: str
     versions: dict[str, str]
 

@@ -130,6 +130,7 @@ def _require_plain(config: CoSimConfig) -> None:
         "--open-loop": bool(config.open_loop),
         "a camera in --world": config.world.camera.rate_hz > 0.0,
     }
+    config.require_known("the firmware", "K_p", "K_i", "V_s_max")
     for name, asked in lacking.items():
         if asked:
             raise ConfigError(f"the firmware has nothing for {name}; leave it out")

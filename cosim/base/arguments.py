@@ -21,7 +21,7 @@ def taken(name: str, value: Any, kind: Any, error: type[UserError] = ConfigError
     """Return an argument as the type that it must have.
 
     NumPy scalars and arrays become numbers and lists, lists become tuples, strings paths, and dicts
-    records; a string becomes a tuple of one string.
+    records; a string becomes a tuple of one string, and a dict one of pairs where one is expected.
 
     Args:
         name: of the argument, for messages.
@@ -35,8 +35,8 @@ def taken(name: str, value: Any, kind: Any, error: type[UserError] = ConfigError
     plain = _plain(value)
     if isinstance(plain, PurePath) and kind is str:
         plain = str(plain)
-    if isinstance(plain, str) and get_origin(kind) is tuple:
-        plain = (plain,)
+    if get_origin(kind) is tuple and isinstance(plain, str | dict):
+        plain = (plain,) if isinstance(plain, str) else list(plain.items())
     try:
         return msgspec.convert(plain, kind, dec_hook=_path)
     except msgspec.ValidationError as problem:

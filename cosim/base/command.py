@@ -44,6 +44,23 @@ MotorFmuFile = Annotated[
 ]
 
 
+def _motor_parameter(texts: list[str]) -> tuple[str, float]:
+    name, _, value = texts[0].partition("=")
+    return name, float(value)
+
+
+MotorParameter = Annotated[
+    tuple[str, float],
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="NAME=VALUE",
+        instance_from_str=_motor_parameter,
+        is_instance=lambda pair: isinstance(pair, tuple),
+        str_from_instance=lambda pair: [f"{pair[0]}={pair[1]:g}"],
+    ),
+]
+
+
 def parse(
     options: type[Options],
     module: str,

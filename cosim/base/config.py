@@ -35,6 +35,7 @@ Loop = Literal["motors", "heading"]
 MAX_RATIO = 10**9  # of two periods
 MAX_VALUE = 1e9  # of a parameter in its unit
 
+UNKNOWN, GIVEN = "unknown", "given by motor_parameters"  # sources
 _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another one
 _RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shielding")
 _SIGNED = ("com_x_m", "com_y_m")
@@ -66,7 +67,12 @@ class CoSimConfig:
         open_loop: what goes without feedback: motors get the voltage that gives their set point in
             the mean instead of the loop of Eq. (14), and robots keep no course while they drive.
         preset: name of the machine, see `cosim.presets`.
-        sources: of parameters that the machine has for itself, as (name, text).
+        sources: of parameters that the machine has for itself, as (name, text); UNKNOWN for
+            one that the motor FMU does not expose.
+        motor_parameters: values that every motor FMU is given, by name, in addition to what differs
+            between `motor` and Table II.
+        motor_fmu: digest of the FMU that `motor` was read from (`cosim.coupling.parameters`); then
+            only `motor_parameters` are set. Empty for the built-in FMU.
 
     Raises:
         ConfigError: a parameter is out of range or unknown, the robot's parts do not fit into its
@@ -89,6 +95,8 @@ class CoSimConfig:
     open_loop: tuple[Loop, ...] = ()
     preset: str = "paper"
     sources: tuple[tuple[str, str], ...] = ()
+    motor_parameters: tuple[tuple[str, float], ...] = ()
+    motor_fmu: str = ""
 
     def __post_init__(self) -> None:
         require_one_of("order", self.order, get_args(Order))
@@ -204,6 +212,23 @@ class CoSimConfig:
             sources.pop("relative_amplitude", None)
         return replace(self, robot=robot, noise=relative, sources=tuple(sources.items()))
 
+    def require_known(self, what: str, *names: str) -> None:
+        """Refuse motors of which a parameter is unknown.
+
+        Args:
+            what: needs the parameters, for the message.
+            names: of the parameters.
+
+        Raises:
+            ConfigError: the motor FMU does not expose one of them.
+        """
+        lacking = [n for n, text in self.sources if text.startswith(UNKNOWN) and n in names]
+        if lacking:
+            raise ConfigError(
+                f"the motor FMU does not expose {', '.join(lacking)}, which {what} needs; "
+                "export it with them"
+            )
+
     @property
     def lift_off_rad_s(self) -> float:
         """Motor speed that lifts the robot with its payload off a level floor."""
@@ -255,13 +280,32 @@ class CoSimConfig:
         sources = {name: {"source": text} for name, text in self.sources}
         camera = {f"sensor_{name}": row for name, row in describe(self.world.camera).items()}
         described = {k: row for part in parts for k, row in describe(part).items()} | camera
-        return {
+        rows: dict[str, dict[str, Any]] = {
             name: {"value": value} | quantity._asdict() | sources.get(name, {})
             for name, (value, quantity) in described.items()
-        } | {
-            name: {"value": value, "unit": "", "source": "option", "description": text}
-            for name, (value, text) in options.items()
         }
+        for record in self._records:
+            for name, value in record._asdict().items():
+                row = rows.get(name, {})
+                if row.get("source") == UNKNOWN:
+                    row["value"] = UNKNOWN
+                elif row.get("source", "").startswith("Table"):  # of the paper's robot alone
+                    row["source"] = (
+                        "given" if value != record._field_defaults[name] else row["source"]
+                    )
+        given = {
+            name: {"value": value, "unit": "", "source": GIVEN, "description": "of the motor FMU"}
+            for name, value in self.motor_parameters
+            if name not in rows
+        }
+        return (
+            rows
+            | given
+            | {
+                name: {"value": value, "unit": "", "source": "option", "description": text}
+                for name, (value, text) in options.items()
+            }
+        )
 
 
 def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:

@@ -12,8 +12,9 @@ from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
 from cosim.base.storage import cache_dir, cached
 from cosim.calibration.measuring import measure
-from cosim.calibration.speed_map import DRIVES, Calibration, CalibrationError, load_calibration
+from cosim.calibration.speed_map import DRIVES, Calibration, load_calibration
 from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.parameters import with_motor
 
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:
@@ -76,10 +77,10 @@ def calibrated_slower(
         CalibrationError: they do not move.
         FmuError: the FMU cannot be used, or failed.
     """
+    config = with_motor(config, motor_fmu)
     calibration = find_calibration(config, motor_fmu, progress)
     speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
-    if min(speeds) <= 0.0:
-        raise CalibrationError(f"robots of preset {config.preset} do not move; give another one")
+    calibration.require_motion()
     steering = config.steering._replace(drive_speed_m_s=min(speeds))
     return calibration.resolved(replace(config, steering=steering))
 
@@ -93,4 +94,5 @@ def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
         CalibrationError: the drive speed needs hopping.
         FmuError: the FMU cannot be used, or failed.
     """
+    config = with_motor(config, motor_fmu)
     return find_calibration(config, motor_fmu, progress).resolved(config)

@@ -24,6 +24,8 @@ DRIVES = ("forwards", "backwards")
 # Share of time without any foot on the floor from which robots with bouncing feet hop. Below it the
 # speeds are those of feet that do not bounce, within some per cent (docs/physics.md).
 BOUNCING_SHARE = 0.15
+LEAST_M_S = 5e-5  # assumed: below, a cell takes minutes, and robots count as not moving
+_WEAK = 0.9  # of the largest set point: below, motors do not follow it
 
 
 class CalibrationError(UserError):
@@ -109,6 +111,26 @@ class Calibration:
         curve = self.curve(manoeuvre)
         return float(np.interp(self.hop_free_rad_s, curve.omega_rad_s, curve.mean))
 
+    def require_motion(self) -> None:
+        """Refuse robots that do not move.
+
+        Raises:
+            CalibrationError: the fastest is slower than `LEAST_M_S`; says whether the motors are
+                too weak.
+        """
+        if min(self.largest(drive) for drive in DRIVES) >= LEAST_M_S:
+            return
+        reached, asked = (np.abs(v).max() for v in (self.omega_rad_s, self.set_points_rad_s))
+        if reached < _WEAK * asked:
+            raise CalibrationError(
+                f"the motors are too weak to move the robot: they reach {reached:.0f} of "
+                f"{asked:.0f} rad/s; give stronger ones by --motor-fmu or --motor-parameter"
+            )
+        raise CalibrationError(
+            f"robots do not move: they drive less than {1e3 * LEAST_M_S:g} mm/s at any motor "
+            "speed; change the preset, friction or motor parameters"
+        )
+
     def motor_speed(self, manoeuvre: str, value: float) -> float:
         """Speed in rad/s of both motors for a speed in m/s or a yaw rate in rad/s.
 
@@ -138,6 +160,7 @@ class Calibration:
         Raises:
             CalibrationError: the drive speed needs hopping.
         """
+        self.require_motion()
         steering = config.steering
         largest = min(self.largest(drive) for drive in DRIVES)
         if steering.drive_speed_m_s > largest:

@@ -139,7 +139,8 @@ class Motors:
             fmu = MotorFmu(fmu.path, open_loop=True)
         self._fmu = fmu
         self._usual = config.motor
-        self._parameters = _differences(config.motor, TABLE_II)
+        own = config.motor if config.motor_fmu else TABLE_II  # what the FMU has without a word
+        self._parameters = _differences(config.motor, own) | dict(config.motor_parameters)
         step_s = config.timing.communication_step_s
         count = config.ticks_per_period // config.ticks_per_step
         self._sampling = Sampling(count, step_s) if sampled else None

@@ -8,7 +8,7 @@ Stepping is the master's.
 import contextlib
 import functools
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from cosim.coupling.interface import (
     require_fmi_3,
 )
 from cosim.fmi.fmu import Fmu, FmuError, end, function_address, new_log
+from cosim.fmi.isolation import calling
 
 
 class Addresses(NamedTuple):
@@ -143,6 +144,29 @@ class MotorFmu(Fmu):
                 "motors be equal"
             )
         return self._reference(name, "parameter", "input")
+
+    @calling("reading its parameters")
+    def read(self, names: Iterable[str], given: Mapping[str, float]) -> dict[str, float]:
+        """Values that an instance has of those of some variables that it exposes in the usual unit.
+
+        Args:
+            names: of the variables.
+            given: values that are set before, by name.
+
+        Raises:
+            FmuError: see `instantiate`.
+        """
+        exposed: dict[str, int] = {}
+        for name in names:
+            with contextlib.suppress(FmuError, KeyError):
+                exposed[name] = self._reference(name, self.variables[name].causality)
+        motor = self.instantiate("parameters", given)
+        try:
+            return {n: float(motor._get(np.array([k]))[0]) for n, k in exposed.items()}
+        except FMICallException as error:
+            raise motor.error(0.0, f"does not tell its parameters ({error})") from error
+        finally:
+            motor.close()
 
     def instantiate(
         self,

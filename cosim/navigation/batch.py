@@ -59,6 +59,7 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
     return (
         config.robot._replace(mu=0.0),
         config.motor,
+        config.motor_parameters,
         config.noise.hold_s,
         config.timing,
         config.steering,

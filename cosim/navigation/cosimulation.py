@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.arguments import taken_seed
+from cosim.base.arguments import taken, taken_seed
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import Outcome
+from cosim.coupling.parameters import with_motor
 from cosim.navigation.batch import Batch, require_size
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.features import Observation
@@ -41,7 +42,10 @@ class CoSimulation:
         lanes: int | None = None,
     ) -> None:
         self.scenario = scenario
-        self.config = config or CoSimConfig().sized(scenario.robot_diameter_m)
+        motor_fmu = taken("motor_fmu", motor_fmu, Path)
+        self.config = with_motor(
+            config or CoSimConfig().sized(scenario.robot_diameter_m), motor_fmu
+        )
         require_size(scenario, self.config)
         self._batch = Batch(motor_fmu, self.config, scenario.robots, 1, driver, lanes)
 

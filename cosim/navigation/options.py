@@ -8,9 +8,9 @@ from typing import Annotated
 import tyro
 
 from cosim.base.arguments import ConfigError, take_fields
-from cosim.base.command import MotorFmuFile
-from cosim.base.config import MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
-from cosim.base.params import STEERING, TIMING
+from cosim.base.command import MotorFmuFile, MotorParameter
+from cosim.base.config import GIVEN, MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
+from cosim.base.params import STEERING, TIMING, MotorParams
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.world import IDEAL, World
 from cosim.presets.preset import PAPER, Preset, find_preset
@@ -42,6 +42,11 @@ class Physics:
     reaction: bool = False
     """Let the motors feel the acceleration of the body, which the paper neglects."""
     motor_fmu: MotorFmuFile = None
+    motor_parameters: Annotated[
+        tuple[MotorParameter, ...], tyro.conf.arg(name="motor-parameter"), tyro.conf.UseAppendAction
+    ] = ()
+    """Parameter of the motor FMU to set through FMI, in the FMU's unit, such as J=5e-9; repeat it
+    for several. By default the FMU's own values hold."""
 
     def __post_init__(self) -> None:
         take_fields(self, but=["preset"] if isinstance(self.preset, Preset) else [])
@@ -69,12 +74,18 @@ class Physics:
                 raise ConfigError(
                     f"--{option} is given beside {field} of the world; leave one of them out"
                 )
+        preset, given = find_preset(self.preset), dict(self.motor_parameters)
+        known = {name: value for name, value in given.items() if name in MotorParams._fields}
+        if known:
+            sources = {**preset.sources, **dict.fromkeys(known, GIVEN)}
+            preset = preset._replace(motor=preset.motor._replace(**known), sources=sources)
         step_s = self.dt if self.communication_step is None else self.communication_step
         return replace(
-            find_preset(self.preset).config(world).having(self.mu, self.noise),
+            preset.config(world).having(self.mu, self.noise),
             timing=TIMING._replace(dt_s=self.dt, communication_step_s=step_s),
             order=self.order,
             reaction=self.reaction,
+            motor_parameters=tuple(given.items()),
         )
 
     def fmu(self, progress: Progress = silent) -> Path:

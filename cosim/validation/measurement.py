@@ -17,6 +17,7 @@ from cosim.base.reading import Kind, read_json
 from cosim.base.storage import cache_dir, cached, write_json
 from cosim.calibration.cache import calibrated
 from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.parameters import with_motor
 from cosim.presets.preset import PAPER, PresetError, find_preset
 from cosim.validation.driving import (
     Leg,
@@ -99,7 +100,10 @@ def validate(
         FmuError: the FMU cannot be used, or failed.
     """
     fmu = MotorFmu(motor_fmu)
-    configs = {name: find_preset(name).config() for name in {p.preset for p in SPEEDS}}
+    configs = {
+        name: with_motor(find_preset(name).config(), motor_fmu)
+        for name in {p.preset for p in SPEEDS}
+    }
     driving = calibrated(configs[PAPER], motor_fmu, progress)
     compared = [p for p in SPEEDS if p.preset == "icra2006" and p.value is not None]
     driven = [(path, dithered) for path in (*PATHS, None) for dithered in (True, False)]

@@ -1,0 +1,57 @@
+"""Parameters of a motor FMU, read from an instance: never those of another motor."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from cosim.base.config import UNKNOWN, ConfigError, CoSimConfig
+from cosim.base.params import TABLE_II, MotorParams, lift_off_speed
+from cosim.base.provenance import digest_of
+from cosim.coupling.fmu import FmuError, MotorFmu
+from fmus.build import is_built_in
+
+_OF_BODY = ("m", "r", "J", "g")  # also in Eq. (3)
+
+
+def with_motor(config: CoSimConfig, motor_fmu: Path) -> CoSimConfig:
+    """Return a configuration with the parameters that a motor FMU says it has.
+
+    What the configuration says of motors other than Table II, and its `motor_parameters`, are set
+    first. A parameter that the FMU does not expose is unknown; the body has the configuration's
+    value of those in Eq. (3). The built-in FMU has the configuration's values.
+
+    Args:
+        config: of the co-simulation, not yet calibrated.
+        motor_fmu: of every motor.
+
+    Raises:
+        FmuError: the FMU cannot be used, lacks a parameter that is set or needed, or has one that
+            no motor can have.
+    """
+    if is_built_in(motor_fmu) or config.motor_fmu:
+        return config
+    fmu, motor = MotorFmu(motor_fmu), config.motor._asdict()
+    given = {name: value for name, value in motor.items() if value != getattr(TABLE_II, name)}
+    given |= dict(config.motor_parameters)
+    found = fmu.read(MotorParams._fields, given)
+    sources, name = dict(config.sources), f"motor FMU {motor_fmu.name}"
+    sources |= {n: name for n in motor if n not in given and n in found}
+    sources |= {n: UNKNOWN for n in motor if n not in found}
+    sources |= {n: f"{UNKNOWN}: that of the body is assumed" for n in _OF_BODY if n not in found}
+    read = config.motor._replace(**found)
+    robot, steering = config.robot, config.steering
+    share = lift_off_speed(robot, read) / lift_off_speed(robot, config.motor)
+    speeds = {n: share * v for n, v in steering._asdict().items() if n.endswith("_speed_rad_s")}
+    try:
+        config = replace(
+            config,
+            motor=read,
+            steering=steering._replace(**speeds),
+            sources=tuple(sources.items()),
+            motor_parameters=tuple(given.items()),
+            motor_fmu=digest_of(motor_fmu),
+        )
+    except ConfigError as error:
+        raise FmuError(f"{name}: {error}") from None
+    if "motors" in config.open_loop:
+        config.require_known("--open-loop motors", "K_T", "R", "b", "c")
+    return config

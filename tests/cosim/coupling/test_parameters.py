@@ -1,0 +1,147 @@
+"""Parameters of motor FMUs: what is shown is what the FMU has."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.base.config import ConfigError, CoSimConfig
+from cosim.base.params import TABLE_II, MotorParams
+from cosim.base.provenance import digest_of
+from cosim.base.world import World
+from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.coupling.parameters import with_motor
+from cosim.navigation.batch import DRIVERS
+from cosim.navigation.cosimulation import CoSimulation
+from cosim.navigation.options import Driving
+from cosim.scenarios.scenario import Scenario
+from fmus import build
+from fmus.build import build_fmu, is_built_in
+from fmus.variables import load_table
+
+HEAVY = 2.0 * TABLE_II.J
+ONE = Scenario("one", "", ((5, 5),), (((15, 15),),))
+
+
+@pytest.fixture(scope="session")
+def heavy_fmu(tmp_path_factory):
+    """Somebody's motor: the built-in with another inertia of its own."""
+    table = load_table("VibrationMotor")
+    variables = tuple(replace(v, start=HEAVY) if v.name == "J" else v for v in table.variables)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "load_table", lambda _: replace(table, variables=variables))
+        return build_fmu(tmp_path_factory.mktemp("heavy"), "VibrationMotor")
+
+
+@pytest.fixture
+def without(edited_fmu):
+    """A motor FMU that does not expose some parameters."""
+
+    def make(*names):
+        def rename(root):
+            for variable in root.find("ModelVariables"):
+                if variable.get("name") in names:
+                    variable.set("name", variable.get("name") + "_hidden")
+
+        return edited_fmu(rename)
+
+    return make
+
+
+def motors_after(fmu, config, steps=1, **options):
+    system = CoSimulation(ONE, fmu, config, **options)
+    system.reset(((15, 15),), 0)
+    omega = [system.advance(np.array([2])).samples.omega for _ in range(steps)]
+    system.close()
+    return np.concatenate(omega)
+
+
+def test_the_built_in_motors_are_those_of_table_ii(motor_fmu, array_fmu):
+    for path in (motor_fmu, array_fmu):
+        assert is_built_in(path)
+        assert with_motor(CoSimConfig(), path) == CoSimConfig()
+        read = MotorFmu(path).read(MotorParams._fields, {})
+        assert MotorParams(**read) == TABLE_II
+
+
+def test_an_fmu_is_shown_with_its_own_parameters(heavy_fmu):
+    config = with_motor(CoSimConfig(), heavy_fmu)
+    table = config.table()
+    assert config.motor == TABLE_II._replace(J=HEAVY)
+    assert config.motor_fmu == digest_of(heavy_fmu)
+    assert {table[n]["source"] for n in MotorParams._fields} == {"motor FMU VibrationMotor.fmu"}
+    assert table["J"]["value"] == HEAVY
+    assert with_motor(config, heavy_fmu) is config
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_parameters_are_set_through_fmi_with_every_driver(driver, motor_fmu, heavy_fmu):
+    """An FMU that is given an inertia turns as one that has it, whatever drives it."""
+    timing = CoSimConfig().timing._replace(rl_step_s=0.05)
+    usual = CoSimConfig(timing=timing)
+    given = replace(usual, motor=TABLE_II._replace(J=HEAVY), motor_parameters=(("J", HEAVY),))
+    light = replace(usual, motor_parameters=(("J", TABLE_II.J),))
+    found = {
+        name: motors_after(fmu, config, driver=driver)
+        for name, fmu, config in (
+            ("own", heavy_fmu, usual),
+            ("given", motor_fmu, given),
+            ("usual", motor_fmu, usual),
+            ("back", heavy_fmu, light),
+        )
+    }
+    assert np.array_equal(found["own"], found["given"])
+    assert np.array_equal(found["usual"], found["back"])
+    assert not np.array_equal(found["own"], found["usual"])
+
+
+def test_what_an_fmu_does_not_expose_is_unknown(without):
+    config = with_motor(CoSimConfig(), without("K_T", "J"))
+    table = config.table()
+    assert (table["K_T"]["value"], table["K_T"]["source"]) == ("unknown", "unknown")
+    assert table["J"]["source"] == "unknown: that of the body is assumed"
+    assert table["R"]["source"] == "motor FMU edited.fmu"
+    with pytest.raises(ConfigError, match="does not expose K_T, which --open-loop motors needs"):
+        with_motor(CoSimConfig(open_loop=("motors",)), without("K_T"))
+    with pytest.raises(FmuError, match="has no parameter 'K_T'"):
+        with_motor(replace(CoSimConfig(), motor_parameters=(("K_T", 1e-4),)), without("K_T"))
+
+
+def test_an_impossible_parameter_names_the_fmu(heavy_fmu):
+    given = replace(CoSimConfig(), motor_parameters=(("m", -1.0),))
+    with pytest.raises(FmuError, match=r"FMU VibrationMotor\.fmu"):
+        with_motor(given, heavy_fmu)
+
+
+def test_options_set_parameters_and_results_are_known_by_them():
+    plain, given = Driving().config(), Driving(motor_parameters={"J": 5e-9}).config()
+    assert given.motor.J == 5e-9
+    assert given.table()["J"] == plain.table()["J"] | {
+        "value": 5e-9, "source": "given by motor_parameters",
+    }  # fmt: skip
+    extra = Driving(motor_parameters={"L": 1e-5}).config().table()
+    assert extra["L"]["value"] == 1e-5
+    assert "L" not in plain.table()
+    # heavier masses lift the robot off earlier: its speeds are theirs
+    heavier = Driving(motor_parameters={"m": 2.0 * TABLE_II.m}).config()
+    assert heavier.steering.max_speed_rad_s < heavier.lift_off_rad_s < 0.8 * plain.lift_off_rad_s
+    assert "Table II" not in {CoSimConfig(motor=TABLE_II._replace(J=5e-9)).table()["J"]["source"]}
+
+
+def test_motors_differ_about_what_the_fmu_has(heavy_fmu):
+    config = with_motor(CoSimConfig().in_world(World(motor_spread=0.1)), heavy_fmu)
+    system = CoSimulation(ONE, heavy_fmu, config)
+    system.reset(((15, 15),), 0)
+    drawn = [motor.J for pair in system.episode.drawn.motors for motor in pair]
+    assert all(0.6 * HEAVY < value < 1.4 * HEAVY and value != HEAVY for value in drawn)
+    system.close()
+
+
+@pytest.mark.long
+def test_motors_that_are_too_weak_are_told(command, tmp_path):
+    import cosim.run
+
+    weak = ("--motor-parameter", "V_s_max=0.2", "--motor-parameter", "J=3e-9")
+    done = command(cosim.run, "--scenario", "1a", "--method", "shortest", "--out", tmp_path, *weak)
+    assert done.returncode == 2
+    assert "the motors are too weak to move the robot: they reach" in done.stderr
