@@ -54,6 +54,18 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
     assert method_of(other) is None
 
 
+@pytest.mark.parametrize("name", ["1b", "4"])
+def test_on_moves_a_collision_costs_more_than_any_detour(name, moves, monkeypatch):
+    """The dearest detour never ends and closes in on a robot that it almost touches."""
+    monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
+    config = method_config("moves", find_scenario(name))
+    process, contact_m = config.process, config.scenario.robot_diameter_m
+    nearness = process.approach_coefficient * (1.0 - contact_m / process.distance_limit_m)
+    dearest = (process.step_cost + nearness) / (1.0 - config.learning.gamma)
+    assert dearest == pytest.approx(175.0)
+    assert process.goal_reward > dearest
+
+
 def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):
     moves.save(tmp_path / "moves.json")
     out = tmp_path / "runs"

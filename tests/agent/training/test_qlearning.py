@@ -60,6 +60,31 @@ def test_eq_7_on_a_corridor_by_hand():
     assert state.agent_steps == 6
 
 
+@pytest.mark.parametrize("algorithm", ["q", "double_q"])
+@pytest.mark.parametrize("epsilon", [0.0, 0.4, 1.0])
+def test_robots_explore_with_probability_epsilon(epsilon, algorithm):
+    """Next to its target a robot chooses it with 1 − ε + ε / 8, each other direction with ε / 8.
+
+    With γ = 0 and rewards that do not change, a value tells how often its action was tried.
+    """
+    zone = (0, 0, 2, 2)
+    room = Scenario("room", "", ((2, 1),), (((1, 1),),), columns=3, rows=3, zone=zone)
+    process = build_process(room, ProcessConfig(goal_reward=10.0, step_limit=1))
+    config = LearningConfig(
+        episodes=20_000, eta=1e-4, gamma=0.0, epsilon=epsilon, epsilon_decay=1.0, exploration=1.0,
+        algorithm=algorithm,
+    )  # fmt: skip
+    state = initial_state(process, config, 0)
+    start = np.array([1e-3] + [0.0] * 7)  # the goal is the greedy direction from the beginning
+    state.q[:] = start
+    advance(process, build_learning(config), state, config.episodes)
+    reward = np.array([10.0] + [-1.0] * 7)
+    middle = state.q[:, 0, 4]  # of cell (1, 1), in each table
+    tried = np.log((reward - middle) / (reward - start)).sum(axis=0) / np.log(1.0 - config.eta)
+    expected = np.full(8, epsilon / 8.0) + np.array([1.0 - epsilon] + [0.0] * 7)
+    assert tried / config.episodes == pytest.approx(expected, abs=0.01)
+
+
 def test_a_learning_rate_that_falls_is_that_of_its_episode():
     learning = LearningConfig(episodes=4, eta=0.5, eta_end=0.1, epsilon_episodes=1)
     assert build_learning(learning).eta == pytest.approx([0.5, 0.4, 0.3, 0.2])

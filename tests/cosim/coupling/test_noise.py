@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cosim.base.config import CoSimConfig
-from cosim.base.params import SPEED_NOISE, TABLE_II
+from cosim.base.params import TABLE_II
 from cosim.calibration.trial import Trial
 from cosim.control.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
@@ -29,7 +29,7 @@ def test_a_motor_hears_noise_in_proportion_to_its_set_point(driven_and_stopped):
     driven, _ = driven_and_stopped
     jumps = np.diff(driven.voltage[500:], axis=0).std(axis=0).reshape(-1)
     # two independent values, uniform within ±5 %; the speed answers within the period to some of it
-    whole = TABLE_II.K_p * SPEED_NOISE.relative_amplitude * np.sqrt(2.0 / 3.0)
+    whole = TABLE_II.K_p * 0.05 * np.sqrt(2.0 / 3.0)
     speeds = np.array([1000.0, 800.0, 500.0])
     assert jumps[2:5] == pytest.approx(0.9 * whole * speeds, rel=0.1)
     assert jumps[2:5] / jumps[4] == pytest.approx(speeds / 500.0, rel=0.05)

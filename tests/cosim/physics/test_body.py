@@ -120,6 +120,15 @@ def test_fast_tumbling_keeps_momentum_within_the_promised_error():
     assert change < 1e-7 * np.linalg.norm(momentum)
 
 
+def test_inertia_is_that_of_the_points_of_the_cylinder():
+    """Sums over points of equal mass, Table I's radius of 25 mm and height of 45 mm."""
+    share, angle = (np.arange(300) + 0.5) / 300, np.arange(8) * np.pi / 4.0
+    z, radius = 0.045 * (share - 0.5), 0.025 * np.sqrt(share)
+    x, y = (np.outer(radius, f(angle)).ravel() for f in (np.cos, np.sin))
+    x2, y2, z2 = (0.1 * (v**2).mean() for v in (x, y, z))
+    assert cylinder_inertia(TABLE_I) == pytest.approx((y2 + z2, x2 + z2, x2 + y2), rel=1e-4)
+
+
 def test_free_fall_is_that_of_semi_implicit_euler():
     """z = −g dt² n(n+1)/2, to the rounding of the sum."""
     state = standing()

@@ -97,8 +97,28 @@ def test_closed_loop_recovers_the_set_point_within_the_voltage(rig, d):
 
 
 def test_closed_loop_ripples_with_the_eccentric_mass(rig):
-    speeds = closed_loop(rig, d=0.0)[1]["omega"][-500:]
-    assert np.ptp(speeds) / 2 == pytest.approx(1.9, abs=0.1)
+    """The weight drives the mass down and brakes it up: it is fastest at the bottom, θ = 0.
+
+    J ω̇ = −m g r sin θ gives ω = ω_des + m g r / (J ω_des) cos θ.
+    """
+    y = {name: values[-900:] for name, values in closed_loop(rig, d=0.0)[1].items()}
+    p = TABLE_II
+    expected = p.m * p.g * p.r / (p.J * FIG_7.omega_des)
+    columns = np.stack([np.cos(y["theta"]), np.sin(y["theta"]), np.ones(900)], axis=1)
+    in_phase, _, mean = np.linalg.lstsq(columns, y["omega"])[0]
+    assert mean == pytest.approx(FIG_7.omega_des, abs=0.1)
+    assert in_phase == pytest.approx(expected, rel=0.1)
+    assert np.ptp(y["omega"]) / 2 == pytest.approx(1.9, abs=0.1)
+
+
+@pytest.mark.parametrize("solver", [1, 2])
+def test_a_free_shaft_swings_about_the_hanging_position(rig, solver):
+    """A compound pendulum: small swings have the period 2π √(J / (m g r))."""
+    p = TABLE_II
+    free = {"K_T": 1e-12, "b": 0.0, "c": 0.0, "closed_loop": False}
+    time_s, y = rig(**free, theta_start=0.01, solver=solver).run(2.0)
+    rate = np.sqrt(p.m * p.g * p.r / p.J)
+    assert y["theta"] == pytest.approx(0.01 * np.cos(rate * time_s), abs=2e-3 * 0.01)
 
 
 def test_plant_is_the_linear_one_without_friction_and_weight(rig):
