@@ -168,6 +168,19 @@ def test_shaft_reverses_through_standstill(rig, solver):
     assert motor.run(1.0)[1]["omega"][-1] < -500.0
 
 
+@pytest.mark.parametrize("solver", [1, 2])
+@pytest.mark.parametrize(
+    "start",
+    [{"omega_des": 700.0}, {"closed_loop": False, "V_in": 1.0}, {"omega_start": 50.0, "d": 1e-6}],
+)
+def test_a_motor_turning_backwards_is_the_mirror_image_in_every_bit(rig, start, solver):
+    reversed_start = {k: v if k == "closed_loop" else -v for k, v in start.items()}
+    forwards, backwards = (rig(solver=solver, **s).run(0.3)[1] for s in (start, reversed_start))
+    assert forwards["omega"].max() > 10.0
+    for name in OUTPUTS_AND_INTEGRAL[:5]:
+        assert (forwards[name] == -backwards[name]).all(), name
+
+
 def test_integral_holds_while_the_voltage_is_saturated(rig):
     motor = rig(omega_des=7000.0)
     y = motor.run(1.0, names=("V_s", "integral"))[1]
