@@ -35,6 +35,7 @@ from benchmarks.reliability.options import (
     Coverage,
     Endurance,
     Falsification,
+    Mutations,
     Splitting,
 )
 from cosim.base.command import print_json
@@ -53,6 +54,7 @@ MODULES: dict[type[Benchmark], str] = {
     Falsification: "reliability.falsification",
     FmuStep: "fmu_step",
     Identification: "identification",
+    Mutations: "reliability.mutations",
     MovesLearning: "learning.moves_learning",
     Reaction: "reaction",
     Recording: "recording",

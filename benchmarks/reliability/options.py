@@ -10,6 +10,7 @@ from benchmarks.options import Benchmark
 from cosim.base.command import Jobs, require_at_least, require_falling
 from cosim.base.errors import UserError
 
+Part = Literal["paper", "motor", "physics", "learning", "steering", "shield"]
 Adversary = Literal["short", "random", "greedy", "learnt"]
 
 
@@ -90,6 +91,17 @@ class Falsification(Benchmark):
     jobs: Jobs = -1
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/falsification")
     """Folder of results and recordings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mutations(Benchmark):
+    """Write faults into a copy of the code, one at a time, and count those that no test notices.
+
+    Their list is benchmarks/reliability/mutations.toml. Run it in a checkout with the group test.
+    """
+
+    parts: tuple[Part, ...] = get_args(Part)
+    """Parts of the project whose faults are tried, all by default."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,5 +36,5 @@ def test_rk4_keeps_its_accuracy_through_standstill(rig):
     start = {"closed_loop": False, "omega_start": 50.0, "V_in": -1.5}
     reference = end_state(rig, 2, REFERENCE_STEP_S, **start)
     coarse, fine = (np.abs(end_state(rig, 2, h, **start) - reference).max() for h in (8e-4, 4e-4))
-    assert fine < 1e-3
+    assert fine < 1e-5
     assert np.log2(coarse / fine) > 3.0

@@ -181,6 +181,15 @@ def test_a_motor_turning_backwards_is_the_mirror_image_in_every_bit(rig, start, 
         assert (forwards[name] == -backwards[name]).all(), name
 
 
+@pytest.mark.parametrize("solver", [1, 2])
+def test_integral_grows_by_the_error_while_the_shaft_sticks(rig, solver):
+    set_point, duration_s = 10.0, 0.1
+    y = rig(omega_des=set_point, solver=solver).run(duration_s, names=("omega", "integral"))[1]
+    assert TABLE_II.K_p * set_point < 0.5 * BREAKAWAY_V
+    assert not y["omega"].any()
+    assert y["integral"][-1] == pytest.approx(set_point * duration_s)
+
+
 def test_integral_holds_while_the_voltage_is_saturated(rig):
     motor = rig(omega_des=7000.0)
     y = motor.run(1.0, names=("V_s", "integral"))[1]

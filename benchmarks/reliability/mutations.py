@@ -1,0 +1,125 @@
+"""Write faults into a copy of the code and count those that no test notices.
+
+Mutations are data, `mutations.toml`: a file, a text that occurs once in it, what replaces it, and
+the tests that must notice. The working tree stays as it is.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosim.base.command import show_table
+from cosim.base.errors import UserError
+
+ROOT = Path(__file__).parents[2]
+LIST = Path(__file__).with_suffix(".toml")
+COPIED = ("fmus", "cosim", "agent", "analysis", "benchmarks", "tests", "docs", "pyproject.toml")
+PASSED, FAILED = 0, 1  # exit statuses of pytest
+
+
+@dataclass(frozen=True)
+class Mutation:
+    """A fault that is written into the code.
+
+    Attributes:
+        part: of the project, such as "motor".
+        change: what it changes, in words.
+        file: path in the project.
+        old, new: a text that occurs once in the file, and what replaces it.
+        tests: files or tests that pytest runs.
+    """
+
+    part: str
+    change: str
+    file: str
+    old: str
+    new: str
+    tests: list[str]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of the mutations; names as in the JSON output.
+
+    Attributes:
+        survived, tried: their numbers.
+        killed_by: part, change and first failing test of each; an empty text if none failed.
+    """
+
+    survived: int
+    tried: int
+    killed_by: list[tuple[str, str, str]]
+
+
+def read_mutations() -> list[Mutation]:
+    """Return the mutations of the list."""
+    return [Mutation(**row) for row in tomllib.loads(LIST.read_text())["mutation"]]
+
+
+def _first_failure(folder: Path, tests: Iterable[str]) -> str:
+    """Run tests in a copy of the project and return the first one that fails, or an empty text."""
+    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    options = ["-n", "0", "-x", "-q", "-m", "", "--tb=no", "-rfE", "-p", "no:cacheprovider"]
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, *tests],
+        cwd=folder, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if run.returncode == PASSED:
+        return ""
+    lines = run.stdout.splitlines()
+    failures = [line.split()[1] for line in lines if line.startswith(("FAILED ", "ERROR "))]
+    if run.returncode != FAILED or not failures:
+        raise UserError(f"pytest {' '.join(tests)} could not run: {run.stdout[-500:]}")
+    return failures[0]
+
+
+@contextmanager
+def _mutated(folder: Path, mutation: Mutation) -> Iterator[None]:
+    """Write a mutation into a copy of the project, and take it back at the end."""
+    path = folder / mutation.file
+    text = path.read_text()
+    if text.count(mutation.old) != 1:
+        raise UserError(f"{mutation.file} has {mutation.old!r} {text.count(mutation.old)} times")
+    path.write_text(text.replace(mutation.old, mutation.new))
+    yield
+    path.write_text(text)
+
+
+def measure(parts: tuple[str, ...]) -> Found:
+    """Try the mutations of some parts; without any the tests must pass."""
+    mutations = [m for m in read_mutations() if m.part in parts]
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        for name in COPIED:
+            copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+            copy(ROOT / name, folder / name)
+        tests = sorted({test for mutation in mutations for test in mutation.tests})
+        if broken := _first_failure(folder, tests):
+            raise UserError(f"{broken} fails without any mutation; fix it first")
+        killed_by = []
+        for mutation in mutations:
+            with _mutated(folder, mutation):
+                killer = _first_failure(folder, mutation.tests)
+            killed_by.append((mutation.part, mutation.change, killer))
+            print(*killed_by[-1], sep=" | ", file=sys.stderr, flush=True)
+    survived = sum(not killer for _, _, killer in killed_by)
+    return Found(survived, len(killed_by), killed_by)
+
+
+def show(found: Found) -> None:
+    """Print a table and a line."""
+    show_table(None, ("part", "mutation", "killed by"), found.killed_by, names=2)
+    print(f"{found.survived} survived of {found.tried} tried")
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)
