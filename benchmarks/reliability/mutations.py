@@ -74,10 +74,10 @@ def _first_failure(folder: Path, tests: Iterable[str]) -> str:
     if run.returncode == PASSED:
         return ""
     lines = run.stdout.splitlines()
-    failures = [line.split()[1] for line in lines if line.startswith(("FAILED ", "ERROR "))]
-    if run.returncode != FAILED or not failures:
+    failed = [line.partition(" ")[2] for line in lines if line.startswith(("FAILED ", "ERROR "))]
+    if run.returncode != FAILED or not failed:
         raise UserError(f"pytest {' '.join(tests)} could not run: {run.stdout[-500:]}")
-    return failures[0]
+    return failed[0].partition(" - ")[0]
 
 
 @contextmanager

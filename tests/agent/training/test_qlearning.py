@@ -4,12 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from agent.process.config import ProcessConfig
 from agent.process.readings import build_process
 from agent.process.rng import next_word
-from agent.training.learning import build_learning, epsilon_of_episodes, initial_state
-from agent.training.qlearning import advance
+from agent.training.learning import (
+    PATH_CELLS,
+    STEPS,
+    build_learning,
+    epsilon_of_episodes,
+    initial_state,
+)
+from agent.training.qlearning import advance, largest
 from agent.training.settings import LearningConfig, LearningError
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
@@ -58,6 +66,47 @@ def test_eq_7_on_a_corridor_by_hand():
     assert state.visits.tolist() == [[3, 3, 0]]
     assert state.curve[:, 1].tolist() == [1, 1, 1]
     assert state.agent_steps == 6
+
+
+@given(st.lists(st.integers(-2, 2), min_size=8, max_size=8))
+def test_the_greedy_direction_is_the_first_of_the_largest_values(values):
+    assert largest(np.array(values, dtype=np.float32)) == (np.argmax(values), max(values))
+
+
+def test_one_table_of_double_q_learning_picks_and_the_other_values():
+    config = LearningConfig(
+        episodes=1, eta=0.5, gamma=0.9, exploration=0.0, algorithm="double_q", log_episodes=1,
+        log_window=1,
+    )  # fmt: skip
+    process = build_process(corridor_of_three(), ProcessConfig(step_limit=1))
+    updated = []
+    for seed in range(20):
+        state = initial_state(process, config, seed)
+        state.q[:, 0, 0, 0] = 1.0  # so that greedy drives east
+        state.q[0, 0, 1, [0, 3]] = 4.0, 9.0
+        state.q[1, 0, 1, [3, 5]] = 2.0, 7.0
+        advance(process, build_learning(config), state, 1)
+        of_first, of_second = state.q[:, 0, 0, 0].tolist()
+        updated.append(int(of_first == 1.0))
+        # the first picks 3, worth 2 to the second; the second picks 5, worth 0 to the first
+        learnt = 0.5 * (1.0 + [-1.0 + 0.9 * 2.0, -1.0][updated[-1]])
+        assert (of_second, of_first)[updated[-1]] == 1.0
+        assert (of_first, of_second)[updated[-1]] == pytest.approx(learnt)
+    assert 4 <= sum(updated) <= 16
+
+
+@pytest.mark.parametrize(("action", "learnt"), [(1, 10.0), (4, -10.0)], ids=["goal", "failure"])
+def test_eq_8_is_learnt_and_diagonal_moves_are_longer(action, learnt):
+    zone = (0, 0, 1, 1)
+    square = Scenario("square", "", ((1, 1),), (((0, 0),),), columns=2, rows=2, zone=zone)
+    config = LearningConfig(episodes=1, eta=1.0, exploration=0.0, log_episodes=1, log_window=1)
+    process = build_process(square, ProcessConfig(goal_reward=10.0))
+    state = initial_state(process, config, 0)
+    state.q[..., action] = 1.0
+    advance(process, build_learning(config), state, 1)
+    assert state.q[0, 0, 0, action] == learnt
+    arrived = np.array([np.sqrt(2.0), 1.0]) if learnt > 0.0 else np.zeros(2)
+    assert state.curve[0, [PATH_CELLS, STEPS]] == pytest.approx(arrived)
 
 
 @pytest.mark.parametrize("algorithm", ["q", "double_q"])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cosim.base.params import SHIELD, TABLE_I
 from cosim.control.estimation import COVARIANCE, ESTIMATE_SIZE, POSE
-from cosim.control.shield import FAILURES, PARKED, SHIELD_SIZE, STOPS, guard
+from cosim.control.shield import FAILURES, PARKED, SHIELD_SIZE, STOPS, guard, plan_margin
 from cosim.control.steering import COMMAND_SIZE, DRIVE, GOAL_X, HOLD, MODE, RETREAT, SENSE
 
 BOARD = np.array([0.3, 0.3])
@@ -99,7 +99,37 @@ def test_one_retreats_at_a_time():
     robots = Robots(*((0.1 + k * (DIAMETER_M + 5e-4), 0.15, 0.0) for k in range(3))).guarded()
     assert sorted(robots.modes) == [HOLD, HOLD, RETREAT]
     chosen = robots.modes.index(RETREAT)
-    assert robots.guarded().modes.index(RETREAT) == chosen
+    again = robots.guarded().modes
+    assert again.index(RETREAT) == chosen
+    assert again.count(RETREAT) == 1
+
+
+def test_who_has_failed_less_goes_first():
+    for failed, modes in ((0, [HOLD, RETREAT]), (1, [RETREAT, HOLD])):
+        robots = apart(KEPT_M + 0.5 * SHIELD.room_m, 0.0, math.pi)
+        robots.shields[failed, FAILURES] = 1.0
+        assert robots.guarded().modes == modes
+
+
+def test_plans_at_the_margin_may_stray_without_being_stopped():
+    for strayed, modes in ((0.99, [DRIVE, DRIVE]), (1.01, [HOLD, RETREAT])):
+        margin_m = plan_margin(np.zeros((2, ESTIMATE_SIZE)), SHIELD)
+        robots = apart(margin_m - strayed * SHIELD.stray_m, 0.0, math.pi)
+        assert robots.guarded().modes == modes
+
+
+@pytest.mark.parametrize("correlation", [-1.0, 1.0])
+def test_an_estimate_is_as_unsure_as_in_its_worst_direction(correlation):
+    """Errors of x and y that grow together have √2 times their size along the diagonal."""
+    size_m = 1e-3
+    for share, mode in ((1.3, RETREAT), (1.5, DRIVE)):
+        error_m = share * (SHIELD.deviations + SHIELD.jitter) * size_m
+        room_m = SHIELD.stopping_m + SHIELD.room_m + error_m
+        robots = Robots((room_m, 0.15, 0.0))
+        robots.estimates[0, COVARIANCE : COVARIANCE + 5] = size_m**2 * np.array(
+            [1.0, correlation, 0.0, correlation, 1.0]
+        )
+        assert robots.guarded().modes == [mode]
 
 
 @pytest.mark.parametrize(

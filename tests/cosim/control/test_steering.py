@@ -16,10 +16,13 @@ from cosim.control.steering import (
     OMEGA_D,
     OMEGA_E,
     PAST,
+    RETREAT,
     SENSE,
+    SPEED,
     START,
     THROUGH,
     TURN,
+    YAW_RATE,
 )
 
 PERIOD_S = 1e-3
@@ -122,6 +125,43 @@ def test_large_error_while_driving_turns_again():
     row = command(mode=DRIVE)
     steer(row, 0.0, 0.0, STEERING.turn_again_rad + 0.01)
     assert row[MODE] == TURN
+
+
+def test_an_error_that_ends_turning_does_not_begin_it():
+    error = 0.5 * (STEERING.turned_rad + STEERING.turn_again_rad)
+    for mode in (DRIVE, TURN):
+        row = command(mode=mode)
+        steer(row, 0.0, 0.0, error)
+        assert row[MODE] == mode
+
+
+@pytest.mark.parametrize("facing", [0.0, math.pi])
+@pytest.mark.parametrize("error", [-0.01, 0.0, 0.01])
+def test_the_filter_is_given_the_motion_of_a_drive(facing, error):
+    """Eq. (3) turns both motors by one difference: the yaw rate is proportional to it."""
+    row = command()
+    steer(row, 0.0, 0.0, facing)
+    d, e = steer(row, 0.0, 0.0, facing - error)
+    assert row[SPEED] == pytest.approx(math.cos(facing) * STEERING.drive_speed_m_s)
+    assert row[YAW_RATE] == pytest.approx(STEERING.yaw_gain * (d + e) / 2.0)
+    assert np.sign(round(row[YAW_RATE], 9)) == np.sign(error)
+
+
+@pytest.mark.parametrize("heading", [-0.5, 0.5])
+def test_the_filter_is_given_the_motion_of_a_turn(heading):
+    row = command()
+    steer(row, 0.0, 0.0, heading)
+    assert row[[SPEED, YAW_RATE]].tolist() == [
+        0.0,
+        -math.copysign(STEERING.turn_rate_rad_s, heading),
+    ]
+
+
+def test_a_retreat_ends_at_its_end():
+    row = command(mode=RETREAT)
+    row[THROUGH] = 1.0
+    assert steer(row, 1.0001, 0.0, 0.0) == (0.0, 0.0)
+    assert row[MODE] == HOLD
 
 
 def test_stops_at_the_end_of_the_line():
