@@ -27,7 +27,7 @@ Kernel = TypeVar("Kernel", bound=Callable)
 _PLAIN: bool = config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def _uninterrupted(function: Kernel) -> Kernel:
+def uninterrupted(function: Kernel) -> Kernel:
     """The function, at whose end SIGINT and SIGTERM arrive that came within it."""
 
     @functools.wraps(function)
@@ -51,7 +51,7 @@ def _uninterrupted(function: Kernel) -> Kernel:
     return cast(Kernel, call)
 
 
-JitEngine.finalize_object = _uninterrupted(JitEngine.finalize_object)
+JitEngine.finalize_object = uninterrupted(JitEngine.finalize_object)
 
 
 def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:

@@ -79,10 +79,11 @@ def drive_about(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> T
         for k in range(round(LENGTH_S / (_PERIODS * period_s))):
             due = np.flatnonzero(until <= trial.time_s)
             until[due] = trial.time_s + rng.uniform(*_COMMAND_S, len(due))
-            way = np.where(same[due], usual[due], rng.uniform(-np.pi, np.pi, len(due)))
-            along = rng.uniform(*_LINE_M, len(due)) * np.array([np.cos(way), np.sin(way)])
+            direction = np.where(same[due], usual[due], rng.uniform(-np.pi, np.pi, len(due)))
+            ahead = np.array([np.cos(direction), np.sin(direction)])
+            along = rng.uniform(*_LINE_M, len(due)) * ahead
             place = trial.estimates[due, POSE : POSE + 2] if k else trial.bodies[:2, due].T
-            trial.commands[due, DIRECTION] = way
+            trial.commands[due, DIRECTION] = direction
             trial.commands[due, GOAL_X : GOAL_Y + 1] = place + along.T
             trial.commands[due, MODE] = np.where(rng.random(len(due)) < _HOLDS, HOLD, START)
             samples = trial.advance(_PERIODS)

@@ -19,6 +19,7 @@ from cosim.base.params import SteeringParams
 from cosim.physics.rotation import wrapped
 
 HOLD, START, TURN, DRIVE, DIRECT, PAST, RETREAT = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+MODE_NAMES = ("hold", "start", "turn", "drive", "direct", "drive on", "retreat")
 
 # Layout of one robot's command, float64: what is commanded, then what the controller remembers.
 GOAL_X, GOAL_Y = 0, 1  # end of the line, m

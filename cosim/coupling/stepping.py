@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from fmpy.fmi1 import FMICallException
 
-from cosim.base.jit import _uninterrupted as uninterrupted
+from cosim.base.jit import uninterrupted
 from cosim.coupling.calls import INCOMPLETE, RAISED
 from cosim.coupling.interface import OUTPUTS
 from cosim.coupling.master import CompiledDriver

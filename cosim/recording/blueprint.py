@@ -41,16 +41,19 @@ def episode_blueprint(
     """
     names = robot_names(robots)
 
-    def plots(title: str, *rows: tuple[str, str], time: rrb.TimeAxis = _WHOLE_TIME) -> rrb.Grid:
+    def plots(
+        title: str, *rows: tuple[str, *tuple[str, ...]], time: rrb.TimeAxis = _WHOLE_TIME
+    ) -> rrb.Grid:
         views = [
             rrb.TimeSeriesView(
                 origin="/",
-                contents=[path.format(r=name)],
+                contents=[path.format(r=name) for path in paths],
                 name=f"{label} · {name}",
                 axis_x=time,
-                plot_legend=rrb.PlotLegend(visible=True),
+                # A robot's colour tells its signals, the label their order; a legend hides curves.
+                plot_legend=rrb.PlotLegend(visible=any(p.endswith("/q_s") for p in paths)),
             )
-            for label, path in rows
+            for label, *paths in rows
             for name in names
         ]
         return rrb.Grid(*views, grid_columns=robots, name=title)
@@ -63,13 +66,26 @@ def episode_blueprint(
             time_view=_WHOLE_TIME,
         )
 
+    speeds = "speed of D (dark), E, set points (white), rad/s"
+    omega, set_point = "/sim/{r}/motors/omega", "/sim/{r}/motors/omega_des"
+    q_values = "Q of the eight directions", "/rl/{r}/q_s"
+    # The reward of the goal is hidden: a hundred times that of a step, it would flatten the rest.
+    rewards = "reward of a step: its time (dark), nearness; not the goal", "/rl/{r}/reward_parts"
+    apart = [("distance to the nearest robot, m", "/sim/{r}/distance_m")] * (robots > 1)
     tabs = [
         plots(
+            "overview",
+            (speeds, omega, set_point),
+            ("voltage of D (dark), E, V", "/sim/{r}/motors/voltage"),
+            q_values,
+            rewards,
+            ("return", "/rl/{r}/return"),
+        ),
+        plots(
             "motors",
-            ("speed rad/s", "/sim/{r}/motors/omega"),
-            ("set point rad/s", "/sim/{r}/motors/omega_des"),
-            ("voltage V", "/sim/{r}/motors/voltage"),
-            ("current A", "/sim/{r}/motors/current"),
+            (speeds, omega, set_point),
+            ("voltage of D (dark), E, V", "/sim/{r}/motors/voltage"),
+            ("current of D (dark), E, A", "/sim/{r}/motors/current"),
         ),
         plots(
             "motion",
@@ -77,8 +93,7 @@ def episode_blueprint(
             ("heading rad", "/sim/{r}/heading"),
             ("velocity m/s", "/sim/{r}/velocity"),
             ("heading error rad", "/sim/{r}/heading_error"),
-            ("mode of the steering", "/sim/{r}/mode"),
-            *([("distance to the nearest robot m", "/sim/{r}/distance_m")] * (robots > 1)),
+            *apart,
         ),
         *camera
         * [
@@ -100,8 +115,8 @@ def episode_blueprint(
         rrb.Vertical(
             plots(
                 "plots",
-                ("Q of the eight directions", "/rl/{r}/q_s"),
-                ("reward and its parts", "/rl/{r}/reward_parts"),
+                q_values,
+                rewards,
                 ("return", "/rl/{r}/return"),
                 ("visited cells", "/rl/{r}/visited"),
                 *([("distance to the nearest robot in cells", "/rl/{r}/distance")] * (robots > 1)),
@@ -135,7 +150,11 @@ def episode_blueprint(
         rrb.Horizontal(
             rrb.Vertical(
                 arena,
-                states("actions and how they end", "action", "move", "failure", also=("/outcome",)),
+                states(
+                    "actions, what the steering does, and how moves end",
+                    *("action", "steering", "move", "failure"),
+                    also=("/outcome",),
+                ),
                 row_shares=[3, 1],
             ),
             rrb.Tabs(*tabs, active_tab=0),

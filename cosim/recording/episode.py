@@ -16,6 +16,7 @@ import rerun as rr
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.base.world import Drawn
+from cosim.control.steering import MODE_NAMES
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.navigation.features import (
     DIRECTION_COUNT,
@@ -96,6 +97,7 @@ class EpisodeRecorder:
         loop = self._detail.loop_s is not None
         self._signals = signals_of(scenario.robots, camera=camera, loop=loop)
         self._return = np.zeros(scenario.robots)
+        self._modes = np.full(scenario.robots, -1.0)
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
         self._batch: list[_Decided] = []
         self._next_burst_s = 0.0
@@ -249,6 +251,7 @@ class EpisodeRecorder:
         seen = [decided.step.before for decided in self._batch]
         action = [int(decided.step.action[robot]) for decided in self._batch]
         q_values = np.array([decided.q_values[robot] for decided in self._batch])
+        self._write_modes(name, robot)
         states = {"action": [DIRECTION_NAMES[a] if a >= 0 else ARRIVED for a in action]}
         if not np.isnan(q_values).any():  # of a policy that says what it thinks of actions
             self._send(f"/rl/{name}/q_s", times, q_values, numbers)
@@ -262,6 +265,20 @@ class EpisodeRecorder:
             times = np.append(times, self._end_s(last))
             numbers = np.append(numbers, last.number)
         self._write_observations(name, robot, seen, times, numbers)
+
+    def _write_modes(self, name: str, robot: int) -> None:
+        """Write the mode of the steering whenever it is another one."""
+        dt, ticks = self._config.timing.dt_s, self._config.ticks_per_period
+        times, names = [], []
+        for step in (decided.step for decided in self._batch):
+            modes = step.samples.mode[:, robot]
+            changed = np.flatnonzero(np.diff(modes, prepend=self._modes[robot]))
+            times += (dt * (step.first_tick + ticks * changed)).tolist()
+            names += [MODE_NAMES[int(mode)] for mode in modes[changed]]
+            self._modes[robot] = modes[-1] if len(modes) else self._modes[robot]
+        if times:
+            rows = rr.StateChange.columns(state=names)
+            self.file.columns(f"/rl/{name}/steering", simulated(np.array(times)), rows)
 
     def _write_observations(
         self,

@@ -20,7 +20,7 @@ ROBOT_COLOURS = np.array(
     [0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF, 0xE69F00FF, 0x56B4E9FF], dtype=np.uint32
 )
 GREY, LIGHT, INK, WHITE = 0x888888FF, 0x88888840, 0x222222FF, 0xFFFFFFFF
-SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of the signals within one plot
+SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of states and curves that belong to no robot
 EIGHT = [
     *(0x0072B2FF, 0x56B4E9FF, 0x009E73FF, 0xF0E442FF),
     *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
@@ -67,7 +67,7 @@ def write_scene(file: Recording, scenario: Scenario, robot: RobotParams) -> None
             fill_mode="solid",
         )
         file.static("/world/obstacles", obstacles)
-    colours = [int(ROBOT_COLOURS[i % len(ROBOT_COLOURS)]) for i in range(scenario.robots)]
+    colours = [robot_colour(robot) for robot in range(scenario.robots)]
     file.static(
         "/world/targets",
         rr.Boxes3D(
@@ -90,6 +90,23 @@ def write_scene(file: Recording, scenario: Scenario, robot: RobotParams) -> None
         )
         _write_robot(file, name, colour, robot)
         _write_track_styles(file, name, colour, cell)
+
+
+def shades(colour: int, count: int) -> np.ndarray:
+    """Return a robot's colour and lighter ones, for the components of its signals.
+
+    Args:
+        colour: 0xRRGGBBAA.
+        count: how many, at most four.
+    """
+    rgb = np.array([colour >> shift & 0xFF for shift in (24, 16, 8)])
+    mixed = [np.round(rgb + share * (255 - rgb)).astype(int) for share in (0.0, 0.6, 0.35, 0.8)]
+    return palette([(r << 24) + (g << 16) + (b << 8) + 0xFF for r, g, b in mixed[:count]])
+
+
+def robot_colour(robot: int) -> int:
+    """Return the colour of a robot and of all that belongs to it, 0xRRGGBBAA."""
+    return int(ROBOT_COLOURS[robot % len(ROBOT_COLOURS)])
 
 
 def faint(colour: int) -> int:
@@ -134,7 +151,7 @@ def _write_robot(file: Recording, name: str, colour: int, robot: RobotParams) ->
     )
     file.static(
         f"{base}/motors/masses",
-        rr.Points3D.from_fields(colors=palette(SERIES[1:2] * 2), radii=[0.001] * 2),
+        rr.Points3D.from_fields(colors=shades(colour, 2), radii=[0.001] * 2),
     )
     top = robot.height_m - robot.com_height_m
     file.static(
@@ -149,7 +166,7 @@ def _write_robot(file: Recording, name: str, colour: int, robot: RobotParams) ->
     feet = foot_positions(robot)
     file.static(
         f"{base}/contact",
-        rr.Arrows3D.from_fields(origins=feet, colors=palette(SERIES[1:2] * 3), radii=[0.0005] * 3),
+        rr.Arrows3D.from_fields(origins=feet, colors=shades(colour, 3), radii=[0.0005] * 3),
     )
 
 

@@ -7,12 +7,22 @@ import numpy as np
 import rerun as rr
 
 from cosim.base.outcome import ENDS
+from cosim.control.steering import MODE_NAMES
 from cosim.coupling.signals import Samples
 from cosim.navigation.features import DIRECTION_COUNT, DISTANCE_CLASSES, GRADIENT_SIGNS
 from cosim.physics.rotation import headings
 from cosim.recording.blueprint import robot_names
-from cosim.recording.file import Recording
-from cosim.recording.scene import EIGHT, GREY, LIGHT, SERIES, palette
+from cosim.recording.file import Recording, simulated
+from cosim.recording.scene import (
+    EIGHT,
+    GREY,
+    LIGHT,
+    SERIES,
+    WHITE,
+    palette,
+    robot_colour,
+    shades,
+)
 
 DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
 ARRIVED = "at target"
@@ -21,7 +31,7 @@ ENDED, GIVEN_UP = "ended", "given up"
 OFF_THE_BOARD, ON_OBSTACLE = "leaves the board", "touches an obstacle"
 ON_TARGET, IN_ZONE = "enters another robot's target", "enters the restricted zone"
 NOT_ARRIVED = "has not arrived"
-OUTCOME = "/outcome"
+OUTCOME, UNDER_WAY = "/outcome", "running"
 REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
 _DE, _ABC, _XY = ("D", "E"), ("A", "B", "C"), ("x", "y")
 _COVARIANCE = ("xx", "xy", "yy", "x heading", "y heading", "heading")
@@ -162,24 +172,31 @@ def block_ends(count: int, every: int) -> np.ndarray:
 
 def write_styles(file: Recording, signals: Sequence[SignalSpec], robots: int) -> None:
     """Log names, units, colours and aggregation of every signal and state of an episode."""
-    for name in robot_names(robots):
+    for robot, name in enumerate(robot_names(robots)):
         series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in signals}
         series |= {f"/raw/{name}/{path}": entry for path, entry in RAW_SERIES.items()}
         series |= {f"/rl/{name}/{path}": entry for path, entry in RL_SERIES.items()}
         for entity, (names, unit) in series.items():
-            colours = SERIES if len(names) <= len(SERIES) else EIGHT
+            few = len(names) <= len(_ABC)
+            colours = (
+                shades(robot_colour(robot), len(names)) if few else palette(EIGHT[: len(names)])
+            )
+            set_points = entity.endswith("/omega_des")  # in one plot with the speeds
             file.static(
                 entity,
                 # The default, averaging, would flatten a vibration to nothing.
                 rr.SeriesLines(
                     names=names,
-                    colors=palette(colours[: len(names)]),
+                    colors=palette([WHITE] * len(names)) if set_points else colours,
+                    widths=[0.5 if set_points else 1.5] * len(names),
                     aggregation_policy="MinMax",
+                    visible_series=[part != REWARD_PARTS[0] for part in names],
                 ),
                 rr.AnyValues(unit=unit),
             )
         for path, values, colours in (
             ("action", (*DIRECTION_NAMES, ARRIVED), [*EIGHT, LIGHT]),
+            ("steering", MODE_NAMES, [GREY, *EIGHT]),
             ("move", (*DIRECTION_NAMES, ENDED, GIVEN_UP), [*EIGHT, LIGHT, GREY]),
             (
                 "failure",
@@ -191,7 +208,9 @@ def write_styles(file: Recording, signals: Sequence[SignalSpec], robots: int) ->
             ("distance_class", DISTANCE_CLASSES, SERIES),
         ):
             _write_states(file, f"/rl/{name}/{path}", values, colours)
-    _write_states(file, OUTCOME, ENDS, [SERIES[2], EIGHT[5], EIGHT[4], GREY])
+    colours = [SERIES[2], EIGHT[5], EIGHT[4], GREY, LIGHT]
+    _write_states(file, OUTCOME, (*ENDS, UNDER_WAY), colours)
+    file.columns(OUTCOME, simulated(np.zeros(1)), rr.StateChange.columns(state=[UNDER_WAY]))
 
 
 def _write_states(

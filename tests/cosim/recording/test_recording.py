@@ -13,17 +13,20 @@ from rerun.chunk import RrdReader
 
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
+from cosim.control.steering import MODE_NAMES
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.signals import RawSamples
 from cosim.navigation.cosimulation import CoSimulation
 from cosim.navigation.options import Deciding
+from cosim.reading.episode import read_episode
 from cosim.reading.rrd import read_rrd
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Recording, RecordingError, properties, scalars, simulated
 from cosim.recording.levels import DETAILS, with_bursts
 from cosim.recording.policy_map import PolicyMap
-from cosim.recording.series import reduce
+from cosim.recording.scene import ROBOT_COLOURS, robot_colour, shades
+from cosim.recording.series import OUTCOME, reduce
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
@@ -403,3 +406,23 @@ def test_properties_keep_numbers_and_write_the_rest_as_json():
         "seed": [3],
         "starts": ["[[1, 2]]"],
     }
+
+
+def test_modes_of_the_steering_and_the_outcome_are_states_by_name(recorded):
+    path, steps = recorded
+    episode = read_episode(path)
+    modes = np.concatenate([step.samples.mode[:, 0] for step in steps])
+    firsts = np.flatnonzero(np.diff(modes, prepend=-1.0))
+    states = episode.texts["/rl/r1/steering"]
+    assert list(states.texts) == [MODE_NAMES[int(mode)] for mode in modes[firsts]]
+    assert states.time_s == pytest.approx(1e-3 * firsts)
+    assert {"turn", "drive"} & {*states.texts}
+    assert list(episode.texts[OUTCOME].texts) == ["running"]
+    assert episode.outcome == ""
+
+
+def test_a_robot_has_one_colour_in_every_view():
+    """Signals have shades of the robot's colour, which no other robot has."""
+    seen = [{*shades(robot_colour(robot), 3).tolist()} for robot in range(len(ROBOT_COLOURS))]
+    assert all(robot_colour(robot) in colours for robot, colours in enumerate(seen))
+    assert len(set.union(*seen)) == 3 * len(ROBOT_COLOURS)
