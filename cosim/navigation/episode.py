@@ -263,7 +263,9 @@ class RunningEpisode:
     def _positions_m(self) -> np.ndarray:
         """Where the robots think they are, (N, 2)."""
         positions_m = self._estimates[:, POSE : POSE + 2].copy()
-        if self.config.world.camera.rate_hz:  # nobody thinks to be off the board and still asked
+        if (
+            self.config.world.camera.rate_hz
+        ):  # no robot that is asked estimates itself off the board
             positions_m = positions_m.clip(0.0, np.nextafter(self.scenario.size_m, 0.0))
         return positions_m
 

@@ -25,7 +25,7 @@ ONE = Scenario("one", "", ((5, 5),), (((15, 15),),))
 
 @pytest.fixture(scope="session")
 def heavy_fmu(tmp_path_factory):
-    """Somebody's motor: the built-in with another inertia of its own."""
+    """A user's motor: the built-in one with another inertia of its own."""
     table = load_table("VibrationMotor")
     variables = tuple(replace(v, start=HEAVY) if v.name == "J" else v for v in table.variables)
     with pytest.MonkeyPatch.context() as patch:
