@@ -5,13 +5,13 @@ the tests that must notice. The working tree stays as it is.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,6 @@ from cosim.base.command import show_table
 from cosim.base.errors import UserError
 
 ROOT = Path(__file__).parents[2]
-LIST = Path(__file__).with_suffix(".toml")
 COPIED = ("fmus", "cosim", "agent", "analysis", "benchmarks", "tests", "docs", "pyproject.toml")
 PASSED, FAILED = 0, 1  # exit statuses of pytest
 
@@ -50,7 +49,7 @@ class Found:
 
     Attributes:
         survived, tried: their numbers.
-        killed_by: part, change and first failing test of each; an empty text if none failed.
+        killed_by: part, change and first failing test of each, which is empty if all passed.
     """
 
     survived: int
@@ -59,8 +58,9 @@ class Found:
 
 
 def read_mutations() -> list[Mutation]:
-    """Return the mutations of the list."""
-    return [Mutation(**row) for row in tomllib.loads(LIST.read_text())["mutation"]]
+    """Return the mutations of `mutations.toml`."""
+    content = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
+    return [Mutation(**row) for row in content["mutation"]]
 
 
 def _first_failure(folder: Path, tests: Iterable[str]) -> str:
@@ -73,23 +73,10 @@ def _first_failure(folder: Path, tests: Iterable[str]) -> str:
     )  # fmt: skip
     if run.returncode == PASSED:
         return ""
-    lines = run.stdout.splitlines()
-    failed = [line.partition(" ")[2] for line in lines if line.startswith(("FAILED ", "ERROR "))]
-    if run.returncode != FAILED or not failed:
+    failed = re.search("^(?:FAILED|ERROR) (.*?)(?: - .*)?$", run.stdout, re.MULTILINE)
+    if run.returncode != FAILED or failed is None:
         raise UserError(f"pytest {' '.join(tests)} could not run: {run.stdout[-500:]}")
-    return failed[0].partition(" - ")[0]
-
-
-@contextmanager
-def _mutated(folder: Path, mutation: Mutation) -> Iterator[None]:
-    """Write a mutation into a copy of the project, and take it back at the end."""
-    path = folder / mutation.file
-    text = path.read_text()
-    if text.count(mutation.old) != 1:
-        raise UserError(f"{mutation.file} has {mutation.old!r} {text.count(mutation.old)} times")
-    path.write_text(text.replace(mutation.old, mutation.new))
-    yield
-    path.write_text(text)
+    return failed[1]
 
 
 def measure(parts: tuple[str, ...]) -> Found:
@@ -105,8 +92,13 @@ def measure(parts: tuple[str, ...]) -> Found:
             raise UserError(f"{broken} fails without any mutation; fix it first")
         killed_by = []
         for mutation in mutations:
-            with _mutated(folder, mutation):
-                killer = _first_failure(folder, mutation.tests)
+            path = folder / mutation.file
+            text = path.read_text()
+            if (count := text.count(mutation.old)) != 1:
+                raise UserError(f"{mutation.file} has {mutation.old!r} {count} times, not once")
+            path.write_text(text.replace(mutation.old, mutation.new))
+            killer = _first_failure(folder, mutation.tests)
+            path.write_text(text)
             killed_by.append((mutation.part, mutation.change, killer))
             print(*killed_by[-1], sep=" | ", file=sys.stderr, flush=True)
     survived = sum(not killer for _, _, killer in killed_by)
