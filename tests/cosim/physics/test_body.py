@@ -137,6 +137,13 @@ def test_free_fall_is_that_of_semi_implicit_euler():
     assert state[2] - 1.0 == pytest.approx(-G * DT**2 * 10_000 * 10_001 / 2.0, rel=1e-10)
 
 
+def test_a_robot_that_starts_in_the_floor_rises_onto_it():
+    state = standing()
+    state[2] -= 1e-9
+    coast(state, LEVEL, 1000)
+    assert state[2] == pytest.approx(TABLE_I.com_height_m, abs=1e-11)
+
+
 def test_dropped_robot_settles_without_sinking_or_drifting():
     """From 1 mm, askew: on all three feet within 0.3 s, then not one bit of motion for 10 s."""
     state = standing(0.1, 0.2)

@@ -11,6 +11,7 @@ from benchmarks.references.prescribed import coast, step_body
 from cosim.base.jit import kernel
 from cosim.base.params import TABLE_I, TABLE_II, TIMING
 from cosim.base.world import World
+from cosim.physics.body import about_centre, at_axis
 from cosim.physics.body_state import (
     ANGULAR_VELOCITY,
     NORMAL_IMPULSE,
@@ -150,6 +151,17 @@ def test_mass_properties_are_those_of_two_bodies():
     found[0, 1] = found[1, 0] = mass.product
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-20)
     np.testing.assert_allclose((*mass.centre, 0.0), centre)
+
+
+def test_moments_and_velocities_refer_to_the_centre_of_mass():
+    """A force at the axis has the moment −s × f about a centre s; the axis moves by v − ω × s."""
+    params = body_params(TABLE_I, TABLE_II, DT, world=HEAVY)
+    centre = np.array([*mass_of(TABLE_I, HEAVY).centre, 0.0])
+    first, second = (0.3, -0.2, 0.5), (1.0, 0.7, -0.4)
+    expected = first - np.cross(centre, second)
+    np.testing.assert_allclose(about_centre(first, second, params), expected, rtol=1e-12)
+    expected = first - np.cross(second, centre)
+    np.testing.assert_allclose(at_axis(first, second, params), expected, rtol=1e-12)
 
 
 def test_feet_carry_an_offset_payload_as_a_tripod_does():
