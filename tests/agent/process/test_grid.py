@@ -182,6 +182,19 @@ def test_only_robots_that_touch_fail():
     assert world[:, grid.STATUS].tolist() == [grid.HIT, grid.HIT, grid.LEFT]
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
+def test_leaving_the_board_outranks_a_collision_whoever_does_it(order):
+    cells, actions = [(0, 5), (10, 5), (16, 5)], [W, E, W]
+    starts = tuple((cells[k],) for k in order)
+    process = build_process(
+        Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts), ProcessConfig()
+    )
+    world = world_at(process, *(cells[k] for k in order))
+    assert step(process, world, *(actions[k] for k in order))[0] == OUT_OF_BOARD
+    expected = [[grid.LEFT, grid.HIT, grid.HIT][k] for k in order]
+    assert world[:, grid.STATUS].tolist() == expected
+
+
 def test_three_robots_see_the_nearest():
     starts = (((0, 0),), ((10, 0),), ((0, 20),))
     three = Scenario("three", "", ((15, 15), (22, 15), (15, 22)), starts)
@@ -227,6 +240,7 @@ def test_random_starts_are_uniform_and_free_of_contact():
         grid.place_randomly(process, world, cells, random)
         assert world[0, grid.SQUARED] > 25
         first.append(int(cells[0, 0]))
+        assert all(tuple(c) in own for c, own in zip(cells.tolist(), close.starts, strict=True))
     # binomial(2000, 1/2) has σ = 22; five σ
     assert abs(first.count(0) - 1000) < 112
 
