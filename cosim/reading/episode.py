@@ -21,7 +21,7 @@ import numpy as np
 from cosim.base.reading import Kind, parsing, require_file
 from cosim.base.storage import StorageError, named, replacing
 from cosim.reading.rrd import RecordingReadError, Signal, Texts, read_rrd
-from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME, UNDER_WAY
+from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME, STILL_RUNNING
 
 _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
 # What a signal's name may leave out, in the order of being tried.
@@ -205,7 +205,7 @@ def read_episode(path: Path, folder: tempfile.TemporaryDirectory[str] | None = N
         path=path,
         recording_id=data.recording_id,
         complete=data.complete,
-        outcome="".join(t for t in data.texts.get(OUTCOME, _NOTHING).texts if t != UNDER_WAY),
+        outcome="".join(t for t in data.texts.get(OUTCOME, _NOTHING).texts if t != STILL_RUNNING),
         time_s=time_s,
         robots=tuple(robots),
         facts={key: _fact(value) for key, value in data.properties["episode"].items()},

@@ -31,7 +31,7 @@ ENDED, GIVEN_UP = "ended", "given up"
 OFF_THE_BOARD, ON_OBSTACLE = "leaves the board", "touches an obstacle"
 ON_TARGET, IN_ZONE = "enters another robot's target", "enters the restricted zone"
 NOT_ARRIVED = "has not arrived"
-OUTCOME, UNDER_WAY = "/outcome", "running"
+OUTCOME, STILL_RUNNING = "/outcome", "running"
 REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
 _DE, _ABC, _XY = ("D", "E"), ("A", "B", "C"), ("x", "y")
 _COVARIANCE = ("xx", "xy", "yy", "x heading", "y heading", "heading")
@@ -209,8 +209,8 @@ def write_styles(file: Recording, signals: Sequence[SignalSpec], robots: int) ->
         ):
             _write_states(file, f"/rl/{name}/{path}", values, colours)
     colours = [SERIES[2], EIGHT[5], EIGHT[4], GREY, LIGHT]
-    _write_states(file, OUTCOME, (*ENDS, UNDER_WAY), colours)
-    file.columns(OUTCOME, simulated(np.zeros(1)), rr.StateChange.columns(state=[UNDER_WAY]))
+    _write_states(file, OUTCOME, (*ENDS, STILL_RUNNING), colours)
+    file.columns(OUTCOME, simulated(np.zeros(1)), rr.StateChange.columns(state=[STILL_RUNNING]))
 
 
 def _write_states(

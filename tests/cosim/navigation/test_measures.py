@@ -140,7 +140,7 @@ def test_energy_at_the_control_period_is_nearly_that_of_every_tick(motor_fmu):
         motor.set_inputs(np.array([STEERING.forward_speed_rad_s, value, 0.0]), tick, dt)
         for k in range(ticks):
             motor.step(tick + k, 1, dt)
-            voltage, current = motor.electrical(tick + k + 1, dt)
+            voltage, current, *_ = motor.electrical(tick + k + 1, dt)
             at_ticks += max(voltage * current, 0.0) * dt
             # the last tick of the period stays
             samples.voltage[period, 0, 0], samples.current[period, 0, 0] = voltage, current
