@@ -114,6 +114,14 @@ def test_rubbing_robots_spin_each_other():
     assert b[8] > 0.0
 
 
+def test_robots_that_roll_on_each_other_do_not_rub():
+    """Opposite spins, as of two gears, have one velocity where the robots touch."""
+    for spin_b, rubs in ((-1.0, False), (1.0, True)):
+        a, b = touching_pair(0.0, (0.01, 0.0), (0.0, 0.0), 1.0, spin_b)
+        assert push(a, b) > 0.0
+        assert (a[12] != 1.0) == (b[12] != spin_b) == rubs
+
+
 @kernel
 def push_wall(bodies: np.ndarray, properties: np.ndarray, rectangle: np.ndarray) -> float:
     return push_off(bodies, properties, 0, rectangle, PAIR, BODY.inverse_dt)
