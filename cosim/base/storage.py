@@ -203,10 +203,10 @@ def named(path: Path | str, ending: str) -> Path:
     Raises:
         StorageError: its name ends otherwise.
     """
-    path = taken("path", path, Path)
-    if path.suffix != ending:
-        raise StorageError(f"{path}: its name must end in {ending}; choose {path.stem}{ending}")
-    return path
+    file: Path = taken("path", path, Path)
+    if file.suffix != ending:
+        raise StorageError(f"{file}: its name must end in {ending}; choose {file.stem}{ending}")
+    return file
 
 
 def json_text(content: Any) -> bytes:

@@ -4,6 +4,7 @@ import math
 import re
 import signal
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,7 +97,7 @@ def advance(
 
     The driver is "reference", "fmpy" (with as many lanes as there are robots) or a number of lanes.
     """
-    lanes = {"reference": 1, "fmpy": 2}.get(driver, driver)
+    lanes: Any = {"reference": 1, "fmpy": 2}.get(driver, driver)
     columns = max(ROBOTS, lanes)
     steps = changes.get("ticks_per_step", 1)
     motors = new_motors(motor_fmu, columns, sampled=driver == "fmpy", ticks_per_step=steps)

@@ -3,6 +3,7 @@
 import math
 import re
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -265,7 +266,7 @@ def test_fmpy_is_refused_where_it_cannot_step(motor_fmu, array_fmu):
          "2.5e-05 s is no multiple of step_size = 1e-05"),
     ):  # fmt: skip
         with pytest.raises(ConfigError, match=refused % re.escape(reason)):
-            Batch(fmu, CoSimConfig(**changes), 1, 1, "fmpy")
+            Batch(fmu, CoSimConfig(**cast(Any, changes)), 1, 1, "fmpy")
 
 
 @pytest.mark.parametrize("lane", [2, 3])
