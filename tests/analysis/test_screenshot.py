@@ -25,7 +25,7 @@ def run_folder(tmp_path_factory):
 @pytest.mark.viewer
 @pytest.mark.parametrize(
     ("recording", "views", "time_s"),
-    [("episodes/ep_000.rrd", 51, 3.0), ("training.rrd", 10, None)],
+    [("episodes/ep_000.rrd", 49, 3.0), ("training.rrd", 10, None)],
 )
 def test_recording_opens_without_a_complaint(run_folder, tmp_path, recording, views, time_s):
     picture = tmp_path / "picture.png"
@@ -43,7 +43,7 @@ def test_recording_opens_without_a_complaint(run_folder, tmp_path, recording, vi
 
 @pytest.mark.viewer
 def test_missing_tab_is_named(run_folder, tmp_path):
-    with pytest.raises(ViewerError, match="no tab 'sounds'; it has motors, motion"):
+    with pytest.raises(ViewerError, match="no tab 'sounds'; it has overview, motors, motion"):
         screenshot(run_folder / "episodes" / "ep_000.rrd", tmp_path / "a.png", tab="sounds")
 
 
