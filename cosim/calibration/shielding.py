@@ -94,7 +94,7 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
         raise CalibrationError(
             f"positions are so unsure in this world that the shield stops robots {1e3 * gap_m:.0f} "
             f"mm apart, more than {MOST_GAP:g} of their diameter; leave out --shield, or change "
-            "world.camera, world.floor_tilt_deg or world.mu_patches"
+            "world.sensor, world.floor_tilt_deg or world.mu_patches"
         )
     estimator = config.estimator._replace(position_drift_m2_s=drift)
     return replace(config, shielding=shielding, estimator=estimator)
