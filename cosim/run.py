@@ -34,6 +34,10 @@ class Run:
     every episode of the co-simulation steps the motor FMUs and the rigid bodies with dt = 1e-5 s
     while the agents decide every 2 s. Results go to the output folder: summary.json, policy.npz,
     training.rrd and one recording per episode, to be opened in the Rerun viewer.
+
+    fmpy loads the motor FMUs, and steps them with --driver fmpy; python-control checks their speed
+    loop (analysis.motor_loop); Gymnasium and PettingZoo environments (agent.envs) give other
+    learners the same boards; Rerun keeps and shows every signal.
     """
 
     scenario: str = "2"
