@@ -40,6 +40,7 @@ def test_held_robots_stand_still_on_a_slope_whatever_the_speed_noise(motor_fmu):
     assert stops.creep_m_s.max() * 3600.0 < 1e-6  # a micrometre in an hour
 
 
+@pytest.mark.long
 def test_robots_stop_later_the_less_friction_there_is(motor_fmu):
     """So that of whole floors it is enough to measure on the most slippery one."""
     fmu, usual = MotorFmu(motor_fmu), CoSimConfig()
