@@ -110,8 +110,9 @@ def driving(
     side = max(2, int(np.ceil(np.sqrt(robots))))
     cells = tuple((3 + 7 * (k % side), 3 + 7 * (k // side)) for k in range(robots))
     starts = tuple((cell,) for cell in cells)
-    # A board that no robot comes to the end of.
-    scenario = Scenario("lattice", "", cells, starts, columns=7 * side + 7, rows=MAX_SIDE_CELLS)
+    # A board that no robot comes to the end of, with targets there.
+    targets = tuple((x, MAX_SIDE_CELLS - 1 - y) for x, y in cells)
+    scenario = Scenario("lattice", "", targets, starts, columns=7 * side + 7, rows=MAX_SIDE_CELLS)
     config = CoSimConfig(timing=TIMING._replace(rl_step_s=rl_step_s, episode_limit_s=1e9))
     batch = Batch(fmu or cached_fmu(), config, robots, episodes, driver, lanes)
     batch.compile()
