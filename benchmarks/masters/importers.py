@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.judge.importer import link_ecospy
 from fmus.ssp.system import POSE
+from tests.judge.importer import link_ecospy
 
 PERIOD_S = 1e-3
 ROBOTS = ("robot1", "robot2")

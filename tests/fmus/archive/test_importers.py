@@ -19,9 +19,10 @@ from cosim.fmi.abi import exchange_3
 from fmus import references
 from fmus.build import build_fmus, cached_fmu
 from fmus.compiler import host_target
-from fmus.judge import __main__ as judge
-from fmus.judge.building import build_fmucheck, build_fmusim, version_in
-from fmus.judge.tools import (
+from fmus.references import EXPERIMENTS, FOLDER, outputs_of
+from tests.judge import __main__ as judge
+from tests.judge.building import build_fmucheck, build_fmusim, version_in
+from tests.judge.tools import (
     Artefact,
     JudgeError,
     Tool,
@@ -34,7 +35,6 @@ from fmus.judge.tools import (
     simulate_in_process,
     validate_by_vdmcheck,
 )
-from fmus.references import EXPERIMENTS, FOLDER, outputs_of
 
 TOOLS = {
     "fmpy": Tool("fmpy", package_version("fmpy"), simulate_by_fmpy),

@@ -1,4 +1,4 @@
-"""`python -m fmus.judge --out DIR`: what validators and importers of others say of the FMUs."""
+"""`python -m tests.judge --out DIR`: what validators and importers of others say of the FMUs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import run_command
 
 if TYPE_CHECKING:
-    from fmus.judge.tools import Artefact, Tool, Verdict
+    from tests.judge.tools import Artefact, Tool, Verdict
 
-_BEGIN, _END = "<!-- python -m fmus.judge -->\n", "<!-- end -->\n"
+_BEGIN, _END = "<!-- python -m tests.judge -->\n", "<!-- end -->\n"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class Judge:
 
 def judges(options: Judge) -> "list[Tool]":
     """All judges, also those that are not at hand."""
-    from fmus.judge import building, tools
+    from tests.judge import building, tools
 
     def missing(option: str) -> str:
         raise tools.JudgeError(f"name it with {option}")
@@ -100,8 +100,8 @@ def artefacts(folder: Path) -> "list[Artefact]":
     """The FMUs of all models and standards, built for this machine."""
     from fmus.build import build_fmus
     from fmus.compiler import host_target
-    from fmus.judge.tools import Artefact
     from fmus.models import MODELS, STANDARDS, Fmi
+    from tests.judge.tools import Artefact
 
     found = []
     for model in MODELS:
@@ -136,11 +136,11 @@ def markdown(verdicts: "Sequence[Verdict]") -> str:
 
 def main() -> None:
     """Command line; see `Judge`."""
-    options = parse(Judge, "fmus.judge")
+    options = parse(Judge, "tests.judge")
     from cosim.base.command import show_table
     from cosim.base.progress import progress_bars
     from cosim.base.storage import replacing, write_json
-    from fmus.judge.tools import JudgeError, ask
+    from tests.judge.tools import JudgeError, ask
 
     page = options.page.read_text() if options.page else ""
     if options.page and not (_BEGIN in page and _END in page):

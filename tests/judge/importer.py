@@ -1,7 +1,7 @@
-"""Runs an FMU's experiment in an importer not written here; a process of its own for each.
+"""Simulate an FMU's experiment in an importer not written here; a process of its own for each.
 
-`python -m fmus.judge.importer {ecospy,libcosimpy} FMU MODEL` prints the outputs after every step as
-JSON. Both importers come from the package registry (group `test`).
+`python tests/judge/importer.py {ecospy,libcosimpy} FMU MODEL` prints the outputs after every step
+as JSON. Both importers come from the package registry (group `test`).
 """
 
 import ctypes
@@ -22,7 +22,7 @@ def link_ecospy() -> None:
 def run_ecospy(fmu: str, experiment: ReferenceRun, outputs: list[str]) -> list[list[float]]:
     """Rows of outputs, by ecospy."""
     link_ecospy()
-    from ecospy import EcosSimulation, EcosSimulationStructure  # noqa: PLC0415
+    from ecospy import EcosSimulation, EcosSimulationStructure
 
     with EcosSimulationStructure() as structure:
         structure.add_model("fmu", fmu)
@@ -39,9 +39,9 @@ def run_ecospy(fmu: str, experiment: ReferenceRun, outputs: list[str]) -> list[l
 
 def run_libcosimpy(fmu: str, experiment: ReferenceRun, outputs: list[str]) -> list[list[float]]:
     """Rows of outputs, by libcosimpy."""
-    from libcosimpy.CosimExecution import CosimExecution  # noqa: PLC0415
-    from libcosimpy.CosimObserver import CosimObserver  # noqa: PLC0415
-    from libcosimpy.CosimSlave import CosimLocalSlave  # noqa: PLC0415
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
 
     execution = CosimExecution.from_step_size(round(experiment.step_s * 1e9))
     index = execution.add_local_slave(CosimLocalSlave(fmu, "fmu"))

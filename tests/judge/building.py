@@ -6,7 +6,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from fmus.judge.tools import JudgeError, run
+from tests.judge.tools import JudgeError, run
 
 # Of fmusim, in its folders fmusim/ and src/; what is only for Windows or the tests is left out.
 _FMUSIM = ("fmusim/*.c", "src/FMI*.c", "src/structured_variable_name.*.c")

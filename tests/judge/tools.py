@@ -163,10 +163,10 @@ def simulate_by_fmpy(artefact: Artefact) -> np.ndarray:
 
 
 def simulate_in_process(importer: str) -> Callable[[Artefact], np.ndarray]:
-    """Outputs by an importer of `fmus.judge.importer`."""
+    """Outputs by an importer of `tests.judge.importer`."""
 
     def judge(artefact: Artefact) -> np.ndarray:
-        command = [sys.executable, "-m", "fmus.judge.importer", importer]
+        command = [sys.executable, str(Path(__file__).with_name("importer.py")), importer]
         said = run([*command, str(artefact.path), artefact.model])
         return np.array(json.loads(said.splitlines()[-1]))
 

@@ -1,1 +1,0 @@
-"""The FMUs before judges not written here: validators, and importers that simulate them."""
