@@ -14,7 +14,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("cosim", "agent", "analysis", "fmus")
+PACKAGES = ("minirobots", "cosim", "agent", "analysis", "fmus")
 PAGES = {
     "README.md": "readme.md",
     "CONTRIBUTING.md": "contributing.md",

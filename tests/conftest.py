@@ -7,6 +7,7 @@ import shutil
 import signal
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ from xdist.scheduler import LoadScopeScheduling
 from cosim.base.errors import run_command
 from cosim.base.storage import cache_dir
 from fmus.build import cached_fmu
+from minirobots.runner import execute
 
 # First calls compile kernels, and machines are busy: nothing is judged by the time it takes.
 settings.register_profile(
@@ -88,18 +90,22 @@ class Ended(NamedTuple):
 
 @pytest.fixture(scope="session")
 def command():
-    """Run a command as its module's `__main__` does, in this process, whose imports are done."""
+    """Run a command, by its name or module, in this process, whose imports are done."""
 
-    def run(module: ModuleType, *arguments: Any) -> Ended:
+    def run(module: ModuleType | str, *arguments: Any) -> Ended:
+        if isinstance(module, str):
+            name, main = f"minirobots {module}", partial(execute, module)
+        else:
+            name, main = module.__name__, module.main
         out, err, status = io.StringIO(), io.StringIO(), 0
         with (
             pytest.MonkeyPatch.context() as patch,
             contextlib.redirect_stdout(out),
             contextlib.redirect_stderr(err),
         ):
-            patch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
+            patch.setattr(sys, "argv", [name, *map(str, arguments)])
             try:
-                run_command(module.main)
+                run_command(main)
             except SystemExit as end:
                 assert end.code is None or isinstance(end.code, int)
                 status = end.code or 0

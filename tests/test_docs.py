@@ -13,7 +13,7 @@ from analysis.reading.motor_test import read
 from analysis.reading.results import FIGURES
 
 ROOT = Path(__file__).parents[1]
-PRODUCT = ("fmus", "cosim", "agent", "analysis")
+PRODUCT = ("fmus", "cosim", "agent", "analysis", "minirobots")
 # Words that CONTRIBUTING.md has others for, as a part of an identifier.
 FORBIDDEN = re.compile(
     r"(^|_)(identif(y|ied)|transitions?|roll_?outs?|ways?)(_|$)|^_*timed_", re.IGNORECASE

@@ -14,7 +14,7 @@ from fmus.models import MODELS
 
 pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("fmus", "cosim", "agent", "analysis")
+PACKAGES = ("fmus", "cosim", "agent", "analysis", "minirobots")
 DATA = {
     "fmus/vibration_motor/variables.toml",
     "fmus/vibration_motor/motor.h",

@@ -19,7 +19,10 @@ from cosim.base.command import show_table
 from cosim.base.errors import UserError
 
 ROOT = Path(__file__).parents[2]
-COPIED = ("fmus", "cosim", "agent", "analysis", "benchmarks", "tests", "docs", "pyproject.toml")
+COPIED = (
+    "fmus", "cosim", "agent", "analysis", "minirobots", "benchmarks", "tests", "docs",
+    "pyproject.toml",
+)  # fmt: skip
 PASSED, FAILED = 0, 1  # exit statuses of pytest
 
 

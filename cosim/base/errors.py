@@ -30,7 +30,7 @@ _MENDS = {
     errno.ENAMETOOLONG: "its name is longer than the file system allows; choose a shorter one",
     errno.ELOOP: "a symbolic link leads back to itself; correct the link or choose another path",
 }
-_COMMANDS = ("agent", "analysis", "cosim", "fmus")  # packages with commands
+_COMMANDS = ("agent", "analysis", "cosim", "fmus", "minirobots")  # packages with commands
 # Control characters but for ends of lines and tabs, bidirectional ones, halves of characters.
 _HIDDEN = re.compile(
     "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"

@@ -20,7 +20,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parents[2]
-OWN = ("fmus", "cosim", "agent", "analysis")  # packages of this project below ROOT
+OWN = ("fmus", "cosim", "agent", "analysis", "minirobots")  # packages of this project below ROOT
 
 # Where files go, what is shown meanwhile and what errors look like decides no bits.
 INFRASTRUCTURE = tuple(

@@ -10,7 +10,6 @@ import time
 import numpy as np
 import pytest
 
-from agent import evaluate
 from agent.experiments import training as train
 from agent.training.loop import TrainingLog
 from agent.training.worker import CHECKPOINT_FILE, load_checkpoint
@@ -52,7 +51,7 @@ def test_train_then_evaluate(command, tmp_path):
         "policy.npz", "policy.json", "training.npz", "training.rrd",
     }  # fmt: skip
     assert TrainingLog.load(out / "run_001" / "training.npz").episode[-1] == 4000
-    status, output, _ = command(evaluate, out, "--json")
+    status, output, _ = command("evaluate-grid", out, "--json")
     assert status == 0
     report = json.loads(output.splitlines()[-1])
     for ours, theirs in zip(report["policies"], summary["policies"], strict=True):
@@ -134,7 +133,7 @@ def test_options_override_the_settings_file(tmp_path):
 def test_evaluate_refuses_what_is_no_policy(command, tmp_path):
     (tmp_path / "policy.npz").write_bytes(b"x")
     for path, message in [(tmp_path / "policy.npz", "damaged"), (tmp_path, "no run_")]:
-        status, _, errors = command(evaluate, path)
+        status, _, errors = command("evaluate-grid", path)
         assert status == 2
         assert message in errors
 

@@ -1,8 +1,8 @@
 """Runs commands of the project one after the other, with memory and processor time bounded.
 
-Reads `[module, argument, ...]` from a line of stdin, answers with a line of JSON on stdout: how the
-command ended, what it said, and the most memory that this process has ever taken. A command that
-takes more memory than it may gets a MemoryError; one that takes too long ends this process.
+Reads `[command, argument, ...]` from a line of stdin, answers with a line of JSON on stdout: how
+the command ended, what it said, and the most memory that this process has ever taken. A command
+that takes more memory than it may gets a MemoryError; one that takes too long ends this process.
 """
 
 import contextlib
@@ -10,10 +10,9 @@ import io
 import json
 import resource
 import sys
-from importlib import import_module
 from pathlib import Path
 
-from cosim.base.errors import run_command
+from minirobots.__main__ import main
 
 MAX_GROWTH_BYTES = 4 * 2**30  # of addresses, more than is used
 MAX_CPU_S = 300  # kernels may have to be compiled
@@ -28,13 +27,13 @@ def bound() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (most_s, resource.RLIM_INFINITY))
 
 
-def run(module: str, *arguments: str) -> dict[str, object]:
+def run(*arguments: str) -> dict[str, object]:
     out, err, status = io.StringIO(), io.StringIO(), 0
-    sys.argv = [module, *arguments]
+    sys.argv = ["minirobots", *arguments]
     bound()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            run_command(import_module(module).main)
+            main()
         except SystemExit as end:
             status = end.code or 0
     most_bytes = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

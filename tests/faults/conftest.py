@@ -22,7 +22,7 @@ class Bounded(NamedTuple):
 
 @pytest.fixture(scope="module")
 def bounded(tmp_path_factory) -> Iterator[Callable[..., Bounded]]:
-    """Runs a command by its module's name, see `bounded.py`."""
+    """Runs a command by its name, see `bounded.py`."""
     folder = tmp_path_factory.mktemp("temporary")
     command = [sys.executable, Path(__file__).with_name("bounded.py")]
     processes: list[subprocess.Popen[str]] = []

@@ -5,17 +5,19 @@ import io
 import re
 import sys
 from importlib import import_module
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.__main__ import COMMANDS
-from cosim.base.errors import run_command
+from cosim.__main__ import COMMANDS as ELSEWHERE
 from cosim.navigation.options import Physics
+from minirobots import runner
+from minirobots.__main__ import main, purposes
 from tests.faults.fuzzing import examples
 
-MODULES = sorted(command.module for command in COMMANDS.values())
+COMMANDS = sorted(purposes())
 WORDS = st.one_of(
     st.sampled_from(
         ("0", "1", "2", "-1", "nan", "inf", "-inf", "1e-320", "1e300", "1e9", "9" * 30, "0.05",
@@ -34,21 +36,21 @@ class TakenError(Exception):
 def flags():
     """Every command's options, as its help names them."""
     found = {}
-    for module in MODULES:
+    for name in COMMANDS:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sys, "argv", [module, "--help"])
+            patch.setattr(sys, "argv", ["minirobots", name, "--help"])
             with contextlib.redirect_stdout(io.StringIO()) as text, pytest.raises(SystemExit):
-                import_module(module).main()
-        found[module] = sorted(set(re.findall(r"--[a-z][a-z0-9.-]+", text.getvalue())))
+                main()
+        found[name] = sorted(set(re.findall(r"--[a-z][a-z0-9.-]+", text.getvalue())))
     return found
 
 
-def ended(module: str, arguments: list[str]) -> tuple[int, str]:
+def ended(name: str, arguments: list[str]) -> tuple[int, str]:
     """Status and stderr of a command that stops when its options are taken."""
-    command = import_module(module)
+    command = import_module(ELSEWHERE[name].module) if name in ELSEWHERE else runner
     parse = command.parse
 
-    def stop(*given_: object) -> None:
+    def stop(*given_: Any) -> None:
         options = parse(*given_)
         physics = getattr(options, "physics", options)
         if isinstance(physics, Physics):
@@ -62,26 +64,26 @@ def ended(module: str, arguments: list[str]) -> tuple[int, str]:
         contextlib.redirect_stderr(err),
     ):
         patch.setattr(command, "parse", stop)
-        patch.setattr(sys, "argv", [module, *arguments])
+        patch.setattr(sys, "argv", ["minirobots", name, *arguments])
         try:
-            run_command(command.main)
+            main()
         except TakenError:
             return 0, ""
         except SystemExit as end:
             return int(end.code or 0), out.getvalue() + err.getvalue()
-    raise AssertionError(f"{module} {arguments} did nothing")
+    raise AssertionError(f"{name} {arguments} did nothing")
 
 
 @examples(80)
 @given(data=st.data())
 def test_any_command_line(flags, data):
-    module = data.draw(st.sampled_from(MODULES))
-    names = st.sampled_from(flags[module])
+    name = data.draw(st.sampled_from(COMMANDS))
+    names = st.sampled_from(flags[name])
     option = st.one_of(
         st.tuples(names, WORDS), st.tuples(names, WORDS), st.tuples(names), st.tuples(WORDS)
     )
     arguments = [word for some in data.draw(st.lists(option, max_size=4)) for word in some]
-    status, said = ended(module, arguments)
+    status, said = ended(name, arguments)
     assert status in {0, 2}, said
     assert "Traceback" not in said
     assert said or status == 0

@@ -369,15 +369,15 @@ MOVES = {
 }
 # By kind of file: its name, the hostile ones, and the command that meets it.
 KINDS = {
-    "fmu": ("mine.fmu", FMUS, ("cosim.run", "--no-isolate", "--scenario", "1a", "--motor-fmu")),
-    "policy": ("policy.npz", POLICIES, ("agent.evaluate",)),
-    "scenario": ("mine.toml", SCENARIOS, ("agent.train", "--scenario")),
-    "world": ("world.toml", WORLDS, ("cosim.run", "--world")),
-    "preset": ("machine.toml", PRESETS, ("cosim.run", "--preset")),
-    "settings": ("settings.toml", SETTINGS, ("agent.train", "--config")),
-    "recording": ("ep_000.rrd", RECORDINGS, ("analysis.inspect",)),
-    "track": ("track.csv", TRACKS, ("cosim.identification.__main__",)),
-    "moves": ("moves.json", MOVES, ("agent.train", "--moves")),
+    "fmu": ("mine.fmu", FMUS, ("run", "--no-isolate", "--scenario", "1a", "--motor-fmu")),
+    "policy": ("policy.npz", POLICIES, ("evaluate-grid",)),
+    "scenario": ("mine.toml", SCENARIOS, ("train", "--scenario")),
+    "world": ("world.toml", WORLDS, ("run", "--world")),
+    "preset": ("machine.toml", PRESETS, ("run", "--preset")),
+    "settings": ("settings.toml", SETTINGS, ("train", "--config")),
+    "recording": ("ep_000.rrd", RECORDINGS, ("inspect",)),
+    "track": ("track.csv", TRACKS, ("identify-robot",)),
+    "moves": ("moves.json", MOVES, ("train", "--moves")),
 }
 UNMARKED = 1  # of every kind, the others are faults
 CASES = [
@@ -390,19 +390,19 @@ CASES = [
 @pytest.fixture(scope="module")
 def at_rest(bounded) -> int:
     """Memory of the process before any file is read, in bytes."""
-    return bounded("analysis.inspect", "none.rrd").most_bytes
+    return bounded("inspect", "none.rrd").most_bytes
 
 
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_it_is_refused(bounded, at_rest, motor_fmu, tmp_path, kind, name):
-    file, files, (module, *arguments) = KINDS[kind]
+    file, files, (command, *arguments) = KINDS[kind]
     path = tmp_path / "in" / file
     path.parent.mkdir()
     files[name].make(path, motor_fmu)
     before = path.stat().st_mtime_ns
-    if module in {"agent.train", "cosim.run"}:
+    if command in {"train", "run"}:
         arguments = ["--out", str(tmp_path / "out"), *arguments]
-    done = bounded(module, *arguments, path)
+    done = bounded(command, *arguments, path)
     assert done.status == 2, done.stderr
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1

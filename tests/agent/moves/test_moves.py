@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from agent.experiments import training
-from agent.moves import __main__ as observing
 from agent.moves import kernels
 from agent.moves import observe as observe_module
 from agent.moves.model import (
@@ -401,7 +400,7 @@ def test_moves_of_robots_that_are_seldom_asked_are_refused(command, tmp_path):
     seldom = msgspec.structs.replace(ideal_moves(), rl_step_s=7.0)
     with pytest.raises(MovesError, match=r"asked every 7 s cannot be learnt on; .* at most 2 s"):
         build_model(seldom, 5.0)
-    ended = command(observing, "--rl-step", 7, "--out", tmp_path / "moves.json")
+    ended = command("moves", "--rl-step", 7, "--out", tmp_path / "moves.json")
     assert ended.returncode == 2
     assert "with an --rl-step of at most 2 s" in ended.stderr
 

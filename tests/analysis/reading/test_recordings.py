@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 import analysis
-from analysis import inspect
 from analysis.reading.findings import find, intervals, sliding
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TABLE_II, TIMING
@@ -204,10 +202,8 @@ def test_findings_say_when_and_what(episode):
     assert not any(kind in {"near miss", "collision"} for kind, _ in findings)
 
 
-def test_inspect_prints_a_page_and_json(recording, killed_recording, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["inspect", str(recording), "--parameters", "--json"])
-    inspect.main()
-    page = capsys.readouterr().out
+def test_inspect_prints_a_page_and_json(recording, killed_recording, command):
+    page = command("inspect", recording, "--parameters", "--json").stdout
     content = json.loads(page.splitlines()[-1])
     assert content["outcome"] == "timeout"
     assert content["robots"]["r1"]["moves"] >= 1
@@ -217,6 +213,4 @@ def test_inspect_prints_a_page_and_json(recording, killed_recording, monkeypatch
     )  # fmt: skip
     for text in ("outcome timeout", "voltage saturation", "V_s_max", "motors/omega_des"):
         assert text in page
-    monkeypatch.setattr(sys, "argv", ["inspect", str(killed_recording)])
-    inspect.main()
-    assert "its writer was stopped" in capsys.readouterr().out
+    assert "its writer was stopped" in command("inspect", killed_recording).stdout

@@ -22,8 +22,8 @@ COMMANDS = {
     "agent": ["-m", "agent.train"],
     "analysis": ["-m", "analysis.inspect"],
     "fmus": ["-m", "fmus.build"],
-    "sub-command": ["-m", "cosim", "run"],
-    "script": ["-c", "import sys; from cosim.__main__ import main; sys.exit(main())", "run"],
+    "sub-command": ["-m", "minirobots", "run"],
+    "script": ["-c", "import sys; from minirobots.__main__ import main; sys.exit(main())", "run"],
 }
 
 

@@ -1,0 +1,1 @@
+"""Vibration-driven mini-robots that learn to navigate: everything under one name."""

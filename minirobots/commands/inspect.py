@@ -1,0 +1,98 @@
+"""What a recording holds, and where it looks wrong."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from cosim.base.progress import Progress
+from minirobots.options import CommandOptions
+
+if TYPE_CHECKING:
+    from analysis.reading.inspection import Inspection
+
+# Facts shown first; the others follow.
+_FIRST_FACTS = ("scenario", "title", "episode", "seed", "starts")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspect(CommandOptions):
+    """Say what a recorded episode holds, and where something in it looks wrong.
+
+    Prints what was run, the outcome, every robot's path and moves, statistics of every signal, and
+    findings with the time at which to look: voltages at their limit, sliding feet, feet in the
+    air, robots that nearly or really touch, moves given up. Also reads what a killed run left
+    (.rrd.part).
+    """
+
+    recording: Annotated[Path, tyro.conf.Positional]
+    """Recording of an episode (.rrd or .rrd.part)."""
+    parameters: bool = False
+    """Also list every parameter with its unit and source."""
+
+
+def run(options: Inspect, _: Progress) -> "Inspection":
+    """Read the recording and look through it."""
+    from analysis.reading.inspection import inspect_episode
+    from cosim.reading.episode import read_episode
+
+    return inspect_episode(read_episode(options.recording))
+
+
+def show(options: Inspect, found: "Inspection") -> "Inspection":
+    """Print what was found."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from cosim.base.command import show_table
+
+    console = Console()
+    if not console.is_terminal:  # a file takes whole lines; a terminal has its own width
+        console = Console(width=150)
+    ending = found.outcome or "not recorded: the recording ends before the episode"
+    console.print(f"[bold]{found.recording}[/]", soft_wrap=True)
+    console.print(f"outcome {ending}, {found.time_s:.2f} s simulated")
+    if not found.complete:
+        console.print("its writer was stopped; this is what it had written")
+    facts = found.facts
+    for key in [*_FIRST_FACTS, *(key for key in facts if key not in _FIRST_FACTS)]:
+        if key in facts:
+            console.print(f"  {key}: {facts[key]}", soft_wrap=True, markup=False)
+    for robot, row in found.robots.items():
+        length = row.path_length_m
+        path = f"{100.0 * length:.1f} cm, " if length is not None else ""
+        console.print(
+            f"  {robot}: {path}{row.moves} moves, {row.moves_ended} ended, "
+            f"{row.moves_timed_out} timed out"
+        )
+    if options.parameters:
+        table = Table("parameter", "value", "unit", "meaning", "source", title="parameters")
+        for name, p in found.parameters.items():
+            table.add_row(name, f"{p['value']}", p["unit"], p["description"], p["source"])
+        console.print(table)
+    measures = ("minimum", "mean", "maximum", "deviation")
+    rows = [
+        (
+            row.signal,
+            row.component,
+            row.unit,
+            str(row.samples),
+            f"{row.period_s:g} s" if row.period_s else "–",
+            *(_number(getattr(row, name)) for name in measures),
+        )
+        for row in found.signals
+    ]
+    header = ("signal", "of", "unit", "samples", "every", *measures)
+    show_table(console, header, rows, names=3, title="signals", numbers=len(measures))
+    table = Table("what looks wrong", "where", "at", "")
+    for finding in found.findings:
+        at_s = finding.time_s
+        at = f"{at_s:.2f} s" if at_s is not None else "–"
+        table.add_row(finding.kind, finding.where, at, finding.text)
+    console.print(table if found.findings else "nothing looks wrong")
+    return found
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"

@@ -1,0 +1,74 @@
+"""Observe what moves really do."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cosim.base.config import ConfigError
+from cosim.base.progress import Progress
+from cosim.navigation.options import Deciding, Physics
+from minirobots.options import Count, File, IsolatedOptions, Jobs, Seed
+
+if TYPE_CHECKING:
+    from agent.moves.model import ObservedMoves
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserveMoves(IsolatedOptions):
+    """Observe moves of one robot in the co-simulation and keep what they did.
+
+    The file lists every move (direction, heading, previous direction; Δcell, duration, where it
+    stopped); `python -m agent.train --moves FILE` trains with them.
+    """
+
+    out: File = Path("runs/moves.json")
+    """File to write (.json)."""
+    moves: Count = 24
+    """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
+    worlds: bool = False
+    """Let every walk drive in a world of its own, as for the method robust
+    (agent/moves/worlds.py)."""
+    seed: Seed = 0
+    jobs: Jobs = -1
+    physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
+    deciding: Annotated[Deciding, tyro.conf.OmitArgPrefixes] = field(default_factory=Deciding)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.worlds and self.physics.mu is not None:
+            raise ConfigError("--mu has no effect with --worlds, which draws it; leave one out")
+
+
+def run(options: ObserveMoves, progress: Progress) -> "ObservedMoves":
+    """Observe moves and write their file."""
+    from agent.moves.model import require_rl_step
+    from agent.moves.observe import observe_moves
+    from agent.moves.worlds import RANGES
+    from cosim.base.command import workers
+
+    config, fmu = options.physics.prepare(progress=progress)
+    config = options.deciding.deciding(config)
+    require_rl_step(config.timing.rl_step_s)
+    moves = observe_moves(
+        config,
+        fmu,
+        moves_per_kind=options.moves,
+        seed=options.seed,
+        worlds=RANGES if options.worlds else None,
+        jobs=workers(options.jobs),
+        progress=progress,
+    )
+    moves.save(options.out)
+    return moves
+
+
+def show(options: ObserveMoves, moves: "ObservedMoves") -> dict[str, Any]:
+    """Print a table of the kinds of moves."""
+    from agent.moves.observe import facts_of, move_rows
+    from cosim.base.command import show_table
+
+    show_table(None, *move_rows(moves))
+    print(f"moves in {options.out}")
+    return facts_of(moves) | {"out": str(options.out)}

@@ -1,0 +1,139 @@
+"""Options that several commands have, each declared once: its type, its limits and its help."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self, get_args, get_type_hints
+
+import tyro
+
+from cosim.base.command import Json, require_at_least, workers
+from cosim.fmi.isolation import Isolation
+
+
+class Check(NamedTuple):
+    """A limit of an option, declared with its type.
+
+    Attributes:
+        require: called with the option's name and value, raises UserError if it is refused.
+    """
+
+    require: Callable[[str, Any], object]
+
+
+def at_least(least: int) -> Check:
+    """Return the check of a number that is not below another one; None is one not given."""
+    return Check(lambda name, value: require_at_least(least, **{name: value}))
+
+
+Count = Annotated[int, at_least(1)]
+NotNegative = Annotated[int, at_least(0)]
+Seed = Annotated[
+    int, at_least(0), tyro.conf.arg(help="Seed of everything that is drawn at random.")
+]
+Jobs = Annotated[
+    int,
+    Check(lambda _, jobs: workers(jobs)),
+    tyro.conf.arg(
+        metavar="N",
+        help="Episodes or trainings that run at the same time, -1 for one per core; results do "
+        "not depend on it.",
+    ),
+]
+BudgetMinutes = Annotated[
+    float | None,
+    at_least(0),
+    tyro.conf.arg(
+        metavar="M",
+        help="Start nothing new after this time in minutes; the same command resumes. By default "
+        "without limit.",
+    ),
+]
+File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
+Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
+ScenarioName = Annotated[
+    str,
+    tyro.conf.arg(
+        help="Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5, and 1a-zone to 4-zone, whose zone is "
+        "forbidden; 5-corridor, 5-slalom, 5-doorway; 4-cross, 4-ring, 6-swap) or a scenario file "
+        "(.toml)."
+    ),
+]
+PresetName = Annotated[
+    str,
+    tyro.conf.arg(
+        metavar="NAME|FILE", help="Machine: paper, icra2006, thesis, or a preset file (.toml)."
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandOptions:
+    """Base of every command's options."""
+
+    json: Json = False
+
+    def __post_init__(self) -> None:
+        for name, kind in get_type_hints(type(self), include_extras=True).items():
+            for check in _checks(kind):
+                check.require(name, getattr(self, name))
+
+    def interrupted(self) -> str:
+        """Return what is said after Ctrl-C, if anything."""
+        return ""
+
+    @classmethod
+    def defaults(cls, _arguments: list[str]) -> Self | None:
+        """Return what the command line changes; None for the defaults of the class."""
+        return None
+
+
+def _checks(kind: Any) -> Iterator[Check]:
+    for part in get_args(kind):
+        if isinstance(part, Check):
+            yield part
+        else:
+            yield from _checks(part)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsolatedOptions(CommandOptions):
+    """Options of a command that loads FMUs, which may be foreign ones."""
+
+    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
+
+    @property
+    def foreign(self) -> Path | None:
+        """FMU that is not built in, or archive of such, if any."""
+        options: Any = getattr(self, "physics", self)
+        return options.motor_fmu
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewFolder(CommandOptions):
+    """Options of a command that writes to a folder of its own."""
+
+    out: Folder | None = None
+    """Output folder; by default a new one, runs/<what>-<time>."""
+
+    @property
+    def label(self) -> str:
+        """What the new folder is of."""
+        raise NotImplementedError
+
+    @cached_property
+    def folder(self) -> Path:
+        """Output folder."""
+        return self.out or Path("runs") / f"{self.label}-{datetime.now():%Y%m%d-%H%M%S}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resumable(CommandOptions):
+    """Options of a command that continues where an interrupt ended it."""
+
+    def interrupted(self) -> str:
+        """Say where results are."""
+        out: Path = getattr(self, "folder", getattr(self, "out", Path()))
+        return f"results so far are in {out}/; the same command continues"

@@ -1,0 +1,67 @@
+"""Runs a command of `minirobots.commands`: what the modules there have in common."""
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+from cosim.base.command import parse, print_json
+from cosim.base.errors import run_command
+from cosim.base.progress import progress_bars
+from minirobots.options import CommandOptions, IsolatedOptions
+
+FAILED_STATUS = 1
+
+
+def module_of(name: str) -> ModuleType:
+    """Return the module of a command."""
+    return import_module(f"minirobots.commands.{name.replace('-', '_')}")
+
+
+def options_of(module: ModuleType) -> type[CommandOptions]:
+    """Return the class of a command's options, which its function `run` names."""
+    return module.run.__annotations__["options"]
+
+
+def run_named(name: str, module: str = "minirobots") -> None:
+    """Run a command with the arguments of this process, and leave with its exit status.
+
+    Args:
+        name: of the command.
+        module: by which `python -m` was called, if not as `minirobots NAME`.
+    """
+    run_command(lambda: execute(name, module))
+
+
+def execute(name: str, module: str = "minirobots") -> None:
+    """Parse the arguments of this process, do the work, print what came of it.
+
+    Args:
+        name: of the command.
+        module: by which `python -m` was called, if not as `minirobots NAME`.
+
+    Raises:
+        UserError: see its message.
+        SystemExit: the command failed in its own terms, or a child process has done the work.
+    """
+    command = module_of(name)
+    kind, arguments = options_of(command), sys.argv[1:]
+    options = parse(kind, module, arguments, kind.defaults(arguments))
+    if isinstance(options, IsolatedOptions):
+        options.isolation.enter(f"minirobots {name}", options.foreign)
+    result = _result(command, options)
+    content = command.show(options, result)
+    if options.json:
+        print_json(content)
+    if hasattr(command, "failed") and command.failed(result):
+        sys.exit(FAILED_STATUS)
+
+
+def _result(command: ModuleType, options: CommandOptions) -> Any:
+    try:
+        with progress_bars() as progress:
+            return command.run(options, progress)
+    except KeyboardInterrupt:
+        if said := options.interrupted():
+            print(said, file=sys.stderr)
+        raise

@@ -1,0 +1,178 @@
+"""`minirobots`: every command behind its name, help that comes at once, and refusals."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import is_dataclass
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import minirobots.__main__
+from cosim.__main__ import COMMANDS as ELSEWHERE
+from minirobots.runner import module_of, options_of
+
+ROOT = Path(__file__).parents[2]
+COMMANDS = minirobots.__main__.purposes()
+# What takes long to load, and no options need.
+HEAVY = {
+    "cma", "fmpy", "gymnasium", "joblib", "matplotlib", "numba", "pyarrow", "rerun", "rich",
+    "scipy",
+}  # fmt: skip
+# Prints, by command, the start of its help and what it has loaded so far.
+HELP_OF_ALL = """
+import contextlib, io, json, sys
+from minirobots.__main__ import main
+found = {}
+for name in json.loads(sys.argv[1]):
+    sys.argv = ["minirobots", name, "--help"]
+    with contextlib.redirect_stdout(io.StringIO()) as text, contextlib.suppress(SystemExit):
+        main()
+    loaded = {module.partition(".")[0] for module in sys.modules}
+    found[name] = text.getvalue().splitlines()[0], sorted(loaded)
+print(json.dumps(found))
+"""
+# A command of the user's own, in one file.
+HELLO = '''"""Greet a robot."""
+
+from dataclasses import dataclass
+
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress
+from minirobots.options import CommandOptions, Count
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hello(CommandOptions):
+    """Print a greeting."""
+
+    name: str = "r1"
+    """Robot to greet."""
+    times: Count = 1
+    """How often."""
+
+
+def run(options: Hello, progress: Progress) -> list[str]:
+    """Make the greetings."""
+    if options.name == "":
+        raise UserError("--name is empty; name a robot")
+    progress("greeting", 1, 1)
+    return [f"hello {options.name}"] * options.times
+
+
+def show(_: Hello, lines: list[str]) -> dict[str, list[str]]:
+    """Print them."""
+    print(*lines, sep="\\n")
+    return {"lines": lines}
+
+
+def failed(lines: list[str]) -> bool:
+    """More than two greetings are a failure."""
+    return len(lines) > 2
+'''
+
+
+@pytest.fixture(scope="module")
+def program(command):
+    return lambda *arguments: command(minirobots.__main__, *arguments)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_command_has_its_functions_and_options(name):
+    if name in ELSEWHERE:
+        module = import_module(ELSEWHERE[name].module)
+        options = getattr(module, ELSEWHERE[name].options)
+        assert callable(module.main)
+    else:
+        module = module_of(name)
+        options = options_of(module)
+        assert callable(module.show)
+    assert is_dataclass(options)
+    assert options.__doc__
+
+
+def test_help_of_each_command_loads_only_what_options_need():
+    arguments = [sys.executable, "-c", HELP_OF_ALL, json.dumps(list(COMMANDS))]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found.keys() == COMMANDS.keys()
+    for name, (first, loaded) in found.items():
+        assert first.startswith(f"usage: minirobots {name} "), first
+        assert not HEAVY.intersection(loaded), name
+
+
+def test_help_loads_no_command():
+    program = (
+        "import sys, minirobots.__main__ as m; m.main();"
+        "assert 'tyro' not in sys.modules and 'numpy' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
+def test_help_names_every_command(program, arguments):
+    done = program(*arguments)
+    assert (done.returncode, done.stderr) == (0, "")
+    for name, purpose in COMMANDS.items():
+        assert f"  {name} " in done.stdout
+        assert purpose.removesuffix(".") in done.stdout
+
+
+def test_command_does_what_its_module_does(program, tmp_path):
+    done = program("run", "--scenario", "7", "--out", tmp_path / "x")
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: unknown scenario '7'")
+    assert not (tmp_path / "x").exists()
+
+
+def test_unknown_command_gets_one_sentence(program):
+    done = program("fly", "--help")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: minirobots has no command fly; choose one of ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_completion_for_bash_knows_every_command_and_its_options(program):
+    done = program("--tyro-print-completion", "bash")
+    assert done.returncode == 0, done.stderr
+    script = done.stdout
+    assert "complete" in script
+    assert [name for name in COMMANDS if name not in script] == []
+    assert "--shield" in script
+    syntax = subprocess.run(
+        ["bash", "-n"], input=script, capture_output=True, text=True, check=False
+    )
+    assert (syntax.returncode, syntax.stderr) == (0, "")
+
+
+def test_a_command_is_added_by_one_file(tmp_path):
+    shutil.copytree(ROOT / "minirobots", tmp_path / "minirobots")
+    (tmp_path / "minirobots" / "commands" / "say_hello.py").write_text(HELLO)
+
+    def called(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "minirobots", *arguments],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    assert "  say-hello      Greet a robot\n" in called().stdout
+    done = called("say-hello", "--times", "2", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == 'hello r1\nhello r1\n{"lines":["hello r1","hello r1"]}\n'
+    assert called("say-hello", "--times", "3").returncode == 1
+    for wrong, said in {
+        ("--name", ""): "--name is empty",
+        ("--times", "0"): "--times must",
+    }.items():
+        refused = called("say-hello", *wrong)
+        assert (refused.returncode, refused.stdout) == (2, "")
+        assert refused.stderr.startswith(f"error: {said}")
+    assert "say-hello" in called("--tyro-print-completion", "bash").stdout
