@@ -52,7 +52,8 @@ def render_build_description(table: Table, fmi: Fmi) -> bytes:
         "description": f"for a shared library; without it {table.name}_ precedes every function",
     }
     build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
-    files = ET.SubElement(build, "SourceFileSet", language="C11", compilerOptions=SAME_BITS)
+    options = {"compiler": "gcc", "compilerOptions": SAME_BITS}
+    files = ET.SubElement(build, "SourceFileSet", options, language="C11")
     ET.SubElement(files, "SourceFile", name=unit_file(table.name, fmi))
     ET.SubElement(files, "PreprocessorDefinition", definition)
     return to_bytes(root)

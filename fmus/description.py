@@ -54,8 +54,8 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
             _add_items(element, variable)
     _add_frame(root)
     variables = ET.SubElement(root, "ModelVariables")
-    ET.SubElement(variables, "Float64", _time() | {"unit": "s"})
-    for variable in table.variables:
+    sizes_first = sorted(table.variables, key=lambda v: v.causality != "structuralParameter")
+    for variable in sizes_first:  # some importers know no later dimension
         attributes = _identity(variable) | _values(variable)
         if variable.derivative:
             attributes["derivative"] = str(table[variable.derivative].reference)
@@ -66,6 +66,7 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
         if variable.start is not None:
             count = math.prod(int(size.start or 0) for size in sizes)
             element.set("start", " ".join([attributes["start"]] * count))
+    ET.SubElement(variables, "Float64", _time() | {"unit": "s"})
     structure = ET.SubElement(root, "ModelStructure")
     for name, unknowns in (
         ("Output", table.group("output")),

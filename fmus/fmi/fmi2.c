@@ -113,8 +113,10 @@ static fmi2Status set_options(Instance *self, const char *function, const char *
     if (nvr && (!vr || !value))
         return (fmi2Status)fail(self, function, "an array of value references or values is null");
     for (size_t k = 0; k < nvr; k++)
-        if (model_set_option(self, function, vr[k], type, value[k]) != STATUS_OK)
+        if (model_check_option(self, function, vr[k], type, value[k]) != STATUS_OK)
             return fmi2Error;
+    for (size_t k = 0; k < nvr; k++)
+        model_set_option(self, vr[k], type, value[k]);
     return fmi2OK;
 }
 

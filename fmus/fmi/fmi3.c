@@ -126,9 +126,11 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference valueR
             REQUIRE_POINTER(self, values);                                                         \
         }                                                                                          \
         for (size_t k = 0; k < nValues; k++)                                                       \
-            if (model_set_option(self, __func__, valueReferences[k], name, values[k]) !=           \
+            if (model_check_option(self, __func__, valueReferences[k], name, values[k]) !=         \
                 STATUS_OK)                                                                         \
                 return fmi3Error;                                                                  \
+        for (size_t k = 0; k < nValues; k++)                                                       \
+            model_set_option(self, valueReferences[k], name, values[k]);                           \
         return fmi3OK;                                                                             \
     }
 

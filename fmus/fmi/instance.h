@@ -167,8 +167,12 @@ static Status model_set_double(Instance *instance, const char *function,
 /* Variables that are not floating-point and have one value: the type is "Boolean" or "Enumeration". */
 static Status model_get_option(const Instance *instance, const char *function, uint32_t reference,
                                const char *type, int64_t *value);
-static Status model_set_option(Instance *instance, const char *function, uint32_t reference,
-                               const char *type, int64_t value);
+/* Whether an option may take a value now; says why not. */
+static Status model_check_option(const Instance *instance, const char *function, uint32_t reference,
+                                 const char *type, int64_t value);
+/* Set an option to a value that was checked. */
+static void model_set_option(Instance *instance, uint32_t reference, const char *type,
+                             int64_t value);
 
 static Status model_save(const Instance *instance, const char *function, void **state);
 static Status model_restore(Instance *instance, const char *function, const void *state);

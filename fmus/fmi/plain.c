@@ -87,8 +87,8 @@ Status model_get_option(const Instance *instance, const char *function, uint32_t
     return STATUS_OK;
 }
 
-Status model_set_option(Instance *instance, const char *function, uint32_t reference,
-                        const char *type, int64_t value) {
+Status model_check_option(const Instance *instance, const char *function, uint32_t reference,
+                          const char *type, int64_t value) {
     const Option *option = find_option(reference, type);
     if (!option)
         return fail_reference(instance, function, reference, type);
@@ -97,8 +97,12 @@ Status model_set_option(Instance *instance, const char *function, uint32_t refer
     if (value < option->least || value > option->most)
         return fail(instance, function, "%s cannot be %lld; use %d to %d", variable_name[reference],
                     (long long)value, (int)option->least, (int)option->most);
-    *(int32_t *)((char *)plain_of(instance) + option->place) = (int32_t)value;
     return STATUS_OK;
+}
+
+void model_set_option(Instance *instance, uint32_t reference, const char *type, int64_t value) {
+    const Option *option = find_option(reference, type);
+    *(int32_t *)((char *)plain_of(instance) + option->place) = (int32_t)value;
 }
 
 typedef struct {

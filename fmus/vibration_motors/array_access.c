@@ -132,15 +132,20 @@ Status model_get_option(const Instance *instance, const char *function, uint32_t
     return STATUS_OK;
 }
 
-Status model_set_option(Instance *instance, const char *function, uint32_t reference,
-                        const char *type, int64_t value) {
+Status model_check_option(const Instance *instance, const char *function, uint32_t reference,
+                          const char *type, int64_t value) {
+    (void)value;
     if (reference != VR_closed_loop)
         return fail_reference(instance, function, reference, type);
     if (!(instance->now.life_cycle & STARTING))
         return fail_fixed(instance, function, reference);
+    return STATUS_OK;
+}
+
+void model_set_option(Instance *instance, uint32_t reference, const char *type, int64_t value) {
+    (void)reference, (void)type; /* there is one */
     motors_of(instance)->closed_loop = value != 0;
     motors_refresh(motors_of(instance));
-    return STATUS_OK;
 }
 
 static Status check_restart(const Motors *motors, const char *function, const uint32_t references[],

@@ -121,6 +121,25 @@ class Instance:
             status = max(status, self._values(f"Set{kind}", self.references(name), array))
         return status
 
+    def refuses_whole(self, refused: int | str, **values: float | bool) -> bool:
+        """Whether one call that sets several variables is refused and changes none of them.
+
+        Args:
+            refused: value reference, or name, of the last one, which gets the first one's value.
+            values: of one type, by name.
+        """
+        first = next(iter(values.values()))
+        kind, c_type = {
+            bool: ("Boolean", ctypes.c_bool if self.fmi == 3 else ctypes.c_int),
+            int: ("Int64", ctypes.c_int64) if self.fmi == 3 else ("Integer", ctypes.c_int),
+            float: ("Float64" if self.fmi == 3 else "Real", ctypes.c_double),
+        }[type(first)]
+        before = self.save()
+        last = self.reference[refused] if isinstance(refused, str) else refused
+        array = (c_type * (len(values) + 1))(*values.values(), first)
+        status = self._values(f"Set{kind}", [*self.references(*values), last], array)
+        return status == ERROR and self.save() == before
+
     def get_status(self, references: list[int], values: Any) -> int:
         return self._values("GetFloat64" if self.fmi == 3 else "GetReal", references, values)
 

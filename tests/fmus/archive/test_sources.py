@@ -166,3 +166,5 @@ def test_build_descriptions_are_valid(archive, fmi):
     schema = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3BuildDescription.xsd"
     document = lxml.etree.parse(str(archive(fmi) / "sources" / "buildDescription.xml"))
     lxml.etree.XMLSchema(lxml.etree.parse(str(schema))).assertValid(document)
+    (files,) = document.iter("SourceFileSet")
+    assert files.get("compiler") == "gcc"  # whose options these are

@@ -69,6 +69,16 @@ def test_a_step_is_refused_that_is_not_made_of_equal_parts(array, step_s):
     assert motors.save() == unbounded != before
 
 
+@pytest.mark.parametrize("last", [999, "omega"])
+def test_a_refused_call_sets_none_of_its_variables(array, last):
+    motors = array(1)
+    for begin in (lambda: None, motors.enter_initialization):
+        begin()
+        assert motors.refuses_whole(last, closed_loop=False)
+        assert motors.refuses_whole(last, restart=7)
+        assert motors.refuses_whole(last, J=1e-8, omega_des=5.0)
+
+
 def test_many_motors(array):
     motors = array(MOST).start(omega_des=np.linspace(100.0, 900.0, MOST))
     assert motors.do_step(0.0, STEP_S) == OK

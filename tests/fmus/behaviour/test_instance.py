@@ -64,6 +64,19 @@ def test_values_out_of_range_are_refused_by_name(instance, fmi, name, value, wor
     assert motor.save() == before
 
 
+@pytest.mark.parametrize("last", [999, "omega", "theta"])
+@pytest.mark.parametrize("model_exchange", [False, True])
+def test_a_refused_call_sets_none_of_its_variables(instance, fmi, model_exchange, last):
+    motor = instance(fmi, model_exchange)
+    for begin in (lambda: None, motor.enter_initialization):
+        begin()
+        assert motor.refuses_whole(last, closed_loop=False)
+        assert motor.refuses_whole(last, solver=1) and motor.refuses_whole(last, solver=2)
+        assert motor.refuses_whole(last, J=1e-8, omega_des=5.0)
+    motor.call("ExitInitializationMode")
+    assert motor.refuses_whole("J", omega_des=5.0)
+
+
 def test_parameters_are_fixed_once_the_simulation_runs(instance, fmi):
     motor = instance(fmi).start()
     refused(motor, motor.set(J=1e-9), "J", "fixed parameter")

@@ -39,6 +39,16 @@ def test_values_out_of_range_are_refused_by_name(robot, fmi, name, value, word):
     assert made.save() == before
 
 
+@pytest.mark.parametrize("last", [999, "x"])
+def test_a_refused_call_sets_none_of_its_variables(robot, fmi, last):
+    made = robot(fmi)
+    for begin in (lambda: None, made.enter_initialization):
+        begin()
+        assert made.refuses_whole(last, extrapolate=False)
+        assert made.refuses_whole(last, extrapolate=True)
+        assert made.refuses_whole(last, mass=0.2, F_x=1.0)
+
+
 def test_a_nan_while_it_runs_is_refused(robot, fmi):
     made = robot(fmi).start()
     assert made.do_step(0.0, STEP_S) == OK
