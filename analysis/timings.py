@@ -16,7 +16,7 @@ import msgspec
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
 from cosim.base.errors import UserError
-from cosim.base.reached_code import ROOT, code_digest
+from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 
@@ -77,9 +77,9 @@ def code_of(stage: str) -> str | None:
     """Hash (16 hex digits) of the code that makes a result; None if the stage is of no result."""
     if stage not in RESULTS:
         return None
-    module = RESULTS[stage].module
-    package = ROOT.joinpath(*module.split(".")).is_dir()
-    return code_digest(f"{module}.__main__" if package else module)
+    name = RESULTS[stage].command_name
+    elsewhere = {"experiments": "agent.experiments.__main__", "transfer": "cosim.transfer"}
+    return code_digest(elsewhere.get(name, f"minirobots.commands.{name.replace('-', '_')}"))
 
 
 class Timings:

@@ -18,7 +18,6 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "run": Command("cosim.run", "Run", "train, co-simulate and record episodes"),
     "train": Command("agent.experiments.training", "Train", "train many runs and evaluate them"),
     "evaluate": Command("cosim.evaluate", "Evaluate", "what policies achieve in the dynamics"),
     "transfer": Command("cosim.transfer", "Transfer", "success in the dynamics by method"),
@@ -36,29 +35,13 @@ COMMANDS = {
     "baselines": Command(
         "agent.baselines.__main__", "Baselines", "what learners achieve, and at what price"
     ),
-    "calibrate": Command("cosim.calibrate", "Calibrate", "motor speeds to speed and yaw rate"),
-    "identify-robot": Command(
-        "cosim.identification.__main__", "IdentifyRobot", "a robot's parameters from its track"
-    ),
-    "platform": Command(
-        "cosim.platform.__main__", "MovePlatform", "the 1-DOF platform of Eq. (1), Fig. 3"
-    ),
-    "design": Command("cosim.design", "DesignRobot", "what gives a robot a wanted speed"),
     "validate": Command(
         "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
-    "system": Command(
-        "cosim.system.__main__", "SimulateSystem", "any FMUs, coupled as an SSP file says"
-    ),
     "fmu": Command("fmus.build", "Build", "motors and robots as FMUs and SSP for other tools"),
-    "firmware": Command(
-        "agent.firmware.__main__", "Firmware", "a policy and its steering for a microcontroller"
-    ),
     "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
-    "reproduce": Command("analysis.reproduce", "Reproduce", "the whole paper in one command"),
     "report": Command("analysis.report.__main__", "Report", "one page with all results"),
     "serve": Command("analysis.serve", "Serve", "open a report in the browser"),
-    "replay": Command("cosim.replay", "Replay", "run a recorded episode again, compare every bit"),
     "browse": Command("analysis.browse.__main__", "Browse", "the episodes of a run as a table"),
     "export": Command("analysis.export.__main__", "Export", "a recording for other programs"),
     "screenshot": Command("analysis.screenshot", "Screenshot", "what the viewer shows, as a file"),

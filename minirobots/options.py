@@ -1,16 +1,19 @@
 """Options that several commands have, each declared once: its type, its limits and its help."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_type_hints
 
 import tyro
 
 from cosim.base.command import Json, require_at_least, workers
+from cosim.base.errors import UserError
 from cosim.fmi.isolation import Isolation
+from cosim.scenarios.file import find_scenario
 
 
 class Check(NamedTuple):
@@ -28,6 +31,12 @@ def at_least(least: int) -> Check:
     return Check(lambda name, value: require_at_least(least, **{name: value}))
 
 
+def _positive(name: str, value: float | None) -> None:
+    if value is not None and not 0.0 < value < math.inf:
+        raise UserError(f"--{name.replace('_', '-')} {value:g} must be positive and finite")
+
+
+Positive = Annotated[float, Check(_positive)]
 Count = Annotated[int, at_least(1)]
 NotNegative = Annotated[int, at_least(0)]
 Seed = Annotated[
@@ -66,6 +75,11 @@ PresetName = Annotated[
     tyro.conf.arg(
         metavar="NAME|FILE", help="Machine: paper, icra2006, thesis, or a preset file (.toml)."
     ),
+]
+
+Friction = Annotated[
+    Positive | None,
+    tyro.conf.arg(help="Friction coefficient; by default the preset's, 0.15 for the paper."),
 ]
 
 
@@ -115,18 +129,21 @@ class IsolatedOptions(CommandOptions):
 class NewFolder(CommandOptions):
     """Options of a command that writes to a folder of its own."""
 
+    prefix: ClassVar[str] = ""
+
     out: Folder | None = None
-    """Output folder; by default a new one, runs/<what>-<time>."""
+    """Output folder; by default a new one in runs/, named by the scenario and the time."""
 
     @property
-    def label(self) -> str:
-        """What the new folder is of."""
-        raise NotImplementedError
+    def subject(self) -> str:
+        """What the results are of."""
+        return find_scenario(vars(self)["scenario"]).name
 
     @cached_property
     def folder(self) -> Path:
         """Output folder."""
-        return self.out or Path("runs") / f"{self.label}-{datetime.now():%Y%m%d-%H%M%S}"
+        name = f"{self.prefix}{self.subject}-{datetime.now():%Y%m%d-%H%M%S}"
+        return self.out or Path("runs") / name
 
 
 @dataclass(frozen=True, kw_only=True)

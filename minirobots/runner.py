@@ -18,7 +18,7 @@ def module_of(name: str) -> ModuleType:
     return import_module(f"minirobots.commands.{name.replace('-', '_')}")
 
 
-def options_of(module: ModuleType) -> type[CommandOptions]:
+def options_of(module: ModuleType) -> type[Any]:
     """Return the class of a command's options, which its function `run` names."""
     return module.run.__annotations__["options"]
 
@@ -46,7 +46,7 @@ def execute(name: str, module: str = "minirobots") -> None:
     """
     command = module_of(name)
     kind, arguments = options_of(command), sys.argv[1:]
-    options = parse(kind, module, arguments, kind.defaults(arguments))
+    options: CommandOptions = parse(kind, module, arguments, kind.defaults(arguments))
     if isinstance(options, IsolatedOptions):
         options.isolation.enter(f"minirobots {name}", options.foreign)
     result = _result(command, options)

@@ -13,7 +13,6 @@ import pytest
 import agent
 import analysis
 import cosim
-import cosim.run
 from agent.training.policy import PolicyError
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import UserError
@@ -22,6 +21,7 @@ from cosim.base.world import WorldError
 from cosim.navigation.options import Driving
 from cosim.scenarios.scenario import ScenarioError
 from fmus.build import cached_fmu
+from minirobots.commands.run import Run, run
 
 BRIEF: dict[str, Any] = {"mu": 0.2, "time_limit": 4.0}
 
@@ -87,16 +87,16 @@ def test_trained_kept_simulated_and_opened_again(tmp_path, monkeypatch):
 
 def test_simulate_is_the_first_episode_of_a_run(policy, episode, tmp_path):
     policy.save(tmp_path / "policy.npz")
-    options = cosim.run.Run(
+    options = Run(
         scenario="1a",
         policy=tmp_path / "policy.npz",
         seed=3,
         out=tmp_path / "run",
         physics=Driving(**BRIEF),
     )
-    ((out, result),) = cosim.run.run(options, silent)
+    (result,) = run(options, silent)
     assert result.recording is not None
-    of_run = analysis.open(out / result.recording)
+    of_run = analysis.open(options.folder / result.recording)
     assert signals(of_run) == signals(episode)
     assert (result.outcome, result.sim_time_s) == (episode.outcome, episode.time_s)
     assert of_run.parameters == episode.parameters

@@ -54,6 +54,11 @@ class Result:
         """Whether the result can be used."""
         return self.proof_in(results).is_file()
 
+    @property
+    def command_name(self) -> str:
+        """Name of the command of `minirobots` that the module is the entry of."""
+        return self.module.rpartition(".")[2].replace("_", "-")
+
     def command(self, results: Path) -> str:
         """The command that makes it, as one types it."""
         arguments = (*self.arguments, "--out", str(self.location(results)))

@@ -15,8 +15,8 @@ import pytest
 from agent.evaluation.transfer_table import TransferReport, TransferRow
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
-from analysis.stages import reproduce
 from cosim.base.storage import write_json
+from minirobots.reproduction import reproduce
 
 # Everything in the small: few, short, but real runs.
 TINY = Profile(

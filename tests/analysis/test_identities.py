@@ -128,30 +128,30 @@ ELSEWHERE = {
     """,
     "calibration": """
         agent.process.grid analysis.figures.style cosim.navigation.episode
-        cosim.recording.file cosim.run
+        cosim.recording.file minirobots.commands.run
     """,
     "evaluation": """
         agent.evaluation.outcomes agent.evaluation.transfer agent.experiments.training
         agent.moves.kernels analysis.figures.style cosim.recording.blueprint
-        cosim.recording.episode cosim.recording.file cosim.run
+        cosim.recording.episode cosim.recording.file minirobots.commands.run
     """,
     "moves": """
         agent.process.grid agent.training.qlearning analysis.figures.style
-        cosim.recording.blueprint cosim.run
+        cosim.recording.blueprint minirobots.commands.run
     """,
     "policy": """
         agent.experiments.training agent.training.store analysis.figures.style
-        cosim.navigation.episode cosim.physics.body cosim.run
+        cosim.navigation.episode cosim.physics.body minirobots.commands.run
     """,
     "reproduced experiment": """
         agent.moves.observe analysis.figures.draw analysis.figures.style
-        cosim.physics.body cosim.run
+        cosim.physics.body minirobots.commands.run
     """,
     "reproduced motor test": """
-        agent.process.grid analysis.figures.draw cosim.run
+        agent.process.grid analysis.figures.draw minirobots.commands.run
     """,
     "reproduced transfer": """
-        agent.experiments.run analysis.figures.style cosim.run
+        agent.experiments.run analysis.figures.style minirobots.commands.run
     """,
 }
 

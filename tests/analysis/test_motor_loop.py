@@ -10,7 +10,6 @@ import control
 import numpy as np
 import pytest
 
-from analysis import motor_loop
 from analysis.figures import fig07
 from analysis.motor import gains
 from analysis.motor.options import StepTest
@@ -139,11 +138,10 @@ def test_caption_of_fig_7_states_the_numbers_of_the_recording(recording):
     assert closed_s > open_s
 
 
-def test_bode_plot_is_written(tmp_path, monkeypatch, capsys):
+def test_bode_plot_is_written(tmp_path, command):
     out = tmp_path / "motor_loop.png"
-    monkeypatch.setattr(sys, "argv", ["command", "--out", str(out), "--json"])
-    motor_loop.main()
-    found = json.loads(capsys.readouterr().out.splitlines()[-1])
+    done = command("motor-loop", "--out", out, "--json")
+    found = json.loads(done.stdout.splitlines()[-1])
     assert found["files"][0] == str(out)
     assert found["gain_margin"] is None  # infinite
     assert out.read_bytes().startswith(b"\x89PNG")

@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from analysis.reading.results import FIGURES, RESULTS
-from analysis.reproduce import Reproduce
-from analysis.stages import run_stages
 from analysis.timings import Timings, TimingsError
 from cosim.base.errors import UserError
+from minirobots.commands.reproduce import Reproduce
+from minirobots.reproduction import run_stages
 
 
 @pytest.fixture
@@ -60,9 +60,9 @@ def test_other_profiles_and_seeds_are_refused(out, tiny):
     with pytest.raises(TimingsError, match="choose another --out"):
         run_stages(out, tiny, seed=1, jobs=1, say=print)
     with pytest.raises(UserError, match="--jobs must be at least 1"):
-        Reproduce(out, jobs=0)
+        Reproduce(out=out, jobs=0)
     with pytest.raises(UserError, match="--seed must not be negative"):
-        Reproduce(out, seed=-1)
+        Reproduce(out=out, seed=-1)
 
 
 def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path, tiny):

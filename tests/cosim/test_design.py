@@ -2,12 +2,10 @@
 
 import json
 import math
-import sys
 
 import pytest
 
-from cosim import design as command
-from cosim.base.errors import USER_ERROR_STATUS, run_command
+from cosim.base.errors import USER_ERROR_STATUS
 from cosim.base.params import TABLE_I, TABLE_II
 from cosim.platform.design import design
 from cosim.platform.feet import foot_lift_speed, least_foot_force
@@ -60,38 +58,28 @@ def test_every_answer_gives_the_speed_with_a_foot_about_to_lift():
         assert foot_lift_speed(robot, motor) == pytest.approx(omega, rel=1e-4)
 
 
-def told(monkeypatch, capsys, *arguments: str) -> tuple[list[str], int]:
-    monkeypatch.setattr(sys, "argv", ["cosim.design", *arguments])
-    try:
-        run_command(command.main)
-        status = 0
-    except SystemExit as ended:
-        status = int(str(ended.code))
-    captured = capsys.readouterr()
-    return (captured.out or captured.err).splitlines(), status
-
-
-def test_the_command_says_it_in_words_and_as_json(monkeypatch, capsys):
-    lines, status = told(monkeypatch, capsys, "--speed", "2", "--json")
-    assert status == 0
+def test_the_command_says_it_in_words_and_as_json(command):
+    done = command("design", "--speed", 2, "--json")
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
     found = json.loads(lines[-1])
     assert found["feet_stay_down"]
     assert lines[1] == f"2 mm/s takes {found['motor_speed_rad_s']:.0f} rad/s, and no foot lifts."
     assert math.isclose(found["lift_off_rad_s"], 1151.15, rel_tol=1e-5)
-    lines, _ = told(monkeypatch, capsys, "--speed", "9", "--preset", "icra2006")
-    assert "It leaves the floor before it reaches 9 mm/s." in lines
+    done = command("design", "--speed", 9, "--preset", "icra2006")
+    assert "It leaves the floor before it reaches 9 mm/s." in done.stdout.splitlines()
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--speed", "0"), "--speed 0: choose a speed in mm/s above 0"),
-        (("--speed", "1", "--mu", "-1"), "--mu -1: choose a friction coefficient above 0"),
+        (("--speed", "0"), "--speed 0 must be positive and finite"),
+        (("--speed", "1", "--mu", "-1"), "--mu -1 must be positive and finite"),
         (("--speed", "1", "--preset", "mine"), "unknown preset 'mine'"),
     ],
 )
-def test_mistakes_are_one_sentence(monkeypatch, capsys, arguments, message):
-    lines, status = told(monkeypatch, capsys, *arguments)
-    assert status == USER_ERROR_STATUS
-    assert len(lines) == 1
-    assert message in lines[0]
+def test_mistakes_are_one_sentence(command, arguments, message):
+    done = command("design", *arguments)
+    assert done.returncode == USER_ERROR_STATUS
+    assert done.stderr.count("\n") == 1
+    assert message in done.stderr

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from cosim.base.params import FIG_3, TABLE_I
 from cosim.physics import stroke
-from cosim.platform import __main__ as command
 from cosim.platform import motion as platform
 from cosim.platform.motion import robot_platform
 from cosim.platform.result import POINTS_PER_CYCLE, PlatformResult
@@ -122,11 +121,10 @@ def test_the_platform_like_the_printed_one_steps_by_its_printed_length():
     assert 1e3 * platform.net_displacement(body, FIG_3.omega) == pytest.approx(0.29, abs=0.005)
 
 
-def test_command_writes_its_table_and_motions(tmp_path, monkeypatch, capsys):
+def test_command_writes_its_table_and_motions(tmp_path, command):
     out = tmp_path / "platform.npz"
-    monkeypatch.setattr("sys.argv", ["platform", "--out", str(out), "--cycles", "3", "--json"])
-    command.main()
-    last = json.loads(capsys.readouterr().out.splitlines()[-1])
+    done = command("platform", "--out", out, "--cycles", 3, "--json")
+    last = json.loads(done.stdout.splitlines()[-1])
     assert 1e3 * last["table_net_speed_m_s"][1][2] == pytest.approx(2.504, abs=1e-3)
     result = PlatformResult.load(out)
     assert result.table.net_speed_m_s.tolist() == last["table_net_speed_m_s"]

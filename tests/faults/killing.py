@@ -32,7 +32,7 @@ from pathlib import Path
 from cosim.base.errors import run_command
 tests = runpy.run_path(sys.argv[1])
 import pytest
-from analysis.stages import reproduce
+from minirobots.reproduction import reproduce
 with pytest.MonkeyPatch.context() as patch:
     tests["evaluate_seldom"](patch)
     run_command(lambda: reproduce(Path(sys.argv[2]), tests["TINY"], seed=0, jobs=2, say=print))

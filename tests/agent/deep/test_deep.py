@@ -20,7 +20,6 @@ from agent.process.greedy import PolicyError
 from agent.process.readings import FREE, GOAL, build_process
 from agent.training.policy import Seed
 from cosim import evaluate as cosim_evaluate
-from cosim import run as cosim_run
 from cosim.base.outcome import BY_RANK, TIMEOUT, Outcome
 from cosim.base.progress import silent
 from cosim.navigation.features import DIRECTIONS, Observation
@@ -90,7 +89,7 @@ def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_
     assert policy.evaluate().rate(Outcome.SUCCESS) == report["success"]
     assert policy.episodes > 200
     ran = command(
-        cosim_run,
+        "run",
         *("--scenario", tiny, "--policy", report["policy"], "--time-limit", 4),
         *("--out", tmp_path / "run"),
     )

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 
 import agent
 from agent.deep.policy import NetworkPolicy
-from agent.firmware import __main__ as firmware
 from agent.firmware.build import FLAGS, LIBRARY, MICROCONTROLLER, compile_library, write_sources
 from agent.firmware.tables import render_constants
 from agent.process.config import ProcessConfig
@@ -352,7 +351,7 @@ def test_sources_are_c99_and_call_nothing_but_the_compilers_runtime(tmp_path):
 def test_command_writes_sources_and_says_what_they_need(command, policy, tmp_path):
     policy.save(tmp_path / "policy.npz")
     line = ("--policy", tmp_path / "policy.npz", "--out", tmp_path / "c")
-    run = command(firmware, *line, "--json")
+    run = command("firmware", *line, "--json")
     assert run.returncode == 0, run.stderr
     said = json.loads(run.stdout.splitlines()[-1])
     assert {Path(file) for file in said["files"]} == set((tmp_path / "c").iterdir())
@@ -365,7 +364,7 @@ def test_command_writes_sources_and_says_what_they_need(command, policy, tmp_pat
         (("--shield",), "--shield"),
         (("--time-limit", "9"), "--time-limit has no effect"),
     ):
-        refused = command(firmware, *line, *wrong)
+        refused = command("firmware", *line, *wrong)
         assert (refused.returncode, len(refused.stderr.splitlines())) == (2, 1)
         assert reason in refused.stderr
 
@@ -374,6 +373,6 @@ def test_networks_are_refused(command, monkeypatch, tmp_path):
     network = NetworkPolicy.__new__(NetworkPolicy)
     object.__setattr__(network, "config", SimpleNamespace(algorithm="ddqn"))
     monkeypatch.setattr("agent.firmware.tables.load_policy", lambda _path: network)
-    run = command(firmware, "--policy", "p.npz", "--out", tmp_path)
+    run = command("firmware", "--policy", "p.npz", "--out", tmp_path)
     assert run.returncode == 2
     assert "a network trained by ddqn" in run.stderr

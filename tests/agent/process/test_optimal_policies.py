@@ -8,7 +8,6 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-import cosim.run
 from agent.method import method_config, method_of, method_policy
 from agent.process import bound as bound_command
 from agent.process import grid
@@ -155,6 +154,6 @@ def test_what_cannot_be_computed_is_refused(command):
     with pytest.raises(ScenarioError, match="feature p makes a robot's table"):
         large = Scenario("l", "", ((9, 9), (40, 40)), (((0, 0),), ((59, 59),)), 60, 60)
         build_process(large, ProcessConfig(features=PAIR))
-    ended = command(cosim.run, "--method", "shortest", "--train-seed", "3")
+    ended = command("run", "--method", "shortest", "--train-seed", "3")
     assert ended.returncode == 2
     assert "method shortest is computed, not trained; leave them out" in ended.stderr

@@ -1,12 +1,10 @@
 """Calibration: real trials give a map, the map gives motor speeds, hopping is refused."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from cosim import calibrate
 from cosim.base.config import CoSimConfig
 from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.calibration.cache import calibrated, digest, find_calibration
@@ -123,10 +121,9 @@ def test_damaged_files_are_refused(calibration, tmp_path):
         load_calibration(path)
 
 
-def test_command_writes_map_and_plot(calibration, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["calibrate", "--out", str(tmp_path / "c"), "--json"])
-    calibrate.main()
-    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+def test_command_writes_map_and_plot(calibration, command, tmp_path):
+    done = command("calibrate", "--out", tmp_path / "c", "--json")
+    report = json.loads(done.stdout.splitlines()[-1])
     assert report["hop_free_rad_s"] == calibration.hop_free_rad_s
     assert report == json.loads((tmp_path / "c" / "calibration.json").read_text())
     assert (tmp_path / "c" / "calibration.png").read_bytes().startswith(b"\x89PNG")

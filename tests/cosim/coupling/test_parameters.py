@@ -148,9 +148,7 @@ def test_motors_differ_about_what_the_fmu_has(heavy_fmu):
 
 @pytest.mark.long
 def test_motors_that_are_too_weak_are_told(command, tmp_path):
-    import cosim.run
-
     weak = ("--motor-parameter", "V_s_max=0.2", "--motor-parameter", "J=3e-9")
-    done = command(cosim.run, "--scenario", "1a", "--method", "shortest", "--out", tmp_path, *weak)
+    done = command("run", "--scenario", "1a", "--method", "shortest", "--out", tmp_path, *weak)
     assert done.returncode == 2
     assert "the motors are too weak to move the robot: they reach" in done.stderr

@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import sys
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from benchmarks.identification import draw_machine, observed
 from benchmarks.references.prescribed import Drive, rig, trace_body
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TABLE_II
-from cosim.identification.__main__ import main
 from cosim.identification.excitation import HOLD_S, SEQUENCE, write_excitation
 from cosim.identification.fit import Fit, untold
 from cosim.identification.motion import Machine, tracks
@@ -163,16 +161,14 @@ def test_a_robot_that_leaves_the_board_is_refused(tmp_path):
 
 
 @pytest.mark.long
-def test_a_robot_is_identified_from_its_track(tmp_path, monkeypatch, capsys):
+def test_a_robot_is_identified_from_its_track(tmp_path, command):
     """Six seconds are enough for the friction."""
     seed = np.random.SeedSequence(4)
     truth = draw_machine(seed)
     write_track(tmp_path / "track.csv", observed(truth, seed, SEQUENCE[:2]))
     out = tmp_path / "robot"
-    arguments = ["minirobots identify-robot", str(tmp_path / "track.csv"), "--out", str(out)]
-    monkeypatch.setattr(sys, "argv", [*arguments, "--json"])
-    main()
-    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    done = command("identify-robot", tmp_path / "track.csv", "--out", out, "--json")
+    said = json.loads(done.stdout.splitlines()[-1])
     found = {parameter["name"]: parameter for parameter in said["parameters"]}
     assert tuple(found) == NAMES
     mu = found["mu"]

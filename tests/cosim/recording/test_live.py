@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-import cosim.run
 from cosim.base.config import ConfigError
 from cosim.base.progress import silent
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.live import DEFAULT_VIEWER, LiveError, find_viewer, spawn_viewer
-from cosim.run import Run
+from minirobots.commands.run import Run, run
 
 RERUN = Path(sys.executable).with_name("rerun")
 
@@ -78,7 +77,7 @@ def send(recording: Recording, time_s: float) -> None:
 def test_run_reaches_the_viewer_and_the_file(command, server, tmp_path):
     url, received, _ = server
     brief = ("--method", "paper", "--train-episodes", 20_000, "--time-limit", 4)
-    done = command(cosim.run, *brief, "--out", tmp_path / "run", "--live", "--viewer", url)
+    done = command("run", *brief, "--out", tmp_path / "run", "--live", "--viewer", url)
     assert done.returncode == 0, done.stderr
     written = rows_of(tmp_path / "run" / "episodes" / "ep_000.rrd")
     assert written["/sim/r1/motors/omega"] == 4001  # and the row of its style
@@ -164,7 +163,7 @@ def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
     url = address(free_port())
     options = Run(live=True, viewer=url, out=tmp_path / "x")
     with pytest.raises(LiveError, match="no Rerun viewer answers at"):
-        next(cosim.run.run(options, silent))
+        run(options, silent)
     assert not (tmp_path / "x").exists()
 
 

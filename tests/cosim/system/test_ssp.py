@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import cosim.system.__main__ as simulate
 from benchmarks.coupled.two_masses import simulated, two_masses
 from cosim.system.graph import Connection, GraphError
 from cosim.system.ssp import DESCRIPTION, read_system
@@ -211,7 +210,7 @@ def test_command_writes_what_it_recorded(archive, command, tmp_path, suffix):
     out = tmp_path / f"run.{suffix}"
     arguments = ["--algorithm", "gauss-seidel", "--profile", "--out", out, "--json", "--every", 10]
     done = command(
-        simulate, archive(), *arguments, "--no-isolate", "--record", "first.x", "second.F"
+        "system", archive(), *arguments, "--no-isolate", "--record", "first.x", "second.F"
     )
     assert (done.returncode, "error" in done.stderr) == (0, False), done.stderr
     told = json.loads(done.stdout.splitlines()[-1])
@@ -235,7 +234,7 @@ def test_command_writes_what_it_recorded(archive, command, tmp_path, suffix):
     ],
 )
 def test_command_refuses_in_one_sentence(archive, command, arguments, words):
-    done = command(simulate, archive(), "--no-isolate", *arguments)
+    done = command("system", archive(), "--no-isolate", *arguments)
     assert done.returncode == 2
     assert words in done.stderr
     assert done.stderr.count("\n") == 1

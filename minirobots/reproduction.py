@@ -7,27 +7,20 @@ What is made in which order and lies where is `analysis.reading.results`, how mu
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from agent.evaluation.transfer import transfer
 from agent.experiments.run import run_experiment
 from agent.experiments.variants import Name
-from agent.training.settings import Method
 from analysis.figures.draw import draw_figures
-from analysis.motor.options import StepTest
-from analysis.motor.step_test import record
 from analysis.profiles import Profile
 from analysis.reading.results import FIGURES, RESULTS, Result
 from analysis.report.page import write_report
 from analysis.timings import Timings
 from cosim.base.progress import Progress, silent
-from cosim.calibrate import Calibrate, calibrate
 from cosim.navigation.options import Driving
-from cosim.platform.__main__ import MovePlatform
-from cosim.platform.result import move_platforms
-from cosim.run import Run, run
 from cosim.scenarios.built_in import PAPER
-from fmus.build import cached_fmu
+from minirobots.runner import module_of, options_of
 
 
 def reproduce(
@@ -98,47 +91,47 @@ def _make(
 ) -> None:
     """Do what the result's command does, as much of it as the profile says.
 
-    Called again after an interrupt it goes on, or begins anew.
+    Called again after an interrupt it continues, or starts again.
     """
-    match result.module:
-        case "cosim.platform":
-            platform = MovePlatform()
-            move_platforms(platform.cycles, platform.omega).save(out)
-        case "analysis.motor_test":
-            record(out, cached_fmu("VibrationMotor"), StepTest())
-        case "cosim.calibrate":
-            calibrate(Calibrate(out=out, jobs=jobs), progress)
-        case "cosim.run":
-            alone = PAPER[result.of].robots == 1
-            settings = Run(
-                scenario=result.of,
-                episodes=profile.single_episodes if alone else profile.pair_episodes,
-                method=cast(Method, result.method),
-                train_episodes=profile.drive_episodes.get(result.method),
-                seed=seed,
-                out=out,
-                jobs=jobs,
-                physics=Driving(time_limit=profile.episode_limit_s),
-            )
-            for _ in run(settings, progress):
-                pass
-        case "agent.experiments":
-            run_experiment(
-                cast(Name, result.of),
-                out,
-                runs=profile.runs,
-                seed=seed,
-                episodes=profile.train_episodes,
-                jobs=jobs,
-                progress=progress,
-            )
-        case "cosim.transfer":
-            transfer(
-                out,
-                quick=profile.transfer_quick,
-                scenarios=profile.transfer_scenarios,
-                methods=profile.transfer_methods,
-                seed=seed,
-                jobs=jobs,
-                progress=progress,
-            )
+    if result.command_name == "experiments":
+        run_experiment(
+            cast(Name, result.of),
+            out,
+            runs=profile.runs,
+            seed=seed,
+            episodes=profile.train_episodes,
+            jobs=jobs,
+            progress=progress,
+        )
+    elif result.command_name == "transfer":
+        transfer(
+            out,
+            quick=profile.transfer_quick,
+            scenarios=profile.transfer_scenarios,
+            methods=profile.transfer_methods,
+            seed=seed,
+            jobs=jobs,
+            progress=progress,
+        )
+    else:
+        command = module_of(result.command_name)
+        settings = _settings(result, profile, seed, jobs)
+        command.run(options_of(command)(out=out, **settings), progress)
+
+
+def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[str, Any]:
+    """Return the options of a result's command, without --out."""
+    if result.command_name == "calibrate":
+        return {"jobs": jobs}
+    if result.command_name == "run":
+        alone = PAPER[result.of].robots == 1
+        return {
+            "scenario": result.of,
+            "episodes": profile.single_episodes if alone else profile.pair_episodes,
+            "method": result.method,
+            "train_episodes": profile.drive_episodes.get(result.method),
+            "seed": seed,
+            "jobs": jobs,
+            "physics": Driving(time_limit=profile.episode_limit_s),
+        }
+    return {}

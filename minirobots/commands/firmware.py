@@ -1,0 +1,76 @@
+"""A policy and its steering as C for a microcontroller."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import tyro
+
+from cosim.base.config import ConfigError
+from cosim.base.progress import Progress, under_way
+from cosim.navigation.options import Driving
+from minirobots.options import File, Folder, IsolatedOptions
+
+if TYPE_CHECKING:
+    from agent.firmware.build import FirmwareSize
+
+# Of episodes, without meaning for a robot.
+_OF_EPISODES = ("on_collision", "time_limit")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Firmware(IsolatedOptions):
+    """Write a policy, the steering and the motors' speed loops as C99 for a microcontroller.
+
+    Without heap and C library; set points and actions are those of the co-simulation in every bit
+    (docs/firmware.md says of what the arctangent may differ). Robots are told apart by -DROBOT=1, 2
+    and so on. The sources are compiled for a Cortex-M4 to print what each robot needs.
+    """
+
+    policy: File
+    """Policy that acts by tables (policy.npz)."""
+    out: Folder
+    """Folder that receives the sources; made if missing."""
+    physics: Annotated[Driving, tyro.conf.OmitArgPrefixes] = field(default_factory=Driving)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in _OF_EPISODES:
+            if getattr(self.physics, name) != getattr(Driving, name):
+                option = name.replace("_", "-")
+                raise ConfigError(f"--{option} has no effect on firmware; leave it out")
+
+
+class Written(NamedTuple):
+    """The files, and what each robot needs of a Cortex-M4."""
+
+    files: list[str]
+    sizes: "list[FirmwareSize]"
+
+
+def run(options: Firmware, progress: Progress) -> Written:
+    """Write the sources and compile them."""
+    from agent.firmware.build import measure, write_sources
+    from agent.firmware.tables import load_table, render_constants
+    from cosim.scenarios.file import read_world
+
+    policy = load_table(options.policy)
+    scenario = policy.config.scenario
+    world = {"world": read_world(options.physics.world)} if options.physics.world else {}
+    config, _ = options.physics.prepare(scenario.robot_diameter_m, progress, **world)
+    files = write_sources(options.out, render_constants(policy, config))
+    with under_way(progress, "compiling"):
+        sizes = [measure(options.out, robot + 1) for robot in range(scenario.robots)]
+    return Written([str(file) for file in files], sizes)
+
+
+def show(options: Firmware, written: Written) -> dict[str, object]:
+    """Print what each robot needs."""
+    from cosim.base.command import show_table
+
+    header = ("robot", "flash", "RAM", "stack, at most")
+    rows = [
+        (f"r{s.robot}", *(f"{n:,} B" for n in (s.flash, s.ram, s.stack))) for s in written.sizes
+    ]
+    show_table(None, header, rows, title="on a Cortex-M4", numbers=3)
+    print(f"sources in {options.out}/; docs/firmware.md says what to connect")
+    return written._asdict()

@@ -1,0 +1,83 @@
+"""Identify a robot's parameters from what a camera has seen of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cosim.base.command import MotorFmuFile
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress, under_way
+from cosim.presets.preset import PAPER
+from minirobots.options import Folder, IsolatedOptions
+
+if TYPE_CHECKING:
+    from cosim.identification.result import Identified
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyRobot(IsolatedOptions):
+    """Identify a robot: friction, centre of mass, feet, motors and camera delay from its track.
+
+    Drive the robot with the motor speeds that --excite writes and record, with an overhead camera,
+    a CSV file with the columns time, x, y, heading, omega_1, omega_2 (s, m, rad, rad/s; motors D
+    and E). The parameters are those whose simulation fits best; every one has an interval of 95 %.
+    """
+
+    track: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="TRACK.csv")] = None
+    """The track."""
+    excite: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
+    """Write the motor speeds to drive a robot with: time, omega_1, omega_2."""
+    out: Folder = Path("runs/robot")
+    """Output folder: preset.toml, identification.json, report.html."""
+    preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
+    """Machine that the robot is like: what is not identified, such as its mass, and what is assumed
+    before anything is."""
+    board: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="M M")] = None
+    """Width and height of the board in m, with its corner at the origin; by default endless."""
+    motor_fmu: MotorFmuFile = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.track is None) == (self.excite is None):
+            raise UserError("name a track to identify a robot from, or --excite FILE.csv")
+
+
+def run(options: IdentifyRobot, progress: Progress) -> "Identified | None":
+    """Identify the robot; or write the motor speeds to drive it with."""
+    if options.track is None:
+        from cosim.identification.excitation import write_excitation
+
+        assert options.excite is not None
+        write_excitation(options.excite)
+        return None
+    from cosim.identification.result import identify, write
+    from cosim.identification.track import read_track
+    from cosim.presets.preset import find_preset
+    from fmus.build import cached_fmu
+
+    track, preset = read_track(options.track, options.board), find_preset(options.preset)
+    with under_way(progress, "preparing the motor FMU"):
+        fmu = options.motor_fmu or cached_fmu()
+    identified = identify(track, options.track.name, preset, fmu, progress)
+    write(identified, options.out)
+    return identified
+
+
+def show(options: IdentifyRobot, identified: "Identified | None") -> Any:
+    """Print every parameter with its interval, and what the track leaves open."""
+    if identified is None:
+        from cosim.identification.excitation import HOLD_S, SEQUENCE
+
+        print(f"motor speeds for {len(SEQUENCE) * HOLD_S:g} s in {options.excite}")
+        return {"excitation": str(options.excite), "duration_s": len(SEQUENCE) * HOLD_S}
+    from cosim.base.command import show_table
+    from cosim.identification.page import rows
+
+    header = ("parameter", "what it is", "value", "95 % interval", "rises")
+    show_table(None, header, rows(identified), names=2)
+    for words in identified.report.untold:
+        print(f"the track does not tell {words}")
+    print(f"results in {options.out}/: preset.toml, identification.json, report.html")
+    return identified.report

@@ -1,0 +1,40 @@
+"""Record the test of Fig. 7, a motor in open and closed loop."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from analysis.motor.options import StepTest
+from cosim.base.command import MotorFmuFile
+from cosim.base.progress import Progress
+from minirobots.options import File, IsolatedOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotorTest(IsolatedOptions):
+    """Record the step responses of Fig. 7: one motor in open loop, and one in closed loop.
+
+    From one third of the time on a disturbance torque drives the shaft, from two thirds on it
+    brakes it: the open loop settles elsewhere, the closed loop returns to its set point.
+    """
+
+    out: File = Path("runs/motor_test.rrd")
+    """Recording to write (.rrd)."""
+    motor_fmu: MotorFmuFile = None
+    test: Annotated[StepTest, tyro.conf.OmitArgPrefixes] = field(default_factory=StepTest)
+
+
+def run(options: MotorTest, _: Progress) -> None:
+    """Record the test."""
+    from analysis.motor.step_test import record
+    from fmus.build import cached_fmu
+
+    record(options.out, options.motor_fmu or cached_fmu("VibrationMotor"), options.test)
+
+
+def show(options: MotorTest, _: None) -> dict[str, str]:
+    """Print where the recording is."""
+    print(f"recording: {options.out}")
+    return {"out": str(options.out)}

@@ -1,0 +1,70 @@
+"""Move the 1-DOF platform of Eq. (1) and write the data of Fig. 3."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress
+from cosim.presets.preset import PAPER, find_preset
+from minirobots.options import CommandOptions, File, Friction, PresetName
+
+if TYPE_CHECKING:
+    from cosim.platform.result import PlatformResult
+
+MAX_CYCLES = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovePlatform(CommandOptions):
+    """Move the 1-DOF platform of Eq. (1) and write its motion: the data of Fig. 3.
+
+    Two platforms: one that looks like the printed figure, and the robot of Tables I and II, or of
+    another machine. The result file also holds a table of net speeds over friction and motor speed.
+    """
+
+    out: File = Path("runs/platform.npz")
+    """Result file (.npz)."""
+    cycles: int = 6
+    """Turns of the motor to show."""
+    omega: Annotated[float, tyro.conf.arg(metavar="RAD_S")] = 900.0
+    """Motor speed of the platform of Tables I and II, in rad/s."""
+    preset: PresetName = PAPER
+    mu: Friction = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.cycles <= MAX_CYCLES:
+            raise UserError(f"--cycles {self.cycles}: choose 1 to {MAX_CYCLES}")
+
+
+def run(options: MovePlatform, _: Progress) -> "PlatformResult":
+    """Move the platforms and write what they do."""
+    from cosim.platform.result import move_platforms
+
+    preset = find_preset(options.preset)
+    robot = preset.robot if options.mu is None else preset.robot._replace(mu=options.mu)
+    result = move_platforms(options.cycles, options.omega, robot, preset.motor)
+    result.save(options.out)
+    return result
+
+
+def show(options: MovePlatform, result: "PlatformResult") -> dict[str, Any]:
+    """Print the table of net speeds, and the net displacement of both platforms."""
+    table = result.table
+    print("net speed in mm/s (motor speed in rad/s)")
+    print("    mu  omega_c omega_net" + "".join(f"{omega:8.0f}" for omega in table.omega_rad_s))
+    for mu, (slip, drift), row in zip(
+        table.mu, table.slip_and_drift_speed_rad_s, table.net_speed_m_s, strict=True
+    ):
+        speeds = "".join(f"{round(1e3 * v, 3) + 0.0:8.3f}" for v in row)
+        print(f"{mu:6.2f} {slip:8.1f} {drift:9.1f}{speeds}")
+    steps = {}
+    for name, motion in (("paper", result.paper), ("table_ii", result.table_ii)):
+        steps[f"{name}_net_displacement_m"] = step_m = float(motion.net_displacement_m)
+        print(f"{name}: {1e6 * step_m:.2f} um per turn at {motion.omega_rad_s:g} rad/s")
+    print(f"results: {options.out}")
+    names = ("mu", "omega_rad_s", "net_speed_m_s")
+    return {f"table_{name}": getattr(table, name).tolist() for name in names} | steps

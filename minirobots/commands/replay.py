@@ -1,0 +1,179 @@
+"""Run a recorded episode again and compare every bit."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+import numpy as np
+import tyro
+
+from cosim.base.command import MotorFmuFile
+from cosim.base.progress import Progress
+from cosim.base.storage import temporary_folder
+from minirobots.options import File, IsolatedOptions
+
+if TYPE_CHECKING:
+    from cosim.reading.rrd import RecordingData
+
+_NONE = (np.empty(0), np.empty(0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay(IsolatedOptions):
+    """Run a recorded episode again and compare every signal, bit for bit.
+
+    Scenario, parameters, start cells and seeds are those of the recording; the policy is that of
+    the run. Exits with status 1 if anything differs. A recording that a killed run left is compared
+    as far as it goes.
+    """
+
+    recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING.rrd")]
+    """Recording of an episode."""
+    policy: File | None = None
+    """Policy of the run; by default policy.npz in the folder above that of the recording."""
+    motor_fmu: MotorFmuFile = None
+
+
+class Difference(msgspec.Struct, frozen=True):
+    """Where a signal first differs.
+
+    Attributes:
+        signal: entity path in the recording.
+        time_s: simulated time of the first sample that differs; None if one of them lacks samples.
+    """
+
+    signal: str
+    time_s: float | None
+
+
+class Comparison(msgspec.Struct, frozen=True):
+    """A recording beside its replay.
+
+    Attributes:
+        recording: file.
+        complete: whether its writer completed it.
+        signals, values: that were compared, states and log lines among them.
+        differences: signals that are not equal.
+        versions: of packages that are not those of the recording, recorded and now.
+    """
+
+    recording: str
+    complete: bool
+    signals: int
+    values: int
+    differences: tuple[Difference, ...]
+    versions: dict[str, tuple[str, str]]
+
+
+def run(options: Replay, progress: Progress) -> Comparison:
+    """Run an episode again and compare it with its recording.
+
+    Raises:
+        RecordingReadError: it is no recording of an episode, or says too little to run it again.
+        ConfigError: it was recorded with another motor FMU.
+        UserError: of the policy or the FMU.
+    """
+    from agent.policies import load_policy
+    from cosim.base.provenance import versions
+    from cosim.base.reading import parsing
+    from cosim.episodes import EpisodeOrigin, Task, simulate_tasks
+    from cosim.navigation.episode import RunningEpisode
+    from cosim.navigation.options import Physics
+    from cosim.reading.episode import EPISODE
+    from cosim.reading.rrd import read_rrd
+    from cosim.recording.episode import EpisodeRecorder
+
+    data = read_rrd(options.recording)
+    with parsing(options.recording, EPISODE):
+        origin = msgspec.json.decode(data.properties["origin"]["task"], type=EpisodeOrigin)
+        level = data.properties["episode"]["record"]
+        then = msgspec.json.decode(data.properties["episode"]["versions"], type=dict[str, str])
+    path = options.policy or options.recording.absolute().parents[1] / "policy.npz"
+    loaded = load_policy(path, origin.scenario)
+    task = Task.again(origin, Physics(motor_fmu=options.motor_fmu).fmu(progress), loaded)
+    with temporary_folder() as folder:
+        file = Path(folder) / "again.rrd"
+
+        def recorder(episode: RunningEpisode) -> EpisodeRecorder:
+            return EpisodeRecorder(
+                file,
+                task.scenario,
+                task.config,
+                data.recording_id,
+                {},
+                level=level,
+                policies=loaded.maps(),
+                drawn=episode.drawn,
+            )
+
+        def watch(_: Any, episode: RunningEpisode, __: float) -> None:
+            progress("replaying", episode.time_s, task.config.timing.episode_limit_s)
+
+        for _ in simulate_tasks([replace(task, recorder=recorder, watch=watch)], 1):
+            pass
+        replayed = read_rrd(file)
+    now = versions()
+    changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
+    return _compared(data, replayed, changed)
+
+
+def _compared(
+    recorded: "RecordingData", replayed: "RecordingData", changed: dict[str, tuple[str, str]]
+) -> Comparison:
+    series = [_series(data) for data in (recorded, replayed)]
+    names = sorted(set(series[0]) | set(series[1]))
+    differences = []
+    for name in names:
+        ours, theirs = (found.get(name, _NONE) for found in series)
+        if not recorded.complete:
+            theirs = tuple(part[: len(ours[0])] for part in theirs)
+        at = _first_difference(ours, theirs)
+        if at is not None:
+            time_s = float(ours[0][at]) if at < min(len(ours[0]), len(theirs[0])) else None
+            differences.append(Difference(name, time_s))
+    values = sum(part[1].size for part in series[0].values())
+    path, whole = str(recorded.path), recorded.complete
+    return Comparison(path, whole, len(names), values, tuple(differences), changed)
+
+
+def _series(data: "RecordingData") -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Times and values of all signals and texts."""
+    found = {name: (signal.time_s, signal.values) for name, signal in data.signals.items()}
+    return found | {name: (t.time_s, np.array(t.texts)) for name, t in data.texts.items()}
+
+
+def _first_difference(ours: tuple[np.ndarray, ...], theirs: tuple[np.ndarray, ...]) -> int | None:
+    """Index of the first sample that is not the same bits; None if all are."""
+    count = min(len(ours[0]), len(theirs[0]))
+    equal = np.full(count, fill_value=True)
+    for a, b in zip(ours, theirs, strict=True):
+        if a.shape[1:] != b.shape[1:]:
+            return 0
+        if a.dtype == b.dtype == np.float64:  # NaN is equal to itself, and 0 not to −0
+            a, b = (np.ascontiguousarray(part).view(np.int64) for part in (a, b))  # noqa: PLW2901
+        equal &= (a[:count] == b[:count]).reshape(count, math.prod(a.shape[1:])).all(axis=1)
+    if not equal.all():
+        return int(equal.argmin())
+    return None if len(ours[0]) == len(theirs[0]) else count
+
+
+def show(_: Replay, compared: Comparison) -> Comparison:
+    """Print what differs."""
+    for name, (then, now) in compared.versions.items():
+        print(f"{name} was {then} when it was recorded, and is {now or 'missing'} now")
+    for signal, time_s in map(msgspec.structs.astuple, compared.differences):
+        print(f"{signal} differs" + (f" from {time_s:g} s on" if time_s is not None else ""))
+    ended = "" if compared.complete else " as far as the recording goes, which is not complete"
+    equal = compared.signals - len(compared.differences)
+    print(
+        f"{equal} of {compared.signals} signals ({compared.values} values) are equal in every "
+        f"bit{ended}"
+    )
+    return compared
+
+
+def failed(compared: Comparison) -> bool:
+    """Whether anything differs."""
+    return bool(compared.differences)

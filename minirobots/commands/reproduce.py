@@ -1,0 +1,49 @@
+"""Reproduce the whole paper: every experiment, every figure and the report."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosim.base.progress import Progress
+from minirobots.options import Folder, Jobs, Resumable, Seed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reproduce(Resumable):
+    """Run every experiment of the paper, draw every figure, and write the report.
+
+    Results go to DIR/results, figures to DIR/figures, the page to DIR/report; open it with
+    `python -m analysis.serve DIR/report`. The same command continues after an interrupt: stages
+    that the same code has finished are kept, a training that was interrupted continues from its
+    checkpoints. How long each stage took is in DIR/results/timings.json.
+    """
+
+    out: Folder = Path("runs/reproduction")
+    """Folder to write to."""
+    quick: bool = False
+    """A few minutes' worth: few runs, fewer training episodes, few co-simulated episodes."""
+    seed: Seed = 0
+    jobs: Jobs = -1
+
+
+def run(options: Reproduce, progress: Progress) -> Path:
+    """Run what is not finished; return the report's page."""
+    from analysis.profiles import FULL, QUICK
+    from cosim.base.command import workers
+    from minirobots.reproduction import reproduce
+
+    return reproduce(
+        options.out,
+        QUICK if options.quick else FULL,
+        seed=options.seed,
+        jobs=workers(options.jobs),
+        progress=progress,
+        say=lambda text: print(text, file=sys.stderr),
+    )
+
+
+def show(options: Reproduce, page: Path) -> dict[str, str]:
+    """Print where the page is and how to open it."""
+    print(f"results, figures and report in {options.out}/: {page}")
+    print(f"open it with: python -m analysis.serve {page.parent}")
+    return {"page": str(page)}

@@ -1,0 +1,234 @@
+"""Train, co-simulate and record episodes."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from agent.training.settings import COMPUTED, Method
+from cosim.base.command import workers
+from cosim.base.config import ConfigError
+from cosim.base.progress import Progress, under_way
+from cosim.navigation.options import Driving
+from cosim.recording.live import DEFAULT_VIEWER
+from minirobots.options import (
+    Count,
+    File,
+    IsolatedOptions,
+    Jobs,
+    NewFolder,
+    NotNegative,
+    ScenarioName,
+    Seed,
+)
+
+if TYPE_CHECKING:
+    from agent.evaluation.series import RunFacts
+    from agent.process.greedy import GreedyPolicy
+    from agent.training.loop import TrainingLog
+    from cosim.navigation.result import EpisodeResult
+    from cosim.scenarios.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(NewFolder, IsolatedOptions):
+    """Mini-robots learn to reach their targets, then drive there with motors, mass and friction.
+
+    The agents are trained (or found in the cache if this configuration was trained before), and
+    every episode of the co-simulation steps the motor FMUs and the rigid bodies with dt = 1e-5 s
+    while the agents decide every 2 s. Results go to the output folder: summary.json, policy.npz,
+    training.rrd and one recording per episode, to be opened in the Rerun viewer.
+
+    fmpy loads the motor FMUs, and steps them with --driver fmpy; python-control checks their speed
+    loop (analysis.motor_loop); Gymnasium and PettingZoo environments (agent.envs) give other
+    learners the same boards; Rerun keeps and shows every signal.
+    """
+
+    scenario: ScenarioName = "2"
+    episodes: Count = 1
+    """Episodes to co-simulate, each from start cells drawn with the seed."""
+    method: Method | None = None
+    """How agents learn: on moves observed in co-simulation (moves, the default, the first time
+    some 20 s more), on moves with --through (prompt, the default with --through), on moves of many
+    worlds (robust), on the grid as in Section V (paper), or on the grid with moves that go astray
+    (slip). Or they are computed without learning: of one or two robots the joint paths that are
+    optimal on the grid by length (shortest) or by moves (quickest), of one the least time on
+    observed moves (fastest), of any number each one's own path counter-clockwise about the middle
+    of the board (roundabout, with --shield)."""
+    train_episodes: Count | None = None
+    """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves, and
+    3 000 000 for robust and prompt."""
+    seed: Seed = 0
+    train_seed: NotNegative | None = None
+    """Seed of training: by default 0, so that every --seed meets the same policy, trained once."""
+    again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
+    """Train even if the cache has a policy of this configuration."""
+    policy: File | None = None
+    """Trained policy to use (policy.npz) instead of training."""
+    record: Literal["none", "summary", "default", "full"] = "default"
+    """How much is recorded: nothing (only summary.json and the policy are written); decisions and
+    poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at
+    1 kHz with longer bursts at every tick."""
+    no_record: bool = False
+    """Short for --record none."""
+    live: bool = False
+    """Send what is recorded to a running Rerun viewer as well, while the episodes run."""
+    spawn: bool = False
+    """Open a Rerun viewer on this machine and send it what is recorded."""
+    viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
+    """Address of the viewer for --live and --spawn."""
+    jobs: Jobs = -1
+    driver: Literal["fmpy", "compiled", "reference", "adaptive"] = "compiled"
+    """How the motor FMUs are stepped: compiled calls their C functions at every tick; fmpy calls
+    doStep of fmpy's class once per control period of 1 ms (the same bits, an episode some 12 %
+    slower; not with --reaction); reference calls fmpy's class at every tick (the same bits, some
+    400 times slower); adaptive does so with a communication step that it adapts by rolling the
+    FMUs back."""
+    physics: Annotated[Driving, tyro.conf.OmitArgPrefixes] = field(default_factory=Driving)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.no_record:
+            if self.record not in {"none", "default"}:
+                raise ConfigError(
+                    f"--no-record contradicts --record {self.record}; leave out one of them"
+                )
+            object.__setattr__(self, "record", "none")
+        of_training = {
+            "--method": self.method,
+            "--train-episodes": self.train_episodes,
+            "--train-seed": self.train_seed,
+            "--again": self.again or None,
+        }
+        given = [name for name, value in of_training.items() if value is not None]
+        if self.policy is not None and given:
+            raise ConfigError(
+                f"{' and '.join(given)}: nothing is trained with --policy, which names a trained "
+                "policy; leave one of them out"
+            )
+        if self.method in COMPUTED and (self.train_episodes or self.train_seed is not None):
+            raise ConfigError(
+                f"--train-episodes, --train-seed: method {self.method} is computed, not trained; "
+                "leave them out"
+            )
+        if self.viewer != DEFAULT_VIEWER and not (self.live or self.spawn):
+            raise ConfigError("--viewer has no effect without --live or --spawn; add one of them")
+        if self.record == "none" and (self.live or self.spawn):
+            raise ConfigError("--live and --spawn show what is recorded; choose another --record")
+
+    def interrupted(self) -> str:
+        """Say where the episodes are that have ended."""
+        kept = (self.folder / "summary.json").exists()
+        return f"what was simulated so far is in {self.folder}/" if kept else ""
+
+
+def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
+    """Train or load, co-simulate, record, and keep `summary.json` up to date."""
+    from agent.evaluation.series import Series
+    from agent.training.recording import write_training
+    from cosim.episodes import compile_kernels
+    from cosim.recording.levels import with_bursts
+    from cosim.recording.live import find_viewer, spawn_viewer
+    from cosim.scenarios.file import find_in_world
+
+    scenario, world = find_in_world(options.scenario, options.physics.world)
+    options.physics.config(world).sized(scenario.robot_diameter_m)  # refuses before a viewer opens
+    viewer = None
+    if options.spawn:
+        viewer = spawn_viewer(options.viewer)
+    elif options.live:
+        viewer = find_viewer(options.viewer)
+    config, fmu = options.physics.prepare(scenario.robot_diameter_m, progress, world)
+    config = with_bursts(config, options.record)
+    out = options.folder
+    out.mkdir(parents=True, exist_ok=True)
+    policy, log = _policy(options, scenario, progress)
+    facts = _facts(options, scenario, policy, fmu)
+    policy.save(out / "policy.npz")
+    if options.record != "none" and log is not None:
+        write_training(out / "training.rrd", policy, log, facts.builtins())
+    series = Series(
+        scenario,
+        fmu,
+        config,
+        options.driver,
+        options.seed,
+        policy,
+        out,
+        facts,
+        viewer,
+        options.record,
+        progress,
+    )
+    threads = workers(options.jobs)
+    with under_way(progress, "preparing the kernels"):
+        compile_kernels(series.task(0), options.episodes, threads)
+    return list(series.run(options.episodes, threads))
+
+
+def _policy(
+    options: Run, scenario: "Scenario", progress: Progress
+) -> "tuple[GreedyPolicy, TrainingLog | None]":
+    from agent.method import method_policy
+    from agent.policies import load_policy
+    from agent.training.settings import BEST
+
+    best = "prompt" if options.physics.through else BEST
+    if options.policy is not None:
+        return load_policy(options.policy, scenario), None
+    policy, log, _ = method_policy(
+        options.method or best,
+        scenario,
+        options.train_seed or 0,
+        episodes=options.train_episodes,
+        motor_fmu=options.physics.motor_fmu,
+        again=options.again,
+        progress=progress,
+    )
+    return policy, log
+
+
+def _facts(options: Run, scenario: "Scenario", policy: "GreedyPolicy", fmu: Path) -> "RunFacts":
+    from agent.evaluation.series import RunFacts
+    from agent.policies import method_name
+    from cosim.base.provenance import digest_of, versions
+
+    seed = policy.config.seed
+    return RunFacts(
+        scenario=scenario.name,
+        title=scenario.title,
+        seed=options.seed,
+        train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
+        driver=options.driver,
+        motor_fmu=fmu.name,
+        motor_fmu_digest=digest_of(fmu),
+        method=method_name(policy),
+        versions=versions(),
+    )
+
+
+def show(options: Run, results: "list[EpisodeResult]") -> "dict[str, list[EpisodeResult]]":
+    """Print the outcome table, where the files are and how to open them."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("episode", "outcome", "path length", "rotation", "simulated", "× real time")
+    table.add_column("recording", overflow="fold")
+    for number, result in enumerate(results):
+        table.add_row(
+            str(number),
+            result.outcome,
+            f"{result.path_length_cm:.1f} cm",
+            f"{result.rotation_deg:.0f}°",
+            f"{result.sim_time_s:.0f} s",
+            f"{result.realtime_factor:.1f}",
+            result.recording or "none",
+        )
+    console, out = Console(), options.folder
+    console.print(table)
+    console.print(f"results in {out}/: summary.json, policy.npz", soft_wrap=True)
+    recordings = [out / r.recording for r in results if r.recording]
+    if recordings:
+        console.print(f"open with: uv run rerun {recordings[0]}", soft_wrap=True)
+    return {"episodes": results}
