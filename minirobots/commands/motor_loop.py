@@ -29,7 +29,7 @@ class MotorLoop(IsolatedOptions):
     motor_fmu: MotorFmuFile = None
 
 
-class Measured(NamedTuple):
+class MeasuredLoop(NamedTuple):
     """The speed loop, computed and measured.
 
     Attributes:
@@ -48,7 +48,7 @@ class Measured(NamedTuple):
     files: list[str]
 
 
-def run(options: MotorLoop, progress: Progress) -> Measured:
+def run(options: MotorLoop, progress: Progress) -> MeasuredLoop:
     """Compute, measure and draw the loop."""
     import numpy as np
 
@@ -72,10 +72,10 @@ def run(options: MotorLoop, progress: Progress) -> Measured:
     gains = compare_gains(motor, progress)
     files = [str(path) for path in save(draw(loop, frequencies, measured), options.out)]
     pole_rad_s = -1.0 / motor_time_constant(config.motor)
-    return Measured(pole_rad_s, figures_of_merit(loop), frequencies, measured, gains, files)
+    return MeasuredLoop(pole_rad_s, figures_of_merit(loop), frequencies, measured, gains, files)
 
 
-def show(_: MotorLoop, found: Measured) -> dict[str, Any]:
+def show(_: MotorLoop, found: MeasuredLoop) -> dict[str, Any]:
     """Print poles, margins and the table of gains."""
     import numpy as np
     from rich.console import Console

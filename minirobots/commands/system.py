@@ -28,7 +28,7 @@ class SimulateSystem(IsolatedOptions):
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """The system: an archive (.ssp) or a description (.ssd) beside its FMUs."""
     until: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """Simulated time to reach, in s; by default that of the file's default experiment."""
+    """SystemResult time to reach, in s; by default that of the file's default experiment."""
     step: Seconds = 1e-3
     """Communication step in s; with a tolerance the shortest one."""
     algorithm: Literal["jacobi", "gauss-seidel"] = "jacobi"
@@ -62,7 +62,7 @@ class SimulateSystem(IsolatedOptions):
         return self.file
 
 
-class Simulated(NamedTuple):
+class SystemResult(NamedTuple):
     """A system of a number of components, after its run."""
 
     components: int
@@ -70,7 +70,7 @@ class Simulated(NamedTuple):
     run: "SystemRun"
 
 
-def run(options: SimulateSystem, progress: Progress) -> Simulated:
+def run(options: SimulateSystem, progress: Progress) -> SystemResult:
     """Simulate the system and write what was recorded."""
     from cosim.system.run import write_run
     from cosim.system.ssp import read_system
@@ -96,10 +96,10 @@ def run(options: SimulateSystem, progress: Progress) -> Simulated:
         simulated = system.run(until_s, every=options.every, progress=progress)
     if options.out is not None:
         write_run(options.out, simulated)
-    return Simulated(len(found.components), system, simulated)
+    return SystemResult(len(found.components), system, simulated)
 
 
-def show(options: SimulateSystem, simulated: Simulated) -> dict[str, Any]:
+def show(options: SimulateSystem, simulated: SystemResult) -> dict[str, Any]:
     """Print the last values, and with --profile what every FMU took."""
     components, system, run = simulated
     last = {name: values[-1].tolist() for name, values in run.signals.items()}
