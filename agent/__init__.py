@@ -17,7 +17,6 @@ from cosim.scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
     from agent.process.greedy import GreedyPolicy
-    from agent.training.policy import Policy
 
 __all__ = ["Policy", "UserError", "load", "methods", "train"]
 
@@ -39,7 +38,7 @@ def train(
     motor_fmu: str | Path | None = None,
     again: bool = False,
     progress: Progress | None = automatic,
-) -> "Policy":
+) -> "GreedyPolicy":
     """Train a policy, or find it in the cache if this configuration was trained before.
 
     Args:
@@ -47,7 +46,7 @@ def train(
         method: one of `methods()`.
         seed: of training.
         episodes: of training, the method's own number by default.
-        motor_fmu: whose moves are observed by the methods moves, robust and prompt, by default
+        motor_fmu: whose moves are observed by the methods that know of moves, by default
             the built-in one.
         again: train even if the policy is there.
         progress: receives what is calibrated, observed and trained; by default it is shown on

@@ -5,10 +5,11 @@
 of many worlds (`agent.moves.worlds`), "prompt" on moves of robots that are asked when their moves
 end and drive through cells (`--through`), for the time these take. "shortest" and "quickest" learn
 nothing: they are the optimal joint paths on the grid, by the length or the moves of all robots
-together, which are computed. So is "fastest", for a robot alone the least time on observed moves,
-which tells turns from straight lines. So is "roundabout", for any number of robots: each one's
-shortest path as if alone, counter-clockwise about the middle of the board and round the others'
-targets; who meets whom is left to the shield.
+together, which are computed. So is "fastest", the least time on observed moves, which tells turns
+from straight lines, of one robot or of two together (two on moves of robots that drive through
+cells, `--through`). So is "roundabout", for any number of robots: each one's shortest path as if
+alone, counter-clockwise about the middle of the board and round the others' targets; who meets whom
+is left to the shield.
 `python -m cosim.run` uses "moves", with `--through` "prompt".
 """
 
@@ -16,13 +17,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from agent.moves import bound
+from agent.moves import bound, pair
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
 from agent.moves.worlds import RANGES, Ranges
 from agent.process import optimum
 from agent.process.config import ProcessConfig
 from agent.training.loop import TrainingLog, TrainingProgress
+from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import COMPUTED, METHODS, LearningConfig, Method
 from agent.training.store import find_or_compute, find_or_train
@@ -49,6 +51,14 @@ ON_MOVES = {
     "prompt": Driven(through=True),
     "fastest": Driven(),
 }
+
+
+def moves_of(method: str, scenario: Scenario) -> Driven | None:
+    """Return what moves a method knows of in a scenario; None if it knows the grid alone."""
+    pair = method == "fastest" and scenario.robots > 1
+    return Driven(through=True) if pair else ON_MOVES.get(method)
+
+
 MOVES_EPISODES, LONG_EPISODES = 1_500_000, 3_000_000
 ROBUST_CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do by them
 SLIP_PROBABILITY = 0.2  # assumed
@@ -87,16 +97,16 @@ def method_config(
             raise UserError(
                 f"method {method} is computed, not trained; leave out the number of episodes"
             )
-        if method == "fastest" and scenario.robots > 1:
+        if method == "fastest" and scenario.robots > 2:
             raise UserError(
-                f"fastest paths are computed for one robot, and scenario {scenario.name} has "
-                f"{scenario.robots}; choose quickest, the fewest moves of two, or one that learns"
+                f"fastest paths are computed for one robot or two, and scenario {scenario.name} "
+                f"has {scenario.robots}; choose a method that learns"
             )
-    moves = None
-    if method in ON_MOVES:
-        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), ON_MOVES[method], progress)
+    moves, driven = None, moves_of(method, scenario)
+    if driven is not None:
+        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), driven, progress)
     if method in COMPUTED:
-        code = code_digest(optimum, bound)
+        code = code_digest(optimum, bound, pair)
         return PolicyConfig(
             scenario, process, learning, Seed(0), moves, objective=method, kernel_version=code
         )
@@ -116,7 +126,7 @@ def method_of(config: PolicyConfig) -> Method | None:
     for method in METHODS:
         process, learning = _settings(method, config.scenario)
         objective = method if method in COMPUTED else None
-        expected = process, replace(learning, **free), ON_MOVES.get(method), objective
+        expected = process, replace(learning, **free), moves_of(method, config.scenario), objective
         if (config.process, config.learning, driven, config.objective) == expected:
             return method
     return None
@@ -126,7 +136,8 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
     if method == "roundabout":
         return ProcessConfig(features=("x", "y"), target_obstacle="disk"), LearningConfig()
     if method == "fastest":
-        return ProcessConfig(features=("x", "y", "h")), LearningConfig()
+        features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "h", "p")
+        return ProcessConfig(features=features), LearningConfig()
     if method in COMPUTED:
         features = ("x", "y") if scenario.robots == 1 else ("x", "y", "p")
         return ProcessConfig(features=features), LearningConfig()
@@ -173,7 +184,7 @@ def method_policy(
     motor_fmu: Path | None = None,
     again: bool = False,
     progress: Progress = silent,
-) -> tuple[Policy, TrainingLog | None, Path]:
+) -> tuple[Policy | PairPolicy, TrainingLog | None, Path]:
     """The policy of a method: found in the cache, or trained or computed and kept there.
 
     Args:

@@ -6,23 +6,27 @@ from pathlib import Path
 from agent.deep.policy import NetworkPolicy
 from agent.method import method_of
 from agent.process.greedy import GreedyPolicy
+from agent.training.pair_policy import PairPolicy
 from agent.training.policy import FILE, Policy
 from cosim.base.reading import parsing, read_arrays
 from cosim.scenarios.scenario import Scenario
 
 
-def load_policy(path: Path | str, scenario: Scenario | None = None) -> Policy | NetworkPolicy:
+def load_policy(
+    path: Path | str, scenario: Scenario | None = None
+) -> Policy | PairPolicy | NetworkPolicy:
     """Read a policy; with `scenario`, only if it was trained on that geometry.
 
     Raises:
         PolicyError: no such file, not a policy, another schema, or another scenario.
     """
     path = Path(path)
-    config = read_arrays(path, FILE, ("config",))["config"]
+    arrays = read_arrays(path, FILE, ("config",))
     with parsing(path, FILE):
-        of_network = "network" in json.loads(config.tobytes())
-    if not of_network:
-        return Policy.load(path, scenario)
+        config = dict(json.loads(arrays["config"].tobytes()))
+        pair = config.get("objective") == "fastest" and len(config["scenario"]["targets"]) > 1
+    if "network" not in config:
+        return (PairPolicy if pair else Policy).load(path, scenario)
     policy = NetworkPolicy.load(path)
     if scenario is not None:
         policy.require_scenario(scenario, f"{path}: the policy")

@@ -15,7 +15,7 @@ from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
 from agent.evaluation.transfer_table import Row, Session, TransferReport, markdown, report_of
 from agent.method import method_policy
-from agent.training.policy import Policy
+from agent.process.greedy import GreedyPolicy
 from agent.training.settings import BEST, COMPARED, METHODS
 from cosim.base.errors import UserError
 from cosim.base.params import TABLE_I
@@ -63,7 +63,7 @@ class Measurement:
     def __post_init__(self) -> None:
         self.sessions = _read_sessions(self.out / SESSIONS_FILE)
         self._began, self._simulated = time.monotonic(), 0
-        self._policies: dict[tuple[str, str], Policy] = {}
+        self._policies: dict[tuple[str, str], GreedyPolicy] = {}
 
     def add_rows(self, scenarios: Iterable[str], method: str, mu: float) -> list[Row]:
         """Rows of all scenarios; trains what has not been trained yet."""
@@ -79,7 +79,7 @@ class Measurement:
         self.rows += rows
         return rows
 
-    def _policy(self, method: str, scenario: str) -> Policy:
+    def _policy(self, method: str, scenario: str) -> GreedyPolicy:
         key = method, scenario
         if key not in self._policies:
             policy, *_ = method_policy(

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agent.deep.policy import NetworkPolicy
-from agent.policies import load_policy
+from agent.policies import load_policy, method_name
 from agent.process.greedy import PolicyError
 from agent.process.readings import Process
 from agent.training.policy import Policy
@@ -39,10 +38,10 @@ def load_table(path: Path) -> Policy:
         PolicyError: the file cannot be read, or holds a network.
     """
     policy = load_policy(path)
-    if isinstance(policy, NetworkPolicy):
+    if not isinstance(policy, Policy):
         raise PolicyError(
-            f"{path}: a network trained by {policy.config.algorithm}, and firmware acts by tables; "
-            "train a policy with `python -m agent.train`"
+            f"{path}: a policy by {method_name(policy)}, and firmware acts by tables of each "
+            "robot; train a policy with `python -m agent.train`"
         )
     return policy
 

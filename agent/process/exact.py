@@ -27,7 +27,7 @@ from agent.process.grid import (
 )
 from agent.process.readings import Process
 from agent.process.rng import seeded_state
-from cosim.base.jit import kernel
+from cosim.base.jit import inlined, kernel
 from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
 from cosim.recording.policy_map import PolicyMap
 
@@ -81,6 +81,15 @@ def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if values.size else float("nan")
 
 
+@inlined
+def count_moves(world: np.ndarray, path_cells: np.ndarray, steps: np.ndarray) -> None:
+    """Add the last moves of all robots to their paths (N,) in cells and their steps (N,)."""
+    for i in range(len(world)):
+        if world[i, VX] != 0 or world[i, VY] != 0:
+            steps[i] += 1
+            path_cells[i] += SQRT_2 if world[i, VX] != 0 and world[i, VY] != 0 else 1.0
+
+
 @kernel
 def _evaluate(
     process: Process,
@@ -112,11 +121,7 @@ def _evaluate(
                     greedy = values[i, state_index(process, world, i)]
                     facing[i] = least_rotation_argmax(greedy, facing[i])
             outcome = move(process, world, facing, rewards)
-            for i in range(n):
-                if world[i, VX] != 0 or world[i, VY] != 0:
-                    steps[row, i] += 1
-                    diagonal = world[i, VX] != 0 and world[i, VY] != 0
-                    path_cells[row, i] += SQRT_2 if diagonal else 1.0
+            count_moves(world, path_cells[row], steps[row])
             if outcome == RUNNING and step == process.step_limit:
                 outcome = TIMEOUT
         outcomes[row] = outcome

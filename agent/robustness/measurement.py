@@ -12,6 +12,7 @@ from agent.evaluation.cases import Case, run_jobs
 from agent.evaluation.dynamics import tracked
 from agent.evaluation.result_file import ResultFile
 from agent.method import method_policy
+from agent.process.greedy import GreedyPolicy
 from agent.robustness.axes import AXES, Axis, AxisPoint, points
 from agent.robustness.plot import PLOT_FILE, draw
 from agent.robustness.table import (
@@ -22,7 +23,6 @@ from agent.robustness.table import (
     markdown,
     report_of,
 )
-from agent.training.policy import Policy
 from agent.training.settings import IN_WORLDS
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing, write_json
@@ -91,7 +91,7 @@ def robustness(
     return report
 
 
-def _policy(method: str, scenario: str, seed: int, out: Path, progress: Progress) -> Policy:
+def _policy(method: str, scenario: str, seed: int, out: Path, progress: Progress) -> GreedyPolicy:
     policy, *_ = method_policy(method, find_scenario(scenario), seed, progress=progress)
     policy.save(out / "policies" / f"{policy.config.scenario.name}-{method}.npz")
     return policy
@@ -99,7 +99,7 @@ def _policy(method: str, scenario: str, seed: int, out: Path, progress: Progress
 
 def _rows(
     point: AxisPoint,
-    policies: dict[str, Policy],
+    policies: dict[str, GreedyPolicy],
     episodes: int,
     seed: int,
     out: Path,

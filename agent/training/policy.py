@@ -9,7 +9,6 @@ import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -173,20 +172,10 @@ class Policy(GreedyPolicy):
         Raises:
             PolicyError: no such file, not a policy, another schema, or another scenario.
         """
-        path = Path(path)
-        description, arrays = _read(path)
-        if description.get("schema_version") != SCHEMA_VERSION:
-            raise PolicyError(
-                f"{path}: policy schema {description.get('schema_version')} is not the schema "
-                f"{SCHEMA_VERSION} of this version; train it again with `python -m agent.train`"
-            )
-        digest, episodes = description.pop("scenario_digest", None), description.pop("episodes", 0)
-        with parsing(path, _CONFIG):
-            if "transitions" in description:  # what earlier versions called them
-                description["moves"] = description.pop("transitions")
-            config = msgspec.convert(description, PolicyConfig)
-            policy = cls(config, **arrays, episodes=msgspec.convert(episodes, int))
-            consistent = digest == config.scenario.digest() and policy._consistent()
+        config, episodes, arrays = read_policy(path, ("q", "visits", "random"))
+        with parsing(Path(path), _CONFIG):
+            policy = cls(config, **arrays, episodes=episodes)
+            consistent = policy._consistent()
         if not consistent:
             raise PolicyError(f"{path}: tables and configuration do not fit; train it again")
         if scenario is not None:
@@ -204,7 +193,29 @@ class Policy(GreedyPolicy):
         )
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    arrays = read_arrays(path, FILE, ("q", "visits", "random", "config"))
+def read_policy(
+    path: Path | str, names: tuple[str, ...]
+) -> tuple[PolicyConfig, int, dict[str, np.ndarray]]:
+    """Return configuration, trained episodes and the arrays of these names of a policy file.
+
+    Raises:
+        PolicyError: no such file, not a policy, another schema, or damaged.
+    """
+    path = Path(path)
+    arrays = read_arrays(path, FILE, (*names, "config"))
     with parsing(path, _CONFIG):
-        return dict(json.loads(arrays.pop("config").tobytes())), arrays
+        description = dict(json.loads(arrays.pop("config").tobytes()))
+    if description.get("schema_version") != SCHEMA_VERSION:
+        raise PolicyError(
+            f"{path}: policy schema {description.get('schema_version')} is not the schema "
+            f"{SCHEMA_VERSION} of this version; train it again with `python -m agent.train`"
+        )
+    digest, episodes = description.pop("scenario_digest", None), description.pop("episodes", 0)
+    with parsing(path, _CONFIG):
+        if "transitions" in description:  # what earlier versions called them
+            description["moves"] = description.pop("transitions")
+        config = msgspec.convert(description, PolicyConfig)
+        trained = msgspec.convert(episodes, int)
+    if digest != config.scenario.digest():
+        raise PolicyError(f"{path}: scenario and configuration do not fit; train it again")
+    return config, trained, arrays

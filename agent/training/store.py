@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from agent.moves.bound import fastest_tables
-from agent.process.greedy import PolicyError
+from agent.process.greedy import GreedyPolicy, PolicyError
 from agent.process.optimum import computed_tables
 from agent.process.readings import build_process
 from agent.training.learning import initial_state
@@ -21,6 +21,7 @@ from agent.training.loop import (
     run_training,
     training_log,
 )
+from agent.training.pair_policy import PairPolicy, of_pair
 from agent.training.policy import Policy, PolicyConfig
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, found_or_made, require_no_folder
@@ -105,7 +106,9 @@ def find_or_train(
     return *found, folder / POLICY_FILE
 
 
-def find_or_compute(config: PolicyConfig, *, again: bool = False) -> tuple[Policy, Path]:
+def find_or_compute(
+    config: PolicyConfig, *, again: bool = False
+) -> tuple[Policy | PairPolicy, Path]:
     """The policy of a configuration with an objective: found in the cache, or computed and kept.
 
     Args:
@@ -121,12 +124,15 @@ def find_or_compute(config: PolicyConfig, *, again: bool = False) -> tuple[Polic
         OSError: the cache cannot be written.
     """
     path = policy_folder(config) / POLICY_FILE
+    kind = PairPolicy if of_pair(config) else Policy
     make = partial(_computed, config)
-    return cached(path, Policy.load, make, Policy.save, again=again), path
+    return cached(path, kind.load, make, GreedyPolicy.save, again=again), path
 
 
-def _computed(config: PolicyConfig) -> Policy:
+def _computed(config: PolicyConfig) -> Policy | PairPolicy:
     assert config.objective is not None
+    if of_pair(config):
+        return PairPolicy.computed(config)
     process = build_process(config.scenario, config.process)
     if config.moves is None:
         tables, decided = computed_tables(process, config.objective)

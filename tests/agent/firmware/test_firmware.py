@@ -375,4 +375,4 @@ def test_networks_are_refused(command, monkeypatch, tmp_path):
     monkeypatch.setattr("agent.firmware.tables.load_policy", lambda _path: network)
     run = command("firmware", "--policy", "p.npz", "--out", tmp_path)
     assert run.returncode == 2
-    assert "a network trained by ddqn" in run.stderr
+    assert "a policy by ddqn" in run.stderr

@@ -22,7 +22,7 @@ from agent.process import grid
 from agent.process.config import ProcessConfig
 from agent.process.readings import build_process
 from agent.process.rng import seeded_state
-from agent.training.policy import PolicyConfig, PolicyError, Seed
+from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_compute
 from cosim.base.outcome import RUNNING, SUCCESS
@@ -90,6 +90,7 @@ def test_the_tables_of_the_fastest_lead_to_the_least_time():
     features, none = ProcessConfig(features=("x", "y", "h")), LearningConfig()
     config = PolicyConfig(BOARD, features, none, Seed(0), moves, objective="fastest")
     policy, _ = find_or_compute(config, again=True)
+    assert isinstance(policy, Policy)
     seconds = mean_seconds(moves)
     for start in [(5, 0), (0, 5), (5, 5), (3, 1)]:
         cell, axis, taken = np.array([start]), grid.STARTING_AXIS, 0.0

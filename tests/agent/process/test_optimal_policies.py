@@ -63,6 +63,7 @@ def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision, objective):
     process = ProcessConfig(features=PAIR, collision=collision)
     config = PolicyConfig(CROSSING, process, LearningConfig(), Seed(0), objective=objective)
     policy, _ = find_or_compute(config)
+    assert isinstance(policy, Policy)
     require_bound(policy, objective)
     # in every joint state one move of each robot is better than its others, by a grain at least
     best = np.sort(policy.values[policy.visits > 0], axis=1)
@@ -74,6 +75,7 @@ def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision, objective):
 
 def test_in_a_roundabout_every_robot_takes_the_cheapest_path_of_its_own():
     policy, *_ = method_policy("roundabout", find_scenario("4-cross"))
+    assert isinstance(policy, Policy)
     assert method_of(policy.config) == "roundabout"
     targets = np.array(policy.config.scenario.targets)
     for robot, target in enumerate(targets):
@@ -143,8 +145,8 @@ def test_what_cannot_be_computed_is_refused(command):
         method_policy("quickest", find_scenario("4-cross"))
     with pytest.raises(ScenarioError, match=r"cell \(0, 11\).* too near another's target; choose"):
         method_policy("roundabout", find_scenario("5-corridor"))
-    with pytest.raises(UserError, match="fastest paths are computed for one robot, and scenario 4"):
-        method_policy("fastest", find_scenario("4"))
+    with pytest.raises(UserError, match="one robot or two, and scenario 4-cross has 4"):
+        method_policy("fastest", find_scenario("4-cross"))
     with pytest.raises(UserError, match="shortest is computed, not trained"):
         method_config("shortest", CROSSING, episodes=5)
     with pytest.raises(PolicyError, match="learning has no effect on shortest"):

@@ -1,0 +1,278 @@
+"""The least time of two robots together on observed moves: computed, and the moves that take it.
+
+The state is each robot's cell and the axis that it faces. What a joint move costs is the mean times
+of both robots' moves; value iteration over all states gives the least sum of both robots' times.
+Robots end their moves at different moments, which the states leave out: joint moves keep the
+squared distance `KEPT_CELLS`, from one pair of cells to the next and on the way, to leave room for
+it. Values are kept as a delay over the times of robots that are alone, which compresses well.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.moves.bound import least_times, mean_seconds
+from agent.moves.model import ObservedMoves, move_kind
+from agent.process.exact import Evaluation, count_moves
+from agent.process.grid import AXIS, COLUMN_COUNT, X, Y, least_rotation_argmax, move, place
+from agent.process.joint import BLOCKED, IMPOSSIBLE, cells_after, joint_states
+from agent.process.readings import Process
+from cosim.base.jit import inlined, kernel
+from cosim.base.outcome import RUNNING, TIMEOUT
+from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
+
+KEPT_CELLS = 34.0  # cells², assumed: contact is at 25, and moves overlap in time
+GRAIN_S = 2.0**-4  # of delays
+UNREACHABLE = np.iinfo(np.uint16).max  # delay of a state without a way to the targets
+_FAR_CELLS = 75  # cells²: nearer than KEPT_CELLS no two moves of up to √2 cells come from there
+_SETTLED_S = 1e-3  # change of a value that ends the iteration
+
+
+class PairTimes(NamedTuple):
+    """What two robots choose their moves by.
+
+    Attributes:
+        after: (2, cells, 8) int64, see `agent.process.joint.cells_after`.
+        seconds: (8, AXIS_COUNT) float64, mean time in s of a move by direction and axis before.
+        alone: (2, cells, AXIS_COUNT) float64, least time in s of each robot as if alone.
+        delay: (cells, AXIS_COUNT, cells, AXIS_COUNT) uint16, by cell and axis of the first robot
+            and of the second: least time of both together over the sum of `alone`, in `GRAIN_S`;
+            `UNREACHABLE` where there is none.
+        rows: of the board.
+    """
+
+    after: np.ndarray
+    seconds: np.ndarray
+    alone: np.ndarray
+    delay: np.ndarray
+    rows: int
+
+
+@inlined
+def _squared(p: int, q: int, rows: int) -> int:
+    x, y = p // rows - q // rows, p % rows - q % rows
+    return x * x + y * y
+
+
+@inlined
+def _keeps_apart(p: int, q: int, p_after: int, q_after: int, rows: int) -> bool:
+    """Whether two robots may move from cells p and q at once.
+
+    They keep `KEPT_CELLS`, or where they are nearer already move apart.
+    """
+    x, y = p // rows - q // rows, p % rows - q % rows
+    to_x, to_y = p_after // rows - q_after // rows, p_after % rows - q_after % rows
+    before, ended = x * x + y * y, to_x * to_x + to_y * to_y
+    if min(before, ended) >= _FAR_CELLS:
+        return True
+    if ended < KEPT_CELLS and ended <= before:
+        return False
+    along_x, along_y = to_x - x, to_y - y
+    length = along_x * along_x + along_y * along_y
+    if length == 0:
+        return True
+    share = min(max(-(x * along_x + y * along_y) / length, 0.0), 1.0)
+    x_nearest, y_nearest = x + share * along_x, y + share * along_y
+    nearest = x_nearest * x_nearest + y_nearest * y_nearest
+    return nearest >= min(KEPT_CELLS, float(before)) - 1e-9
+
+
+@inlined
+def _choices(after: np.ndarray, i: int, cell: int) -> int:
+    """How many moves robot i has in a cell: one, to stay, where it is parked."""
+    return 1 if after[i, cell, 0] == cell else DIRECTION_COUNT
+
+
+@kernel
+def _sweep(
+    after: np.ndarray,
+    seconds: np.ndarray,
+    order: np.ndarray,
+    free: np.ndarray,
+    rows: int,
+    value: np.ndarray,
+) -> float:
+    """Update all states once, in place; return the largest change in s.
+
+    Args:
+        after, seconds, rows: see `PairTimes`.
+        order: (2, cells) int64, cells of each robot by its time alone, the nearest first.
+        free: (cells, cells) bool, cells in which robots may be and go on.
+        value: (cells, AXIS_COUNT, cells, AXIS_COUNT) float32 in s; updated.
+    """
+    cells, changed = after.shape[1], 0.0
+    best, new = np.empty(AXIS_COUNT), np.empty((AXIS_COUNT, AXIS_COUNT))
+    for state in range(cells * cells):
+        p, q = order[0, state // cells], order[1, state % cells]
+        if not free[p, q]:
+            continue
+        new[:] = np.inf
+        p_choices, q_choices = _choices(after, 0, p), _choices(after, 1, q)
+        for a in range(p_choices):
+            p_after = after[0, p, a]
+            if p_after == BLOCKED:
+                continue
+            best[:] = np.inf
+            for b in range(q_choices):
+                q_after = after[1, q, b]
+                if q_after == BLOCKED or not _keeps_apart(p, q, p_after, q_after, rows):
+                    continue
+                rest = value[p_after, a % AXIS_COUNT, q_after, b % AXIS_COUNT]
+                if rest == np.inf:
+                    continue
+                for axis in range(AXIS_COUNT):
+                    time = rest + (0.0 if q_choices == 1 else seconds[b, axis])
+                    best[axis] = min(best[axis], time)
+            for axis in range(AXIS_COUNT):
+                own = 0.0 if p_choices == 1 else seconds[a, axis]
+                for other in range(AXIS_COUNT):
+                    new[axis, other] = min(new[axis, other], own + best[other])
+        for axis in range(AXIS_COUNT):
+            for other in range(AXIS_COUNT):
+                was = value[p, axis, q, other]
+                now = np.float32(new[axis, other])
+                if now != was:
+                    value[p, axis, q, other] = now
+                    changed = max(changed, abs(was - now))
+    return changed
+
+
+def moves_of_pair(process: Process, moves: ObservedMoves) -> PairTimes:
+    """Return what a pair knows of moves and of being alone, with a delay of 0 everywhere.
+
+    No move leads next to the other one's target, whose cell robots would drift into.
+
+    Args:
+        process: of two robots.
+        moves: of one world.
+
+    Raises:
+        MovesError: see `agent.moves.bound.mean_seconds`.
+    """
+    after = np.stack([cells_after(process, i) for i in range(2)])
+    cells, rows = after.shape[1], process.terrain.shape[2] - 2
+    x, y = np.divmod(np.arange(cells), rows)
+    for own, other in ((0, 1), (1, 0)):
+        target = np.flatnonzero(after[other, :, 0] == np.arange(cells))
+        away = np.maximum(abs(x - x[target, None]), abs(y - y[target, None])).min(axis=0)
+        enters = (away[after[own]] <= 1) & (away[after[own]] <= away[:, None])
+        after[own] = np.where(enters, BLOCKED, after[own])
+    directions = range(DIRECTION_COUNT)
+    kinds = np.array([[move_kind(a, axis) for axis in range(AXIS_COUNT)] for a in directions])
+    delay = np.zeros((cells, AXIS_COUNT, cells, AXIS_COUNT), dtype=np.uint16)
+    return PairTimes(after, mean_seconds(moves)[kinds], least_times(process, moves), delay, rows)
+
+
+def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
+    """Return the least times of two robots together, from all cells and axes.
+
+    Args:
+        process: of two robots.
+        moves: of one world.
+
+    Raises:
+        MovesError: see `agent.moves.bound.mean_seconds`.
+    """
+    times = moves_of_pair(process, moves)
+    alone = times.alone
+    free, end = joint_states(process)
+    value = np.full(times.delay.shape, np.inf, dtype=np.float32)
+    value[np.argwhere(end)[:, 0], :, np.argwhere(end)[:, 1]] = 0.0
+    order = alone.min(axis=2).argsort(axis=1, kind="stable")
+    while _sweep(times.after, times.seconds, order, free, times.rows, value) > _SETTLED_S:
+        pass
+    value -= np.where(np.isfinite(alone[0]), alone[0], 0.0).astype(np.float32)[:, :, None, None]
+    value -= np.where(np.isfinite(alone[1]), alone[1], 0.0).astype(np.float32)
+    value /= np.float32(GRAIN_S)
+    np.rint(value, out=value)
+    value[~(value < UNREACHABLE)] = UNREACHABLE
+    return times._replace(delay=value.clip(0, UNREACHABLE).astype(np.uint16))
+
+
+@inlined
+def _time(times: PairTimes, p: int, axis: int, q: int, other: int) -> float:
+    delay = times.delay[p, axis, q, other]
+    if delay == UNREACHABLE:
+        return math.inf
+    return times.alone[0, p, axis] + times.alone[1, q, other] + GRAIN_S * delay
+
+
+@kernel
+def pair_values(
+    times: PairTimes, p: int, axis: int, q: int, other: int, values: np.ndarray
+) -> None:
+    """Action values of two robots if the other one does what is best for both.
+
+    One joint move is preferred by a grain, so that robots that choose alone choose the same one: of
+    the best that after which they are furthest apart.
+
+    Args:
+        times: see `solve_pair`.
+        p, axis: cell of the first robot, and axis that it faces.
+        q, other: those of the second.
+        values: (2, 8) float32, minus the time in s of both robots; updated.
+    """
+    values[:] = IMPOSSIBLE
+    p_choices, q_choices = _choices(times.after, 0, p), _choices(times.after, 1, q)
+    least, best_a, best_b, farthest = math.inf, -1, -1, -1
+    for a in range(p_choices):
+        p_after = times.after[0, p, a]
+        if p_after == BLOCKED:
+            continue
+        for b in range(q_choices):
+            q_after = times.after[1, q, b]
+            if q_after == BLOCKED or not _keeps_apart(p, q, p_after, q_after, times.rows):
+                continue
+            time = (
+                (0.0 if p_choices == 1 else times.seconds[a, axis])
+                + (0.0 if q_choices == 1 else times.seconds[b, other])
+                + _time(times, p_after, a % AXIS_COUNT, q_after, b % AXIS_COUNT)
+            )
+            if time == math.inf:
+                continue
+            values[0, a] = max(values[0, a], np.float32(-time))
+            values[1, b] = max(values[1, b], np.float32(-time))
+            squared = _squared(p_after, q_after, times.rows)
+            if time < least - GRAIN_S or (time <= least + GRAIN_S and squared > farthest):
+                least, best_a, best_b, farthest = min(time, least), a, b, squared
+    if best_a >= 0:
+        values[0, best_a] = max(values[0].max(), values[0, best_a]) + np.float32(GRAIN_S)
+        values[1, best_b] = max(values[1].max(), values[1, best_b]) + np.float32(GRAIN_S)
+
+
+@kernel
+def _evaluate(
+    process: Process,
+    times: PairTimes,
+    starts: np.ndarray,
+    outcomes: np.ndarray,
+    path_cells: np.ndarray,
+    steps: np.ndarray,
+) -> None:
+    world = np.zeros((2, COLUMN_COUNT), dtype=np.int64)
+    actions, rewards = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.float32)
+    values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
+    for k in range(len(starts)):
+        place(process, world, starts[k])
+        outcome, step = RUNNING, 0
+        while outcome == RUNNING:
+            p = world[0, X] * times.rows + world[0, Y]
+            q = world[1, X] * times.rows + world[1, Y]
+            pair_values(times, p, world[0, AXIS], q, world[1, AXIS], values)
+            for i in range(2):
+                actions[i] = least_rotation_argmax(values[i], world[i, AXIS])
+            outcome = move(process, world, actions, rewards)
+            count_moves(world, path_cells[k], steps[k])
+            step += 1
+            if outcome == RUNNING and step == process.step_limit:
+                outcome = TIMEOUT
+        outcomes[k] = outcome
+
+
+def evaluate_pair(process: Process, times: PairTimes, starts: np.ndarray) -> Evaluation:
+    """Return greedy episodes on the grid from starts (K, 2, 2), see `agent.process.exact`."""
+    outcome, steps = np.empty(len(starts), np.int8), np.zeros(starts.shape[:2], np.int64)
+    found = Evaluation(starts, outcome, np.zeros(starts.shape[:2]), steps)
+    _evaluate(process, times, *found)
+    return found

@@ -1,0 +1,118 @@
+"""The policy of two robots that take the least time together, see `agent.moves.pair`."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from agent.moves.pair import PairTimes, evaluate_pair, moves_of_pair, pair_values, solve_pair
+from agent.process.exact import Evaluation, joint_starts
+from agent.process.greedy import GreedyPolicy, PolicyError
+from agent.process.grid import STARTING_AXIS
+from agent.process.joint import BLOCKED
+from agent.process.readings import build_process
+from agent.training.policy import PolicyConfig, read_policy
+from cosim.base.provenance import digest_of
+from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+from cosim.recording.policy_map import PolicyMap
+from cosim.scenarios.scenario import Scenario
+
+
+@dataclass(frozen=True, repr=False)
+class PairPolicy(GreedyPolicy):
+    """Joint moves of least time, looked for one move ahead.
+
+    Attributes:
+        config: with moves of robots that drive through cells, and the objective.
+        delay: see `agent.moves.pair.PairTimes`.
+        episodes: 0, as nothing is learnt.
+    """
+
+    config: PolicyConfig
+    delay: np.ndarray
+    episodes: int = 0
+
+    def __repr__(self) -> str:
+        return f"PairPolicy(scenario {self.config.scenario.name}, {self.config.objective})"
+
+    @classmethod
+    def computed(cls, config: PolicyConfig) -> "PairPolicy":
+        """Compute the policy of a configuration; some seconds, and some 200 MB meanwhile.
+
+        Raises:
+            MovesError: not every kind of move was observed.
+        """
+        assert config.moves is not None
+        process = build_process(config.scenario, config.process)
+        return cls(config, solve_pair(process, config.moves).delay)
+
+    @cached_property
+    def times(self) -> PairTimes:
+        """What moves are chosen by."""
+        assert self.config.moves is not None
+        return moves_of_pair(self.process, self.config.moves)._replace(delay=self.delay)
+
+    def q_values(self, observation: Observation) -> np.ndarray:
+        """(2, 8) float32, minus the time in s of both robots if the other does what is best.
+
+        Raises:
+            ValueError: a cell is off the board, or there are not two robots.
+        """
+        seen, scenario = self.seen(observation), self.config.scenario
+        if ((seen.cells < 0) | (seen.cells >= (scenario.columns, scenario.rows))).any():
+            raise ValueError(f"cells {seen.cells.tolist()} are off the board")
+        p, q = (seen.cells @ (scenario.rows, 1)).tolist()
+        axis, other = (seen.direction % AXIS_COUNT).tolist()
+        values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
+        pair_values(self.times, p, axis, q, other, values)
+        return values
+
+    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+        """Episodes on the grid, see `agent.process.exact.evaluate`."""
+        starts = joint_starts(self.process) if starts is None else starts
+        return evaluate_pair(self.process, self.times, starts)
+
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the readings of the process and of all times."""
+        return digest_of(self.config.process, *self.times)
+
+    def maps(self) -> list[PolicyMap]:
+        """Minus the least time of each robot as if alone, and the direction that leads to it."""
+        times, scenario = self.times, self.config.scenario
+        shape, axes = (scenario.columns, scenario.rows), np.arange(DIRECTION_COUNT) % AXIS_COUNT
+        found = []
+        for after, alone in zip(times.after, times.alone, strict=True):
+            rest = np.where(after == BLOCKED, np.inf, alone[after, axes])
+            action = (times.seconds[:, STARTING_AXIS] + rest).argmin(axis=1)
+            value = -alone[:, STARTING_AXIS]
+            known = np.isfinite(value) & (value < 0.0)
+            layers = np.where(known, value, 0.0), action, known.astype(float)
+            found.append(PolicyMap(*(layer.reshape(shape) for layer in layers)))
+        return found
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The delay of every joint state."""
+        return {"delay": self.delay}
+
+    @classmethod
+    def load(cls, path: Path | str, scenario: Scenario | None = None) -> "PairPolicy":
+        """Read a policy; with `scenario`, only if it was computed for that geometry.
+
+        Raises:
+            PolicyError: no such file, not such a policy, another schema, or another scenario.
+        """
+        config, _, arrays = read_policy(path, ("delay",))
+        cells = config.scenario.columns * config.scenario.rows
+        delay = arrays["delay"]
+        if (delay.shape, delay.dtype) != ((cells, AXIS_COUNT) * 2, np.uint16):
+            raise PolicyError(f"{path}: times and configuration do not fit; compute it again")
+        policy = cls(config, delay)
+        if scenario is not None:
+            policy.require_scenario(scenario, f"{path}: the policy")
+        return policy
+
+
+def of_pair(config: PolicyConfig) -> bool:
+    """Return whether the policy of a configuration is a `PairPolicy`."""
+    return config.objective == "fastest" and config.scenario.robots == 2

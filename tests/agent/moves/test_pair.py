@@ -1,0 +1,168 @@
+"""The least time of two robots together: against Dijkstra's algorithm over the joint states."""
+
+import heapq
+import itertools
+from functools import cache
+
+import numpy as np
+import pytest
+
+from agent.method import method_of, moves_of
+from agent.moves import pair
+from agent.moves.bound import mean_seconds
+from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, move_kind
+from agent.policies import load_policy
+from agent.process.config import ProcessConfig
+from agent.process.greedy import PolicyError
+from agent.process.readings import build_process
+from agent.training.pair_policy import PairPolicy
+from agent.training.policy import PolicyConfig, Seed
+from agent.training.settings import LearningConfig
+from cosim.navigation.features import DIRECTIONS, Observation
+from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
+
+SIDE = 9  # cells: room for two robots that keep six cells apart
+BOARD = Scenario(
+    "board", "", ((1, 1), (7, 7)), (((8, 1), (8, 0)), ((0, 7),)), columns=SIDE, rows=SIDE,
+    zone=(0, 0, 0, 0),
+)  # fmt: skip
+SECONDS = (3.0, 5.0, 9.0, 5.5, 3.9, 6.5, 11.0, 7.9)  # by kind
+MOVES = ObservedMoves(
+    "", 0,
+    tuple(
+        Move(k // 4, (k // 4 + k) % 4, NO_DIRECTION, 1, k // 4, 0.5, s, 0, 0, 0, 0)
+        for k, s in enumerate(SECONDS)
+    ),
+    rl_step_s=0.1,
+    through=True,
+)  # fmt: skip
+STEPS = DIRECTIONS.tolist()
+MEAN_S = mean_seconds(MOVES).tolist()
+PROCESS = ProcessConfig(features=("x", "y", "h", "p"))
+
+
+@pytest.fixture(scope="module")
+def policy() -> PairPolicy:
+    config = PolicyConfig(BOARD, PROCESS, LearningConfig(), Seed(0), MOVES, objective="fastest")
+    return PairPolicy.computed(config)
+
+
+@cache
+def keep_apart(before, after):
+    """Whether robots may go from one displacement between them to another."""
+    on_the_way = before + np.linspace(0.0, 1.0, 201)[:, None] * np.subtract(after, before)
+    squared = (on_the_way**2).sum(axis=1)
+    return squared.min() > min(pair.KEPT_CELLS, squared[0]) - 0.01 and (
+        squared[-1] >= pair.KEPT_CELLS or squared[-1] > squared[0]
+    )
+
+
+def next_states(state):
+    """Joint moves from cells and axes of both robots, with the time that they cost both."""
+    options = []
+    for i, (x, y, axis) in enumerate(state):
+        if (x, y) == BOARD.targets[i]:
+            options.append([((x, y, axis), 0.0)])
+            continue
+        options.append([])
+        for direction, (dx, dy) in enumerate(STEPS):
+            other_x, other_y = BOARD.targets[1 - i]
+            beside = max(abs(x + dx - other_x), abs(y + dy - other_y)) <= 1
+            if 0 <= x + dx < SIDE and 0 <= y + dy < SIDE and not beside:
+                after = x + dx, y + dy, direction % 4
+                options[i].append((after, MEAN_S[move_kind(direction, axis)]))
+    before = tuple(a - b for a, b in zip(*state, strict=True))[:2]
+    for (first, first_s), (second, second_s) in itertools.product(*options):
+        if keep_apart(before, (first[0] - second[0], first[1] - second[1])):
+            yield (first, second), first_s + second_s
+
+
+def least_time(state):
+    best, queue = {state: 0.0}, [(0.0, state)]
+    while queue:
+        time, state = heapq.heappop(queue)
+        if all(cell[:2] == target for cell, target in zip(state, BOARD.targets, strict=True)):
+            return time
+        for after, seconds in next_states(state):
+            if time + seconds < best.get(after, np.inf) - 1e-9:
+                best[after] = time + seconds
+                heapq.heappush(queue, (time + seconds, after))
+    return np.inf
+
+
+def seen(state):
+    cells, axes = np.array([cell[:2] for cell in state]), np.array([cell[2] for cell in state])
+    none = np.zeros(2, dtype=np.int64)
+    return Observation(cells, none, none, axes, np.array(BOARD.targets))
+
+
+@pytest.mark.parametrize("state", [((8, 1, 2), (0, 7, 2)), ((7, 4, 1), (2, 3, 3))])
+def test_moves_lead_to_the_least_time(policy, state):
+    expected, taken = least_time(state), 0.0
+    alone = policy.times.alone
+    assert expected > sum(alone[i, x * SIDE + y, axis] for i, (x, y, axis) in enumerate(state)) - 1
+    for _ in range(40):
+        values = policy.q_values(seen(state))
+        assert values.max() == pytest.approx(taken - expected, abs=1.5 * pair.GRAIN_S + 1e-3)
+        chosen = policy.act(seen(state)).tolist()
+        reached = {
+            tuple(after): seconds
+            for after, seconds in next_states(state)
+            if all(
+                cell[:2] == target or tuple(np.subtract(new, cell)[:2]) == tuple(DIRECTIONS[a])
+                for cell, target, new, a in zip(state, BOARD.targets, after, chosen, strict=True)
+            )
+        }
+        assert len(reached) == 1
+        state, seconds = reached.popitem()
+        taken += seconds
+        if all(cell[:2] == target for cell, target in zip(state, BOARD.targets, strict=True)):
+            break
+    assert taken == pytest.approx(expected, abs=0.5)
+
+
+def test_it_is_read_back_and_drives_from_all_starts(policy, tmp_path):
+    policy.save(tmp_path / "policy.npz")
+    again = load_policy(tmp_path / "policy.npz", BOARD)
+    assert again.digest() == policy.digest()
+    found = again.evaluate()
+    assert found.rate("success") == 1.0
+    assert found.steps.tolist() == policy.evaluate().steps.tolist()
+    values = [layer.value for layer in policy.maps()]
+    assert [v[t] for v, t in zip(values, BOARD.targets, strict=True)] == [0.0, 0.0]
+    with pytest.raises(PolicyError, match="was trained on scenario board"):
+        load_policy(tmp_path / "policy.npz", find_scenario("2"))
+    np.savez(
+        tmp_path / "other.npz", **dict(np.load(tmp_path / "policy.npz")) | {"delay": values[0]}
+    )
+    with pytest.raises(PolicyError, match="do not fit"):
+        load_policy(tmp_path / "other.npz")
+
+
+def test_robots_that_are_too_near_move_apart(policy):
+    near = (4, 4, 0), (6, 8, 0)
+    after = policy.act(seen(near))
+    moved = np.array([cell[:2] for cell in near]) + DIRECTIONS[after]
+    assert ((moved[0] - moved[1]) ** 2).sum() > 20
+
+
+def test_a_pair_knows_moves_of_robots_that_drive_through_cells(policy):
+    driven = moves_of("fastest", BOARD)
+    assert driven is not None
+    assert driven.through
+    assert method_of(policy.config) == "fastest"
+
+
+def test_a_state_off_the_board_is_refused(policy):
+    with pytest.raises(ValueError, match="off the board"):
+        policy.q_values(seen(((9, 1, 2), (0, 7, 2))))
+
+
+def test_every_joint_state_has_values_that_its_process_allows(policy):
+    process = build_process(BOARD, PROCESS)
+    assert policy.delay.shape == (SIDE**2, 4, SIDE**2, 4)
+    reached = policy.delay != pair.UNREACHABLE
+    free, end = pair.joint_states(process)
+    assert reached[:, 0, :, 0][end].all()
+    assert not reached[:, 0, :, 0][~free & ~end].any()
