@@ -18,6 +18,7 @@ from agent.process.readings import build_process
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
+from cosim.base.outcome import Outcome
 from cosim.navigation.features import DIRECTIONS, Observation
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
@@ -127,7 +128,7 @@ def test_it_is_read_back_and_drives_from_all_starts(policy, tmp_path):
     again = load_policy(tmp_path / "policy.npz", BOARD)
     assert again.digest() == policy.digest()
     found = again.evaluate()
-    assert found.rate("success") == 1.0
+    assert found.rate(Outcome.SUCCESS) == 1.0
     assert found.steps.tolist() == policy.evaluate().steps.tolist()
     values = [layer.value for layer in policy.maps()]
     assert [v[t] for v, t in zip(values, BOARD.targets, strict=True)] == [0.0, 0.0]
