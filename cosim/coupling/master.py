@@ -135,7 +135,10 @@ class CompiledDriver:
 
     Attributes:
         lanes: bodies in a vector; divides the columns of the state.
+        calls: the motors' functions, where they are called in another way than by `motors.calls`.
     """
+
+    calls: Calls | None = None
 
     def __init__(self, motors: Motors, lanes: int = 1) -> None:
         self.motors = motors
@@ -145,18 +148,7 @@ class CompiledDriver:
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
     ) -> None:
         """See `Driver.advance`."""
-        self._run(plant, state, noise, samples, raw, self.motors.calls)
-
-    def _run(
-        self,
-        plant: Plant,
-        state: State,
-        noise: np.ndarray,
-        samples: Samples,
-        raw: RawSamples,
-        calls: Calls,
-    ) -> None:
-        width = width_of(self.lanes)
+        calls, width = self.calls or self.motors.calls, width_of(self.lanes)
         status, instance = run_periods(plant, state, noise, samples, raw, calls, width)
         if status == NOT_FINITE:
             raise NotFiniteError(state, instance)

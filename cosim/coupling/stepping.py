@@ -37,12 +37,12 @@ class FmpyDriver(CompiledDriver):
         steps = plant.ticks_per_period // plant.ticks_per_step
         failures: list[BaseException] = []
         callback = _CALLBACK(self._stepper(plant, failures))
-        calls = self.motors.calls._replace(
+        self.calls = self.motors.calls._replace(
             step_period=ctypes.cast(callback, ctypes.c_void_p).value,
             sampled=aligned(len(OUTPUTS) * steps * MOTORS, state.inputs.shape[1]),
         )
         try:
-            self._run(plant, state, noise, samples, raw, calls)
+            super().advance(plant, state, noise, samples, raw)
         except Exception as error:
             if failures and not isinstance(failures[0], FMICallException):
                 raise failures[0] from None
