@@ -1,5 +1,6 @@
 """Result files of trained runs, and an experiment's result as tables."""
 
+from collections import defaultdict
 from collections.abc import Mapping
 
 import msgspec
@@ -58,6 +59,7 @@ class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
         out: folder of the runs.
         variants: by name.
         differences: of each variant from the reference of its scenario, by measure; none without.
+        effects: of a factorial's differences, see `effects`.
     """
 
     schema_version: int = 1
@@ -68,6 +70,7 @@ class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
     out: str
     variants: dict[str, VariantResult]
     differences: dict[str, dict[str, Statistics]]
+    effects: dict[str, dict[str, Statistics]] = {}
 
 
 def differences(
@@ -92,6 +95,29 @@ def differences(
     }
 
 
+def effects(
+    variants: Mapping[str, VariantResult], found: Mapping[str, Mapping[str, Statistics]]
+) -> dict[str, dict[str, Statistics]]:
+    """Statistics of differences over all combinations of a factorial that share a level.
+
+    Args:
+        variants: by name, with the words of their levels as labels, see `variants`.
+        found: their differences; each combination counts once, with the mean over its runs.
+
+    Returns:
+        By level and value of c, as "all c2" and "zone c2", and measure.
+    """
+    groups = defaultdict[str, list[Mapping[str, Statistics]]](list)
+    for name, difference in found.items():
+        *levels, c = variants[name].label.split()
+        for level in ("all", *levels):
+            groups[f"{level} {c}"].append(difference)
+    return {
+        group: {measure: summarise([d[measure].mean for d in members]) for measure in _COMPARED}
+        for group, members in groups.items()
+    }
+
+
 def show(result: ExperimentResult) -> None:
     """Print the statistics of every variant on stdout: mean and 95 % interval over runs."""
     header = ("variant", "success", "path length in cm", "moves", "path over optimum")
@@ -110,6 +136,10 @@ def show(result: ExperimentResult) -> None:
             for name, statistics in result.differences.items()
         ]
         show_table(None, header, rows)
+    if result.effects:
+        header = ("mean difference, over combinations", *header[1:4])
+        effects = result.effects.items()
+        show_table(None, header, [(name, *_intervals(of, _COMPARED)) for name, of in effects])
     print(f"{result.seconds:.0f} s; results in {result.out}/: {RESULTS_FILE}, runs by variant")
 
 

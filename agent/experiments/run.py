@@ -15,6 +15,7 @@ from agent.experiments.results import (
     TrainingSummary,
     VariantResult,
     differences,
+    effects,
 )
 from agent.experiments.variants import EXPERIMENTS, REFERENCES, Name
 from agent.training.recording import write_runs
@@ -126,6 +127,7 @@ def run_experiment(
         )
         report = report_of((f"{key}/{run_name(r.run)}", r.policy) for r in results)
         variants[key] = _variant_result(variant.label, variant.scenario, report)
+    compared = differences(variants, REFERENCES.get(name, {}))
     result = ExperimentResult(
         experiment=name,
         seed=seed,
@@ -133,7 +135,8 @@ def run_experiment(
         seconds=time.perf_counter() - began,
         out=str(out),
         variants=variants,
-        differences=differences(variants, REFERENCES.get(name, {})),
+        differences=compared,
+        effects=effects(variants, compared) if name == "factorial" else {},
     )
     write_json(out / RESULTS_FILE, result)
     return result

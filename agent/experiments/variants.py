@@ -46,7 +46,10 @@ _COEFFICIENTS = (1.0, 1.5, 2.0, 5.0)  # c of Fig. 10, and 1, which penalises not
 
 
 def _factorial() -> dict[str, Variant]:
-    """Return every combination of the interpretations that may decide Fig. 10, with each c."""
+    """Return every combination of the interpretations that may decide Fig. 10, with each c.
+
+    A label has a word for the level of every factor, and c as its last.
+    """
     found = {}
     for scenario, zone, target, eta, schedule, c in itertools.product(
         _PAIRS,
@@ -56,10 +59,10 @@ def _factorial() -> dict[str, Variant]:
         ("geometric", "linear"),
         _COEFFICIENTS,
     ):
-        parts = f"{scenario}{zone}", target, f"eta{eta:g}", schedule, f"c{c:g}"
-        found["-".join(parts)] = Variant(
-            " ".join(parts),
-            f"{scenario}{zone}",
+        name, *levels = f"{scenario}{zone}", target, f"eta{eta:g}", schedule, f"c{c:g}"
+        found["-".join((name, *levels))] = Variant(
+            " ".join((f"scenario{scenario}", zone[1:] or "open", *levels)),
+            name,
             ProcessConfig(approach_coefficient=c, target_obstacle=target),
             LearningConfig(eta=eta, schedule=schedule),
         )

@@ -126,6 +126,20 @@ def test_experiments():
     assert "path over optimum" in text
 
 
+def test_effects_of_a_factorial_are_means_over_the_combinations_that_share_a_level():
+    variants, found = {}, {}
+    for name, levels, success in (("a", "open cell", -0.2), ("b", "zone cell", 0.4)):
+        variants[name] = experiments.VariantResult(f"{levels} c2", "4", (), {})
+        of = Statistics(success, success, None, None, runs=2)
+        found[name] = {"success": of, "path_length_cm": of, "steps": of}
+    effects = experiments.effects(variants, found)
+    assert set(effects) == {"all c2", "open c2", "zone c2", "cell c2"}
+    assert effects["all c2"] == effects["cell c2"]
+    assert effects["all c2"]["success"].mean == pytest.approx(0.1)
+    assert effects["all c2"]["success"].runs == 2
+    assert effects["zone c2"]["success"].mean == pytest.approx(0.4)
+
+
 def test_transfer_has_all_that_its_file_has():
     entry = transfer_table.TransferRow(
         scenario="4",
