@@ -146,6 +146,31 @@ class Identification(Benchmark):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Positioning(Benchmark):
+    """Repeat single turns and short pulses of the motors: how far apart robots come to rest.
+
+    With the steering's feedback, with speed control alone and without, from the same motor angles
+    and from any, below and within the speeds at which robots move without hopping.
+    """
+
+    robots: int = 100
+    """Repetitions, each with a noise of its own."""
+    omega: Annotated[tuple[float, ...], tyro.conf.arg(metavar="RAD_S")] = (
+        500.0,
+        700.0,
+        900.0,
+        1050.0,
+    )
+    """Motor speeds in rad/s, below lift-off."""
+    pulses: Annotated[tuple[float, ...], tyro.conf.arg(metavar="S")] = (0.02, 0.05, 0.2)
+    """Lengths of the pulses in s."""
+    angles: Annotated[tuple[float, ...], tyro.conf.arg(metavar="DEG")] = (45.0, 85.0)
+    """Angles of the turns in degrees, below 90, beyond which robots drive backwards instead."""
+    seed: int = 0
+    """Seed of the noise and of the motor angles at the start."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Reaction(Benchmark):
     """Measure the size of the body's reaction on the motors."""
 

@@ -1,0 +1,195 @@
+"""How well turns and short pulses repeat: the spread of where robots come to rest.
+
+Robots do the same, each with noise of its own, on an endless floor. Their turn ends when the
+steering faces the commanded direction, or after the mean time of these turns ("by the clock");
+pulses end by the clock. Without speed control, motors get the voltage of their speed.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from cosim.base.command import show_table
+from cosim.base.config import CoSimConfig
+from cosim.calibration.trial import Trial, heading_angles
+from cosim.control.steering import (
+    DIRECT,
+    DIRECTION,
+    GOAL_X,
+    GOAL_Y,
+    HOLD,
+    MODE,
+    OMEGA_D,
+    OMEGA_E,
+    START,
+    TURN,
+)
+from cosim.coupling.fmu import MotorFmu
+from fmus.build import cached_fmu
+
+LIMIT_S = 40.0  # of a turn; slower robots do not turn
+REST_S = {True: 0.2, False: 1.0}  # with speed control, and without, where motors run down
+WARM_UP_S, WARM_UP_RAD_S = 0.15, (300.0, 1000.0)
+FORWARDS, LEFT = (-1.0, 1.0), (1.0, 1.0)
+
+
+class Spread(NamedTuple):
+    """Displacements and turns of robots that did the same, in the frame of their first heading.
+
+    Attributes:
+        ahead_um, left_um, turned_deg: means.
+        ahead_sd_um, left_sd_um, turned_sd_deg: standard deviations, each with the ends of its 95 %
+            interval, which assumes a normal distribution.
+        largest_um: largest distance of a robot from the mean place.
+    """
+
+    ahead_um: float
+    left_um: float
+    turned_deg: float
+    ahead_sd_um: tuple[float, float, float]
+    left_sd_um: tuple[float, float, float]
+    turned_sd_deg: tuple[float, float, float]
+    largest_um: float
+
+
+class Robots:
+    """Robots of a trial at rest, their motors all at the same angle or at any.
+
+    Args:
+        trial: the robots, just put down.
+        config: of the trial.
+        seed: of the motor angles.
+        any_start: whether motors first run for a time at speeds that are drawn, and rest.
+    """
+
+    def __init__(self, trial: Trial, config: CoSimConfig, seed: int, any_start: bool) -> None:
+        self._trial, self._period_s = trial, config.timing.control_period_s
+        self._rest_s = REST_S["motors" not in config.open_loop]
+        if any_start:
+            rng = np.random.default_rng(seed)
+            self.pulse(rng.uniform(*WARM_UP_RAD_S, (len(trial.commands), 2)), WARM_UP_S)
+        self._first = self._pose()
+
+    def pulse(self, omega_rad_s: np.ndarray | Sequence[float], time_s: float) -> None:
+        """Run the motors at set points for a time, and wait until all is at rest."""
+        self._trial.commands[:, MODE] = DIRECT
+        self._trial.commands[:, [OMEGA_D, OMEGA_E]] = omega_rad_s
+        self._trial.advance(round(time_s / self._period_s))
+        self._rest()
+
+    def turn(self, angle_rad: float) -> float:
+        """Let the steering turn, and hold at its end.
+
+        Returns:
+            Mean time in s, infinite if a robot does not turn.
+        """
+        commands = self._trial.commands
+        place, direction = self._first[:2], self._first[2] + angle_rad
+        commands[:, [GOAL_X, GOAL_Y]] = (place + np.array([np.cos(direction), np.sin(direction)])).T
+        commands[:, DIRECTION], commands[:, MODE] = direction, START
+        times = np.zeros(len(commands))
+        for period in range(1, round(LIMIT_S / self._period_s) + 1):
+            self._trial.advance(1)
+            turning = commands[:, MODE] == TURN
+            commands[~turning, MODE] = HOLD
+            times[turning] = period
+            if not turning.any():
+                self._rest()
+                return float(times.mean()) * self._period_s
+        return math.inf
+
+    def spread(self) -> Spread:
+        """Return how far the robots are from where they began."""
+        dx, dy, turned = self._pose() - self._first
+        c, s = np.cos(self._first[2]), np.sin(self._first[2])
+        place = 1e6 * np.array([c * dx + s * dy, c * dy - s * dx])
+        off = place - place.mean(axis=1, keepdims=True)
+        turned_deg = np.rad2deg(np.arctan2(np.sin(turned), np.cos(turned)))
+        ahead_um, left_um = place.mean(axis=1).tolist()
+        return Spread(
+            ahead_um,
+            left_um,
+            float(turned_deg.mean()),
+            _deviation(place[0]),
+            _deviation(place[1]),
+            _deviation(turned_deg),
+            float(np.hypot(*off).max()),
+        )
+
+    def _rest(self) -> None:
+        self._trial.commands[:, MODE] = HOLD
+        self._trial.advance(round(self._rest_s / self._period_s))
+
+    def _pose(self) -> np.ndarray:
+        bodies = self._trial.bodies
+        return np.array([*bodies[:2], heading_angles(bodies[3:7].T[None])[0]])
+
+
+def _deviation(values: np.ndarray) -> tuple[float, float, float]:
+    """Return the standard deviation and its 95 % interval."""
+    deviation, free = float(values.std(ddof=1)), len(values) - 1
+    low, high = (math.sqrt(free / chi2.ppf(q, free)) for q in (0.975, 0.025))
+    return deviation, low * deviation, high * deviation
+
+
+def measure(
+    robots: int, omega: Sequence[float], pulses: Sequence[float], angles: Sequence[float], seed: int
+) -> list[dict[str, Any]]:
+    """Repeat turns by angles in degrees and pulses in s at motor speeds in rad/s."""
+    fmu, rows = MotorFmu(cached_fmu("VibrationMotor")), list[dict[str, Any]]()
+
+    def run(what: str, amount: float, speed: float, closed: str, start: str, time_s: float):
+        config = CoSimConfig(open_loop=("motors",) if closed == "none" else ())
+        config = replace(config, steering=config.steering._replace(turn_speed_rad_s=speed))
+        with Trial(fmu, config, np.zeros(robots), np.random.SeedSequence(seed)) as trial:
+            group = Robots(trial, config, seed, start == "any")
+            if closed == "heading":
+                time_s = group.turn(math.radians(amount))
+            else:
+                group.pulse(speed * np.array(LEFT if what == "turn" else FORWARDS), time_s)
+            found = group.spread() if math.isfinite(time_s) else None
+        rows.append(
+            {"what": what, "amount": amount, "omega_rad_s": speed, "closed": closed, "start": start}
+            | ({"time_s": time_s} | found._asdict() if found else {})
+        )
+        return time_s
+
+    for speed, start in itertools.product(omega, ("same", "any")):
+        for angle in angles:
+            time_s = run("turn", angle, speed, "heading", start, 0.0)
+            for closed in ("speed", "none") if math.isfinite(time_s) else ():
+                run("turn", angle, speed, closed, start, time_s)
+        for pulse_s, closed in itertools.product(pulses, ("speed", "none")):
+            run("pulse", pulse_s, speed, closed, start, pulse_s)
+    return rows
+
+
+def show(found: list[dict[str, Any]]) -> None:
+    """Print the table."""
+    measures = ("ahead", "um", "µm", 1), ("left", "um", "µm", 1), ("turned", "deg", "°", 2)
+    table = []
+    for row in found:
+        what = f"{row['what']} {row['amount']:g} " + ("°" if row["what"] == "turn" else "s")
+        cells = [what, f"{row['omega_rad_s']:.0f}", row["closed"], row["start"]]
+        if "time_s" not in row:
+            table.append((*cells, f"> {LIMIT_S:g}", *"––––"))
+            continue
+        for name, unit, _, digits in measures:
+            sd, low, high = (f"{value:.{digits}f}" for value in row[f"{name}_sd_{unit}"])
+            cells.append(f"{row[f'{name}_{unit}']:.{digits}f} ± {sd} [{low}, {high}]")
+        cells.insert(4, f"{row['time_s']:.2f}")
+        table.append((*cells, f"{row['largest_um']:.1f}"))
+    names = (f"{name} {unit}" for name, _, unit, _ in measures)
+    header = ("what", "rad/s", "closed", "start", "s", *names, "largest µm")
+    show_table(None, header, table, names=4, title="mean ± deviation [95 %]")
+
+
+if __name__ == "__main__":
+    from benchmarks.__main__ import run_alone
+
+    run_alone(__file__)
