@@ -1,7 +1,8 @@
-"""What all tests share: cache, motor FMU, hypothesis' profiles, commands in their own process."""
+"""What all tests share: cache, motor FMU, hypothesis' profiles, commands, an untrained policy."""
 
 import contextlib
 import io
+import math
 import os
 import shutil
 import signal
@@ -12,12 +13,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
 from cosim.base.errors import run_command
 from cosim.base.storage import cache_dir
+from cosim.navigation.features import DIRECTION_COUNT, Observation
 from fmus.build import cached_fmu
 from minirobots.runner import execute
 
@@ -143,3 +146,21 @@ def shown_paths():
         return found
 
     return paths
+
+
+class StraightPolicy:
+    """Heads for the target by the shortest path, blind for the other robot."""
+
+    def __init__(self, targets: tuple[tuple[int, int], ...]) -> None:
+        self._targets = np.array(targets)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        offset = np.sign(self._targets - observation.cells)
+        sector = 2.0 * math.pi / DIRECTION_COUNT
+        turns = np.round(np.arctan2(offset[:, 1], offset[:, 0]) / sector)
+        return turns.astype(int) % DIRECTION_COUNT
+
+
+@pytest.fixture(scope="session")
+def straight_policy() -> type[StraightPolicy]:
+    return StraightPolicy

@@ -1,14 +1,16 @@
 """Bits that a restructuring must not change: policies, moves, episodes and recordings, as hashes.
 
-The expected hashes stand in `digests.json` beside this file. They hold on x86-64 processors with
-FMA (any of the last ten years): nothing here passes through a linear-algebra library, whose kernels
-differ. Where bits are meant to change, say so in CHANGELOG and write the file anew with
-`DIGESTS=write uv run --group test pytest tests/test_digests.py`.
+The expected hashes stand in `digests.json` next to this file, by what they are of. They hold on
+x86-64 processors with FMA (any of the last ten years): nothing here passes through a linear-algebra
+library, whose kernels differ. Where bits are meant to change, say so in CHANGELOG and write the
+file again with `DIGESTS=write uv run --group test pytest -n 0 tests/test_digests.py`.
 """
 
 import hashlib
 import json
 import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +18,32 @@ import msgspec
 import numpy as np
 import pytest
 
+from agent.certification.claims import parse_claim
+from agent.certification.collisions import estimate_collisions
+from agent.certification.measurement import certify
+from agent.evaluation.cases import Case, Job, run_jobs
+from agent.evaluation.outcomes import summary
+from agent.evaluation.result_file import ResultFile
+from agent.moves.model import ObservedMoves
 from agent.moves.observe import observe_moves
 from agent.process.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
+from cosim.base.world import Patch, Sensor, World
+from cosim.calibration.cache import find_calibration
+from cosim.calibration.shielding import shielded
 from cosim.episodes import Task, simulate_tasks
+from cosim.navigation.batch import DRIVERS
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.observing import draw_starts
+from cosim.navigation.result import EpisodeResult
+from cosim.navigation.step import Step, SupportsAct
 from cosim.reading.episode import read_episode
 from cosim.recording.episode import EpisodeRecorder
 from cosim.scenarios.file import find_scenario
+from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
 EXPECTED = Path(__file__).with_name("digests.json")
@@ -36,6 +52,50 @@ LEARNERS = {
     "2": ("2", LearningConfig(episodes=4000)),
     "4": ("4", LearningConfig(episodes=4000)),
     "4 double Q": ("4", LearningConfig(episodes=4000, algorithm="double_q")),
+}
+CONFIG = CoSimConfig()
+# Two robots that meet within 3 s, and two that come to a wall.
+MEETING = Scenario("meeting", "", ((15, 5), (15, 24)), (((15, 18),), ((15, 12),)))
+WALL = replace(MEETING, starts=(((15, 18),), ((15, 10),)), obstacles=((14, 14), (15, 14)))
+CROSSING = find_scenario("4-cross")
+# Targets one cell away: an episode takes some seconds.
+NEAR = Scenario(
+    "near",
+    "",
+    ((3, 6), (9, 6)),
+    (((3, 7), (3, 8)), ((9, 5), (9, 4))),
+    columns=13,
+    rows=13,
+    zone=(0, 0, 0, 0),
+)
+CAMERA = Sensor(30.0, 50.0, 0.5, 1.0, 0.1)
+PATCHES = Patch((10, 8, 20, 13), 0.1), Patch((12, 16, 16, 20), 0.22)
+WORLDS = {
+    "ideal": World(),
+    "patches": World(mu_patches=PATCHES),
+    "unequal motors": World(motor_spread=0.1),
+    "camera": World(sensor=CAMERA),
+    "load": World(payload_g=5.0, payload_offset_mm=(4.0, -3.0), restitution=0.2),
+    "all": World(
+        mu_patches=PATCHES,
+        motor_spread=0.1,
+        restitution=0.1,
+        floor_tilt_deg=1.0,
+        payload_g=5.0,
+        motor_phases_deg=(10.0, 200.0, 30.0, -40.0),
+        sensor=CAMERA,
+        edge=True,
+    ),
+}
+THROUGH = {"through": True, "timing": CONFIG.timing._replace(rl_step_s=0.1)}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "pushing on": {"on_collision": "continue"},
+    "shield": {"shield": True},
+    "through": THROUGH,
+    "through with shield": THROUGH | {"shield": True},
+    "open loops": {"open_loop": ("motors", "heading")},
+    "reaction, jacobi": {"reaction": True, "order": "jacobi"},
 }
 
 
@@ -56,42 +116,140 @@ def _of_policy(policy: Policy) -> str:
     return _digest(policy.q, policy.visits, policy.random, policy.episodes)
 
 
-@pytest.fixture(scope="module")
-def digests(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Hash of each result, made here and now."""
-    found: dict[str, str] = {}
+def _of_result(result: EpisodeResult) -> str:
+    return _digest(msgspec.structs.asdict(result) | {"realtime_factor": None})
+
+
+def _limited(config: CoSimConfig, limit_s: float) -> CoSimConfig:
+    return replace(config, timing=config.timing._replace(episode_limit_s=limit_s))
+
+
+def _of_learning() -> Iterator[tuple[str, str]]:
     for name, (scenario, learning) in LEARNERS.items():
         config = PolicyConfig(find_scenario(scenario), ProcessConfig(), learning, Seed(0))
-        found[f"policy {name}"] = _of_policy(train_policy(config)[0])
-    config, fmu = CoSimConfig(), cached_fmu()
-    moves = observe_moves(config, fmu, moves_per_kind=2, seed=0)
-    found["moves"] = _digest([[getattr(m, f) for f in m.__struct_fields__] for m in moves.moves])
-    scenario = find_scenario("4")
-    features = ProcessConfig(features=("x", "y", "d", "g", "b"), step_limit=200)
-    learner = PolicyConfig(scenario, features, LearningConfig(episodes=4000), Seed(0), moves)
-    policy = train_policy(learner)[0]
-    found["policy 4 moves"] = _of_policy(policy)
+        policy = train_policy(config)[0]
+        yield f"policy {name}", _of_policy(policy)
+        yield f"grid {name}", _digest(*policy.evaluate())
 
-    path = tmp_path_factory.mktemp("digests") / "episode.rrd"
-    config = CoSimConfig(timing=config.timing._replace(episode_limit_s=6.0, burst_s=0.01))
+
+def _on_moves(moves: ObservedMoves, scenario: str) -> Policy:
+    features = ProcessConfig(features=("x", "y", "d", "g", "b"), step_limit=200)
+    learning = LearningConfig(episodes=4000)
+    config = PolicyConfig(find_scenario(scenario), features, learning, Seed(0), moves)
+    return train_policy(config)[0]
+
+
+def _of_moves(folder: Path) -> Iterator[tuple[str, str]]:
+    stopping, through = (
+        observe_moves(replace(CONFIG, **options), cached_fmu(), moves_per_kind=2)
+        for options in ({}, THROUGH)
+    )
+    for name, moves in {"": stopping, " through": through}.items():
+        rows = [[getattr(m, f) for f in m.__struct_fields__] for m in moves.moves]
+        yield f"moves{name}", _digest(rows)
+        yield f"policy 4 moves{name}", _of_policy(_on_moves(moves, "4"))
+    yield "policy 4-cross moves", _of_policy(_on_moves(through, "4-cross"))
+    yield from _of_recording(folder, _on_moves(through, "4"))
+
+
+def _of_recording(folder: Path, policy: Policy) -> Iterator[tuple[str, str]]:
+    path, scenario = folder / "episode.rrd", policy.config.scenario
+    config = replace(CONFIG, timing=CONFIG.timing._replace(episode_limit_s=4.0, burst_s=0.01))
     start_seed, noise_seed = np.random.SeedSequence(0).spawn(2)
     starts = draw_starts(scenario, np.random.default_rng(start_seed))
 
     def recorder(_: RunningEpisode) -> EpisodeRecorder:
         return EpisodeRecorder(path, scenario, config, "digest", {"episode": 0})
 
-    task = Task(scenario, fmu, config, policy, starts, noise_seed, recorder)
+    task = Task(scenario, cached_fmu(), config, policy, starts, noise_seed, recorder)
     ((_, result),) = simulate_tasks([task], 1)
-    fields = msgspec.structs.asdict(result)
-    # the ideal world draws nothing and has no shield
-    del fields["realtime_factor"], fields["drawn"], fields["shield_stops"]
-    found["episode"] = _digest(fields)
+    yield "episode", _of_result(result)
     for name, signal in sorted(read_episode(path).signals.items()):
-        found[f"signal {name}"] = _digest(signal.time_s, signal.values)
+        yield f"signal {name}", _digest(signal.time_s, signal.values)
+
+
+def _traced(tasks: Mapping[str, Task]) -> Iterator[tuple[str, str]]:
+    """Simulate episodes together: what becomes of each, and all that is sampled on the way."""
+    traces: dict[str, list[Any]] = {name: [] for name in tasks}
+
+    def watched(name: str) -> Task:
+        def watch(step: Step, _episode: RunningEpisode, _wall_s: float) -> None:
+            traces[name] += [step.action, step.decided, step.completed, step.events]
+            traces[name] += [np.asarray(signal) for signal in step.samples]
+
+        return replace(tasks[name], watch=watch)
+
+    results = dict(simulate_tasks([watched(name) for name in tasks], 1))
+    for number, name in enumerate(tasks):
+        yield name, _digest(_of_result(results[number]), *traces[name])
+
+
+def _of_worlds(straight: Callable[..., SupportsAct]) -> Iterator[tuple[str, str]]:
+    seed, fmu = np.random.SeedSequence(0), cached_fmu()
+
+    def task(scenario: Scenario, limit_s: float, world: World, **options: Any) -> Task:
+        config = _limited(replace(CONFIG, world=world, **options), limit_s)
+        starts = tuple(cells[len(cells) // 2] for cells in scenario.starts)
+        return Task(scenario, fmu, config, straight(scenario.targets), starts, seed)
+
+    for name, options in OPTIONS.items():
+        tasks = {f"{name}: {w}": task(MEETING, 3.0, WORLDS[w], **options) for w in WORLDS}
+        tasks[f"{name}: wall"] = task(WALL, 3.0, WORLDS["patches"], **options)
+        yield from _traced(tasks)
+        alone = f"{name}: all"
+        yield from ((f"{alone}, alone", d) for _, d in _traced({alone: tasks[alone]}))
+    for name in ("plain", "shield"):
+        tasks = {name: task(CROSSING, 3.0, WORLDS["camera"], **OPTIONS[name])}
+        yield from ((f"four robots, {name}", d) for _, d in _traced(tasks))
+    short = CONFIG.timing._replace(rl_step_s=0.01)
+    for driver in DRIVERS:
+        one = replace(task(MEETING, 0.01, WORLDS["unequal motors"], timing=short), driver=driver)
+        yield from _traced({f"driver {driver}": one})
+
+
+def _of_calibration() -> Iterator[tuple[str, str]]:
+    config, fmu = replace(CONFIG, shield=True), cached_fmu()
+    found = find_calibration(config, fmu)
+    yield "calibration", _digest(*(getattr(found, f.name) for f in fields(found)))
+    yield "shield", _digest(shielded(config, fmu).shielding)
+
+
+def _of_studies(folder: Path) -> Iterator[tuple[str, str]]:
+    learner = PolicyConfig(NEAR, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
+    config = _limited(replace(CONFIG, world=WORLDS["unequal motors"]), 6.0)
+    case = Case(train_policy(learner)[0], config, cached_fmu(), 0)
+    yield "sample", _digest(case.sample(4), case.cover(50))
+    rows = {job.index: result for job, result in run_jobs([Job(case, k) for k in range(4)], 1)}
+    for index, result in sorted(rows.items()):
+        yield f"row {index}", _of_result(result)
+    report = msgspec.to_builtins(summary(case, rows))
+    # without intervals, which special functions of a library give
+    kept = {k: v for k, v in report.items() if not k.endswith(("_low", "_high"))}
+    yield "summary", _digest(kept)
+    claim = parse_claim("collision < 0.5")
+    evidence = certify(case, claim, 0.9, folder / "certificate", episodes=3, jobs=1).evidence
+    yield "certificate", _digest(evidence.episodes, evidence.against, evidence.outcomes)
+    rows = ResultFile(folder / "certificate", case).results
+    yield "certificate rows", _digest([[k, _of_result(rows[k])] for k in sorted(rows)])
+    split = estimate_collisions(
+        case, folder / "splitting", roots=2, branches=3, gaps_mm=(12.0, 8.0), jobs=1
+    )
+    levels = [[level.gap_mm, level.probability] for level in split.levels]
+    yield "splitting", _digest(split.simulated, split.collision, levels)
+
+
+@pytest.mark.parametrize("kind", ["learning", "moves", "worlds", "calibration", "studies"])
+def test_bits_are_those_committed(kind, tmp_path, straight_policy, monkeypatch):
+    monkeypatch.setattr("agent.moves.observe.WALKS", 2)
+    made = {
+        "learning": _of_learning,
+        "moves": lambda: _of_moves(tmp_path),
+        "worlds": lambda: _of_worlds(straight_policy),
+        "calibration": _of_calibration,
+        "studies": lambda: _of_studies(tmp_path),
+    }[kind]
+    found, expected = dict(made()), json.loads(EXPECTED.read_text("utf-8"))
     if os.environ.get("DIGESTS") == "write":
-        EXPECTED.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    return found
-
-
-def test_bits_are_those_committed(digests):
-    assert digests == json.loads(EXPECTED.read_text("utf-8"))
+        expected[kind] = found
+        EXPECTED.write_text(json.dumps(expected, indent=2) + "\n", encoding="utf-8")
+    assert found == expected[kind]
