@@ -22,12 +22,11 @@ from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import DRIVERS
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.observing import draw_starts
-from cosim.navigation.options import Driving
+from cosim.navigation.options import Driving, resolve
 from cosim.navigation.step import Step, SupportsAct
 from cosim.reading.episode import Episode, read_episode
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level, with_bursts
-from cosim.scenarios.file import find_in_world
 from cosim.scenarios.scenario import Cell, Scenario
 
 
@@ -85,11 +84,8 @@ def simulate(
         if name not in known:
             raise ConfigError(f"simulate has no option {name}; choose from {', '.join(known)}")
     driving = Driving(**{"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options})
-    scenario, declared = find_in_world(scenario, world)
     require = getattr(policy, "require_scenario", None)
-    if require is not None:
-        require(scenario)
-    config, fmu = driving.prepare(scenario.robot_diameter_m, report, declared)
+    scenario, config, fmu = resolve(driving, scenario, report, world=world, require=require)
     config = with_bursts(config, record)
     starts, noise_seed = draw_episode(scenario, seed, 0)
 

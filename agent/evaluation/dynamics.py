@@ -224,7 +224,7 @@ def report_of(evaluated: list[Evaluated], seed: int) -> EvaluationReport:
     return EvaluationReport(
         seed=seed,
         mu=config.robot.mu,
-        shield=config.shield,
+        shield=config.shield is not None,
         world=config.world,
         policies=tuple(rows),
     )

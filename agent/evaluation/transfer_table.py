@@ -121,7 +121,7 @@ def _entry(row: Row) -> TransferRow:
         scenario=row.scenario,
         method=row.method,
         mu=row.mu,
-        shield=file.case.config.shield,
+        shield=file.case.config.shield is not None,
         planned=len(row.indices),
         **msgspec.structs.asdict(summary(file.case, results)),
         wall_s=sum(r.wall_s for r in file.results.values()),

@@ -125,7 +125,7 @@ def render_constants(policy: Policy, config: CoSimConfig) -> str:
 
 def _require_plain(config: CoSimConfig) -> None:
     lacking = {
-        "--shield": config.shield,
+        "--shield": config.shield is not None,
         "--open-loop": bool(config.open_loop),
         "a camera in --world": config.world.camera.rate_hz > 0.0,
     }

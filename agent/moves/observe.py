@@ -159,7 +159,7 @@ def observe_moves(
     target = math.ceil(moves_per_kind / walks)
     done = [0] * walks
     endless = config.timing._replace(episode_limit_s=1e9)
-    driving = replace(config, timing=endless, shield=False)
+    driving = replace(config, timing=endless, shield=None)
 
     def walk(numbers: range) -> list[list[Move]]:
         walkers: list[_Walker] = []

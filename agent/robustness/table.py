@@ -88,7 +88,7 @@ def _entry(row: MeasuredRow) -> RobustnessRow:
         value=row.point.value,
         world=row.point.world,
         method=row.method,
-        shield=case.config.shield,
+        shield=case.config.shield is not None,
         drive_speed_m_s=case.config.steering.drive_speed_m_s,
         planned=len(row.indices),
         **msgspec.structs.asdict(summary(case, results)),

@@ -28,14 +28,12 @@ from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars, under_way
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
-from cosim.base.world import IDEAL
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.features import DIRECTION_COUNT
-from cosim.navigation.options import Driving
+from cosim.navigation.options import Driving, resolve
 from cosim.navigation.result import EpisodeResult
 from cosim.navigation.step import Step, SupportsAct
-from cosim.scenarios.file import in_world, read_world
 from cosim.scenarios.scenario import Cell, Scenario, touches_obstacle
 
 SIDE, CELL_M = 16, 0.01
@@ -122,7 +120,7 @@ def lessons(
     def watch(step: Step, *_: object) -> None:
         learner.learn(step)
 
-    unshielded = replace(config, shield=False, timing=timing)
+    unshielded = replace(config, shield=None, timing=timing)
     _episodes(scenario, unshielded, fmu, random, root.spawn(episodes), watch)
     return learner.q
 
@@ -189,10 +187,8 @@ def attack(
     out: Path,
 ) -> list[Block]:
     """Blocks of some of the kinds, of so many episodes of all; those of the file are there."""
-    said = read_world(world) if world else IDEAL
     jobs = workers(jobs)
-    scenario = in_world(arena(robots), said)
-    config, fmu = Driving(shield=shield).prepare(scenario.robot_diameter_m, world=said)
+    scenario, config, fmu = resolve(Driving(shield=shield, world=world), arena(robots))
     file = _file(scenario, config, fmu, out)
     known = {block.number: block for block in file.rows}
 

@@ -16,7 +16,7 @@ from agent.evaluation.statistics import rate
 from cosim.base.command import show_table, workers
 from cosim.base.outcome import Outcome
 from cosim.base.progress import progress_bars
-from cosim.navigation.options import Driving
+from cosim.navigation.options import Driving, resolve
 from cosim.navigation.result import EpisodeResult
 
 
@@ -70,7 +70,7 @@ def measure(
         UserError: the scenario does not exist, or its robots cannot collide.
     """
     policy, threads = agent.train(scenario, method="paper"), workers(jobs)
-    config, fmu = Driving().prepare(policy.config.scenario.robot_diameter_m)
+    _, config, fmu = resolve(Driving(), policy.config.scenario)
     plain = Case(policy, config, fmu, seed)
     with progress_bars() as progress:
         splitting = estimate_collisions(

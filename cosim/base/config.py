@@ -37,7 +37,7 @@ MAX_VALUE = 1e9  # of a parameter in its unit
 
 UNKNOWN, GIVEN = "unknown", "given by motor_parameters"  # sources
 _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another one
-_RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shielding")
+_RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shield")
 _SIGNED = ("com_x_m", "com_y_m")
 
 
@@ -61,9 +61,9 @@ class CoSimConfig:
             see `in_world`.
         through: whether a robot drives on at the end of a move until it is asked, and turns only
             for another direction (the paper's stops).
-        shield: whether a monitor keeps robots apart, for any policy
-            (`cosim.control.shield`), and yield to each other (`cosim.navigation.yielding`).
-        shielding: what the shield keeps.
+        shield: what a monitor keeps that holds robots apart, for any policy
+            (`cosim.control.shield`), and lets them yield to each other
+            (`cosim.navigation.yielding`); None for no shield.
         open_loop: what goes without feedback: motors get the voltage that gives their set point in
             the mean instead of the loop of Eq. (14), and robots keep no course while they drive.
         preset: name of the machine, see `cosim.presets`.
@@ -90,8 +90,7 @@ class CoSimConfig:
     on_collision: OnCollision = "end"
     world: World = IDEAL
     through: bool = False
-    shield: bool = False
-    shielding: ShieldParams = SHIELD
+    shield: ShieldParams | None = None
     open_loop: tuple[Loop, ...] = ()
     preset: str = "paper"
     sources: tuple[tuple[str, str], ...] = ()
@@ -103,8 +102,11 @@ class CoSimConfig:
         require_one_of("on_collision", self.on_collision, get_args(OnCollision))
         for loop in self.open_loop:
             require_one_of("open_loop", loop, get_args(Loop))
+        taken("shield", self.shield, ShieldParams | None)
         for part in _RECORDS:
             record = getattr(self, part)
+            if record is None:
+                continue
             if any(type(value) is not float for value in record):
                 record = type(record)(*(taken(n, v, float) for n, v in record._asdict().items()))
                 object.__setattr__(self, part, record)
@@ -152,7 +154,8 @@ class CoSimConfig:
 
     @property
     def _records(self) -> tuple[Any, ...]:
-        return tuple(getattr(self, part) for part in _RECORDS)
+        present = vars(self) | {"shield": self.shield or SHIELD}
+        return tuple(present[part] for part in _RECORDS)
 
     def _check_geometry(self) -> None:
         robot = self.robot
@@ -274,7 +277,10 @@ class CoSimConfig:
             "motor_phases_deg": (list(self.world.motor_phases_deg), "initial phases of the motors"),
             "open_loop": (" ".join(self.open_loop), "what goes without feedback"),
             "preset": (self.preset, "machine that the parameters are of"),
-            "shield": (self.shield, "whether a monitor keeps robots apart, for any policy"),
+            "shield": (
+                self.shield is not None,
+                "whether a monitor keeps robots apart, for any policy",
+            ),
         }
         parts = (*self._records, self.world.filled())
         sources = {name: {"source": text} for name, text in self.sources}

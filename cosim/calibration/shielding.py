@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from cosim.base.config import CoSimConfig
-from cosim.base.params import TIMING
+from cosim.base.params import SHIELD, TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
@@ -60,7 +60,9 @@ def _kept(
     return cached(cache_dir("calibrations") / f"{key}.json", load, make, save)
 
 
-def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
+def with_stopping_distance(
+    config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
+) -> CoSimConfig:
     """Return a calibrated configuration with the shield for its machine and world.
 
     The stopping distance is measured once and kept in the cache; on a floor of patches on the most
@@ -71,7 +73,7 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
             stop too far from each other.
         FmuError: the FMU cannot be used, or failed.
     """
-    world, shielding = config.world, config.shielding
+    world, shield = config.world, config.shield or SHIELD
     least_mu = min([config.robot.mu, *(patch.mu for patch in world.mu_patches)])
     slippery = _reduced(replace(config, robot=config.robot._replace(mu=least_mu)), *_FLOOR)
     patchy = _reduced(config, *_FLOOR, "mu_patches")
@@ -82,14 +84,14 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
     stopping_m = math.ceil(1e6 * RESERVE * bound_m) / 1e6
     if creep_m_s * config.timing.episode_limit_s > stopping_m - bound_m:
         raise CalibrationError(SLIDES.format(f"on, by {3.6e6 * creep_m_s:.2g} mm in an hour"))
-    shielding = shielding._replace(stopping_m=stopping_m)
+    shield = shield._replace(stopping_m=stopping_m)
     if not world.camera.rate_hz:
-        return replace(config, shielding=shielding)
+        return replace(config, shield=shield)
     seen = _reduced(config, *_FLOOR, "mu_patches", "sensor")
     with under_way(progress, "measuring errors of estimates"):
         drift, deviations, deviation_m = _kept(best_filter, seen, motor_fmu)
-    shielding = shielding._replace(deviations=math.ceil(100.0 * deviations) / 100.0)
-    gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, shielding)
+    shield = shield._replace(deviations=math.ceil(100.0 * deviations) / 100.0)
+    gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, shield)
     if gap_m > MOST_GAP * config.robot.diameter_m:
         raise CalibrationError(
             f"positions are so unsure in this world that the shield stops robots {1e3 * gap_m:.0f} "
@@ -97,4 +99,4 @@ def shielded(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) 
             "world.sensor, world.floor_tilt_deg or world.mu_patches"
         )
     estimator = config.estimator._replace(position_drift_m2_s=drift)
-    return replace(config, shielding=shielding, estimator=estimator)
+    return replace(config, shield=shield, estimator=estimator)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from cosim.base.config import CoSimConfig
-from cosim.base.params import TABLE_II, MotorParams, open_loop_voltage
+from cosim.base.params import SHIELD, TABLE_II, MotorParams, open_loop_voltage
 from cosim.base.world import generator
 from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu, Sampling
@@ -36,8 +36,8 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         *motor_mounts(config.robot, config.motor),
         steering,
         config.estimator,
-        config.shielding,
-        config.shield,
+        config.shield or SHIELD,
+        config.shield is not None,
         PairParams(config.robot.diameter_m, config.robot.mu_robots),
         end_on_collision,
         config.ticks_per_period,

@@ -69,7 +69,6 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
         config.on_collision,
         config.through,
         config.shield,
-        config.shielding,
         config.open_loop,
     )
 

@@ -245,7 +245,7 @@ class RunningEpisode:
         goals = self._commands[:, GOAL_X : GOAL_Y + 1].copy()
         goals[self._commands[:, MODE] == HOLD] = np.nan
         goals[robot] = np.nan
-        margin_m = plan_margin(self._estimates, self.config.shielding)
+        margin_m = plan_margin(self._estimates, self.config.shield)
         asked = self._board, self._positions_m(), goals, robot, direction, margin_m
         allowed = permitted(*asked, NEAREST_FIRST)
         self.conflicts += allowed != direction

@@ -1,19 +1,22 @@
 """Options of the physics, declared once: fields of commands and arguments of `cosim.simulate`."""
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import tyro
 
 from cosim.base.arguments import ConfigError, take_fields
 from cosim.base.command import MotorFmuFile, MotorParameter
 from cosim.base.config import GIVEN, MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
-from cosim.base.params import STEERING, TIMING, MotorParams
+from cosim.base.params import SHIELD, STEERING, TIMING, MotorParams
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.world import IDEAL, World
 from cosim.presets.preset import PAPER, Preset, find_preset
+from cosim.scenarios.file import find_in_world
+from cosim.scenarios.scenario import Scenario
 
 _MAY_BE_ZERO = ("mu", "noise")
 
@@ -109,10 +112,11 @@ class Physics:
         """Calibrated parameters for robots in a world, and the motor FMU.
 
         The built-in FMU is compiled the first time, a calibration measured (some seconds each).
+        Episodes of a scenario are prepared by `resolve`.
 
         Args:
             diameter_m: of the robots; by default that of the preset.
-            progress: is told what is prepared.
+            progress: receives what is prepared.
             world: of the robots.
 
         Raises:
@@ -120,15 +124,16 @@ class Physics:
             CalibrationError: the drive speed needs hopping.
             FmuError: the FMU cannot be used, or failed.
         """
-        config = self._sized(world, diameter_m)
+        config = self.config(world)
+        if diameter_m is not None:
+            config = config.sized(diameter_m)
+        fmu = self.fmu(progress)
+        return self._calibrated(config, fmu, progress), fmu
+
+    def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
         from cosim.calibration.cache import calibrated  # noqa: PLC0415 - as above
 
-        fmu = self.fmu(progress)
-        return calibrated(config, fmu, progress), fmu
-
-    def _sized(self, world: World, diameter_m: float | None) -> CoSimConfig:
-        config = self.config(world)
-        return config if diameter_m is None else config.sized(diameter_m)
+        return calibrated(config, fmu, progress)
 
 
 PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0.4 mm
@@ -197,33 +202,69 @@ class Driving(Physics, Deciding):
             timing=timing,
             steering=steering,
             on_collision=self.on_collision,
-            shield=self.shield,
+            shield=SHIELD if self.shield else None,
             open_loop=self.open_loop,
         )
 
-    def prepare(
-        self,
-        diameter_m: float | None = None,
-        progress: Progress = silent,
-        world: World = IDEAL,
-    ) -> tuple[CoSimConfig, Path]:
-        """See `Physics.prepare`; robots drive as fast as they can without hopping, if slower."""
-        from cosim.calibration.shielding import shielded  # noqa: PLC0415 - as above
-
-        config, fmu = self._driving(diameter_m, progress, world)
-        return (shielded(config, fmu, progress) if config.shield else config), fmu
-
-    def _driving(
-        self, diameter_m: float | None, progress: Progress, world: World
-    ) -> tuple[CoSimConfig, Path]:
-        if self.speed is not None:
-            return super().prepare(diameter_m, progress, world)
+    def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
+        """Limit the speed to what is possible without hopping, unless it is given."""
         from cosim.calibration.cache import calibrated_slower  # noqa: PLC0415 - as above
+        from cosim.calibration.shielding import with_stopping_distance  # noqa: PLC0415
 
-        fmu = self.fmu(progress)
-        config = calibrated_slower(self._sized(world, diameter_m), fmu, progress)
-        if self.time_limit is None:
-            slower = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
-            limit_s = math.ceil(slower * config.timing.episode_limit_s)
-            config = replace(config, timing=config.timing._replace(episode_limit_s=limit_s))
-        return config, fmu
+        if self.speed is not None:
+            config = super()._calibrated(config, fmu, progress)
+        else:
+            config = calibrated_slower(config, fmu, progress)
+            if self.time_limit is None:
+                slower = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
+                limit_s = math.ceil(slower * config.timing.episode_limit_s)
+                config = replace(config, timing=config.timing._replace(episode_limit_s=limit_s))
+        return with_stopping_distance(config, fmu, progress) if config.shield else config
+
+
+class Setup(NamedTuple):
+    """What decides an episode, but for its policy, start cells and seed.
+
+    Attributes:
+        scenario: with the obstacles of its world.
+        config: all parameters, calibrated.
+        fmu: motor FMU file.
+    """
+
+    scenario: Scenario
+    config: CoSimConfig
+    fmu: Path
+
+
+def resolve(
+    options: Driving,
+    scenario: str | Path | Scenario,
+    progress: Progress = silent,
+    *,
+    world: str | Path | World | Mapping[str, Any] | None = None,
+    require: Callable[[Scenario], object] | None = None,
+) -> Setup:
+    """Return the setup of a scenario under the options of a command.
+
+    A parameter has the value of its option, else that of the world, else that of the machine
+    preset, else that of Table I or II.
+
+    Args:
+        options: of the command.
+        scenario: name of a built-in scenario, scenario file (.toml) or record.
+        progress: receives what is prepared.
+        world: world file, record, or dict of its fields; by default that of the options, else that
+            of the scenario file, else the paper's.
+        require: refuses scenarios, for example those that a policy was not trained on, before
+            anything is measured.
+
+    Raises:
+        ScenarioError, WorldError, PresetError, ConfigError: something does not exist or does not
+            fit.
+        CalibrationError: the drive speed needs hopping.
+        FmuError: the FMU cannot be used, or failed.
+    """
+    scenario, world = find_in_world(scenario, options.world if world is None else world)
+    if require is not None:
+        require(scenario)
+    return Setup(scenario, *options.prepare(scenario.robot_diameter_m, progress, world))

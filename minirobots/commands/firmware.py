@@ -7,7 +7,7 @@ import tyro
 
 from cosim.base.config import ConfigError
 from cosim.base.progress import Progress, under_way
-from cosim.navigation.options import Driving
+from cosim.navigation.options import Driving, resolve
 from minirobots.options import File, Folder, IsolatedOptions
 
 if TYPE_CHECKING:
@@ -51,12 +51,10 @@ def run(options: Firmware, progress: Progress) -> Written:
     """Write the sources and compile them."""
     from agent.firmware.build import measure, write_sources
     from agent.firmware.tables import load_table, render_constants
-    from cosim.scenarios.file import read_world
 
     policy = load_table(options.policy)
     scenario = policy.config.scenario
-    world = {"world": read_world(options.physics.world)} if options.physics.world else {}
-    config, _ = options.physics.prepare(scenario.robot_diameter_m, progress, **world)
+    config = resolve(options.physics, scenario, progress).config
     files = write_sources(options.out, render_constants(policy, config))
     with under_way(progress, "compiling"):
         sizes = [measure(options.out, robot + 1) for robot in range(scenario.robots)]

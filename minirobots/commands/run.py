@@ -10,7 +10,7 @@ from agent.training.settings import COMPUTED, Method
 from cosim.base.command import workers
 from cosim.base.config import ConfigError
 from cosim.base.progress import Progress, under_way
-from cosim.navigation.options import Driving
+from cosim.navigation.options import Driving, resolve
 from cosim.recording.live import DEFAULT_VIEWER
 from minirobots.options import (
     Count,
@@ -130,16 +130,13 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     from cosim.episodes import compile_kernels
     from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
-    from cosim.scenarios.file import find_in_world
 
-    scenario, world = find_in_world(options.scenario, options.physics.world)
-    options.physics.config(world).sized(scenario.robot_diameter_m)  # refuses before a viewer opens
+    scenario, config, fmu = resolve(options.physics, options.scenario, progress)
     viewer = None
     if options.spawn:
         viewer = spawn_viewer(options.viewer)
     elif options.live:
         viewer = find_viewer(options.viewer)
-    config, fmu = options.physics.prepare(scenario.robot_diameter_m, progress, world)
     config = with_bursts(config, options.record)
     out = options.folder
     out.mkdir(parents=True, exist_ok=True)

@@ -30,6 +30,7 @@ from agent.evaluation.statistics import rate
 from agent.policies import load_policy
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
+from cosim.base.params import SHIELD
 from cosim.base.storage import write_json
 from cosim.base.world import Sensor, World
 from cosim.episodes import simulate_tasks
@@ -295,7 +296,7 @@ def test_a_check_leaves_the_last_digits_of_chances_to_libraries(copied, factor, 
         (("case", "parameters", "mu"), 0.3, "mu was 0.15 by the configuration, and 0.3"),
         (("case", "parameters", "shield"), True, "shield was False"),
         (("case", "seed"), 1, "verdict and evidence"),
-        (("config", "shield"), True, "shield was True by the configuration, and False"),
+        (("config", "shield"), list(SHIELD), "shield was True by the configuration, and False"),
         (("confidence",), 0.99, "verdict and evidence"),
         (("verdict",), "refused", "verdict and evidence"),
         (("claim",), "success > 0.6", "verdict and evidence"),

@@ -9,11 +9,16 @@ from cosim.base.config import CoSimConfig
 from cosim.base.params import SHIELD
 from cosim.base.world import Patch, Sensor, World
 from cosim.calibration import stopping
-from cosim.calibration.shielding import shielded
+from cosim.calibration.shielding import with_stopping_distance
 from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.stopping import RESERVE, bound_of, corners, path_diameter, stopping_paths
 from cosim.coupling.fmu import MotorFmu
 from cosim.navigation.options import Driving
+
+
+def stopping_m(config):
+    assert config.shield is not None
+    return config.shield.stopping_m
 
 
 @pytest.fixture
@@ -97,13 +102,13 @@ def test_motors_without_control_take_longer_to_stop(motor_fmu):
 )
 def test_a_slippery_patch_and_a_slope_count(motor_fmu, quick, tmp_path, world):
     config, worse = CoSimConfig(), CoSimConfig(world=world)
-    usual, longer = (shielded(c, motor_fmu).shielding.stopping_m for c in (config, worse))
+    usual, longer = (stopping_m(with_stopping_distance(c, motor_fmu)) for c in (config, worse))
     assert usual < longer
-    assert shielded(config, motor_fmu).shielding.stopping_m == usual  # from the cache
+    assert stopping_m(with_stopping_distance(config, motor_fmu)) == usual  # from the cache
     floors = 3 if world.mu_patches else 2  # the patch everywhere, and its edges
     assert len(list(tmp_path.glob("calibrations/*.json"))) == floors
     with pytest.raises(CalibrationError, match="slide on"):
-        shielded(CoSimConfig(world=World(floor_tilt_deg=10.0)), motor_fmu)
+        with_stopping_distance(CoSimConfig(world=World(floor_tilt_deg=10.0)), motor_fmu)
 
 
 WORLDS = {
@@ -127,7 +132,7 @@ def test_other_stops_stay_within_the_bound(name):
     """Of 2048 other stops 0.02 are expected beyond the bound, and fewer with the reserve."""
     config, fmu = Driving(shield=True).prepare(world=WORLDS[name])
     others = [stopping_paths(config, MotorFmu(fmu), 64, seed) for seed in range(100, 104)]
-    bound_m = config.shielding.stopping_m / RESERVE
+    bound_m = stopping_m(config) / RESERVE
     assert max(stops.path_m.max() for stops in others) < bound_m
     assert max(stops.creep_m_s.max() for stops in others) == 0.0
 
@@ -138,4 +143,4 @@ def test_a_camera_that_leaves_no_room_is_refused(motor_fmu, quick, monkeypatch):
     monkeypatch.setattr("cosim.calibration.straying.LENGTH_S", 3.0)
     worse = CoSimConfig(world=World(sensor=Sensor(rate_hz=2.0, position_noise_mm=8.0)))
     with pytest.raises(CalibrationError, match=r"stops robots \d+ mm apart.*world.sensor"):
-        shielded(worse, motor_fmu)
+        with_stopping_distance(worse, motor_fmu)

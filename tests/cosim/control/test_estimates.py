@@ -8,8 +8,7 @@ import pytest
 
 from cosim.base.params import SHIELD
 from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.options import Driving
-from cosim.scenarios.file import find_in_world
+from cosim.navigation.options import Driving, resolve
 
 WORLD = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"
 
@@ -42,11 +41,10 @@ def variances(covariance):
 @pytest.mark.long
 def test_errors_across_patches_are_those_of_the_filter():
     """Unequal motors, bouncing feet and floors that the filter does not know of, all the same."""
-    scenario, world = find_in_world("4", WORLD)
-    config, fmu = Driving(shield=True).prepare(scenario.robot_diameter_m, world=world)
+    scenario, config, fmu = resolve(Driving(shield=True), "4", world=WORLD)
     config = replace(config, timing=config.timing._replace(episode_limit_s=20.0))
     alone, together, squared = [], [], []
-    patches = np.array([patch.cells for patch in world.mu_patches])
+    patches = np.array([patch.cells for patch in config.world.mu_patches])
     on_patch = np.zeros(len(patches))
 
     def watch(step, *_):

@@ -7,6 +7,7 @@ import pytest
 
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import COLLISION, RUNNING
+from cosim.base.params import SHIELD
 from cosim.control.shield import STOPS
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.yielding import NEAREST_FIRST, WAIT, board_of, permitted
@@ -57,7 +58,7 @@ def test_robots_that_push_on_after_collisions_drive_over_targets(motor_fmu, stra
 def test_the_shield_keeps_out_of_anothers_target(motor_fmu, straight_policy):
     timing = CoSimConfig().timing._replace(episode_limit_s=60.0)
     steps = []
-    system = drive(motor_fmu, CoSimConfig(shield=True, timing=timing), straight_policy, steps)
+    system = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), straight_policy, steps)
     assert system.outcome != "collision"
     assert system.conflicts > 0  # yielding: no move begins that leads there
     path = np.concatenate([step.samples.position[:, 0, :2] for step in steps])
@@ -68,7 +69,7 @@ def test_the_shield_keeps_out_of_anothers_target(motor_fmu, straight_policy):
 def test_the_monitor_alone_keeps_out_of_anothers_target(motor_fmu, straight_policy, monkeypatch):
     monkeypatch.setattr("cosim.navigation.episode.permitted", lambda *asked: asked[4])
     timing = CoSimConfig().timing._replace(episode_limit_s=30.0)
-    config = CoSimConfig(shield=True, timing=timing)
+    config = CoSimConfig(shield=SHIELD, timing=timing)
     system = drive(motor_fmu, config, straight_policy, [])
     assert system.outcome == "timeout"
     assert system.episode._shields[0, STOPS] >= 1

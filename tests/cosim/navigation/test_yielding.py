@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.params import TIMING
+from cosim.base.params import SHIELD, TIMING
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
 from cosim.navigation.yielding import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
@@ -95,7 +95,7 @@ def drive(motor_fmu, config, policy=None):
 
 @pytest.mark.parametrize("shield", [False, True])
 def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, shield):
-    system, outcome = drive(motor_fmu, CoSimConfig(shield=shield))
+    system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD if shield else None))
     assert (system.conflicts > 0) == shield
     if shield:
         assert outcome != "collision"
@@ -108,7 +108,7 @@ def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
     """When nobody yields they meet, and are parted, again and again."""
     monkeypatch.setattr("cosim.navigation.episode.permitted", lambda *asked: asked[4])
     timing = TIMING._replace(episode_limit_s=30.0)
-    system, outcome = drive(motor_fmu, CoSimConfig(shield=True, timing=timing), HeadOn())
+    system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), HeadOn())
     assert outcome == "timeout"
     assert system.episode.shield_stops >= 2
     assert system.measures.min_distance_m > FACING.robot_diameter_m
@@ -116,4 +116,4 @@ def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
 
 def test_what_the_shield_cannot_go_with_is_refused():
     with pytest.raises(ConfigError, match="keep their course"):
-        CoSimConfig(shield=True, open_loop=("heading",))
+        CoSimConfig(shield=SHIELD, open_loop=("heading",))

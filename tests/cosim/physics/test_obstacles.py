@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.base.outcome import COLLISION, RUNNING
-from cosim.base.params import TABLE_I, TIMING
+from cosim.base.params import SHIELD, TABLE_I, TIMING
 from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.features import DIRECTIONS
 from cosim.navigation.yielding import NEAREST_FIRST, WAIT, board_of, permitted
@@ -142,7 +142,7 @@ def test_no_robot_drives_through_a_wall(wall, motor_fmu, straight_policy, on_col
 
 def test_the_shield_never_lets_a_robot_touch_a_wall(wall, motor_fmu, straight_policy):
     policy = straight_policy(wall.targets)
-    system, steps = drive(wall, motor_fmu, policy, shield=True)
+    system, steps = drive(wall, motor_fmu, policy, shield=SHIELD)
     assert system.outcome == "timeout"
     assert system.conflicts > 0
     highest = max(step.samples.position[:, 0, 1].max() for step in steps)
