@@ -31,9 +31,10 @@ from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
+from cosim.base.params import SHIELD
 from cosim.base.world import Patch, Sensor, World
 from cosim.calibration.cache import find_calibration
-from cosim.calibration.shielding import shielded
+from cosim.calibration.shielding import with_stopping_distance
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import DRIVERS
 from cosim.navigation.episode import RunningEpisode
@@ -208,10 +209,10 @@ def _of_worlds(straight: Callable[..., SupportsAct]) -> Iterator[tuple[str, str]
 
 
 def _of_calibration() -> Iterator[tuple[str, str]]:
-    config, fmu = replace(CONFIG, shield=True), cached_fmu()
+    config, fmu = replace(CONFIG, shield=SHIELD), cached_fmu()
     found = find_calibration(config, fmu)
     yield "calibration", _digest(*(getattr(found, f.name) for f in fields(found)))
-    yield "shield", _digest(shielded(config, fmu).shielding)
+    yield "shield", _digest(with_stopping_distance(config, fmu).shield)
 
 
 def _of_studies(folder: Path) -> Iterator[tuple[str, str]]:
