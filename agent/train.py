@@ -1,12 +1,11 @@
-"""`python -m agent.train`: the command of `agent.experiments.training`."""
+"""`python -m agent.train`: the command `minirobots train`."""
 
 import sys
 from types import ModuleType
 from typing import Any
 
 from agent import train as _train  # noqa: PLW0406 - the function
-from agent.experiments.training import main
-from cosim.base.errors import run_command
+from minirobots.runner import run_named
 
 
 class _Callable(ModuleType):
@@ -19,4 +18,4 @@ class _Callable(ModuleType):
 sys.modules[__name__].__class__ = _Callable
 
 if __name__ == "__main__":
-    run_command(main)
+    run_named("train", "agent.train")

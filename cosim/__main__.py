@@ -18,7 +18,6 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "train": Command("agent.experiments.training", "Train", "train many runs and evaluate them"),
     "evaluate": Command("cosim.evaluate", "Evaluate", "what policies achieve in the dynamics"),
     "transfer": Command("cosim.transfer", "Transfer", "success in the dynamics by method"),
     "robustness": Command("cosim.robustness", "Robustness", "success in worlds not ideal"),
@@ -31,7 +30,6 @@ COMMANDS = {
     "experiments": Command(
         "agent.experiments.__main__", "Experiments", "the paper's learning experiments"
     ),
-    "deep": Command("agent.deep.__main__", "Deep", "train one network for all robots"),
     "baselines": Command(
         "agent.baselines.__main__", "Baselines", "what learners achieve, and at what price"
     ),
@@ -39,10 +37,4 @@ COMMANDS = {
         "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
     "fmu": Command("fmus.build", "Build", "motors and robots as FMUs and SSP for other tools"),
-    "figures": Command("analysis.figures.__main__", "Figures", "draw the paper's figures"),
-    "report": Command("analysis.report.__main__", "Report", "one page with all results"),
-    "serve": Command("analysis.serve", "Serve", "open a report in the browser"),
-    "browse": Command("analysis.browse.__main__", "Browse", "the episodes of a run as a table"),
-    "export": Command("analysis.export.__main__", "Export", "a recording for other programs"),
-    "screenshot": Command("analysis.screenshot", "Screenshot", "what the viewer shows, as a file"),
 }

@@ -58,7 +58,7 @@ def main() -> None:
     """Command line; see `Baselines`."""
     options = parse(Baselines, "agent.baselines")
     if not set(NETWORKS).isdisjoint(options.learners):
-        from agent.deep.__main__ import require_learners
+        from agent.deep import require_learners
 
         require_learners()
     from agent.baselines.measurement import baselines

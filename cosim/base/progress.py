@@ -73,6 +73,9 @@ def _show(
     over: threading.Event,
     console: "Console | None",
 ) -> None:
+    while not reports:
+        if over.wait(_QUIET_S):
+            return
     if over.wait(_QUIET_S):
         return
     from rich import console as rich_console  # noqa: PLC0415 - slow to import

@@ -10,9 +10,10 @@ import time
 import numpy as np
 import pytest
 
-from agent.experiments import training as train
 from agent.training.loop import TrainingLog
 from agent.training.worker import CHECKPOINT_FILE, load_checkpoint
+from cosim.base.command import parse
+from minirobots.commands.train import Train
 
 SHORT = ("--learning.episodes", "4000", "--learning.epsilon-episodes", "10")
 
@@ -43,7 +44,7 @@ def same_files(a, b):
 def test_train_then_evaluate(command, tmp_path):
     out = tmp_path / "out"
     options = ("--scenario", "2", "--runs", 2, "--out", out, "--jobs", 1, *SHORT)
-    status, output, _ = command(train, *options, "--json")
+    status, output, _ = command("train", *options, "--json")
     assert status == 0
     summary = json.loads(output.splitlines()[-1])
     assert summary == json.loads((out / "summary.json").read_text())
@@ -62,11 +63,11 @@ def test_train_then_evaluate(command, tmp_path):
         assert len(ours["failures"]) == ours["failing_starts"]
     means = [p["success"] for p in report["policies"]]
     assert report["over_policies"]["2"]["success"]["mean"] == pytest.approx(np.mean(means))
-    status, _, errors = command(train, *options, "--seed", 1)
+    status, _, errors = command("train", *options, "--seed", 1)
     assert status == 2
     assert "another configuration" in errors
     before = (out / "run_000" / "policy.npz").stat().st_mtime_ns
-    assert command(train, *options)[0] == 0
+    assert command("train", *options)[0] == 0
     assert (out / "run_000" / "policy.npz").stat().st_mtime_ns == before
 
 
@@ -76,7 +77,7 @@ def test_a_killed_command_goes_on_bit_identically(command, tmp_path):
         "--learning.episodes", "300000", "--checkpoint-episodes", "25000",
     )  # fmt: skip
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    assert command(train, *options, "--jobs", 1, "--out", whole)[0] == 0
+    assert command("train", *options, "--jobs", 1, "--out", whole)[0] == 0
     process = spawn(killed, *options)
     try:
         checkpoints = [killed / f"run_00{k}" / CHECKPOINT_FILE for k in range(2)]
@@ -87,7 +88,7 @@ def test_a_killed_command_goes_on_bit_identically(command, tmp_path):
     finally:
         process.communicate()
     assert not (killed / "summary.json").exists()
-    assert command(train, *options, "--jobs", 1, "--out", killed)[0] == 0
+    assert command("train", *options, "--jobs", 1, "--out", killed)[0] == 0
     for run in ("run_000", "run_001"):
         same_files(whole / run, killed / run)
         assert not (killed / run / CHECKPOINT_FILE).exists()
@@ -116,7 +117,7 @@ def test_interrupt_ends_with_status_130_and_leaves_a_folder_to_go_on_with(tmp_pa
     ],
 )
 def test_wrong_options_end_with_one_sentence(command, arguments, message, tmp_path):
-    status, _, errors = command(train, "--out", tmp_path / "o", *arguments)
+    status, _, errors = command("train", "--out", tmp_path / "o", *arguments)
     assert status == 2
     assert message in errors
     assert errors.count("\n") == 1
@@ -125,7 +126,8 @@ def test_wrong_options_end_with_one_sentence(command, arguments, message, tmp_pa
 def test_options_override_the_settings_file(tmp_path):
     path = tmp_path / "s.toml"
     path.write_text("[learning]\neta = 0.5\ngamma = 0.5\n[process]\nstep_limit = 7\n")
-    options = train.options_of(["--config", str(path), "--learning.gamma", "0.25"])
+    arguments = ["--config", str(path), "--learning.gamma", "0.25"]
+    options = parse(Train, "", arguments, Train.defaults(arguments))
     assert (options.learning.eta, options.learning.gamma) == (0.5, 0.25)
     assert options.process.step_limit == 7
 

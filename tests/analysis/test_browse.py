@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from rerun.catalog import CatalogClient
 
-from analysis.browse import __main__ as browse
 from analysis.browse import catalog
 from analysis.browse.catalog import COLUMNS, serving
 from cosim.base.config import CoSimConfig
@@ -81,7 +80,7 @@ def test_command_shows_the_table_and_what_was_left_out(command, run, tmp_path):
     shutil.copytree(folder / "2" / "episodes", tmp_path / "all")
     shutil.copyfile(tmp_path / "all" / "ep_0.rrd", tmp_path / "all" / "ep_9.rrd")
     (tmp_path / "all" / "broken.rrd").write_text("no recording")
-    ended = command(browse, tmp_path, "--check", "--json")
+    ended = command("browse", tmp_path, "--check", "--json")
     assert ended.returncode == 0, ended.stderr
     (dataset,) = json.loads(ended.stdout.splitlines()[-1])["datasets"]
     lengths = sorted(r.path_length_cm for p, r in results.items() if p.parts[-3] == "2")
@@ -94,14 +93,14 @@ def test_command_shows_the_table_and_what_was_left_out(command, run, tmp_path):
 
 
 def test_refusals(command, run, monkeypatch, tmp_path):
-    nothing = command(browse, tmp_path, "--check")
+    nothing = command("browse", tmp_path, "--check")
     assert (nothing.returncode, len(nothing.stderr.splitlines())) == (2, 1)
     assert "no recordings" in nothing.stderr
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        busy = command(browse, run[0], "--port", taken.getsockname()[1])
+        busy = command("browse", run[0], "--port", taken.getsockname()[1])
     assert (busy.returncode, len(busy.stderr.splitlines())) == (2, 1)
     assert "another --port" in busy.stderr
     monkeypatch.setattr(catalog, "find_spec", lambda _name: None)
-    lacking = command(browse, run[0], "--check")
+    lacking = command("browse", run[0], "--check")
     assert lacking.returncode == 2
     assert "--extra catalog" in lacking.stderr

@@ -13,7 +13,6 @@ import scipy.io
 from mcap.reader import make_reader
 
 import analysis
-from analysis.export import __main__ as command_module
 from analysis.export import messages, writing
 from analysis.export.content import Format
 from cosim.reading.episode import Episode, Signals
@@ -104,7 +103,7 @@ READERS = {"parquet": read_parquet, "csv": read_csv, "mcap": read_mcap, "mat": r
 @pytest.mark.parametrize("kind", READERS)
 def test_every_value_is_read_back(command, recording, expected, kind, tmp_path):
     out = tmp_path / f"episode.{kind}"
-    run = command(command_module, recording, "--to", kind, "--out", out, "--json")
+    run = command("export", recording, "--to", kind, "--out", out, "--json")
     assert run.returncode == 0, run.stderr
     said = json.loads(run.stdout.splitlines()[-1])
     assert said["bytes"] == out.stat().st_size
@@ -159,13 +158,13 @@ def test_long_names_and_odd_values_survive(tmp_path):
 
 def test_refusals_leave_nothing(command, recording, monkeypatch, tmp_path):
     monkeypatch.setattr(messages, "find_spec", lambda _name: None)
-    lacking = command(command_module, recording, "--to", "mcap", "--out", tmp_path / "e.mcap")
+    lacking = command("export", recording, "--to", "mcap", "--out", tmp_path / "e.mcap")
     assert (lacking.returncode, len(lacking.stderr.splitlines())) == (2, 1)
     assert "--extra export" in lacking.stderr
-    unknown = command(command_module, recording, "--to", "xls", "--out", tmp_path / "e.xls")
+    unknown = command("export", recording, "--to", "xls", "--out", tmp_path / "e.xls")
     assert unknown.returncode == 2
     assert "parquet" in unknown.stderr + unknown.stdout
-    missing = command(command_module, tmp_path / "none.rrd", "--to", "csv")
+    missing = command("export", tmp_path / "none.rrd", "--to", "csv")
     assert missing.returncode == 2
     assert not list(tmp_path.iterdir())
 
@@ -183,7 +182,7 @@ def test_some_signals_at_some_rate(command, recording, episode, tmp_path):
     for kind, read in READERS.items():
         out = tmp_path / f"e.{kind}"
         run = command(
-            command_module,
+            "export",
             recording,
             "--to",
             kind,
@@ -215,7 +214,7 @@ def test_some_signals_at_some_rate(command, recording, episode, tmp_path):
     ],
 )
 def test_a_choice_of_nothing_is_refused(command, recording, tmp_path, options, said):
-    run = command(command_module, recording, "--to", "csv", "--out", tmp_path / "e.csv", *options)
+    run = command("export", recording, "--to", "csv", "--out", tmp_path / "e.csv", *options)
     assert (run.returncode, run.stderr.count("\n")) == (2, 1)
     assert re.search(said, run.stderr)
     assert not list(tmp_path.iterdir())

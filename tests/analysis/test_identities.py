@@ -123,7 +123,7 @@ MATTER = {
 }
 ELSEWHERE = {
     "bound": """
-        agent.experiments.training agent.training.qlearning analysis.figures.style
+        minirobots.commands.train agent.training.qlearning analysis.figures.style
         cosim.physics.body
     """,
     "calibration": """
@@ -131,7 +131,7 @@ ELSEWHERE = {
         cosim.recording.file minirobots.commands.run
     """,
     "evaluation": """
-        agent.evaluation.outcomes agent.evaluation.transfer agent.experiments.training
+        agent.evaluation.outcomes agent.evaluation.transfer minirobots.commands.train
         agent.moves.kernels analysis.figures.style cosim.recording.blueprint
         cosim.recording.episode cosim.recording.file minirobots.commands.run
     """,
@@ -140,7 +140,7 @@ ELSEWHERE = {
         cosim.recording.blueprint minirobots.commands.run
     """,
     "policy": """
-        agent.experiments.training agent.training.store analysis.figures.style
+        minirobots.commands.train agent.training.store analysis.figures.style
         cosim.navigation.episode cosim.physics.body minirobots.commands.run
     """,
     "reproduced experiment": """

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import agent
-from agent.deep import __main__ as deep
 from agent.deep.inputs import GROUPS, NOTHING, REACH, Inputs, look_at_boards
 from agent.deep.policy import Network, NetworkConfig, NetworkPolicy
 from agent.deep.world import SHAPING, LearningGrid, values_alone
@@ -78,7 +77,7 @@ def tiny(tmp_path_factory):
 @pytest.mark.long
 def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_path, command):
     options = ("--scenario", tiny, "--algorithm", "ddqn", "--steps", 5000, "--json")
-    done = command(deep, *options, "--out", tmp_path / "out")
+    done = command("deep", *options, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout.splitlines()[-1])
     assert report["success"] > 0.9
@@ -105,7 +104,7 @@ def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_
 @pytest.mark.slow
 def test_a_critic_that_sees_all_robots_teaches_too(tiny, tmp_path, command):
     options = ("--scenario", tiny, "--algorithm", "mappo", "--steps", 12_000, "--json")
-    done = command(deep, *options, "--out", tmp_path)
+    done = command("deep", *options, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout.splitlines()[-1])
     assert max(success for *_, success in report["curve"]) == report["success"]
@@ -331,8 +330,8 @@ def test_policies_are_saved_and_read_back_and_others_are_refused(tmp_path):
 
 
 def test_a_missing_extra_is_named(monkeypatch, command, tmp_path):
-    monkeypatch.setattr(deep, "find_spec", lambda name: None)
-    done = command(deep, "--out", tmp_path / "out")
+    monkeypatch.setattr("agent.deep.find_spec", lambda name: None)
+    done = command("deep", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert "uv sync --extra deep" in done.stderr
     assert not (tmp_path / "out").exists()

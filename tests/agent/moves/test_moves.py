@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.experiments import training
 from agent.moves import kernels
 from agent.moves import observe as observe_module
 from agent.moves.model import (
@@ -360,7 +359,7 @@ def test_readings_without_effect_are_refused_by_name(process, on_moves, message,
     arguments = ["--scenario", "2", "--out", str(out), "--learning.episodes", "10"]
     arguments += ["--moves", str(file)] if on_moves else []
     for given in ([f"--process.{name}", str(value)], ["--config", str(settings)]):
-        ended = command(training, *arguments, *given)
+        ended = command("train", *arguments, *given)
         assert ended.returncode == 2
         assert re.search(message, ended.stderr)
     assert not out.exists()

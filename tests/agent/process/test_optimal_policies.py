@@ -9,7 +9,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from agent.method import method_config, method_of, method_policy
-from agent.process import bound as bound_command
 from agent.process import grid
 from agent.process.config import Objective, ProcessConfig
 from agent.process.exact import evaluate, joint_starts
@@ -135,7 +134,7 @@ def test_a_board_without_a_path_is_refused(method, command, tmp_path):
     message = r"from start cells \[\[5, 7\]\] there is no path to the targets, and from 1 other"
     with pytest.raises(UserError, match=message):
         method_policy(method, find_scenario(str(path)))
-    ended = command(bound_command, "--scenario", path)
+    ended = command("bound", "--scenario", path)
     assert ended.returncode == 2
     assert re.search(message, ended.stderr)
 

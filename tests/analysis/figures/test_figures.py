@@ -1,24 +1,16 @@
 """The command of all figures on a small results folder."""
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-from analysis.figures import __main__ as figures
 from analysis.figures.draw import DRAWN_BY, SMALL_WIDTH_PX
 from analysis.figures.style import read_caption
 from analysis.reading.results import FIGURES
-from cosim.base.errors import UserError, run_command
 
 MAX_SMALL_BYTES = 150_000
-
-
-def draw(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["figures", *map(str, arguments)])
-    figures.main()
 
 
 def test_every_figure_is_drawn_by_someone():
@@ -41,10 +33,10 @@ def test_figure_is_written_with_a_caption(name, drawn):
     assert caption.inputs == FIGURES[name]
 
 
-def test_same_results_give_the_same_files(results, drawn, tmp_path, monkeypatch, capsys):
+def test_same_results_give_the_same_files(results, drawn, tmp_path, command):
     names = ("fig03", "fig08", "motor_cycle")
-    draw(monkeypatch, *names, "--results", results, "--out", tmp_path, "--json")
-    content = json.loads(capsys.readouterr().out.splitlines()[-1])
+    done = command("figures", *names, "--results", results, "--out", tmp_path, "--json")
+    content = json.loads(done.stdout.splitlines()[-1])
     assert content["lacking"] == {}
     for name in names:
         files = [Path(file) for file in content["drawn"][name]]
@@ -53,8 +45,8 @@ def test_same_results_give_the_same_files(results, drawn, tmp_path, monkeypatch,
             assert file.read_bytes() == (drawn / file.name).read_bytes(), file
 
 
-def test_small_pictures_are_small(results, tmp_path, monkeypatch):
-    draw(monkeypatch, "fig05", "fig08", "--results", results, "--out", tmp_path, "--small")
+def test_small_pictures_are_small(results, tmp_path, command):
+    command("figures", "fig05", "fig08", "--results", results, "--out", tmp_path, "--small")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fig05.png", "fig08.png"]
     for path in tmp_path.iterdir():
         assert path.stat().st_size < MAX_SMALL_BYTES
@@ -62,30 +54,28 @@ def test_small_pictures_are_small(results, tmp_path, monkeypatch):
             assert image.width == SMALL_WIDTH_PX
 
 
-def test_missing_results_are_named_with_their_command(tmp_path, monkeypatch, capsys):
+def test_missing_results_are_named_with_their_command(tmp_path, command):
     out = ("--results", tmp_path, "--out", tmp_path / "out", "--small")
-    draw(monkeypatch, "all", *out)
-    page = capsys.readouterr().out
+    page = command("figures", "all", *out).stdout
     for name, needed in FIGURES.items():
         expected = f"not drawn: {name}: run `python -m " if needed else f"{name}.png"
         assert expected in page
-    with pytest.raises(UserError, match="leave out --strict"):
-        draw(monkeypatch, "fig03", "fig05", *out, "--strict")
-    with pytest.raises(UserError, match="no figure could be drawn"):
-        draw(monkeypatch, "fig03", *out)
+    strict = command("figures", "fig03", "fig05", *out, "--strict")
+    assert (strict.returncode, "leave out --strict" in strict.stderr) == (2, True)
+    nothing = command("figures", "fig03", *out)
+    assert (nothing.returncode, "no figure could be drawn" in nothing.stderr) == (2, True)
 
 
-def test_damaged_results_leave_the_other_figures(tmp_path, monkeypatch, capsys):
+def test_damaged_results_leave_the_other_figures(tmp_path, command):
     (tmp_path / "platform.npz").write_text("not a result")
-    draw(monkeypatch, "fig03", "fig05", "--results", tmp_path, "--out", tmp_path / "out")
-    page = capsys.readouterr().out
+    page = command(
+        "figures", "fig03", "fig05", "--results", tmp_path, "--out", tmp_path / "o"
+    ).stdout
     assert "not drawn: fig03" in page
     assert "not a result of `python -m cosim.platform`" in page
 
 
-def test_unknown_figures_are_refused(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["figures", "fig99"])
-    with pytest.raises(SystemExit) as exit_status:
-        run_command(figures.main)
-    assert exit_status.value.code == 2
-    assert "no figure is called fig99; choose from all, fig02" in capsys.readouterr().err
+def test_unknown_figures_are_refused(command):
+    refused = command("figures", "fig99")
+    assert refused.returncode == 2
+    assert "no figure is called fig99; choose from all, fig02" in refused.stderr

@@ -1,0 +1,78 @@
+"""The least path length and number of moves of any policy."""
+
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple
+
+from agent.process.config import ProcessConfig
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress
+from minirobots.options import CommandOptions, ScenarioName
+
+_OF_PATHS = ("target_obstacle", "collision")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoundOptions(CommandOptions):
+    """Exact optimum of a scenario: the least mean path length and number of moves of any policy.
+
+    Path length and moves are bounded separately, each by Dijkstra's algorithm over the joint
+    process; a policy need not be able to reach both at once. Results are cached.
+    """
+
+    scenario: ScenarioName = "4"
+    process: ProcessConfig = field(default_factory=ProcessConfig)
+    """Readings, of which target_obstacle and collision say where paths may go."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for reading in fields(self.process):
+            given = getattr(self.process, reading.name)
+            if reading.name not in _OF_PATHS and given != reading.default:
+                option = reading.name.replace("_", "-")
+                raise UserError(f"--process.{option} has no effect on the optimum; leave it out")
+
+
+class JointBound(NamedTuple):
+    """Means over the starts of a scenario.
+
+    Attributes:
+        scenario: its name.
+        starts: number of starts.
+        sampled: whether they are drawn.
+        relaxed: whether robots may pass through each other, which makes the bound lower.
+        path_length_cm, steps: least ones of any policy.
+    """
+
+    scenario: str
+    starts: int
+    sampled: bool
+    relaxed: bool
+    path_length_cm: float
+    steps: float
+
+
+def run(options: BoundOptions, _: Progress) -> JointBound:
+    """Find or compute the bound."""
+    from agent.process.exact import enumerable, joint_starts
+    from agent.process.optimum import optimum, require_paths
+    from agent.process.readings import build_process
+    from cosim.scenarios.file import find_scenario
+
+    scenario = find_scenario(options.scenario)
+    process = build_process(scenario, options.process)
+    bound = optimum(process)
+    require_paths(process, bound)
+    starts = joint_starts(process)
+    path_cells, steps = (float(mean.mean()) for mean in bound.of_starts(starts, scenario.rows))
+    length_cm, sampled = 100.0 * scenario.cell_m * path_cells, not enumerable(process)
+    return JointBound(scenario.name, len(starts), sampled, bound.relaxed, length_cm, steps)
+
+
+def show(_: BoundOptions, bound: JointBound) -> dict[str, object]:
+    """Print the bound."""
+    words = " drawn" * bound.sampled + " starts" + ", relaxed" * bound.relaxed
+    print(f"scenario {bound.scenario}, {bound.starts}{words}")
+    print(f"path length {bound.path_length_cm:.2f} cm, moves {bound.steps:.2f}")
+    content = bound._asdict()
+    del content["sampled"]
+    return content

@@ -1,0 +1,117 @@
+"""Train one network for all robots of a scenario."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import msgspec
+
+from agent.deep import Algorithm, require_learners
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress
+from minirobots.options import Count, NewFolder, ScenarioName, Seed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deep(NewFolder):
+    """Train one network that all robots of a scenario share, on the grid.
+
+    The network sees a robot's cell and target, the nearest other robot and whether that one has
+    arrived. Episodes begin in any free cells of the board, moves off the board and into obstacles
+    cannot be chosen, and rewards are shaped by what
+    a robot alone would do. After every
+    round the greedy policy is evaluated from all starts; the best one is kept as policy.npz, which
+    cosim.run --policy, cosim.evaluate and agent.evaluate take. Needs the extra deep
+    (uv sync --extra deep).
+    """
+
+    prefix: ClassVar[str] = "deep-"
+
+    scenario: ScenarioName = "2"
+    algorithm: Algorithm = "ippo"
+    """Learner: PPO of skrl, whose critic sees what the robot sees (ippo) or the cells of all robots
+    too (mappo), or double Q-learning with a network (ddqn)."""
+    steps: Count = 1_500_000
+    """Moves of all robots together to train on."""
+    seed: Seed = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.seed >= 2**32:
+            raise UserError("--seed must be from 0 to 4294967295")
+
+
+class DeepReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What training achieved.
+
+    Attributes:
+        schema_version: of the report.
+        scenario: name.
+        algorithm: of learning.
+        seed: of training.
+        policy: file of the best policy.
+        success: share of the starts from which it succeeds on the grid: all, or a thousand of them.
+        agent_steps: moves of all robots.
+        seconds: wall-clock time of training, evaluations included.
+        curve: (agent steps, seconds, success) after every round.
+    """
+
+    schema_version: int = 1
+    scenario: str
+    algorithm: str
+    seed: int
+    policy: str
+    success: float
+    agent_steps: int
+    seconds: float
+    curve: tuple[Any, ...]
+
+
+def run(options: Deep, progress: Progress) -> DeepReport:
+    """Train, and write `policy.npz` and `deep.json`."""
+    from cosim.base.storage import write_json
+    from cosim.scenarios.file import find_scenario
+
+    scenario = find_scenario(options.scenario)
+    require_learners()
+    from agent.deep.learners import train
+    from agent.deep.policy import NetworkConfig
+    from agent.deep.world import SHAPING
+    from agent.training.policy import Seed
+
+    process, seed = SHAPING[options.algorithm].process, Seed(options.seed)
+    config = NetworkConfig(scenario, process, options.algorithm, options.steps, seed)
+
+    out = options.folder
+    out.mkdir(parents=True, exist_ok=True)
+    began = time.perf_counter()
+    curve = []
+    policy = train(config, progress, curve.append)
+    policy.save(out / "policy.npz")
+    report = DeepReport(
+        scenario=scenario.name,
+        algorithm=options.algorithm,
+        seed=options.seed,
+        policy=str(out / "policy.npz"),
+        success=max(point.success for point in curve),
+        agent_steps=curve[-1].agent_steps,
+        seconds=time.perf_counter() - began,
+        curve=tuple(curve),
+    )
+    write_json(out / "deep.json", report)
+    return report
+
+
+def show(options: Deep, report: DeepReport) -> DeepReport:
+    """Print what was achieved and how to try it."""
+    print(
+        f"success from {100.0 * report.success:.1f} % of the starts on the grid, after "
+        f"{report.agent_steps:,} moves in {report.seconds:.0f} s"
+    )
+    print(f"results in {Path(report.policy).parent}/: policy.npz, deep.json")
+    print(
+        f"try it with: uv run python -m cosim.run --scenario {options.scenario} --policy "
+        f"{report.policy}"
+    )
+    return report

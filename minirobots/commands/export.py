@@ -1,0 +1,61 @@
+"""Write a recording for other programs."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import tyro
+
+from analysis.export.content import Format
+from cosim.base.progress import Progress, under_way
+from minirobots.options import CommandOptions, File
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export(CommandOptions):
+    """Write a recorded episode for programs that know no Rerun.
+
+    Every signal and state with its unit and time, and what was run: as a table of rows (parquet,
+    csv), as messages in order of time (mcap, which needs the extra export), or as structs (mat).
+    """
+
+    recording: tyro.conf.Positional[Path]
+    """Recording of an episode (.rrd or .rrd.part)."""
+    to: Format
+    """Format to write."""
+    out: File | None = None
+    """File to write; by default next to the recording, with its name."""
+    signals: tuple[str, ...] = ()
+    """Signals and states to write, by name or pattern, such as r1/motors/omega or 'r1/*'; all by
+    default. An episode of 76 s with all of them takes some 100 MB as csv."""
+    rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
+    """Samples to write per second of a signal: the first one of every period of 1/HZ s, as it was
+    recorded and not filtered, so that faster oscillations are aliased. All by default."""
+
+
+class Exported(NamedTuple):
+    """The file that was written, and the number of signals in it."""
+
+    file: Path
+    signals: int
+
+
+def run(options: Export, progress: Progress) -> Exported:
+    """Read the recording and write what is chosen of it."""
+    from analysis.export.content import chosen
+    from analysis.export.writing import export
+    from cosim.reading.episode import read_episode
+
+    out = options.out or options.recording.with_suffix(f".{options.to}")
+    with under_way(progress, "reading"):
+        episode = read_episode(options.recording)
+    episode = chosen(episode, options.signals, options.rate)
+    export(episode, options.to, out, progress)
+    return Exported(out, len(episode.signals))
+
+
+def show(_: Export, written: Exported) -> dict[str, object]:
+    """Print the file's name."""
+    file = written.file
+    print(f"wrote {file}")
+    return {"file": str(file), "signals": written.signals, "bytes": file.stat().st_size}

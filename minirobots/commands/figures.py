@@ -1,0 +1,84 @@
+"""Draw the paper's figures from a folder of results."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import tyro
+
+from analysis.reading.results import FIGURES
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress
+from minirobots.options import CommandOptions, Folder
+
+ALL = "all"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures(CommandOptions):
+    """Draw figures of the paper, and some that it lacks, from a folder of results.
+
+    Each figure becomes a PNG and a PDF of the same name, and a .json with its caption: the paper's
+    claim and our numbers. fig02 platform and fig03 its motion, fig04 robot, fig05 scenarios, fig06
+    speed loop and fig07 its response, fig08 learning of one robot, fig09 its paths, fig10
+    coefficient c, fig11 learning of pairs, fig12 their paths, motor_cycle forces over a turn,
+    obstacles and groups scenarios of this project, path_ratio paths compared with the optimum,
+    sequel learning of groups, transfer success in co-simulation by training method. A figure whose
+    results are missing is left out, with the command that makes them.
+    """
+
+    figures: tyro.conf.Positional[tuple[str, ...]] = (ALL,)
+    """Figures to draw by name, or all."""
+    results: Folder = Path("runs/reproduction/results")
+    """Folder of results, as `python -m analysis.reproduce` fills it."""
+    out: Folder = Path("figures")
+    """Folder to write to."""
+    small: bool = False
+    """Write only PNGs of some 900 pixels with few colours, for the docs."""
+    strict: bool = False
+    """Fail if any figure cannot be drawn, not only if all cannot."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.figures:
+            if name != ALL and name not in FIGURES:
+                known = ", ".join((ALL, *FIGURES))
+                raise UserError(f"no figure is called {name}; choose from {known}")
+
+
+class DrawnFigures(NamedTuple):
+    """Files of every figure, and why the others were not drawn."""
+
+    drawn: dict[str, list[str]]
+    lacking: dict[str, str]
+    strict: bool
+
+
+def run(options: Figures, progress: Progress) -> DrawnFigures:
+    """Draw the figures."""
+    from analysis.figures.draw import draw_figures
+
+    names = FIGURES if ALL in options.figures else options.figures
+    drawn, lacking = draw_figures(
+        names, options.results, options.out, small=options.small, progress=progress
+    )
+    files = {name: [str(file) for file in written] for name, written in drawn.items()}
+    return DrawnFigures(files, lacking, options.strict)
+
+
+def show(_: Figures, found: DrawnFigures) -> dict[str, object]:
+    """Print files and reasons."""
+    for files in found.drawn.values():
+        print("figure: " + ", ".join(files))
+    for name, reason in found.lacking.items():
+        print(f"not drawn: {name}: {reason}")
+    return {"drawn": found.drawn, "lacking": found.lacking}
+
+
+def failed(found: DrawnFigures) -> bool:
+    """Refuse results from which too little can be drawn."""
+    if not found.drawn:
+        raise UserError("no figure could be drawn; the commands that make results stand above")
+    if found.strict and found.lacking:
+        raise UserError(f"not drawn: {', '.join(found.lacking)}; leave out --strict to accept that")
+    return False

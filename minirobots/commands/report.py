@@ -1,0 +1,43 @@
+"""Write one page with figures, tables and recordings."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from cosim.base.progress import Progress
+from minirobots.options import CommandOptions, Folder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report(CommandOptions):
+    """Write a page with every figure beside the paper's claim, tables, and recordings to watch.
+
+    Results are those of `python -m analysis.reproduce`, or of single commands with the same
+    folders; what is missing is named on the page with the command that makes it. Open the page
+    with `python -m analysis.serve DIR`.
+    """
+
+    results: Folder = Path("runs/reproduction/results")
+    """Folder of results."""
+    out: Folder = Path("runs/reproduction/report")
+    """Folder to write the page to."""
+    figures: Folder | None = None
+    """Folder of `python -m analysis.figures`; by default `figures` beside the results."""
+    episode: Annotated[str | None, tyro.conf.arg(metavar="SCENARIO/N")] = None
+    """Episode that the viewer opens first, such as 4/0; by default the success of a pair."""
+
+
+def run(options: Report, _: Progress) -> Path:
+    """Write the page; return its path."""
+    from analysis.report.page import write_report
+
+    return write_report(options.results, options.out, options.figures, options.episode)
+
+
+def show(options: Report, page: Path) -> dict[str, str]:
+    """Print where the page is and how to open it."""
+    print(f"report: {page}")
+    print(f"open it with: python -m analysis.serve {options.out}")
+    return {"page": str(page)}

@@ -1,0 +1,102 @@
+"""Train many runs of one configuration and evaluate them."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from agent.process.config import ProcessConfig
+from agent.training.settings import LearningConfig, read_settings
+from cosim.base.progress import Progress
+from minirobots.options import (
+    ClusterAddress,
+    ClusterBackend,
+    Count,
+    File,
+    Jobs,
+    NewFolder,
+    ScenarioName,
+    Seed,
+)
+
+if TYPE_CHECKING:
+    from agent.evaluation.grid import GridReport
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train(NewFolder):
+    """Train Q-learning agents on the grid: many independent runs, each from a seed of its own.
+
+    Every run gets a folder with its policy, its learning curves and a recording for the Rerun
+    viewer; runs are evaluated from every start. The same command with --out continues after an
+    interrupt, and the results are bit-identical to those of a command that was not interrupted.
+    """
+
+    prefix: ClassVar[str] = "train-"
+
+    scenario: ScenarioName = "4"
+    runs: Count = 1
+    """Independent runs (the paper: 20)."""
+    seed: Seed = 0
+    config: File | None = None
+    """Settings file with tables [process] and [learning]; options given here override it."""
+    moves: File | None = None
+    """Moves observed by `python -m agent.moves`: train on them instead of the grid."""
+    jobs: Jobs = -1
+    backend: ClusterBackend = "loky"
+    address: ClusterAddress = None
+    checkpoint_episodes: Count = 500_000
+    """Episodes between two checkpoints of a run."""
+    process: ProcessConfig = field(default_factory=ProcessConfig)
+    learning: LearningConfig = field(default_factory=LearningConfig)
+
+    @classmethod
+    def defaults(cls, arguments: list[str]) -> Self | None:
+        """Return the values of the settings file, which the command line overrides."""
+        config = None
+        for k, argument in enumerate(arguments):
+            name, _, value = argument.partition("=")
+            if name == "--config":
+                config = value or (arguments[k + 1] if k + 1 < len(arguments) else None)
+        if config is None:
+            return None
+        process, learning = read_settings(Path(config))
+        return cls(config=Path(config), process=process, learning=learning)
+
+
+def run(options: Train, progress: Progress) -> "GridReport":
+    """Train what is missing and evaluate every run."""
+    from agent.experiments.run import train_and_evaluate
+    from agent.moves.model import ObservedMoves
+    from agent.training.runs import Experiment
+    from cosim.scenarios.file import find_scenario
+
+    moves = options.moves and ObservedMoves.load(options.moves)
+    experiment = Experiment(
+        find_scenario(options.scenario),
+        options.process,
+        options.learning,
+        options.seed,
+        options.runs,
+        moves,
+    )
+    return train_and_evaluate(
+        experiment,
+        options.folder,
+        jobs=options.jobs,
+        backend=options.backend,
+        address=options.address,
+        checkpoint_episodes=options.checkpoint_episodes,
+        progress=progress,
+    )
+
+
+def show(options: Train, summary: "GridReport") -> "GridReport":
+    """Print a row for every run."""
+    from agent.evaluation.grid import show as show_report
+
+    show_report(summary)
+    print(
+        f"results in {options.folder}/: summary.json, run_*/policy.npz, training.npz, training.rrd"
+        + (", and training.rrd of all runs" if options.runs > 1 else "")
+    )
+    return summary
