@@ -41,6 +41,10 @@ def train(
 ) -> "GreedyPolicy":
     """Train a policy, or find it in the cache if this configuration was trained before.
 
+    >>> import minirobots as mr
+    >>> mr.train("1a", method="paper", episodes=20_000, progress=None)
+    Policy(scenario 1a, 20000 episodes on the grid)
+
     Args:
         scenario: name of a built-in scenario, scenario file (.toml) or record.
         method: one of `methods()`.
@@ -76,7 +80,12 @@ def train(
 
 
 def load(path: str | Path, scenario: str | Path | Scenario | None = None) -> "GreedyPolicy":
-    """A policy from its file.
+    """Read a policy from its file.
+
+    >>> import minirobots as mr
+    >>> mr.train("1a", method="shortest", progress=None).save("policy.npz")
+    >>> mr.load("policy.npz").config.scenario.name
+    '1a'
 
     Args:
         path: of the .npz file that a policy's `save` or a run has written.

@@ -12,6 +12,12 @@ if TYPE_CHECKING:
 def open(path: "Path | str") -> "Episode":  # noqa: A001 - to be called as analysis.open
     """Read the recording of an episode.
 
+    >>> import minirobots as mr
+    >>> policy = mr.train("1a", method="shortest", progress=None)
+    >>> mr.simulate("1a", policy, time_limit=4.0, progress=None).save("episode.rrd")
+    >>> mr.open("episode.rrd").outcome
+    'timeout'
+
     Args:
         path: an .rrd file, or the .rrd.part that a killed run left.
 

@@ -46,6 +46,13 @@ def simulate(
 ) -> Episode:
     """Simulate one episode: the first one of `python -m cosim.run --seed SEED`.
 
+    >>> import minirobots as mr
+    >>> class Upwards:
+    ...     def act(self, observation):
+    ...         return [2] * len(observation.cells)
+    >>> mr.simulate("2", Upwards(), record="summary", progress=None).outcome
+    'out_of_board'
+
     Args:
         scenario: name of a built-in scenario, scenario file (.toml) or record.
         policy: asked every 2 s of simulated time.

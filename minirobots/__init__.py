@@ -1,1 +1,57 @@
-"""Vibration-driven mini-robots that learn to navigate: everything under one name."""
+"""Vibration-driven mini-robots that learn to navigate: everything under one name.
+
+>>> import minirobots as mr
+>>> policy = mr.train("1a", method="shortest", progress=None)
+>>> mr.simulate("1a", policy, record="summary", progress=None).outcome
+'success'
+
+Names are imported when they are asked for, so that `import minirobots` itself takes no time.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from agent import load, train
+    from agent.training.policy import Policy
+    from analysis import open  # noqa: A004 - to be called as minirobots.open
+    from cosim import Episode, Scenario, UserError, World, simulate
+
+    __version__: str
+
+__all__ = [
+    "Episode",
+    "Policy",
+    "Scenario",
+    "UserError",
+    "World",
+    "__version__",
+    "load",
+    "open",
+    "simulate",
+    "train",
+]
+
+_MODULES = {
+    "Episode": "cosim",
+    "Policy": "agent",
+    "Scenario": "cosim",
+    "UserError": "cosim",
+    "World": "cosim",
+    "load": "agent",
+    "open": "analysis",
+    "simulate": "cosim",
+    "train": "agent",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return import_module("importlib.metadata").version("minirobots")
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
+    raise AttributeError(f"module 'minirobots' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return __all__

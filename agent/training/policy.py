@@ -102,6 +102,12 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Policy(GreedyPolicy):
     """Greedy policy over one table per robot.
 
+    >>> import minirobots as mr
+    >>> policy = mr.train("1a", method="shortest", progress=None)
+    >>> policy.save("policy.npz")
+    >>> mr.Policy.load("policy.npz").digest() == policy.digest()
+    True
+
     Attributes:
         config: what it was trained with.
         q: (tables, N, states, 8) float32, Q tables; two for double Q-learning.

@@ -43,7 +43,15 @@ class Terminated(KeyboardInterrupt):
 
 
 class UserError(Exception):
-    """A mistake the caller can mend; the message names the thing and the mend in one sentence."""
+    """A mistake the caller can fix; the message names the thing and the fix in one sentence.
+
+    >>> import minirobots as mr
+    >>> try:
+    ...     mr.load("missing.npz")
+    ... except mr.UserError as error:
+    ...     print(error)
+    missing.npz: no such policy file; name a policy.npz that training has saved
+    """
 
 
 def shown(value: object) -> str:

@@ -87,6 +87,10 @@ class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
 class World(_Record, frozen=True, forbid_unknown_fields=True):
     """A world as declared; None where nothing is said and the machine's value holds.
 
+    >>> import minirobots as mr
+    >>> mr.World(mu=0.2, mu_patches=[{"cells": (10, 0, 19, 29), "mu": 0.3}]).mu_patches[0].mu
+    0.3
+
     Attributes:
         mu: Coulomb friction coefficient of the floor.
         mu_patches: cells with another one.

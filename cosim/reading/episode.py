@@ -110,6 +110,12 @@ def _short(path: str) -> str:
 class Episode:
     """The record of an episode: what was run, how it ended, and every signal.
 
+    >>> import minirobots as mr
+    >>> policy = mr.train("1a", method="shortest", progress=None)
+    >>> episode = mr.simulate("1a", policy, time_limit=4.0, progress=None)
+    >>> episode.signals["r1/motors/omega"].unit
+    'rad/s'
+
     Attributes:
         path: of the recording.
         recording_id: its identity.

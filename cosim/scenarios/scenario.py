@@ -58,6 +58,10 @@ def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray)
 class Scenario:
     """Board, targets and start cells of N robots, as drawn in Fig. 5.
 
+    >>> import minirobots as mr
+    >>> mr.Scenario("near", "one robot", targets=[(15, 15)], starts=[[(5, 15), (25, 15)]]).robots
+    1
+
     Attributes:
         name: what `--scenario` calls it.
         title: one line for people.
