@@ -36,5 +36,4 @@ COMMANDS = {
     "validate": Command(
         "cosim.validation.__main__", "Validate", "ours beside published numbers of machines"
     ),
-    "fmu": Command("fmus.build", "Build", "motors and robots as FMUs and SSP for other tools"),
 }

@@ -1,29 +1,22 @@
 """Builds the FMUs: renders their tables, has their C code compiled and packs the archives.
 
-`python -m fmus.build --out DIR` writes the FMUs; `cached_fmu` gives the co-simulation one: that of
-the wheel, or one that is built on first use. Numerical work is in C files like
+`python -m fmus.build` is the command `minirobots fmu`; `cached_fmu` gives the co-simulation one:
+that of the wheel, or one that is built on first use. Numerical work is in C files like
 `vibration_motor/motor.h`.
 """
 
 import hashlib
 import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
 
-import tyro
-
-from cosim.base.command import Json, parse, print_json
-from cosim.base.errors import run_command
-from cosim.base.progress import Progress, progress_bars, silent
+from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached
 from fmus.archive import binaries, write_archive
 from fmus.companions import render_build_description, render_terminals
 from fmus.compiler import (
     FLAGS,
-    TARGETS,
     BuildError,
     compile_library,
     compiler_version,
@@ -32,19 +25,12 @@ from fmus.compiler import (
 )
 from fmus.description import render_fmi2, render_fmi3
 from fmus.documentation import render_html
-from fmus.models import MODELS, ROOT, STANDARDS, Fmi, Model, folders, read_bytes
+from fmus.models import ROOT, Fmi, Model, folders, read_bytes
 from fmus.origin import license_text, read_origin
 from fmus.references import reference_files
 from fmus.variables import Table, load_table, render_header
 
 __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
-
-SHORT_NAMES: dict[str, Model] = {
-    "motor": "VibrationMotor",
-    "motors": "VibrationMotors",
-    "robot": "MiniRobot",
-}
-
 
 CARRIED = Path("fmus/built")  # folder of FMUs in a wheel
 
@@ -158,93 +144,7 @@ def instantiation_token(table: Table) -> str:
     return f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"
 
 
-TargetChoice = Literal[
-    "host",
-    "all",
-    "x86_64-linux",
-    "aarch64-linux",
-    "x86_64-windows",
-    "aarch64-windows",
-    "x86_64-darwin",
-    "aarch64-darwin",
-]
-
-
-What = Literal["motor", "motors", "robot", "ssp"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Build:
-    """Build FMUs: of one vibration motor, of an array of motors, of a robot; or a system of them.
-
-    VibrationMotor offers co-simulation and Model Exchange, MiniRobot co-simulation, and so does
-    VibrationMotors, which needs FMI 3.0. Without --fmi FMI 3.0 FMUs are written under the models'
-    names, which the co-simulation uses; with --fmi the names tell the standard, as in
-    VibrationMotor_fmi2.fmu.
-    """
-
-    what: Annotated[
-        tyro.conf.Positional[tuple[What, ...]], tyro.conf.arg(metavar="{motor,motors,robot,ssp}")
-    ] = ()
-    """What to build: models by their short names, or ssp, two robots with their motors as archives
-    of SSP 1.0 (FMI 2.0) and 2.0 (FMI 3.0)."""
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder that receives the files; made if missing."""
-    model: tuple[Model, ...] = MODELS
-    """Models to build where nothing is named."""
-    fmi: Literal["2", "3", "both"] | None = None
-    """FMI standard to build for."""
-    targets: tuple[TargetChoice, ...] = ("host",)
-    """Platforms whose binaries go into the archive. A first build for Windows takes about a
-    minute, every other build seconds."""
-    json: Json = False
-
-    @property
-    def models(self) -> tuple[Model, ...]:
-        """Models that are asked for."""
-        if not self.what:
-            return self.model
-        return tuple(SHORT_NAMES[name] for name in self.what if name != "ssp")
-
-
-def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
-    """File to write for each standard that is asked for and can be had."""
-    if options.fmi is None:
-        return {"3": options.out / f"{model}.fmu"}
-    return {
-        fmi: options.out / f"{model}_fmi{fmi}.fmu"
-        for fmi in STANDARDS[model]
-        if options.fmi in (fmi, "both")
-    }
-
-
-def main() -> None:
-    """Command line; see `Build`."""
-    options = parse(Build, "fmus.build")
-    targets: dict[str, None] = {}
-    for choice in options.targets:
-        names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]
-        targets |= dict.fromkeys(names)
-    if options.what and options.model != MODELS:
-        raise BuildError("--model has no effect beside what is named first; leave one of them out")
-    if options.what == ("ssp",) and options.fmi is not None:
-        raise BuildError("--fmi has no effect on ssp, which has an archive for each; leave it out")
-    if options.fmi == "2" and options.models == ("VibrationMotors",):
-        raise BuildError("FMI 2 has no arrays, which VibrationMotors needs; use --fmi 3")
-    files: list[Path] = []
-    with progress_bars() as progress:
-        for model in options.models:
-            if paths := _paths(options, model):
-                files += build_fmus(paths, list(targets), progress, model)
-        if "ssp" in options.what:
-            from fmus.ssp.archive import build_ssp  # noqa: PLC0415
-
-            files += build_ssp(options.out, targets=list(targets), progress=progress)
-    for file in files:
-        print(f"wrote {file}")
-    if options.json:
-        print_json({"files": list(map(str, files))})
-
-
 if __name__ == "__main__":
-    run_command(main)
+    from minirobots.runner import run_named
+
+    run_named("fmu", "fmus.build")

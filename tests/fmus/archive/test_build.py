@@ -290,18 +290,18 @@ def test_command_writes_the_named_files(command, tmp_path):
         "MiniRobot_fmi3.fmu",
     }
     assert all(str(path) in run.stdout for path in tmp_path.iterdir())
-    assert command(build, "--out", tmp_path / "every").returncode == 0
+    assert command("fmu", "--out", tmp_path / "every").returncode == 0
     every = {"VibrationMotor.fmu", "VibrationMotors.fmu", "MiniRobot.fmu"}
     assert {p.name for p in (tmp_path / "every").iterdir()} == every
-    assert command(build, "robot", "motor", "--out", tmp_path / "two").returncode == 0
+    assert command("fmu", "robot", "motor", "--out", tmp_path / "two").returncode == 0
     assert {p.name for p in (tmp_path / "two").iterdir()} == every - {"VibrationMotors.fmu"}
 
 
 def test_command_builds_the_model_that_is_asked_for(command, tmp_path):
     line = ("--out", tmp_path, "--model", "VibrationMotors", "--fmi")
-    assert command(build, *line, "3").returncode == 0
+    assert command("fmu", *line, "3").returncode == 0
     assert [p.name for p in tmp_path.iterdir()] == ["VibrationMotors_fmi3.fmu"]
-    refused = command(build, *line, "2")
+    refused = command("fmu", *line, "2")
     assert refused.returncode == 2
     assert "use --fmi 3" in refused.stderr
 
@@ -311,7 +311,7 @@ def test_command_builds_the_model_that_is_asked_for(command, tmp_path):
     [(("robot", "--model", "VibrationMotor"), "--model"), (("ssp", "--fmi", "2"), "--fmi")],
 )
 def test_options_without_effect_are_refused(command, tmp_path, arguments, word):
-    refused = command(build, *arguments, "--out", tmp_path)
+    refused = command("fmu", *arguments, "--out", tmp_path)
     assert refused.returncode == 2
     assert f"{word} has no effect" in refused.stderr
     assert not list(tmp_path.iterdir())
@@ -320,7 +320,7 @@ def test_options_without_effect_are_refused(command, tmp_path, arguments, word):
 def test_unwritable_folder_is_one_sentence(command, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    run = command(build, "--out", blocked / "sub")
+    run = command("fmu", "--out", blocked / "sub")
     assert run.returncode == 2
     assert len(run.stderr.strip().splitlines()) == 1
     assert "choose another place" in run.stderr

@@ -10,7 +10,6 @@ from fmpy.ssp.ssd import read_ssd, read_ssv
 
 from benchmarks.masters import ssp as masters
 from benchmarks.masters.own import drive
-from fmus import build
 from fmus.ssp.archive import VALUES, build_ssp
 from fmus.ssp.system import PAIR, robots_with_motors
 from fmus.variables import load_table
@@ -93,7 +92,7 @@ def test_the_second_archive_has_the_types_of_fmi_3(archives):
 
 
 def test_command_writes_both_archives_the_same_bytes_again(command, archives, tmp_path):
-    done = command(build, "ssp", "--out", tmp_path, "--json")
+    done = command("fmu", "ssp", "--out", tmp_path, "--json")
     assert done.returncode == 0, done.stderr
     files = [Path(name) for name in json.loads(done.stdout.splitlines()[-1])["files"]]
     assert [path.name for path in files] == ["robots_ssp1.ssp", "robots_ssp2.ssp"]

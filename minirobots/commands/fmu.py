@@ -1,0 +1,108 @@
+"""Build motors and robots as FMUs and SSP for other tools."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress
+from fmus.models import MODELS, STANDARDS, Fmi, Model
+from minirobots.options import CommandOptions, Folder
+
+TargetChoice = Literal[
+    "host",
+    "all",
+    "x86_64-linux",
+    "aarch64-linux",
+    "x86_64-windows",
+    "aarch64-windows",
+    "x86_64-darwin",
+    "aarch64-darwin",
+]
+What = Literal["motor", "motors", "robot", "ssp"]
+SHORT_NAMES: dict[str, Model] = {
+    "motor": "VibrationMotor",
+    "motors": "VibrationMotors",
+    "robot": "MiniRobot",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Build(CommandOptions):
+    """Build FMUs: of one vibration motor, of an array of motors, of a robot; or a system of them.
+
+    VibrationMotor offers co-simulation and Model Exchange, MiniRobot co-simulation, and so does
+    VibrationMotors, which needs FMI 3.0. Without --fmi FMI 3.0 FMUs are written under the models'
+    names, which the co-simulation uses; with --fmi the names tell the standard, as in
+    VibrationMotor_fmi2.fmu.
+    """
+
+    what: Annotated[
+        tyro.conf.Positional[tuple[What, ...]], tyro.conf.arg(metavar="{motor,motors,robot,ssp}")
+    ] = ()
+    """What to build: models by their short names, or ssp, two robots with their motors as archives
+    of SSP 1.0 (FMI 2.0) and 2.0 (FMI 3.0)."""
+    out: Folder
+    """Folder that receives the files; made if missing."""
+    model: tuple[Model, ...] = MODELS
+    """Models to build where nothing is named."""
+    fmi: Literal["2", "3", "both"] | None = None
+    """FMI standard to build for."""
+    targets: tuple[TargetChoice, ...] = ("host",)
+    """Platforms whose binaries go into the archive. A first build for Windows takes about a
+    minute, every other build seconds."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.what and self.model != MODELS:
+            raise UserError("--model has no effect where models are named first; leave one out")
+        if self.what == ("ssp",) and self.fmi is not None:
+            raise UserError("--fmi has no effect on ssp, which has one for each; leave it out")
+        if self.fmi == "2" and self.models == ("VibrationMotors",):
+            raise UserError("FMI 2 has no arrays, which VibrationMotors needs; use --fmi 3")
+
+    @property
+    def models(self) -> tuple[Model, ...]:
+        """Models that are asked for."""
+        if not self.what:
+            return self.model
+        return tuple(SHORT_NAMES[name] for name in self.what if name != "ssp")
+
+
+def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
+    """File to write for each standard that is asked for and can be had."""
+    if options.fmi is None:
+        return {"3": options.out / f"{model}.fmu"}
+    return {
+        fmi: options.out / f"{model}_fmi{fmi}.fmu"
+        for fmi in STANDARDS[model]
+        if options.fmi in (fmi, "both")
+    }
+
+
+def run(options: Build, progress: Progress) -> list[Path]:
+    """Build what is asked for."""
+    from fmus.build import build_fmus
+    from fmus.compiler import TARGETS, host_target
+    from fmus.ssp.archive import build_ssp
+
+    targets: dict[str, None] = {}
+    for choice in options.targets:
+        names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]
+        targets |= dict.fromkeys(names)
+    files: list[Path] = []
+    for model in options.models:
+        if paths := _paths(options, model):
+            files += build_fmus(paths, list(targets), progress, model)
+    if "ssp" in options.what:
+        files += build_ssp(options.out, targets=list(targets), progress=progress)
+    return files
+
+
+def show(_: Build, files: list[Path]) -> dict[str, list[str]]:
+    """Print the names of the files."""
+    for file in files:
+        print(f"wrote {file}")
+    return {"files": [str(file) for file in files]}
