@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -35,44 +36,6 @@ for name in json.loads(sys.argv[1]):
     found[name] = text.getvalue().splitlines()[0], sorted(loaded)
 print(json.dumps(found))
 """
-# A command of the user's own, in one file.
-HELLO = '''"""Greet a robot."""
-
-from dataclasses import dataclass
-
-from cosim.base.errors import UserError
-from cosim.base.progress import Progress
-from minirobots.options import CommandOptions, Count
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hello(CommandOptions):
-    """Print a greeting."""
-
-    name: str = "r1"
-    """Robot to greet."""
-    times: Count = 1
-    """How often."""
-
-
-def run(options: Hello, progress: Progress) -> list[str]:
-    """Make the greetings."""
-    if options.name == "":
-        raise UserError("--name is empty; name a robot")
-    progress("greeting", 1, 1)
-    return [f"hello {options.name}"] * options.times
-
-
-def show(_: Hello, lines: list[str]) -> dict[str, list[str]]:
-    """Print them."""
-    print(*lines, sep="\\n")
-    return {"lines": lines}
-
-
-def failed(lines: list[str]) -> bool:
-    """More than two greetings are a failure."""
-    return len(lines) > 2
-'''
 
 
 @pytest.fixture(scope="module")
@@ -150,8 +113,12 @@ def test_completion_for_bash_knows_every_command_and_its_options(program):
 
 
 def test_a_command_is_added_by_one_file(tmp_path):
+    """The one that CONTRIBUTING.md shows."""
+    page = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    (code,) = re.findall(r"^```python\n(\"\"\"Print.*?)^```$", page, re.M | re.S)
+    assert code.count("\n") <= 60
     shutil.copytree(ROOT / "minirobots", tmp_path / "minirobots")
-    (tmp_path / "minirobots" / "commands" / "say_hello.py").write_text(HELLO)
+    (tmp_path / "minirobots" / "commands" / "target_cells.py").write_text(code)
 
     def called(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
@@ -163,16 +130,16 @@ def test_a_command_is_added_by_one_file(tmp_path):
             check=False,
         )
 
-    assert "  say-hello      Greet a robot\n" in called().stdout
-    done = called("say-hello", "--times", "2", "--json")
+    assert "  target-cells   Print the target cells of a scenario\n" in called().stdout
+    done = called("target-cells", "--scenario", "4", "--json")
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == 'hello r1\nhello r1\n{"lines":["hello r1","hello r1"]}\n'
-    assert called("say-hello", "--times", "3").returncode == 1
-    for wrong, said in {
-        ("--name", ""): "--name is empty",
-        ("--times", "0"): "--times must",
-    }.items():
-        refused = called("say-hello", *wrong)
+    *lines, content = done.stdout.splitlines()
+    found = json.loads(content)
+    assert found["scenario"] == "4"
+    assert lines == [f"r{k}: {x} {y}" for k, (x, y) in enumerate(found["targets"], start=1)]
+    assert called("target-cells", "--scenario", "1a").returncode == 1
+    for wrong, said in (("--robots", "0"), "--robots must"), (("--scenario", "9"), "unknown"):
+        refused = called("target-cells", *wrong)
         assert (refused.returncode, refused.stdout) == (2, "")
         assert refused.stderr.startswith(f"error: {said}")
-    assert "say-hello" in called("--tyro-print-completion", "bash").stdout
+    assert "target-cells" in called("--tyro-print-completion", "bash").stdout
