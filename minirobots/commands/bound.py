@@ -1,7 +1,7 @@
 """The least path length and number of moves of any policy."""
 
 from dataclasses import dataclass, field, fields
-from typing import NamedTuple
+from typing import Any
 
 from agent.process.config import ProcessConfig
 from cosim.base.errors import UserError
@@ -32,26 +32,7 @@ class BoundOptions(CommandOptions):
                 raise UserError(f"--process.{option} has no effect on the optimum; leave it out")
 
 
-class JointBound(NamedTuple):
-    """Means over the starts of a scenario.
-
-    Attributes:
-        scenario: its name.
-        starts: number of starts.
-        sampled: whether they are drawn.
-        relaxed: whether robots may pass through each other, which makes the bound lower.
-        path_length_cm, steps: least ones of any policy.
-    """
-
-    scenario: str
-    starts: int
-    sampled: bool
-    relaxed: bool
-    path_length_cm: float
-    steps: float
-
-
-def run(options: BoundOptions, _: Progress) -> JointBound:
+def run(options: BoundOptions, _: Progress) -> dict[str, Any]:
     """Find or compute the bound."""
     from agent.process.exact import enumerable, joint_starts
     from agent.process.optimum import optimum, require_paths
@@ -64,15 +45,19 @@ def run(options: BoundOptions, _: Progress) -> JointBound:
     require_paths(process, bound)
     starts = joint_starts(process)
     path_cells, steps = (float(mean.mean()) for mean in bound.of_starts(starts, scenario.rows))
-    length_cm, sampled = 100.0 * scenario.cell_m * path_cells, not enumerable(process)
-    return JointBound(scenario.name, len(starts), sampled, bound.relaxed, length_cm, steps)
+    return {
+        "scenario": scenario.name,
+        "starts": len(starts),
+        "drawn": not enumerable(process),
+        "relaxed": bound.relaxed,
+        "path_length_cm": 100.0 * scenario.cell_m * path_cells,
+        "steps": steps,
+    }
 
 
-def show(_: BoundOptions, bound: JointBound) -> dict[str, object]:
+def show(_: BoundOptions, bound: dict[str, Any]) -> dict[str, Any]:
     """Print the bound."""
-    words = " drawn" * bound.sampled + " starts" + ", relaxed" * bound.relaxed
-    print(f"scenario {bound.scenario}, {bound.starts}{words}")
-    print(f"path length {bound.path_length_cm:.2f} cm, moves {bound.steps:.2f}")
-    content = bound._asdict()
-    del content["sampled"]
-    return content
+    words = " drawn" * bound["drawn"] + " starts" + ", relaxed" * bound["relaxed"]
+    print(f"scenario {bound['scenario']}, {bound['starts']}{words}")
+    print(f"path length {bound['path_length_cm']:.2f} cm, moves {bound['steps']:.2f}")
+    return bound

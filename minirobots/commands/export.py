@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any
 
 import tyro
 
@@ -33,14 +33,7 @@ class Export(CommandOptions):
     recorded and not filtered, so that faster oscillations are aliased. All by default."""
 
 
-class Exported(NamedTuple):
-    """The file that was written, and the number of signals in it."""
-
-    file: Path
-    signals: int
-
-
-def run(options: Export, progress: Progress) -> Exported:
+def run(options: Export, progress: Progress) -> dict[str, Any]:
     """Read the recording and write what is chosen of it."""
     from analysis.export.content import chosen
     from analysis.export.writing import export
@@ -51,11 +44,10 @@ def run(options: Export, progress: Progress) -> Exported:
         episode = read_episode(options.recording)
     episode = chosen(episode, options.signals, options.rate)
     export(episode, options.to, out, progress)
-    return Exported(out, len(episode.signals))
+    return {"file": str(out), "signals": len(episode.signals), "bytes": out.stat().st_size}
 
 
-def show(_: Export, written: Exported) -> dict[str, object]:
+def show(_: Export, written: dict[str, Any]) -> dict[str, Any]:
     """Print the file's name."""
-    file = written.file
-    print(f"wrote {file}")
-    return {"file": str(file), "signals": written.signals, "bytes": file.stat().st_size}
+    print(f"wrote {written['file']}")
+    return written

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import tyro
 
@@ -46,16 +46,8 @@ class Figures(CommandOptions):
                 raise UserError(f"no figure is called {name}; choose from {known}")
 
 
-class DrawnFigures(NamedTuple):
-    """Files of every figure, and why the others were not drawn."""
-
-    drawn: dict[str, list[str]]
-    lacking: dict[str, str]
-    strict: bool
-
-
-def run(options: Figures, progress: Progress) -> DrawnFigures:
-    """Draw the figures."""
+def run(options: Figures, progress: Progress) -> dict[str, dict[str, Any]]:
+    """Draw the figures; return their files, and why others are not drawn."""
     from analysis.figures.draw import draw_figures
 
     names = FIGURES if ALL in options.figures else options.figures
@@ -63,22 +55,18 @@ def run(options: Figures, progress: Progress) -> DrawnFigures:
         names, options.results, options.out, small=options.small, progress=progress
     )
     files = {name: [str(file) for file in written] for name, written in drawn.items()}
-    return DrawnFigures(files, lacking, options.strict)
+    return {"drawn": files, "lacking": lacking}
 
 
-def show(_: Figures, found: DrawnFigures) -> dict[str, object]:
-    """Print files and reasons."""
-    for files in found.drawn.values():
+def show(options: Figures, found: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Print files and reasons; refuse results from which too little can be drawn."""
+    drawn, lacking = found.values()
+    for files in drawn.values():
         print("figure: " + ", ".join(files))
-    for name, reason in found.lacking.items():
+    for name, reason in lacking.items():
         print(f"not drawn: {name}: {reason}")
-    return {"drawn": found.drawn, "lacking": found.lacking}
-
-
-def failed(found: DrawnFigures) -> bool:
-    """Refuse results from which too little can be drawn."""
-    if not found.drawn:
+    if not drawn:
         raise UserError("no figure could be drawn; the commands that make results stand above")
-    if found.strict and found.lacking:
-        raise UserError(f"not drawn: {', '.join(found.lacking)}; leave out --strict to accept that")
-    return False
+    if options.strict and lacking:
+        raise UserError(f"not drawn: {', '.join(lacking)}; leave out --strict to accept that")
+    return found

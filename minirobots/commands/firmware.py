@@ -1,7 +1,7 @@
 """A policy and its steering as C for a microcontroller."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -40,14 +40,7 @@ class Firmware(IsolatedOptions):
                 raise ConfigError(f"--{option} has no effect on firmware; leave it out")
 
 
-class Written(NamedTuple):
-    """The files, and what each robot needs of a Cortex-M4."""
-
-    files: list[str]
-    sizes: "list[FirmwareSize]"
-
-
-def run(options: Firmware, progress: Progress) -> Written:
+def run(options: Firmware, progress: Progress) -> dict[str, Any]:
     """Write the sources and compile them."""
     from agent.firmware.build import measure, write_sources
     from agent.firmware.tables import load_table, render_constants
@@ -58,17 +51,16 @@ def run(options: Firmware, progress: Progress) -> Written:
     files = write_sources(options.out, render_constants(policy, config))
     with under_way(progress, "compiling"):
         sizes = [measure(options.out, robot + 1) for robot in range(scenario.robots)]
-    return Written([str(file) for file in files], sizes)
+    return {"files": [str(file) for file in files], "sizes": sizes}
 
 
-def show(options: Firmware, written: Written) -> dict[str, object]:
+def show(options: Firmware, written: dict[str, Any]) -> dict[str, Any]:
     """Print what each robot needs."""
     from cosim.base.command import show_table
 
     header = ("robot", "flash", "RAM", "stack, at most")
-    rows = [
-        (f"r{s.robot}", *(f"{n:,} B" for n in (s.flash, s.ram, s.stack))) for s in written.sizes
-    ]
+    sizes: list[FirmwareSize] = written["sizes"]
+    rows = [(f"r{s.robot}", *(f"{n:,} B" for n in (s.flash, s.ram, s.stack))) for s in sizes]
     show_table(None, header, rows, title="on a Cortex-M4", numbers=3)
     print(f"sources in {options.out}/; docs/firmware.md says what to connect")
-    return written._asdict()
+    return written
