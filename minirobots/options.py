@@ -10,7 +10,6 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_typ
 
 import tyro
 
-from agent.training.settings import Backend
 from cosim.base.command import Json, require_at_least, workers
 from cosim.base.errors import UserError
 from cosim.fmi.isolation import Isolation
@@ -59,19 +58,6 @@ BudgetMinutes = Annotated[
         metavar="M",
         help="Start nothing new after this time in minutes; the same command resumes. By default "
         "without limit.",
-    ),
-]
-ClusterBackend = Annotated[
-    Backend,
-    tyro.conf.arg(
-        help="Where runs are computed: processes or threads here, or a Ray or Dask cluster "
-        "(extras)."
-    ),
-]
-ClusterAddress = Annotated[
-    str | None,
-    tyro.conf.arg(
-        help="Address of the cluster's head; without it Ray and Dask start on this machine."
     ),
 ]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]

@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from agent.process.config import ProcessConfig
-from agent.training.settings import LearningConfig, read_settings
+from agent.training.settings import Backend, LearningConfig, read_settings
 from cosim.base.progress import Progress
 from minirobots.options import (
-    ClusterAddress,
-    ClusterBackend,
     Count,
     File,
     Jobs,
@@ -42,8 +40,10 @@ class Train(NewFolder):
     moves: File | None = None
     """Moves observed by `python -m agent.moves`: train on them instead of the grid."""
     jobs: Jobs = -1
-    backend: ClusterBackend = "loky"
-    address: ClusterAddress = None
+    backend: Backend = "loky"
+    """Where runs are computed: processes or threads here, or a Ray or Dask cluster (extras)."""
+    address: str | None = None
+    """Address of the cluster's head; without it Ray and Dask start on this machine."""
     checkpoint_episodes: Count = 500_000
     """Episodes between two checkpoints of a run."""
     process: ProcessConfig = field(default_factory=ProcessConfig)
