@@ -1,6 +1,7 @@
 """The package as others install it: what the wheel holds, and work without the checkout."""
 
 import io
+import json
 import os
 import subprocess
 import sys
@@ -27,8 +28,8 @@ DATA = {
     "cosim/presets/icra2006.toml",
 }
 SESSION = """
-import hashlib, agent, analysis, cosim
-policy = agent.train("1a", method="paper", episodes=20_000)
+import hashlib, agent, analysis, cosim, minirobots
+policy = minirobots.train("1a", method="paper", episodes=20_000)
 policy.save("policy.npz")
 episode = cosim.simulate("1a", agent.load("policy.npz"), time_limit=4.0)
 episode.save("episode.rrd")
@@ -37,6 +38,16 @@ for name, signal in sorted(episode.signals.items()):
     bits.update(name.encode() + signal.values.tobytes())
 print(bits.hexdigest(), analysis.open("episode.rrd").outcome)
 print(*(p.__file__ for p in (agent, analysis, cosim)))
+"""
+
+
+TYPED = """
+import minirobots as mr
+reveal_type(mr.train("1a", method="paper"))
+reveal_type(mr.simulate("1a", mr.load("policy.npz")).outcome)
+reveal_type(mr.open("a.rrd").time_s)
+reveal_type(mr.World(mu=0.2).mu)
+mr.simulate()
 """
 
 
@@ -72,6 +83,28 @@ def test_wheel_holds_every_file_of_the_packages_and_no_other(wheel):
     assert names == there | BUILT
     for fmu in carried:
         assert any(name.startswith(f"binaries/{host_target()}/") for name in fmu.namelist())
+
+
+def test_pyright_sees_the_types_of_an_installed_wheel(wheel, tmp_path):
+    python = tmp_path / "environment" / "bin" / "python"
+    for command in (
+        ["uv", "venv", "--quiet", "--python", sys.executable, tmp_path / "environment"],
+        ["uv", "pip", "install", "--quiet", "--no-deps", "--python", python, wheel],
+    ):
+        subprocess.run(command, cwd=ROOT, check=True)
+    (tmp_path / "mine.py").write_text(TYPED)
+    done = subprocess.run(
+        ["pyright", "--outputjson", "--pythonpath", python, "mine.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    said = json.loads(done.stdout)["generalDiagnostics"]
+    types = [row["message"].split(" is ")[-1] for row in said if row["severity"] == "information"]
+    assert types == ['"Policy"', '"str"', '"float"', '"float | None"']
+    (error,) = (row["message"] for row in said if row["severity"] == "error")
+    assert '"scenario"' in error
 
 
 @pytest.fixture(scope="module")

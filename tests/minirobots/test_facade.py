@@ -1,7 +1,6 @@
 """The façade: a fast import, types, examples that hold, and folders of the user's own."""
 
 import doctest
-import json
 import os
 import subprocess
 import sys
@@ -17,14 +16,6 @@ SCRIPT = """
 import minirobots as mr
 import agent
 print(mr.UserError.__module__, mr.__version__, agent.__file__)
-"""
-TYPED = """
-import minirobots as mr
-reveal_type(mr.train("1a", method="paper"))
-reveal_type(mr.simulate("1a", mr.load("policy.npz")).outcome)
-reveal_type(mr.open("a.rrd").time_s)
-reveal_type(mr.World(mu=0.2).mu)
-mr.simulate()
 """
 
 
@@ -83,20 +74,3 @@ def test_folders_of_a_user_do_not_hide_ours(tmp_path):
         [sys.executable, "-m", "minirobots"], cwd=tmp_path, env=environment, check=False
     )
     assert listed.returncode == 0
-
-
-@pytest.mark.long
-def test_pyright_sees_the_types(tmp_path):
-    (tmp_path / "mine.py").write_text(TYPED)
-    done = subprocess.run(
-        ["pyright", "--outputjson", "--pythonpath", sys.executable, "mine.py"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    said = json.loads(done.stdout)["generalDiagnostics"]
-    types = [row["message"].split(" is ")[-1] for row in said if row["severity"] == "information"]
-    assert types == ['"Policy"', '"str"', '"float"', '"float | None"']
-    (error,) = (row["message"] for row in said if row["severity"] == "error")
-    assert '"scenario"' in error
