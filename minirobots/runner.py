@@ -50,11 +50,19 @@ def execute(name: str, module: str = "minirobots") -> None:
     if isinstance(options, IsolatedOptions):
         options.isolation.enter(f"minirobots {name}", options.foreign)
     result = _result(command, options)
-    content = command.show(options, result)
+    content = command.show(options, result) if hasattr(command, "show") else _shown(result)
     if options.json:
         print_json(content)
     if hasattr(command, "failed") and command.failed(result):
         sys.exit(FAILED_STATUS)
+
+
+def _shown(result: dict[str, Any]) -> dict[str, Any]:
+    """Print what a command without a function `show` returns."""
+    for name, value in result.items():
+        words = ", ".join(map(str, value)) if isinstance(value, list) else value
+        print(f"{name.replace('_', ' ')}: {words}")
+    return result
 
 
 def _result(command: ModuleType, options: CommandOptions) -> Any:

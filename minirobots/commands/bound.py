@@ -53,11 +53,3 @@ def run(options: BoundOptions, _: Progress) -> dict[str, Any]:
         "path_length_cm": 100.0 * scenario.cell_m * path_cells,
         "steps": steps,
     }
-
-
-def show(_: BoundOptions, bound: dict[str, Any]) -> dict[str, Any]:
-    """Print the bound."""
-    words = " drawn" * bound["drawn"] + " starts" + ", relaxed" * bound["relaxed"]
-    print(f"scenario {bound['scenario']}, {bound['starts']}{words}")
-    print(f"path length {bound['path_length_cm']:.2f} cm, moves {bound['steps']:.2f}")
-    return bound

@@ -45,9 +45,3 @@ def run(options: Export, progress: Progress) -> dict[str, Any]:
     episode = chosen(episode, options.signals, options.rate)
     export(episode, options.to, out, progress)
     return {"file": str(out), "signals": len(episode.signals), "bytes": out.stat().st_size}
-
-
-def show(_: Export, written: dict[str, Any]) -> dict[str, Any]:
-    """Print the file's name."""
-    print(f"wrote {written['file']}")
-    return written

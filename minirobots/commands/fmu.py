@@ -82,7 +82,7 @@ def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
     }
 
 
-def run(options: Build, progress: Progress) -> list[Path]:
+def run(options: Build, progress: Progress) -> dict[str, list[str]]:
     """Build what is asked for."""
     from fmus.build import build_fmus
     from fmus.compiler import TARGETS, host_target
@@ -98,11 +98,4 @@ def run(options: Build, progress: Progress) -> list[Path]:
             files += build_fmus(paths, list(targets), progress, model)
     if "ssp" in options.what:
         files += build_ssp(options.out, targets=list(targets), progress=progress)
-    return files
-
-
-def show(_: Build, files: list[Path]) -> dict[str, list[str]]:
-    """Print the names of the files."""
-    for file in files:
-        print(f"wrote {file}")
     return {"files": [str(file) for file in files]}

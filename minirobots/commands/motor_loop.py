@@ -2,17 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 from cosim.base.command import MotorFmuFile
 from cosim.base.progress import Progress
 from minirobots.options import File, IsolatedOptions
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from analysis.motor.gains import Gains
-    from analysis.motor.speed_loop import LoopMerit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,26 +23,7 @@ class MotorLoop(IsolatedOptions):
     motor_fmu: MotorFmuFile = None
 
 
-class MeasuredLoop(NamedTuple):
-    """The speed loop, computed and measured.
-
-    Attributes:
-        pole_rad_s: of the motor without its loop.
-        merit: of the closed loop.
-        frequency_rad_s, response: of the FMU, complex.
-        gains: what other integral gains would do.
-        files: of the figure.
-    """
-
-    pole_rad_s: float
-    merit: "LoopMerit"
-    frequency_rad_s: "np.ndarray"
-    response: "np.ndarray"
-    gains: "list[Gains]"
-    files: list[str]
-
-
-def run(options: MotorLoop, progress: Progress) -> MeasuredLoop:
+def run(options: MotorLoop, progress: Progress) -> dict[str, Any]:
     """Compute, measure and draw the loop."""
     import numpy as np
 
@@ -67,45 +42,41 @@ def run(options: MotorLoop, progress: Progress) -> MeasuredLoop:
     config.require_known("the loop", "K_T", "R", "J", "b", "K_p", "K_i")
     loop = speed_loop(config.motor)
     frequencies = np.logspace(0.5, 3.5, 10)
-    motor = MotorFmu(fmu)
     measured = measured_response(fmu, frequencies, progress)
-    gains = compare_gains(motor, progress)
-    files = [str(path) for path in save(draw(loop, frequencies, measured), options.out)]
-    pole_rad_s = -1.0 / motor_time_constant(config.motor)
-    return MeasuredLoop(pole_rad_s, figures_of_merit(loop), frequencies, measured, gains, files)
+    gains = compare_gains(MotorFmu(fmu), progress)
+    return figures_of_merit(loop)._asdict() | {
+        "motor_pole_rad_s": -1.0 / motor_time_constant(config.motor),
+        "frequency_rad_s": frequencies.tolist(),
+        "fmu_magnitude": np.abs(measured).tolist(),
+        "fmu_phase_rad": np.angle(measured).tolist(),
+        "gains": [row._asdict() | {"rise": row.rise._asdict()} for row in gains],
+        "files": [str(path) for path in save(draw(loop, frequencies, measured), options.out)],
+    }
 
 
-def show(_: MotorLoop, found: MeasuredLoop) -> dict[str, Any]:
+def show(_: MotorLoop, found: dict[str, Any]) -> dict[str, Any]:
     """Print poles, margins and the table of gains."""
-    import numpy as np
     from rich.console import Console
     from rich.table import Table
 
     from analysis.figures.style import NOTHING
 
-    merit = found.merit
-    poles = ", ".join(f"{pole:.4g}" for pole in merit.poles_rad_s)
-    print(f"motor alone: pole {found.pole_rad_s:.4g} rad/s")
-    print(f"closed loop: poles {poles} rad/s, bandwidth {merit.bandwidth_rad_s:.4g} rad/s")
+    poles = ", ".join(f"{pole:.4g}" for pole in found["poles_rad_s"])
+    print(f"motor alone: pole {found['motor_pole_rad_s']:.4g} rad/s")
+    print(f"closed loop: poles {poles} rad/s, bandwidth {found['bandwidth_rad_s']:.4g} rad/s")
     print(
-        f"margins: gain {merit.gain_margin:g}, phase {merit.phase_margin_deg:.1f}° "
-        f"at {merit.crossover_rad_s:.4g} rad/s"
+        f"margins: gain {found['gain_margin']:g}, phase {found['phase_margin_deg']:.1f}° "
+        f"at {found['crossover_rad_s']:.4g} rad/s"
     )
     table = Table("K_i", "anti-windup", "63 %", "90 %", "98 %", "within ±2 %", "overshoot")
-    for gains in found.gains:
-        *times, overshoot = gains.rise
+    for gains in found["gains"]:
+        *times, overshoot = gains["rise"].values()
         table.add_row(
-            f"{gains.K_i:.3f}",
-            "yes" if gains.anti_windup else "no",
+            f"{gains['K_i']:.3f}",
+            "yes" if gains["anti_windup"] else "no",
             *(NOTHING if time_s is None else f"{time_s:.3f} s" for time_s in times),
             f"{100.0 * overshoot:.1f} %",
         )
     Console().print(table)
-    print(f"figure: {', '.join(found.files)}")
-    return merit._asdict() | {
-        "frequency_rad_s": found.frequency_rad_s.tolist(),
-        "fmu_magnitude": np.abs(found.response).tolist(),
-        "fmu_phase_rad": np.angle(found.response).tolist(),
-        "gains": [row._asdict() | {"rise": row.rise._asdict()} for row in found.gains],
-        "files": found.files,
-    }
+    print(f"figure: {', '.join(found['files'])}")
+    return found

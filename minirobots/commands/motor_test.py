@@ -26,15 +26,10 @@ class MotorTest(IsolatedOptions):
     test: Annotated[StepTest, tyro.conf.OmitArgPrefixes] = field(default_factory=StepTest)
 
 
-def run(options: MotorTest, _: Progress) -> None:
+def run(options: MotorTest, _: Progress) -> dict[str, str]:
     """Record the test."""
     from analysis.motor.step_test import record
     from fmus.build import cached_fmu
 
     record(options.out, options.motor_fmu or cached_fmu("VibrationMotor"), options.test)
-
-
-def show(options: MotorTest, _: None) -> dict[str, str]:
-    """Print where the recording is."""
-    print(f"recording: {options.out}")
     return {"out": str(options.out)}

@@ -29,15 +29,9 @@ class Report(CommandOptions):
     """Episode that the viewer opens first, such as 4/0; by default the success of a pair."""
 
 
-def run(options: Report, _: Progress) -> Path:
-    """Write the page; return its path."""
+def run(options: Report, _: Progress) -> dict[str, str]:
+    """Write the page."""
     from analysis.report.page import write_report
 
-    return write_report(options.results, options.out, options.figures, options.episode)
-
-
-def show(options: Report, page: Path) -> dict[str, str]:
-    """Print where the page is and how to open it."""
-    print(f"report: {page}")
-    print(f"open it with: python -m analysis.serve {options.out}")
-    return {"page": str(page)}
+    page = write_report(options.results, options.out, options.figures, options.episode)
+    return {"page": str(page), "open_it_with": f"python -m analysis.serve {options.out}"}

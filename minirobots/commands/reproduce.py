@@ -26,13 +26,13 @@ class Reproduce(Resumable):
     jobs: Jobs = -1
 
 
-def run(options: Reproduce, progress: Progress) -> Path:
-    """Run what is not finished; return the report's page."""
+def run(options: Reproduce, progress: Progress) -> dict[str, str]:
+    """Run what is not finished."""
     from analysis.profiles import FULL, QUICK
     from cosim.base.command import workers
     from minirobots.reproduction import reproduce
 
-    return reproduce(
+    page = reproduce(
         options.out,
         QUICK if options.quick else FULL,
         seed=options.seed,
@@ -40,10 +40,4 @@ def run(options: Reproduce, progress: Progress) -> Path:
         progress=progress,
         say=lambda text: print(text, file=sys.stderr),
     )
-
-
-def show(options: Reproduce, page: Path) -> dict[str, str]:
-    """Print where the page is and how to open it."""
-    print(f"results, figures and report in {options.out}/: {page}")
-    print(f"open it with: python -m analysis.serve {page.parent}")
-    return {"page": str(page)}
+    return {"page": str(page), "open_it_with": f"python -m analysis.serve {page.parent}"}

@@ -19,8 +19,8 @@ class Serve(CommandOptions):
     """Port to listen on; 0 takes a free one."""
 
 
-def run(options: Serve, _: Progress) -> str:
-    """Serve until Ctrl-C; return the address that was served."""
+def run(options: Serve, _: Progress) -> dict[str, str]:
+    """Serve until Ctrl-C."""
     from analysis.report.server import address, server
 
     with server(options.folder, options.port) as serving:
@@ -29,9 +29,4 @@ def run(options: Serve, _: Progress) -> str:
             serving.serve_forever()
         except KeyboardInterrupt:
             print()  # the intended end, after the terminal's ^C
-        return address(serving)
-
-
-def show(_: Serve, address: str) -> dict[str, str]:
-    """Everything is printed already."""
-    return {"address": address}
+        return {"served": address(serving)}

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -62,15 +62,7 @@ class SimulateSystem(IsolatedOptions):
         return self.file
 
 
-class SystemResult(NamedTuple):
-    """A system of a number of components, after its run."""
-
-    components: int
-    system: "System"
-    run: "SystemRun"
-
-
-def run(options: SimulateSystem, progress: Progress) -> SystemResult:
+def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, SystemRun]":
     """Simulate the system and write what was recorded."""
     from cosim.system.run import write_run
     from cosim.system.ssp import read_system
@@ -96,10 +88,10 @@ def run(options: SimulateSystem, progress: Progress) -> SystemResult:
         simulated = system.run(until_s, every=options.every, progress=progress)
     if options.out is not None:
         write_run(options.out, simulated)
-    return SystemResult(len(found.components), system, simulated)
+    return len(found.components), system, simulated
 
 
-def show(options: SimulateSystem, simulated: SystemResult) -> dict[str, Any]:
+def show(options: SimulateSystem, simulated: "tuple[int, System, SystemRun]") -> dict[str, Any]:
     """Print the last values, and with --profile what every FMU took."""
     components, system, run = simulated
     last = {name: values[-1].tolist() for name, values in run.signals.items()}

@@ -52,7 +52,6 @@ def test_command_has_its_functions_and_options(name):
     else:
         module = module_of(name)
         options = options_of(module)
-        assert callable(module.show)
     assert is_dataclass(options)
     assert options.__doc__
 
