@@ -94,7 +94,7 @@ def test_pyright_sees_the_types_of_an_installed_wheel(wheel, tmp_path):
         subprocess.run(command, cwd=ROOT, check=True)
     (tmp_path / "mine.py").write_text(TYPED)
     done = subprocess.run(
-        ["pyright", "--outputjson", "--pythonpath", python, "mine.py"],
+        [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", python, "mine.py"],
         cwd=tmp_path,
         capture_output=True,
         text=True,
@@ -102,7 +102,7 @@ def test_pyright_sees_the_types_of_an_installed_wheel(wheel, tmp_path):
     )
     said = json.loads(done.stdout)["generalDiagnostics"]
     types = [row["message"].split(" is ")[-1] for row in said if row["severity"] == "information"]
-    assert types == ['"Policy"', '"str"', '"float"', '"float | None"']
+    assert types == ['"GreedyPolicy"', '"str"', '"float"', '"float | None"']
     (error,) = (row["message"] for row in said if row["severity"] == "error")
     assert '"scenario"' in error
 
