@@ -20,7 +20,7 @@ from analysis.viewer import ViewerError, screenshot
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.navigation.cosimulation import CoSimulation
-from cosim.navigation.step import Step
+from cosim.navigation.step import Decision, Step
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level
 from cosim.scenarios.scenario import Scenario
@@ -74,7 +74,11 @@ def recorded(system: CoSimulation, path: Path, time_s: float, level: Level) -> N
     with EpisodeRecorder(
         path, SCENARIO, system.config, "benchmark", {"seed": 0}, level=level
     ) as recorder:
-        drive(system, time_s, lambda step: recorder.write(step, values, NOTHING))
+        drive(
+            system,
+            time_s,
+            lambda step: recorder.write(step, Decision(step.action, values), NOTHING),
+        )
 
 
 def times_s(work: Callable[[], None]) -> np.ndarray:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cosim.base.world import Patch, Sensor, World
     from cosim.navigation.cosimulation import CoSimulation
     from cosim.navigation.features import Observation
+    from cosim.navigation.step import Decision
     from cosim.presets.preset import Preset, find_preset
     from cosim.reading.episode import Episode
     from cosim.scenarios.file import find_scenario
@@ -26,6 +27,7 @@ __all__ = [
     "CoSimConfig",
     "CoSimulation",
     "ConfigError",
+    "Decision",
     "Episode",
     "Observation",
     "Outcome",
@@ -44,6 +46,7 @@ _MODULES = {
     "CoSimConfig": "cosim.base.config",
     "CoSimulation": "cosim.navigation.cosimulation",
     "ConfigError": "cosim.base.arguments",
+    "Decision": "cosim.navigation.step",
     "Episode": "cosim.reading.episode",
     "Observation": "cosim.navigation.features",
     "Outcome": "cosim.base.outcome",

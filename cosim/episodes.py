@@ -21,7 +21,7 @@ from cosim.base.provenance import digest_of
 from cosim.navigation.batch import IN_LANES, ROBOTS_TOGETHER, Batch, shared
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.result import EpisodeResult, facts_of, result_of
-from cosim.navigation.step import Step, SupportsAct
+from cosim.navigation.step import Decision, Step, SupportsAct
 from cosim.recording.episode import EpisodeRecorder
 from cosim.scenarios.scenario import Cell, Scenario
 
@@ -51,7 +51,7 @@ class Task:
     Attributes:
         scenario, config: as for a co-simulation.
         fmu: motor FMU file.
-        policy: acts; what it says of values and rewards is recorded.
+        policy: acts; the values of its decisions and its rewards are recorded.
         starts: start cell of each robot.
         seed: of the speed noise and of what the world draws.
         recorder: opens the recording of an episode that has begun, which gets every RL step; None
@@ -113,7 +113,7 @@ class Task:
         return shared(self.config), self.fmu, self.driver, self.scenario.robots
 
 
-class _Attended:
+class ActiveEpisode:
     """An episode under way, with its policy and its recorder."""
 
     def __init__(self, number: int, task: Task, batch: Batch, place: int) -> None:
@@ -128,10 +128,11 @@ class _Attended:
             self._recorder.tell("origin", {"task": msgspec.json.encode(task.origin).decode()})
 
     def act(self) -> np.ndarray:
+        """Return what the policy decides: the direction index of each robot, (N,)."""
         if (seed := self._task.redrawn.get(self._steps)) is not None:
             self.episode.draw_from(seed)
-        self._wanted = self._task.policy.act(self.episode.observation)
-        return self._wanted
+        self._decision = Decision.of(self._task.policy.act(self.episode.observation))
+        return self._decision.action
 
     def take(self, step: Step, wall_s: float) -> None:
         """Watch and record an RL step that took so long."""
@@ -139,18 +140,14 @@ class _Attended:
         self._steps += 1
         self._task.watch(step, self.episode, self._wall_s)
         if self._recorder is not None:
-            policy = self._task.policy
-            q_values, parts = (getattr(policy, n, None) for n in ("q_values", "reward_parts"))
-            self._recorder.write(
-                step,
-                q_values and q_values(step.before),
-                parts and parts(step, self.episode.arrived),
-                np.asarray(self._wanted),
-            )
+            parts = getattr(self._task.policy, "reward_parts", None)
+            rewards = parts and parts(step, self.episode.arrived)
+            self._recorder.write(step, self._decision, rewards)
             if step.outcome:
                 self._recorder.conclude(facts_of(self.result()))
 
     def result(self) -> EpisodeResult:
+        """Return the result so far."""
         return result_of(self.episode, self._task.starts, self._wall_s)
 
     def close(self) -> None:
@@ -169,7 +166,7 @@ class _Queue:
         self, may_begin: Callable[[], bool], stop: threading.Event
     ) -> Iterator[tuple[int, EpisodeResult]]:
         """Simulate tasks in one batch, until none is left or may begin, or until `stop` is set."""
-        going_on: dict[int, _Attended] = {}
+        going_on: dict[int, ActiveEpisode] = {}
         free = list(range(self._places))
         batch: Batch | None = None
         try:
@@ -178,11 +175,11 @@ class _Queue:
                     number, task = taken
                     batch = batch or _new_batch(task, len(free))
                     place = free.pop()
-                    going_on[place] = _Attended(number, task, batch, place)
+                    going_on[place] = ActiveEpisode(number, task, batch, place)
                 if batch is None or not going_on:
                     return
                 began = time.perf_counter()
-                steps = batch.advance({k: attended.act() for k, attended in going_on.items()})
+                steps = batch.advance({k: active.act() for k, active in going_on.items()})
                 share_s = (time.perf_counter() - began) / len(going_on)
                 for place, step in steps.items():
                     going_on[place].take(step, share_s)
@@ -192,8 +189,8 @@ class _Queue:
                         free.append(place)
                         yield ended.number, ended.result()
         finally:
-            for attended in going_on.values():
-                attended.close()
+            for active in going_on.values():
+                active.close()
             if batch is not None:
                 batch.close()
 

@@ -1,8 +1,9 @@
 """One episode of a policy in the co-simulation as a record to look at, for programs and notebooks.
 
 Commands run many episodes through `cosim.episodes`.
-A policy is anything with `act(observation)`. What else it has is recorded: `q_values(observation)`
-(N, 8), `reward_parts(step, arrived)` (N, 3) and `maps()`, see `agent.training.policy`.
+A policy is anything with `act(observation)`, which returns directions (N,) or a `Decision` with
+their action values (N, 8). Those are recorded, as are `reward_parts(step, arrived)` (N, 3) and
+`maps()` of a policy that has them, see `agent.process.greedy`.
 """
 
 from collections.abc import Mapping

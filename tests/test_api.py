@@ -138,11 +138,12 @@ def test_policy_may_only_act(episode):
 class Torn:
     """A policy that values all directions alike, and chooses among them by itself."""
 
-    def act(self, observation: cosim.Observation) -> np.ndarray:
-        return 3 + observation.cells[:, 0] % 2
+    asked = 0
 
-    def q_values(self, observation: cosim.Observation) -> np.ndarray:
-        return np.zeros((len(observation.cells), 8))
+    def act(self, observation: cosim.Observation) -> cosim.Decision:
+        self.asked += 1
+        values = np.full((len(observation.cells), 8), self.asked, dtype=float)
+        return cosim.Decision(3 + observation.cells[:, 0] % 2, values)
 
 
 def test_the_recorded_greedy_action_is_what_the_policy_chose():
@@ -150,6 +151,7 @@ def test_the_recorded_greedy_action_is_what_the_policy_chose():
     cells = episode.signals["/rl/r1/cell"].values[:, 0]
     chosen = ["135°" if x % 2 == 0 else "180°" for x in cells.astype(int).tolist()]
     assert list(episode.texts["/rl/r1/greedy"].texts) == chosen[: len(chosen) - 1]
+    assert episode.signals["/rl/r1/q_s"].values[:, 0].tolist() == list(range(1, len(chosen)))
 
 
 def test_methods_are_told_and_train_however_often_they_are_asked_for(policy):

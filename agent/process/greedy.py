@@ -15,6 +15,7 @@ from agent.process.rewards import DrivenStep, reward_parts
 from cosim.base.errors import UserError
 from cosim.base.storage import json_text, named, replacing, write_json
 from cosim.navigation.features import Observation
+from cosim.navigation.step import Decision
 from cosim.recording.policy_map import PolicyMap
 from cosim.scenarios.scenario import Scenario
 
@@ -80,14 +81,15 @@ class GreedyPolicy(ABC):
                 file, **arrays, config=np.frombuffer(json_text(description), dtype=np.uint8)
             )
 
-    def act(self, observation: Observation) -> np.ndarray:
-        """(N,) int64, greedy direction of each robot; ties go to the least rotation.
+    def act(self, observation: Observation) -> Decision:
+        """Return the greedy directions, int64, with their values; ties go to the least rotation.
 
         Raises:
             ValueError: see `q_values`.
         """
         facing = np.ascontiguousarray(observation.direction, np.int64)
-        return greedy(self.q_values(observation), facing)
+        values = self.q_values(observation)
+        return Decision(greedy(values, facing), values)
 
     def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
         """(N, 3) float64, reward of a co-simulated step by parts, see `agent.process.rewards`."""

@@ -19,6 +19,7 @@ from benchmarks.recording import NORTH, NOTHING, SOUTH
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.navigation.cosimulation import CoSimulation
+from cosim.navigation.step import Decision
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import with_bursts
 from cosim.scenarios.scenario import Scenario
@@ -80,7 +81,7 @@ def endure(time_s: float, seed: int, recording: Path | None) -> Endured:
             began = time.process_time()
             step = system.advance(np.array([heading, NORTH]))
             if recorder is not None:
-                recorder.write(step, values, NOTHING)
+                recorder.write(step, Decision(step.action, values), NOTHING)
             costs[number] = time.process_time() - began
             row = step.after.cells[0, 1]
             heading = SOUTH if row >= HIGH else NORTH if row <= LOW else heading

@@ -13,7 +13,7 @@ from cosim.navigation.batch import Batch, require_size
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.features import Observation
 from cosim.navigation.measures import Measures
-from cosim.navigation.step import Step, SupportsAct
+from cosim.navigation.step import Decision, Step, SupportsAct
 from cosim.scenarios.scenario import Cell, Scenario
 
 
@@ -111,7 +111,7 @@ def run_episode(
     """Run one episode and return its outcome; `observe_step` sees every RL step."""
     observation = system.reset(starts, seed)
     while not system.outcome:
-        step = system.advance(policy.act(observation))
+        step = system.advance(Decision.of(policy.act(observation)).action)
         observation = step.after
         observe_step(step)
     return system.outcome

@@ -9,11 +9,28 @@ from cosim.coupling.signals import RawSamples, Samples
 from cosim.navigation.features import Observation
 
 
+class Decision(NamedTuple):
+    """What a policy decides, with what it knows about the alternatives.
+
+    Attributes:
+        action: (N,) direction index of each robot.
+        values: (N, 8) action values that the action was chosen by; None if the policy has none.
+    """
+
+    action: np.ndarray
+    values: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, decided: "np.ndarray | Decision") -> "Decision":
+        """Return what a policy returned as a decision."""
+        return decided if isinstance(decided, Decision) else cls(decided)
+
+
 class SupportsAct(Protocol):
     """What the co-simulation needs of an agent."""
 
-    def act(self, observation: Observation) -> np.ndarray:
-        """Direction index of each robot, shape (N,)."""
+    def act(self, observation: Observation) -> np.ndarray | Decision:
+        """Return the direction index of each robot, shape (N,), or a decision."""
         ...
 
 

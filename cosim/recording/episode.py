@@ -19,12 +19,11 @@ from cosim.base.world import Drawn
 from cosim.control.steering import MODE_NAMES
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.navigation.features import (
-    DIRECTION_COUNT,
     DISTANCE_CLASSES,
     GRADIENT_SIGNS,
     Observation,
 )
-from cosim.navigation.step import Step
+from cosim.navigation.step import Decision, Step
 from cosim.recording.blueprint import episode_blueprint, robot_names
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
 from cosim.recording.episode_scene import EpisodeScene
@@ -53,9 +52,8 @@ class _Decided(NamedTuple):
     """An RL step with what the agent thought of it."""
 
     step: Step
-    q_values: np.ndarray
+    decision: Decision
     reward_parts: np.ndarray
-    greedy: np.ndarray
 
 
 class EpisodeRecorder:
@@ -148,31 +146,25 @@ class EpisodeRecorder:
     def write(
         self,
         step: Step,
-        q_values: np.ndarray | None = None,
+        decision: Decision | None = None,
         reward_parts: np.ndarray | None = None,
-        greedy: np.ndarray | None = None,
     ) -> None:
         """Take one RL step.
 
         Args:
             step: what the co-simulation returned.
-            q_values: (N, 8) action values of the observation before the step, if known.
+            decision: of the policy at the start of the step, whether or not it was adopted; by
+                default the action in force, without values.
             reward_parts: (N, 3) reward of the step as the sum of
                 `cosim.recording.series.REWARD_PARTS`, NaN where none was.
-            greedy: (N,) direction index that the policy chose, whether or not it was adopted;
-                by default that of the largest action value.
 
         Raises:
             RecordingError: the disk is full.
         """
         self.file.check_space()
-        robots = len(self._names)
-        if q_values is None:
-            q_values = np.full((robots, DIRECTION_COUNT), np.nan)
         if reward_parts is None:
-            reward_parts = np.full((robots, len(REWARD_PARTS)), np.nan)
-        chosen = q_values.argmax(axis=1) if greedy is None else greedy
-        self._batch.append(_Decided(step, q_values, reward_parts, chosen))
+            reward_parts = np.full((len(self._names), len(REWARD_PARTS)), np.nan)
+        self._batch.append(_Decided(step, decision or Decision(step.action), reward_parts))
         if sum(decided.step.duration_s for decided in self._batch) > _BATCH_S - _ROUNDING_S:
             self._write_batch()
 
@@ -250,12 +242,13 @@ class EpisodeRecorder:
         times, numbers = self._starts()
         seen = [decided.step.before for decided in self._batch]
         action = [int(decided.step.action[robot]) for decided in self._batch]
-        q_values = np.array([decided.q_values[robot] for decided in self._batch])
         self._write_modes(name, robot)
         states = {"action": [DIRECTION_NAMES[a] if a >= 0 else ARRIVED for a in action]}
-        if not np.isnan(q_values).any():  # of a policy that says what it thinks of actions
-            self._send(f"/rl/{name}/q_s", times, q_values, numbers)
-            states["greedy"] = [DIRECTION_NAMES[int(d.greedy[robot])] for d in self._batch]
+        decisions = [decided.decision for decided in self._batch]
+        values = [d.values[robot] for d in decisions if d.values is not None]
+        if len(values) == len(decisions):
+            self._send(f"/rl/{name}/q_s", times, np.array(values), numbers)
+            states["greedy"] = [DIRECTION_NAMES[int(d.action[robot])] for d in decisions]
         for path, names in states.items():
             rows = rr.StateChange.columns(state=names)
             self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), rows)
@@ -319,7 +312,7 @@ class EpisodeRecorder:
         self._return[robot] += reward.sum()
 
     def _write_log(self) -> None:
-        told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts, _ in self._batch)
+        told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts in self._batch)
         write_lines(self.file, [line for lines in told for line in lines])
 
     def _starts(self) -> tuple[np.ndarray, np.ndarray]:

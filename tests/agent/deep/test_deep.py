@@ -297,7 +297,7 @@ def test_evaluation_is_what_the_environment_says(step_limit):
         moved = dict.fromkeys(env.possible_agents, 0)
         while env.agents:
             moved |= {name: moved[name] + 1 for name in env.agents}
-            actions = policy.act(seen(cells))
+            actions = policy.act(seen(cells)).action
             observations, *_, infos = env.step(
                 {agent: int(a) for agent, a in zip(env.possible_agents, actions, strict=True)}
             )

@@ -156,7 +156,7 @@ def drive(simulation, policy, observation):
     """Actions, set points, voltages and positions of an episode, and how it ended."""
     steps = []
     while not simulation.outcome:
-        steps.append(simulation.advance(policy.act(observation)))
+        steps.append(simulation.advance(policy.act(observation).action))
         observation = simulation.episode.observation
     kept = ("omega_des", "position", "voltage")
     signals = {n: np.concatenate([getattr(s.samples, n) for s in steps]) for n in kept}
@@ -249,7 +249,7 @@ def test_decisions_are_those_of_the_policy(name, features, tmp_path):
         before = nearest_squared(cells_of(where[0], scenario.cell_m))
         seen = observe(where[1], angles, scenario.cell_m, thresholds, before, targets)
         fleet.start(where[0])
-        assert fleet.decide(where[1], angles).tolist() == policy.act(seen).tolist()
+        assert fleet.decide(where[1], angles).tolist() == policy.act(seen).action.tolist()
 
 
 def test_moves_are_given_up_at_their_limit_whenever_they_began(tmp_path):

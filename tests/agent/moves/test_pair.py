@@ -106,7 +106,7 @@ def test_moves_lead_to_the_least_time(policy, state):
     for _ in range(40):
         values = policy.q_values(seen(state))
         assert values.max() == pytest.approx(taken - expected, abs=1.5 * pair.GRAIN_S + 1e-3)
-        chosen = policy.act(seen(state)).tolist()
+        chosen = policy.act(seen(state)).action.tolist()
         reached = {
             tuple(after): seconds
             for after, seconds in next_states(state)
@@ -143,7 +143,7 @@ def test_it_is_read_back_and_drives_from_all_starts(policy, tmp_path):
 
 def test_robots_that_are_too_near_move_apart(policy):
     near = (4, 4, 0), (6, 8, 0)
-    after = policy.act(seen(near))
+    after = policy.act(seen(near)).action
     moved = np.array([cell[:2] for cell in near]) + DIRECTIONS[after]
     assert ((moved[0] - moved[1]) ** 2).sum() > 20
 

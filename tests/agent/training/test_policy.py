@@ -59,7 +59,7 @@ def test_acting_on_observations_repeats_the_exact_evaluation(policy):
         outcome = RUNNING
         steps = 0
         while outcome == RUNNING and steps < process.step_limit:
-            actions = policy.act(observation_of(world, facing))
+            actions = policy.act(observation_of(world, facing)).action
             moving = world[:, grid.STATUS] == grid.MOVING
             facing = np.where(moving, actions, facing)
             outcome = grid.move(process, world, facing, rewards)

@@ -18,6 +18,7 @@ from cosim.coupling.fmu import FmuError
 from cosim.coupling.signals import RawSamples
 from cosim.navigation.cosimulation import CoSimulation
 from cosim.navigation.options import Deciding
+from cosim.navigation.step import Decision
 from cosim.reading.episode import read_episode
 from cosim.reading.rrd import read_rrd
 from cosim.recording.blueprint import episode_blueprint
@@ -68,7 +69,8 @@ def recorded(motor_fmu, tmp_path_factory):
             reward = np.full((2, 3), np.nan)
             if number == 1:
                 reward[0] = 0.0, -1.0, -0.5
-            recorder.write(steps[-1], np.arange(16.0).reshape(2, 8), reward)
+            values = np.arange(16.0).reshape(2, 8)
+            recorder.write(steps[-1], Decision(np.array([7, 7]), values), reward)
     return path, steps
 
 
@@ -224,7 +226,7 @@ def test_every_path_of_the_blueprint_is_recorded(recorded, shown_paths, tmp_path
         path, SCENARIO, config, "test", {"seed": 0}, level=level, policies=maps
     ) as recorder:
         for step in steps:
-            recorder.write(step, np.zeros((2, 8)), np.zeros((2, 3)))
+            recorder.write(step, Decision(step.action, np.zeros((2, 8))), np.zeros((2, 3)))
     entities = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
     blueprint = episode_blueprint(2, SCENARIO.size_m, bursts=level != "summary", policies=True)
     paths = shown_paths(blueprint)
@@ -263,7 +265,7 @@ def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatc
         EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder,
     ):
         step = system.advance(np.array([SOUTH, NORTH]))
-        recorder.write(step, np.zeros((2, 8)), np.full((2, 3), np.nan))
+        recorder.write(step, Decision(step.action, np.zeros((2, 8))))
         broken = lambda *arguments: np.full((arguments[-1], 2, 2), np.nan)  # noqa: E731
         monkeypatch.setattr("cosim.navigation.episode.draw_noise", broken)
         system.advance(np.array([SOUTH, NORTH]))
@@ -348,7 +350,7 @@ def test_recorder_on_a_full_disk_writes_nothing_twice(recorded, tmp_path):
         recorder.file._file.settle = fail_once
         with pytest.raises(RecordingError, match=r"full\.rrd\.part .* \(No space left on device\)"):
             for step in [step for _ in range(5) for step in steps]:
-                recorder.write(step, np.zeros((2, 8)), np.full((2, 3), np.nan))
+                recorder.write(step, Decision(step.action, np.zeros((2, 8))))
     assert len(rows(path, "/sim/r1/motors/omega")[0]) == 5 * 2000
 
 
