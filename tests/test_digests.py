@@ -92,9 +92,9 @@ THROUGH = {"through": True, "timing": CONFIG.timing._replace(rl_step_s=0.1)}
 OPTIONS: dict[str, dict[str, Any]] = {
     "plain": {},
     "pushing on": {"on_collision": "continue"},
-    "shield": {"shield": True},
+    "shield": {"shield": SHIELD},
     "through": THROUGH,
-    "through with shield": THROUGH | {"shield": True},
+    "through with shield": THROUGH | {"shield": SHIELD},
     "open loops": {"open_loop": ("motors", "heading")},
     "reaction, jacobi": {"reaction": True, "order": "jacobi"},
 }
