@@ -33,12 +33,12 @@ from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.reached_code import code_digest
 from cosim.calibration.cache import calibrated_slower
-from cosim.navigation.options import Deciding
+from cosim.navigation.options import DecisionOptions
 from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
 
-class Driven(NamedTuple):
+class MoveSource(NamedTuple):
     """What moves a method learns on: of which worlds, and whether robots drive through cells."""
 
     worlds: Ranges | None = None
@@ -46,17 +46,17 @@ class Driven(NamedTuple):
 
 
 ON_MOVES = {
-    "moves": Driven(),
-    "robust": Driven(RANGES),
-    "prompt": Driven(through=True),
-    "fastest": Driven(),
+    "moves": MoveSource(),
+    "robust": MoveSource(RANGES),
+    "prompt": MoveSource(through=True),
+    "fastest": MoveSource(),
 }
 
 
-def moves_of(method: str, scenario: Scenario) -> Driven | None:
+def moves_of(method: str, scenario: Scenario) -> MoveSource | None:
     """Return what moves a method knows of in a scenario; None if it knows the grid alone."""
     pair = method == "fastest" and scenario.robots > 1
-    return Driven(through=True) if pair else ON_MOVES.get(method)
+    return MoveSource(through=True) if pair else ON_MOVES.get(method)
 
 
 MOVES_EPISODES, LONG_EPISODES = 1_500_000, 3_000_000
@@ -121,7 +121,7 @@ def method_of(config: PolicyConfig) -> Method | None:
     None if it is none of METHODS: somebody chose readings or numbers of learning of their own.
     """
     moves = config.moves
-    driven = None if moves is None else Driven(RANGES if moves.walks else None, moves.through)
+    driven = None if moves is None else MoveSource(RANGES if moves.walks else None, moves.through)
     free = {name: getattr(config.learning, name) for name in _FREE}
     for method in METHODS:
         process, learning = _settings(method, config.scenario)
@@ -167,11 +167,11 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
 
 
 def _observed_moves(
-    scenario: Scenario, fmu: Path, driven: Driven, progress: Progress
+    scenario: Scenario, fmu: Path, driven: MoveSource, progress: Progress
 ) -> ObservedMoves:
     """Moves of the scenario's robots with the default parameters, whatever the episodes' are."""
     config = calibrated_slower(CoSimConfig().sized(scenario.robot_diameter_m), fmu, progress)
-    config = Deciding(through=driven.through).deciding(config)
+    config = DecisionOptions(through=driven.through).deciding(config)
     return cached_moves(config, fmu, progress, driven.worlds)
 
 

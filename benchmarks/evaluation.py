@@ -18,7 +18,7 @@ from benchmarks.recording import times_s
 from cosim.base.command import workers
 from cosim.episodes import compile_kernels
 from cosim.navigation.cosimulation import CoSimulation, run_episode
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 from cosim.navigation.result import EpisodeResult, result_of
 from fmus.build import cached_fmu
 
@@ -78,7 +78,7 @@ def measure(scenario: str, starts: int, scalar_starts: int, jobs: int) -> dict[s
         UserError: the scenario does not exist, or has not so many starts.
     """
     policy, threads = agent.train(scenario, method="paper"), workers(jobs)
-    _, config, fmu = resolve(Driving(), policy.config.scenario)
+    _, config, fmu = resolve(SimulationOptions(), policy.config.scenario)
     case = Case(policy, config, fmu, seed=0)
     episodes = [Job(case, index) for index in case.sample(starts)]
     compile_kernels(episodes[0].task(), starts, threads)

@@ -125,7 +125,9 @@ class ActiveEpisode:
         self._open = contextlib.ExitStack()
         self._recorder = task.recorder and self._open.enter_context(task.recorder(self.episode))
         if self._recorder is not None:
-            self._recorder.tell("origin", {"task": msgspec.json.encode(task.origin).decode()})
+            self._recorder.set_property(
+                "origin", {"task": msgspec.json.encode(task.origin).decode()}
+            )
 
     def act(self) -> np.ndarray:
         """Return what the policy decides: the direction index of each robot, (N,)."""

@@ -23,7 +23,7 @@ from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.batch import DRIVERS
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.observing import draw_starts
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 from cosim.navigation.step import Step, SupportsAct
 from cosim.reading.episode import Episode, read_episode
 from cosim.recording.episode import EpisodeRecorder
@@ -66,7 +66,7 @@ def simulate(
             file, or the paper's.
         progress: receives the simulated time; by default it is shown on stderr if the call takes
             more than two seconds. None shows nothing.
-        options: physics by the names of `python -m cosim.run`, see `Driving`: `mu`, `noise`,
+        options: physics by the names of `python -m cosim.run`, see `SimulationOptions`: `mu`, `noise`,
             `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.
 
     Returns:
@@ -87,11 +87,13 @@ def simulate(
             f"policy = {shown(policy)} has no act(observation); give an object that has, such as "
             'agent.load("policy.npz")'
         )
-    known = [field.name for field in fields(Driving)]
+    known = [field.name for field in fields(SimulationOptions)]
     for name in options:
         if name not in known:
             raise ConfigError(f"simulate has no option {name}; choose from {', '.join(known)}")
-    driving = Driving(**{"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options})
+    driving = SimulationOptions(
+        **{"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options}
+    )
     require = getattr(policy, "require_scenario", None)
     scenario, config, fmu = resolve(driving, scenario, report, world=world, require=require)
     config = with_bursts(config, record)

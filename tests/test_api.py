@@ -18,7 +18,7 @@ from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.progress import silent
 from cosim.base.world import WorldError
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 from cosim.scenarios.scenario import ScenarioError
 from fmus.build import cached_fmu
 from minirobots.commands.run import Run, run
@@ -92,7 +92,7 @@ def test_simulate_is_the_first_episode_of_a_run(policy, episode, tmp_path):
         policy=tmp_path / "policy.npz",
         seed=3,
         out=tmp_path / "run",
-        physics=Driving(**BRIEF),
+        physics=SimulationOptions(**BRIEF),
     )
     (result,) = run(options, silent)
     assert result.recording is not None

@@ -12,7 +12,7 @@ from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars, resumable_bars
 from cosim.fmi.isolation import Isolation
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 
 FAILS_STATUS = 1
 
@@ -53,7 +53,9 @@ class Falsify:
     still fail; the exit status is 1 if one does."""
     jobs: Jobs = -1
     json: Json = False
-    physics: Annotated[Driving, tyro.conf.OmitArgPrefixes] = field(default_factory=Driving)
+    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=SimulationOptions
+    )
     isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
 
     def __post_init__(self) -> None:
@@ -63,7 +65,7 @@ class Falsify:
         if self.replay is not None:
             kept = ("policy", "replay", "jobs", "json", "isolation")
             said = {name: getattr(self, name) for name in kept}
-            physics = Driving(motor_fmu=self.physics.motor_fmu)
+            physics = SimulationOptions(motor_fmu=self.physics.motor_fmu)
             plain = replace(Falsify(policy=self.policy), **said | {"replay": None})
             if replace(self, replay=None) != replace(plain, physics=physics):
                 raise ConfigError(

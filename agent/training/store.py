@@ -24,7 +24,7 @@ from agent.training.loop import (
 from agent.training.pair_policy import PairPolicy, of_pair
 from agent.training.policy import Policy, PolicyConfig
 from cosim.base.provenance import digest_of
-from cosim.base.storage import cache_dir, cached, found_or_made, require_no_folder
+from cosim.base.storage import cache_dir, cached, load_or_create, require_no_folder
 
 POLICY_FILE = "policy.npz"
 LOG_FILE = "training.npz"
@@ -102,7 +102,7 @@ def find_or_train(
         save_run(folder, *trained)
         return trained
 
-    found = train() if again else found_or_made(folder, lambda: load_run(folder, config), train)
+    found = train() if again else load_or_create(folder, lambda: load_run(folder, config), train)
     return *found, folder / POLICY_FILE
 
 

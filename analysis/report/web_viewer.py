@@ -15,7 +15,7 @@ import rerun
 import rerun_cli
 
 from cosim.base.errors import UserError
-from cosim.base.storage import cache_dir, found_or_made, replacing, seal, whole
+from cosim.base.storage import cache_dir, is_intact, load_or_create, replacing, write_checksum
 
 FILES = ("re_viewer.js", "re_viewer_bg.wasm")
 START_TIMEOUT_S = 30.0
@@ -34,9 +34,9 @@ def web_viewer_files() -> list[Path]:
     """
     folder = cache_dir("web_viewer") / rerun.__version__
     files = [folder / name for name in FILES]
-    return found_or_made(
+    return load_or_create(
         folder,
-        lambda: files if all(whole(file) for file in files) else None,
+        lambda: files if all(is_intact(file) for file in files) else None,
         lambda: _fetch(files),
     )
 
@@ -56,7 +56,7 @@ def _fetch(files: list[Path]) -> list[Path]:
             content = _download(f"http://{_HOST}:{port}/{file.name}", viewer)
             with replacing(file) as temporary:
                 temporary.write_bytes(content)
-            seal(file)
+            write_checksum(file)
     finally:
         viewer.terminate()
         viewer.wait()

@@ -65,7 +65,7 @@ def endure(time_s: float, seed: int, recording: Path | None) -> Endured:
     """One episode of so much simulated time, with a recording if a path is given."""
     timing = TIMING._replace(episode_limit_s=1e9)
     config = with_bursts(CoSimConfig(timing=timing), "default" if recording else "none")
-    system = CoSimulation(SCENARIO, cached_fmu(), config.having(noise=0.0))
+    system = CoSimulation(SCENARIO, cached_fmu(), config.with_overrides(noise=0.0))
     system.compile()
     starts = tuple(cells[0] for cells in SCENARIO.starts)
     system.reset(starts, np.random.SeedSequence(seed))

@@ -13,7 +13,7 @@ from benchmarks.__main__ import run_alone
 from cosim.base.command import show_table, workers
 from cosim.base.progress import progress_bars
 from cosim.base.storage import write_json
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 from cosim.scenarios.file import find_scenario
 
 
@@ -55,7 +55,7 @@ def measure(
             for search in SEARCHES:
                 report = falsify(
                     policy,
-                    Driving(shield=shield),
+                    SimulationOptions(shield=shield),
                     out / f"{setting}-{search}-{seed}",
                     ranges=declared,
                     search=search,

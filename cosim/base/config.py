@@ -198,9 +198,9 @@ class CoSimConfig:
             ConfigError: see the class.
         """
         rest = msgspec.structs.replace(world, mu=None, motor_speed_noise=None, obstacles=())
-        return replace(self.having(world.mu, world.motor_speed_noise), world=rest)
+        return replace(self.with_overrides(world.mu, world.motor_speed_noise), world=rest)
 
-    def having(self, mu: float | None = None, noise: float | None = None) -> "CoSimConfig":
+    def with_overrides(self, mu: float | None = None, noise: float | None = None) -> "CoSimConfig":
         """These parameters with another friction coefficient or relative speed noise, if given.
 
         Raises:

@@ -55,7 +55,9 @@ def lock_of(path: Path) -> FileLock:
     return FileLock(path.with_name(f".{path.name}.lock"))
 
 
-def found_or_made(path: Path, load: Callable[[], Value | None], make: Callable[[], Value]) -> Value:
+def load_or_create(
+    path: Path, load: Callable[[], Value | None], make: Callable[[], Value]
+) -> Value:
     """What the cache has at `path`, or what is made now: by one process, while others wait for it.
 
     Args:
@@ -103,21 +105,21 @@ def cached(
             _LOGGER.warning("%s is not as it was kept: it is made again", path)
         value = make()
         save(value, path)
-        seal(path)
+        write_checksum(path)
         return value
 
     if again:
         return remake()
-    return found_or_made(path, lambda: load(path) if whole(path) else None, remake)
+    return load_or_create(path, lambda: load(path) if is_intact(path) else None, remake)
 
 
-def seal(path: Path) -> None:
+def write_checksum(path: Path) -> None:
     """Keep the SHA-256 of a file beside it, for `whole`."""
     with replacing(_seal_of(path)) as temporary:
         temporary.write_text(_sha256(path))
 
 
-def whole(path: Path) -> bool:
+def is_intact(path: Path) -> bool:
     """Whether a file is there as it was when it was sealed."""
     try:
         return _seal_of(path).read_bytes() == _sha256(path).encode()

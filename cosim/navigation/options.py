@@ -84,7 +84,7 @@ class Physics:
             preset = preset._replace(motor=preset.motor._replace(**known), sources=sources)
         step_s = self.dt if self.communication_step is None else self.communication_step
         return replace(
-            preset.config(world).having(self.mu, self.noise),
+            preset.config(world).with_overrides(self.mu, self.noise),
             timing=TIMING._replace(dt_s=self.dt, communication_step_s=step_s),
             order=self.order,
             reaction=self.reaction,
@@ -140,7 +140,7 @@ PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Deciding:
+class DecisionOptions:
     """When robots are asked, and whether they stop for it."""
 
     rl_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
@@ -160,7 +160,7 @@ class Deciding:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Driving(Physics, Deciding):
+class SimulationOptions(Physics, DecisionOptions):
     """Robots, motors and clock, and how the robots drive with them."""
 
     world: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -237,7 +237,7 @@ class Setup(NamedTuple):
 
 
 def resolve(
-    options: Driving,
+    options: SimulationOptions,
     scenario: str | Path | Scenario,
     progress: Progress = silent,
     *,
@@ -268,3 +268,6 @@ def resolve(
     if require is not None:
         require(scenario)
     return Setup(scenario, *options.prepare(scenario.robot_diameter_m, progress, world))
+
+
+Driving = SimulationOptions  # name in earlier versions

@@ -116,8 +116,8 @@ class EpisodeRecorder:
             "board_m": scenario.size_m,
             "friction": config.robot.mu,  # parameters have a mu, of another type
         }
-        self.tell("episode", facts | known)
-        self.tell("parameters", config.table())
+        self.set_property("episode", facts | known)
+        self.set_property("parameters", config.table())
         write_scene(self.file, scenario, config.robot)
         write_styles(self.file, self._signals, scenario.robots)
         for name, policy in zip(self._names, policies, strict=False):
@@ -138,7 +138,7 @@ class EpisodeRecorder:
         finally:
             self.file.close()
 
-    def tell(self, name: str, values: Mapping[str, Any]) -> None:
+    def set_property(self, name: str, values: Mapping[str, Any]) -> None:
         """Write a property of the recording."""
         self.file.stream.send_property(name, properties(values))
         self.file.flush()
@@ -170,7 +170,7 @@ class EpisodeRecorder:
 
     def conclude(self, result: dict[str, Any]) -> None:
         """Say how the episode ended, in the properties that a catalog of recordings shows."""
-        self.tell("result", result)
+        self.set_property("result", result)
 
     def _write_batch(self) -> None:
         if not self._batch:

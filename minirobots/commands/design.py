@@ -33,13 +33,13 @@ def run(options: DesignRobot, _: Progress) -> "Design":
     """Work out the design."""
     from cosim.platform.design import design
 
-    config = find_preset(options.preset).config().having(options.mu)
+    config = find_preset(options.preset).config().with_overrides(options.mu)
     return design(config.robot, config.motor, 1e-3 * options.speed)
 
 
 def show(options: DesignRobot, found: "Design") -> "Design":
     """Print it in words."""
-    robot = find_preset(options.preset).config().having(options.mu).robot
+    robot = find_preset(options.preset).config().with_overrides(options.mu).robot
     print("\n".join(_lines(found, robot)))
     return found
 

@@ -7,7 +7,7 @@ import tyro
 
 from cosim.base.config import ConfigError
 from cosim.base.progress import Progress, under_way
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 from minirobots.options import File, Folder, IsolatedOptions
 
 if TYPE_CHECKING:
@@ -30,12 +30,14 @@ class Firmware(IsolatedOptions):
     """Policy that acts by tables (policy.npz)."""
     out: Folder
     """Folder that receives the sources; made if missing."""
-    physics: Annotated[Driving, tyro.conf.OmitArgPrefixes] = field(default_factory=Driving)
+    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=SimulationOptions
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in _OF_EPISODES:
-            if getattr(self.physics, name) != getattr(Driving, name):
+            if getattr(self.physics, name) != getattr(SimulationOptions, name):
                 option = name.replace("_", "-")
                 raise ConfigError(f"--{option} has no effect on firmware; leave it out")
 

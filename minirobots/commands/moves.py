@@ -8,7 +8,7 @@ import tyro
 
 from cosim.base.config import ConfigError
 from cosim.base.progress import Progress
-from cosim.navigation.options import Deciding, Physics
+from cosim.navigation.options import DecisionOptions, Physics
 from minirobots.options import Count, File, IsolatedOptions, Jobs, Seed
 
 if TYPE_CHECKING:
@@ -33,7 +33,9 @@ class ObserveMoves(IsolatedOptions):
     seed: Seed = 0
     jobs: Jobs = -1
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
-    deciding: Annotated[Deciding, tyro.conf.OmitArgPrefixes] = field(default_factory=Deciding)
+    deciding: Annotated[DecisionOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=DecisionOptions
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

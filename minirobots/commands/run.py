@@ -10,7 +10,7 @@ from agent.training.settings import COMPUTED, Method
 from cosim.base.command import workers
 from cosim.base.config import ConfigError
 from cosim.base.progress import Progress, under_way
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 from cosim.recording.live import DEFAULT_VIEWER
 from minirobots.options import (
     Count,
@@ -85,7 +85,9 @@ class Run(NewFolder, IsolatedOptions):
     slower; not with --reaction); reference calls fmpy's class at every tick (the same bits, some
     400 times slower); adaptive does so with a communication step that it adapts by rolling the
     FMUs back."""
-    physics: Annotated[Driving, tyro.conf.OmitArgPrefixes] = field(default_factory=Driving)
+    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=SimulationOptions
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -35,7 +35,7 @@ def run(array_fmu, tmp_path_factory):
     for name in ("1a", "2"):
         scenario = find_scenario(name)
         for number in range(EPISODES):
-            config = CoSimConfig().having(0.1 + 0.01 * number, None)
+            config = CoSimConfig().with_overrides(0.1 + 0.01 * number, None)
             config = replace(config, timing=config.timing._replace(episode_limit_s=2.0))
             path = folder / name / "episodes" / f"ep_{number}.rrd"
             starts, seed = draw_episode(scenario, 0, number)

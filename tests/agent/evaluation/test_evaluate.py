@@ -19,7 +19,7 @@ from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.params import TABLE_I
 from cosim.evaluate import Evaluate
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 from cosim.navigation.result import EpisodeResult
 
 RESULT = EpisodeResult(
@@ -33,7 +33,7 @@ def case(near_policy, motor_fmu):
 
 
 def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics):
-    driving = Driving(**physics)
+    driving = SimulationOptions(**physics)
     evaluated = evaluate([near_file], driving, out, starts=starts, recordings=recordings, jobs=jobs)
     return evaluated[0], report_of(evaluated, seed=0)
 

@@ -30,7 +30,7 @@ from cosim.coupling.signals import new_raw_samples, new_samples
 from cosim.navigation.cosimulation import CoSimulation
 from cosim.navigation.features import Observation, distance_thresholds
 from cosim.navigation.observing import cells_of, nearest_squared, observe
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 from cosim.physics.rotation import headings
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
@@ -171,7 +171,7 @@ def policy():
 def in_place(folder: Path, policy, seeds, starts=None, **options) -> list[str]:
     """Compare episodes of the firmware with those of the Python; how they ended."""
     scenario = policy.config.scenario
-    _, config, fmu = resolve(Driving(**options), scenario)
+    _, config, fmu = resolve(SimulationOptions(**options), scenario)
     write_sources(folder, render_constants(policy, config))
     (folder / "library.c").write_text(LIBRARY_ARCTANGENT)
     fleet = Fleet(folder, scenario.robots, "library.c")

@@ -13,7 +13,7 @@ from cosim.calibration.shielding import with_stopping_distance
 from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.stopping import RESERVE, bound_of, corners, path_diameter, stopping_paths
 from cosim.coupling.fmu import MotorFmu
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 
 
 def stopping_m(config):
@@ -130,7 +130,7 @@ WORLDS = {
 @pytest.mark.parametrize("name", WORLDS)
 def test_other_stops_stay_within_the_bound(name):
     """Of 2048 other stops 0.02 are expected beyond the bound, and fewer with the reserve."""
-    config, fmu = Driving(shield=True).prepare(world=WORLDS[name])
+    config, fmu = SimulationOptions(shield=True).prepare(world=WORLDS[name])
     others = [stopping_paths(config, MotorFmu(fmu), 64, seed) for seed in range(100, 104)]
     bound_m = stopping_m(config) / RESERVE
     assert max(stops.path_m.max() for stops in others) < bound_m

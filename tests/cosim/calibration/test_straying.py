@@ -11,7 +11,7 @@ from cosim.base.world import Patch, Sensor, World
 from cosim.calibration import straying
 from cosim.calibration.straying import NOISE_DEVIATIONS, bias_of, drive_about
 from cosim.coupling.fmu import MotorFmu
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 
 CAMERA = Sensor(rate_hz=10.0, delay_ms=200.0, position_noise_mm=3.0, heading_noise_deg=4.0)
 SLOPE = World(mu=0.15, floor_tilt_deg=4.0, sensor=CAMERA)
@@ -63,7 +63,7 @@ def test_robots_that_stand_have_no_bias(motor_fmu, quick, monkeypatch):
     ],
 )
 def test_other_robots_have_no_larger_bias(world):
-    config, fmu = Driving(shield=True).prepare(world=world)
+    config, fmu = SimulationOptions(shield=True).prepare(world=world)
     shield, config = config.shield, replace(config, shield=None)
     assert shield is not None
     for seed in (1, 2):

@@ -10,13 +10,13 @@ import pytest
 from benchmarks.reliability.adversaries import BLOCK, KINDS, arena, attack, lessons, simulate
 from benchmarks.reliability.colliding import REACH, Greedy, Learnt
 from cosim.base.errors import UserError
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 
 
 @pytest.fixture(scope="module")
 def table():
     """What 60 episodes teach."""
-    config, fmu = Driving().prepare()
+    config, fmu = SimulationOptions().prepare()
     return lessons(arena(2), config, fmu, episodes=60)
 
 
@@ -59,7 +59,7 @@ def test_kinds_without_episodes_are_refused(tmp_path):
 def test_the_shield_holds_them_off(kind, table):
     blocks = []
     for shield in (False, True):
-        config, fmu = Driving(shield=shield).prepare()
+        config, fmu = SimulationOptions(shield=shield).prepare()
         timing = config.timing._replace(episode_limit_s=KINDS[kind])
         mine = replace(config, timing=timing)
         blocks.append(simulate(3, kind, 24, arena(2), mine, fmu, table))

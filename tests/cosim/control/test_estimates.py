@@ -8,7 +8,7 @@ import pytest
 
 from cosim.base.params import SHIELD
 from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 
 WORLD = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"
 
@@ -41,7 +41,7 @@ def variances(covariance):
 @pytest.mark.long
 def test_errors_across_patches_are_those_of_the_filter():
     """Unequal motors, bouncing feet and floors that the filter does not know of, all the same."""
-    scenario, config, fmu = resolve(Driving(shield=True), "4", world=WORLD)
+    scenario, config, fmu = resolve(SimulationOptions(shield=True), "4", world=WORLD)
     config = replace(config, timing=config.timing._replace(episode_limit_s=20.0))
     alone, together, squared = [], [], []
     patches = np.array([patch.cells for patch in config.world.mu_patches])

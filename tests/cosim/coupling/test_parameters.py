@@ -13,7 +13,7 @@ from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.parameters import with_motor
 from cosim.navigation.batch import DRIVERS
 from cosim.navigation.cosimulation import CoSimulation
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 from cosim.scenarios.scenario import Scenario
 from fmus import build
 from fmus.build import build_fmu, is_built_in
@@ -123,16 +123,19 @@ def test_an_impossible_parameter_names_the_fmu(heavy_fmu):
 
 
 def test_options_set_parameters_and_results_are_known_by_them():
-    plain, given = Driving().config(), Driving(motor_parameters=(("J", 5e-9),)).config()
+    plain, given = (
+        SimulationOptions().config(),
+        SimulationOptions(motor_parameters=(("J", 5e-9),)).config(),
+    )
     assert given.motor.J == 5e-9
     assert given.table()["J"] == plain.table()["J"] | {
         "value": 5e-9, "source": "given by motor_parameters",
     }  # fmt: skip
-    extra = Driving(motor_parameters=(("L", 1e-5),)).config().table()
+    extra = SimulationOptions(motor_parameters=(("L", 1e-5),)).config().table()
     assert extra["L"]["value"] == 1e-5
     assert "L" not in plain.table()
     # heavier masses lift the robot off earlier: its speeds are theirs
-    heavier = Driving(motor_parameters=(("m", 2.0 * TABLE_II.m),)).config()
+    heavier = SimulationOptions(motor_parameters=(("m", 2.0 * TABLE_II.m),)).config()
     assert heavier.steering.max_speed_rad_s < heavier.lift_off_rad_s < 0.8 * plain.lift_off_rad_s
     assert "Table II" not in {CoSimConfig(motor=TABLE_II._replace(J=5e-9)).table()["J"]["source"]}
 

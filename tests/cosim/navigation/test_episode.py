@@ -15,7 +15,7 @@ from cosim.navigation.cosimulation import CoSimulation, run_episode
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.features import LARGE, MEDIUM
 from cosim.navigation.observing import draw_starts
-from cosim.navigation.options import PROMPT_RL_STEP_S, Deciding
+from cosim.navigation.options import PROMPT_RL_STEP_S, DecisionOptions
 from cosim.recording.levels import with_bursts
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario, ScenarioError
@@ -67,7 +67,7 @@ def test_robots_stop_at_the_centres(short):
 
 def test_robots_drive_through_centres_and_stop_at_their_targets(motor_fmu, straight_policy, short):
     """Asked when their moves end, robots are sooner there, and stop only to stay or to turn."""
-    config = Deciding(through=True).deciding(CoSimConfig())
+    config = DecisionOptions(through=True).deciding(CoSimConfig())
     system, steps = CoSimulation(SHORT, motor_fmu, config), []
     starts = tuple(cells[0] for cells in SHORT.starts)
     policy = straight_policy(SHORT.targets)

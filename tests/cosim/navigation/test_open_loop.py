@@ -11,7 +11,7 @@ from cosim.base.config import ConfigError, CoSimConfig, Loop
 from cosim.calibration.trial import Trial
 from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 
 SPEED = 900.0
 OPEN_LOOPS: tuple[tuple[Loop, ...], ...] = ((), ("heading",))
@@ -40,7 +40,7 @@ def test_the_loop_of_eq_14_alters_its_voltage(motor_fmu):
 
 def test_what_has_no_effect_is_refused():
     with pytest.raises(ConfigError, match=r"--noise has no effect with --open-loop motors"):
-        Driving(open_loop=("motors",), noise=0.1).config()
+        SimulationOptions(open_loop=("motors",), noise=0.1).config()
     with pytest.raises(ConfigError, match=r"open_loop = 'wheels' is unknown; choose one of motors"):
         CoSimConfig(open_loop=("wheels",))  # pyright: ignore[reportArgumentType]
 

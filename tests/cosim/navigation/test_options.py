@@ -6,7 +6,7 @@ from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import SHIELD, SPEED_NOISE, TABLE_I
 from cosim.base.world import World
 from cosim.calibration.shielding import with_stopping_distance
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 from cosim.scenarios.file import find_scenario
 
 MACHINE = "[robot]\nmu = 0.3\n[world]\nrestitution = 0.2\nmotor_speed_noise = 0.1\n"
@@ -26,14 +26,14 @@ def test_options_override_the_world_and_that_the_machine(
 ):
     machine = tmp_path / "machine.toml"
     machine.write_text(MACHINE)
-    config = Driving(**{"preset": str(machine)} | options).config(world)
+    config = SimulationOptions(**{"preset": str(machine)} | options).config(world)
     assert (config.robot.mu, config.noise.relative_amplitude) == (mu, noise)
     assert config.world.restitution == restitution
 
 
 def test_a_setup_has_obstacles_of_its_world_and_a_shield_for_it(motor_fmu):
     world = World(obstacles=((3, 4),), edge=True)
-    setup = resolve(Driving(shield=True, motor_fmu=motor_fmu), "2", world=world)
+    setup = resolve(SimulationOptions(shield=True, motor_fmu=motor_fmu), "2", world=world)
     assert set(setup.scenario.obstacles) == {*find_scenario("2").obstacles, (3, 4)}
     assert setup.config.world.edge and not setup.config.world.obstacles
     assert setup.config == with_stopping_distance(setup.config, setup.fmu)
@@ -46,7 +46,7 @@ def test_a_scenario_is_refused_before_anything_is_measured(tmp_path):
         raise ConfigError(f"not {scenario.name}")
 
     with pytest.raises(ConfigError, match="not 2"):
-        resolve(Driving(motor_fmu=tmp_path / "missing.fmu"), "2", require=refuse)
+        resolve(SimulationOptions(motor_fmu=tmp_path / "missing.fmu"), "2", require=refuse)
 
 
 @pytest.mark.parametrize("shield", [True, "yes", 1.0])

@@ -7,7 +7,7 @@ import pytest
 from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.params import TABLE_I, TABLE_II
 from cosim.base.world import IDEAL, Sensor, World
-from cosim.navigation.options import Driving, Physics
+from cosim.navigation.options import Physics, SimulationOptions
 from cosim.presets.preset import PresetError, built_in, find_preset
 
 WHOLE = """
@@ -85,7 +85,7 @@ def test_what_is_said_explicitly_holds(written):
     assert config.world.camera == Sensor(rate_hz=30.0)  # of which the world says nothing
     assert config.noise.relative_amplitude == 0.1
     assert Physics(preset="icra2006").config(world).robot.mu == 0.25
-    own = Driving(preset="icra2006", mu=0.2, noise=0.0).config()
+    own = SimulationOptions(preset="icra2006", mu=0.2, noise=0.0).config()
     assert (own.robot.mu, own.noise.relative_amplitude) == (0.2, 0.0)
     assert own.table()["mu"]["source"] == CoSimConfig().table()["mu"]["source"]
     assert find_preset("icra2006").in_world(IDEAL) == IDEAL

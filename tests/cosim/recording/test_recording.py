@@ -17,7 +17,7 @@ from cosim.control.steering import MODE_NAMES
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.signals import RawSamples
 from cosim.navigation.cosimulation import CoSimulation
-from cosim.navigation.options import Deciding
+from cosim.navigation.options import DecisionOptions
 from cosim.navigation.step import Decision
 from cosim.reading.episode import read_episode
 from cosim.reading.rrd import read_rrd
@@ -76,7 +76,7 @@ def recorded(motor_fmu, tmp_path_factory):
 
 def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
     """One in 2 s, however often robots are asked."""
-    config = Deciding(rl_step=0.1).deciding(with_bursts(CoSimConfig(), "default"))
+    config = DecisionOptions(rl_step=0.1).deciding(with_bursts(CoSimConfig(), "default"))
     system = CoSimulation(SCENARIO, motor_fmu, config)
     system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
     path = tmp_path / "episode.rrd"
