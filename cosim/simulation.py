@@ -66,8 +66,8 @@ def simulate(
             file, or the paper's.
         progress: receives the simulated time; by default it is shown on stderr if the call takes
             more than two seconds. None shows nothing.
-        options: physics by the names of `python -m cosim.run`, see `SimulationOptions`: `mu`, `noise`,
-            `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.
+        options: physics by the names of `python -m cosim.run`, see `SimulationOptions`: `mu`,
+            `noise`, `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.
 
     Returns:
         Outcome, moves, parameters and every signal, with its recording in a temporary folder that
