@@ -5,6 +5,7 @@ from typing import Annotated
 
 import tyro
 
+from cosim.base.command import MotorParameters
 from cosim.base.params import FIG_7
 
 
@@ -20,3 +21,6 @@ class StepTest:
     """Voltage of the open loop in V."""
     d: Annotated[float, tyro.conf.arg(metavar="NM")] = FIG_7.d
     """Disturbance torque in N m."""
+    motor_parameters: MotorParameters = ()
+    """Parameter of the motor FMU to set through FMI, in the FMU's unit, such as J=5e-9; repeat it
+    for several. By default the FMU's own values hold."""

@@ -15,6 +15,7 @@ import rerun.blueprint as rrb
 from analysis.motor.instance import running
 from analysis.motor.options import StepTest
 from analysis.reading.motor_test import LOOPS, SIGNALS, MotorTestError, Response
+from cosim.base.arguments import require_one_of
 from cosim.coupling.fmu import MotorFmu
 from cosim.fmi.isolation import calling
 from cosim.recording.file import Recording, properties, scalars, simulated
@@ -45,7 +46,13 @@ def _simulate(motor: MotorFmu, test: StepTest, loop: str) -> Response:
     rows = np.empty((count + 1, 3))
     third = np.arange(count + 1) * 3 // (count + 1)
     disturbance = test.d * np.array([0.0, 1.0, -1.0])[third]
-    start = {"omega_des": test.omega_des, "V_in": test.open_loop_v}
+    variables = motor.description.modelVariables
+    known = [
+        v.name for v in variables if v.causality == "parameter" and v.type in {"Float64", "Real"}
+    ]
+    for name, _ in test.motor_parameters:
+        require_one_of("motor-parameter", name, known)
+    start = dict(test.motor_parameters) | {"omega_des": test.omega_des, "V_in": test.open_loop_v}
     with running(motor, closed_loop=loop == "closed_loop", **start) as (fmu, reference):
         wanted = [reference[name] for name in ("omega", "V_s", "i")]
         for k in range(count + 1):
@@ -89,6 +96,7 @@ def record(out: Path, fmu: Path, test: StepTest) -> None:
                 file.columns(entity, times, scalars(getattr(response, signal)))
         facts = asdict(test)
         facts["duration_s"] = facts.pop("duration")
+        facts["motor_parameters"] = dict(test.motor_parameters)
         file.stream.send_property("motor_test", properties(facts))
 
 

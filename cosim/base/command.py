@@ -59,6 +59,9 @@ MotorParameter = Annotated[
         str_from_instance=lambda pair: [f"{pair[0]}={pair[1]:g}"],
     ),
 ]
+MotorParameters = Annotated[
+    tuple[MotorParameter, ...], tyro.conf.arg(name="motor-parameter"), tyro.conf.UseAppendAction
+]
 
 
 def parse(

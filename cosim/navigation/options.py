@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple
 import tyro
 
 from cosim.base.arguments import ConfigError, take_fields
-from cosim.base.command import MotorFmuFile, MotorParameter
+from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.config import GIVEN, MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
 from cosim.base.params import SHIELD, STEERING, TIMING, MotorParams
 from cosim.base.progress import Progress, silent, under_way
@@ -45,9 +45,7 @@ class Physics:
     reaction: bool = False
     """Let the motors feel the acceleration of the body, which the paper neglects."""
     motor_fmu: MotorFmuFile = None
-    motor_parameters: Annotated[
-        tuple[MotorParameter, ...], tyro.conf.arg(name="motor-parameter"), tyro.conf.UseAppendAction
-    ] = ()
+    motor_parameters: MotorParameters = ()
     """Parameter of the motor FMU to set through FMI, in the FMU's unit, such as J=5e-9; repeat it
     for several. By default the FMU's own values hold."""
 

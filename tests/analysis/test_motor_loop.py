@@ -148,6 +148,16 @@ def test_bode_plot_is_written(tmp_path, command):
     assert out.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
 
 
+def test_a_motor_test_sets_parameters_of_the_fmu_and_refuses_unknown_ones(motor_fmu):
+    usual, weaker = (
+        simulate(motor_fmu, StepTest(duration=0.3, motor_parameters=given), "open_loop").omega[90]
+        for given in ((), (("K_T", 2e-4),))
+    )
+    assert usual > weaker == 0.0  # too weak for its friction at this voltage
+    with pytest.raises(MotorTestError, match="motor-parameter = 'K_t' is unknown; choose one of"):
+        simulate(motor_fmu, StepTest(motor_parameters=(("K_t", 2e-4),)), "open_loop")
+
+
 def test_what_is_no_motor_test_is_refused_in_one_sentence(tmp_path):
     broken = tmp_path / "broken.rrd"
     broken.write_text("not a recording")
