@@ -1,15 +1,11 @@
 """`python -m benchmarks NAME`: what things cost, how they converge, and what helps.
 
-A module can be run alone, too: `python -m benchmarks.steering`.
-
 A benchmark is a module with `show` and with `measure`, whose arguments are the options in the
 `options.py` of its folder.
 """
 
-import sys
 from dataclasses import asdict
 from importlib import import_module
-from pathlib import Path
 from typing import Any, Union
 
 import tyro
@@ -84,12 +80,6 @@ def main() -> None:
     module.show(found)
     if as_json:
         print_json(found)
-
-
-def run_alone(file: str) -> None:
-    """Run the benchmark of a module's file."""
-    sys.argv.insert(1, Path(file).stem.replace("_", "-"))
-    run_command(main)
 
 
 if __name__ == "__main__":

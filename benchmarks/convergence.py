@@ -92,9 +92,3 @@ def show(found: dict[str, Any]) -> None:
         ]
         changes = f"{row['change_with_step']:9.2%}{row['change_with_sweeps']:9.2%}"
         print(f"{name:34}{''.join(cells)}{changes}")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

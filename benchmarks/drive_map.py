@@ -51,9 +51,3 @@ def show(found: dict[str, Any]) -> None:
         print(
             f"{row['omega_rad_s']:5.0f}  {driving}   [{min(yaw):5.2f}, {max(yaw):5.2f}]   {turning}"
         )
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -123,9 +123,3 @@ def show(found: dict[str, float]) -> None:
     print(f"{found['scalar_starts']} episodes have the same results on both sides")
     for name, value in found.items():
         print(f"{name:26} {value:10.4g}")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -155,9 +155,3 @@ def show(found: dict[str, float]) -> None:
         print(f"{name:9s} {found[f'ns_{name}']:9.1f} ns per exchange")
     print(f"fmpy takes {found['ratio_fmpy_to_compiled']:.0f} times as long as the compiled driver")
     print(f"the compiled driver takes {found['ratio_compiled_to_inlined']:.2f} times the inlined")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -184,9 +184,3 @@ def show(found: dict[str, Any]) -> None:
             f"{row['median_half_interval']:15.2f}{row['covered']:10d} of {found['machines']}"
         )
     print(f"in all: {found['covered_share']:.1%}; results in {found['results']}/")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -187,9 +187,3 @@ def show(found: list[dict[str, Any]]) -> None:
     names = (f"{name} {unit}" for name, _, unit, _ in measures)
     header = ("what", "rad/s", "closed", "start", "s", *names, "largest µm")
     show_table(None, header, table, names=4, title="mean ± deviation [95 %]")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

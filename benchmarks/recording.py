@@ -146,9 +146,3 @@ def show(found: dict[str, Any]) -> None:
     for level, row in found.items():
         values = {name: value for name, value in row.items() if value is not None}
         print(f"{level:8}" + "".join(f"  {name} {value:.3g}" for name, value in values.items()))
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

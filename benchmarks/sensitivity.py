@@ -94,9 +94,3 @@ def show(found: dict[str, Any]) -> None:
         ]
         limit = f"{row['hop_free_rad_s']:7.1f}"
         print(f"{row['parameter']:14} {row['value']:6.3g} {cells[0]} {limit} {cells[1]}")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

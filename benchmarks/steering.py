@@ -190,9 +190,3 @@ def show(found: dict[str, Any]) -> None:
     header = ("path error, mm", "final, mm", "overshoot, mm", "heading, °", "turn overshoot, °")
     title = f"worst of {found['seeds']}"
     show_table(None, ("case", "controller", "time, s (max)", *header), rows, names=2, title=title)
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -155,9 +155,3 @@ def show(found: dict[str, Any]) -> None:
     for row in found["passed_on"]:
         word = "the same values" if row["same"] else "OTHER VALUES"
         print(f"passed on from FMI {row['from_fmi']} to FMI {row['to_fmi']}: {word}")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -130,9 +130,3 @@ def show(found: dict[str, Any]) -> None:
         )
     print(f"a step of both: fmpy {found['ns_fmpy']:.0f} ns, compiled {found['ns_compiled']:.0f} ns")
     print(f"fmpy's loop takes {found['ratio_fmpy_to_compiled']:.0f} times as long")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -102,9 +102,3 @@ def show(found: dict[str, Any]) -> None:
         for row in found["variants"]
     ]
     show_table(None, ("variant", "failures", "95 % interval", "path length, cells"), rows)
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -112,9 +112,3 @@ def show(found: dict[str, float]) -> None:
     """Print the figures."""
     for name, value in found.items():
         print(f"{name:32s} {value:16,.2f}")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -94,9 +94,3 @@ def show(found: dict[str, dict[str, float | bool | str]]) -> None:
             f"{row['from_ours_of_that_order_m']:10.1e}"
             f"{row['from_ours_with_other_first_exchange_m']:13.1e}{row['from_our_usual_m']:9.1e}"
         )
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

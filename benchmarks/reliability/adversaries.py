@@ -264,9 +264,3 @@ def show(found: dict[str, Any]) -> None:
     header = ("shield", "adversary", "episodes", "contacts", "off board", "least gap, mm", "stops")
     rows = [("on" if row["shield"] else "off", *list(row.values())[1:]) for row in found["rows"]]
     show_table(None, header, [tuple(map(str, row)) for row in rows], names=2)
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -167,9 +167,3 @@ def show(found: Coverages) -> None:
     show_table(None, ("episodes", "Wilson, mean", "least"), rates, numbers=2)
     split = [(str(row.roots), f"{row.rate:.1%}", f"{row.wilson:.1%}") for row in found.splitting]
     show_table(None, ("roots", "rate", "splitting"), split, numbers=2)
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

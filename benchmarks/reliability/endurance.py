@@ -120,9 +120,3 @@ def show(found: dict[str, Any]) -> None:
     """Print a line per run."""
     for name, row in found.items():
         print(f"{name:9}" + "".join(f"  {key} {value:.4g}" for key, value in row.items()))
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

@@ -9,7 +9,6 @@ from agent.falsification.measurement import FalsificationReport, falsify
 from agent.falsification.ranges import read_ranges
 from agent.falsification.search import SEARCHES
 from agent.method import method_policy
-from benchmarks.__main__ import run_alone
 from cosim.base.command import show_table, workers
 from cosim.base.progress import progress_bars
 from cosim.base.storage import write_json
@@ -99,7 +98,3 @@ def show(found: dict[str, Any]) -> None:
         middle = median(first)
         shown = f"more than {budget}" if middle > budget else f"{middle:g}"
         print(f"{search}: median {shown}")
-
-
-if __name__ == "__main__":
-    run_alone(__file__)

@@ -112,9 +112,3 @@ def show(found: Found) -> None:
     """Print a table and a line."""
     show_table(None, ("part", "mutation", "killed by"), found.killed_by, names=2)
     print(f"{found.survived} survived of {found.tried} tried")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)

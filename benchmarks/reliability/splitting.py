@@ -119,9 +119,3 @@ def show(found: SplittingComparison) -> None:
     ]
     show_table(None, header, rows, numbers=3)
     print(f"{of.simulated} episodes of splitting, worth {of.worth:.0f} plain ones")
-
-
-if __name__ == "__main__":
-    from benchmarks.__main__ import run_alone
-
-    run_alone(__file__)
