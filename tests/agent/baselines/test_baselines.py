@@ -42,6 +42,7 @@ def done(board, command):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(observe, "MOVES_PER_KIND", 1)
         patch.setattr(observe, "WALKS", 1)
+        patch.setattr("agent.baselines.learners.QUICK_EPISODES", 20_000)
         patch.setattr(observe, "cache_dir", lambda kind: board.parent / kind)
         ended = command(command_module, *options, "--out", board.parent / "out")
     assert ended.returncode == 0, ended.stderr
