@@ -137,8 +137,9 @@ def _headless() -> Iterator[ViewerClient]:
 def _tab_names(blueprint: dict[str, Any]) -> dict[str, tuple[str, str]]:
     """Tabs by their names: path of the container that has them, and which of its contents."""
     containers = {path: entry.get("ContainerBlueprint", {}) for path, entry in blueprint.items()}
+    views = {path: entry.get("ViewBlueprint", {}) for path, entry in blueprint.items()}
     return {
-        containers[f"/{part}"]["display_name"]: (path, part)
+        (containers[f"/{part}"] or views[f"/{part}"])["display_name"]: (path, part)
         for path, container in containers.items()
         if container.get("container_kind") == "Tabs"
         for part in container["contents"]
@@ -155,6 +156,9 @@ def _show_tab(
         raise ViewerError(f"the recording has no tab '{name}'; it has {', '.join(names) or 'none'}")
     path, part = names[name]
     blueprint[path]["ContainerBlueprint"]["active_tab"] = part
+    for outer, inner in names.values():  # of tabs within a tab, that one too
+        if f"/{inner}" == path:
+            blueprint[outer]["ContainerBlueprint"]["active_tab"] = inner
     viewer.set_blueprint(blueprint, of="recording")
 
 

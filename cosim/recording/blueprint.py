@@ -144,7 +144,7 @@ def episode_blueprint(
         tabs.insert(3, raw)
     if policies:
         floors = [_arena(f"policy · {name}", size_m, names, name) for name in names]
-        tabs.insert(-1, rrb.Grid(*floors, grid_columns=min(robots, 2), name="policies"))
+        tabs.insert(-1, rrb.Tabs(*floors, name="policies"))  # arrows need the room
     arena = _arena("arena", size_m, names)
     return rrb.Blueprint(
         rrb.Horizontal(
@@ -171,16 +171,21 @@ def episode_blueprint(
 def _arena(
     title: str, size_m: tuple[float, float], names: list[str], policy_of: str | None = None
 ) -> rrb.Spatial3DView:
-    """The board from the south, with the policy of one robot on the floor or of none."""
+    """The board from the south with robots; or from above with the policy of one of them."""
     width, height = size_m
     hidden = [f"- /world/{name}/policy/**" for name in names if name != policy_of]
+    eye, up = (0.5 * width, -0.4 * height, 0.95 * height), (0.0, 0.0, 1.0)
+    if policy_of is not None:
+        hidden += [f"- /world/{name}/{part}/**" for name in names for part in ("robot", "plan")]
+        eye, up = (0.5 * width, 0.5 * height, 1.6 * max(size_m)), (0.0, 1.0, 0.0)
     return rrb.Spatial3DView(
         origin="/world",
         contents=["+ /world/**", *hidden],
         name=title,
         eye_controls=rrb.EyeControls3D(
-            position=(0.5 * width, -0.4 * height, 0.95 * height),
-            look_target=(0.5 * width, 0.42 * height, 0.0),
+            position=eye,
+            eye_up=up,
+            look_target=(0.5 * width, (0.5 if policy_of else 0.42) * height, 0.0),
         ),
         line_grid=rrb.LineGrid3D(visible=False),
     )

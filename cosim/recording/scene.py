@@ -29,7 +29,8 @@ EIGHT = [
 _WALL_HEIGHT_M = 0.005  # low enough to hide no robot
 _TILE_HEIGHT_M = -0.0004  # under the lines between cells, above nothing
 _ARROW_HEIGHT_M = 0.0008
-_ARROW_CELLS = 0.7
+_ARROW_CELLS = 0.8
+_LUMA = np.array([0.299, 0.587, 0.114])  # of red, green and blue, ITU-R BT.601
 
 
 def palette(colours: list[int]) -> np.ndarray:
@@ -195,6 +196,11 @@ def map_colours(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     return colours
 
 
+def ink_on(colours: np.ndarray) -> np.ndarray:
+    """Return the colour (n,) of lines that are seen on colours (n, 3) uint8: dark or white."""
+    return np.where(colours @ _LUMA > 110.0, INK, WHITE).astype(np.uint32)
+
+
 def unit_arrows(action: np.ndarray) -> np.ndarray:
     """Directions as unit vectors (..., 2), x to the right and y up."""
     steps = DIRECTIONS[action].astype(np.float64)
@@ -215,13 +221,13 @@ def write_floor(file: Recording, name: str, scenario: Scenario, policy: PolicyMa
     corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
     tiles = (cells[:, None] + corners).reshape(-1, 2) * scenario.cell_m
     first = 4 * np.arange(len(cells))[:, None, None]
-    colours = map_colours(policy.value, known)[known].repeat(len(corners), axis=0)
+    colours = map_colours(policy.value, known)[known]
     file.static(
         f"/world/{name}/policy/value",
         rr.Mesh3D(
             vertex_positions=np.column_stack([tiles, np.full(len(tiles), _TILE_HEIGHT_M)]),
             triangle_indices=(first + np.array([(0, 1, 2), (0, 2, 3)])).reshape(-1, 3),
-            vertex_colors=colours,
+            vertex_colors=colours.repeat(len(corners), axis=0),
         ),
     )
     vectors = _ARROW_CELLS * scenario.cell_m * unit_arrows(policy.action[known])
@@ -231,7 +237,7 @@ def write_floor(file: Recording, name: str, scenario: Scenario, policy: PolicyMa
         rr.Arrows3D(
             origins=np.column_stack([origins, np.full(len(cells), _ARROW_HEIGHT_M)]),
             vectors=np.column_stack([vectors, np.zeros(len(cells))]),
-            colors=palette([INK]),
-            radii=0.0003,
+            colors=ink_on(colours),
+            radii=0.0008,
         ),
     )

@@ -26,7 +26,7 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Recording, RecordingError, properties, scalars, simulated
 from cosim.recording.levels import DETAILS, with_bursts
 from cosim.recording.policy_map import PolicyMap
-from cosim.recording.scene import ROBOT_COLOURS, robot_colour, shades
+from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
 from cosim.recording.series import OUTCOME, reduce
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
@@ -428,3 +428,18 @@ def test_a_robot_has_one_colour_in_every_view():
     seen = [{*shades(robot_colour(robot), 3).tolist()} for robot in range(len(ROBOT_COLOURS))]
     assert all(robot_colour(robot) in colours for robot, colours in enumerate(seen))
     assert len(set.union(*seen)) == 3 * len(ROBOT_COLOURS)
+
+
+def test_arrows_of_a_policy_are_seen_on_every_value():
+    """WCAG asks for a contrast of 3 between lines and what is behind them."""
+    floor = map_colours(np.linspace(0.0, 1.0, 256)[None], np.ones((1, 256), bool))[0]
+    lines = ink_on(floor)[:, None] >> np.array([24, 16, 8], dtype=np.uint32) & 0xFF
+    pair = np.sort([_luminance(floor), _luminance(lines)], axis=0) + 0.05
+    assert (pair[1] / pair[0]).min() > 3.0
+
+
+def _luminance(colours: np.ndarray) -> np.ndarray:
+    """Relative luminance of sRGB colours (n, 3)."""
+    share = colours / 255.0
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return linear @ (0.2126, 0.7152, 0.0722)
