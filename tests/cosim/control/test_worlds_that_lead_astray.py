@@ -8,7 +8,7 @@ import pytest
 
 from cosim.base.world import Sensor, World, draw_world
 from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.features import DIRECTION_COUNT
+from cosim.navigation.features import DIRECTION_COUNT, Observation
 from cosim.navigation.options import Driving
 from cosim.scenarios.scenario import Scenario
 
@@ -37,7 +37,7 @@ class Constant:
     def __init__(self, directions: np.ndarray) -> None:
         self._directions = directions
 
-    def act(self, _: object) -> np.ndarray:
+    def act(self, observation: Observation) -> np.ndarray:
         return self._directions
 
 
