@@ -7,7 +7,7 @@ from agent.deep.policy import NetworkPolicy
 from agent.method import method_of
 from agent.process.greedy import GreedyPolicy
 from agent.training.pair_policy import PairPolicy
-from agent.training.policy import FILE, Policy
+from agent.training.policy import FILE, Policy, PolicyConfig
 from cosim.base.reading import parsing, read_arrays
 from cosim.scenarios.scenario import Scenario
 
@@ -37,4 +37,6 @@ def method_name(policy: GreedyPolicy) -> str:
     """The method that a policy was trained by, or a network's algorithm; "other" if it is none."""
     if isinstance(policy, NetworkPolicy):
         return policy.config.algorithm
-    return method_of(policy.config) or "other"
+    return (
+        method_of(policy.config) if isinstance(policy.config, PolicyConfig) else None
+    ) or "other"

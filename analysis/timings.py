@@ -78,7 +78,7 @@ def code_of(stage: str) -> str | None:
     if stage not in RESULTS:
         return None
     name = RESULTS[stage].command_name
-    elsewhere = {"experiments": "agent.experiments.__main__", "transfer": "cosim.transfer"}
+    elsewhere = {"experiments": "agent.experiments.__main__"}
     return code_digest(elsewhere.get(name, f"minirobots.commands.{name.replace('-', '_')}"))
 
 

@@ -9,16 +9,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
-from agent.evaluation.transfer import transfer
 from agent.experiments.run import run_experiment
 from agent.experiments.variants import Name
+from agent.study.transfer import transfer
 from analysis.figures.draw import draw_figures
 from analysis.profiles import Profile
 from analysis.reading.results import FIGURES, RESULTS, Result
 from analysis.report.page import write_report
 from analysis.timings import Timings
+from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 from cosim.scenarios.built_in import PAPER
 from minirobots.runner import module_of, options_of
 
@@ -100,7 +101,7 @@ def _make(
             runs=profile.runs,
             seed=seed,
             episodes=profile.train_episodes,
-            jobs=jobs,
+            where=Workers(jobs=jobs, backend="loky"),
             progress=progress,
         )
     elif result.command_name == "transfer":
@@ -110,7 +111,7 @@ def _make(
             scenarios=profile.transfer_scenarios,
             methods=profile.transfer_methods,
             seed=seed,
-            jobs=jobs,
+            where=Workers(jobs=jobs),
             progress=progress,
         )
     else:
@@ -132,6 +133,6 @@ def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[st
             "train_episodes": profile.drive_episodes.get(result.method),
             "seed": seed,
             "jobs": jobs,
-            "physics": Driving(time_limit=profile.episode_limit_s),
+            "physics": SimulationOptions(time_limit=profile.episode_limit_s),
         }
     return {}

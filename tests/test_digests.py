@@ -23,10 +23,10 @@ from agent.certification.collisions import estimate_collisions
 from agent.certification.measurement import certify
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.outcomes import summary
-from agent.evaluation.result_file import ResultFile
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import observe_moves
 from agent.process.config import ProcessConfig
+from agent.study.store import ResultFile
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy

@@ -2,6 +2,7 @@
 
 import doctest
 import re
+import sys
 from pathlib import Path
 
 import nbformat
@@ -29,6 +30,24 @@ def test_api_page_runs_as_written(tmp_path, monkeypatch, capsys):
         "ep.rrd",
         "lighter.toml",
     }
+
+
+def test_study_page_runs_as_written(tmp_path, monkeypatch, capsys, command):
+    page = (DOCS / "studies.md").read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    names: dict[str, object] = {"__name__": "session"}
+    for block in re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S):
+        exec(compile(block, "docs/studies.md", "exec"), names)
+    said = capsys.readouterr().out
+    assert "| roundabout | 1a | 0.15 | 4 | 100.0% [" in said
+    assert "0.0 0.0 0.56" in said
+    assert said.rstrip().splitlines()[-1].startswith("0.15")
+    (file,) = re.findall(r'^```toml title="friction.toml"\n(.*?)^```$', page, re.M | re.S)
+    Path("friction.toml").write_text(file)
+    done = command("study", "friction.toml")  # finds the episodes of the page's Python
+    assert done.returncode == 0, done.stderr
+    assert Path("friction.png").stat().st_size > 5000
 
 
 def test_examples_of_docstrings_hold():

@@ -5,28 +5,18 @@ the table `agent.baselines.table`.
 """
 
 import time
-from collections.abc import Callable, Collection
-from functools import cache
+from collections.abc import Callable, Collection, Sequence
+from functools import cache, cached_property
+from itertools import product
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
 from agent.baselines import LEARNERS, Learner
-from agent.baselines.learners import config_of, digest, train
-from agent.baselines.table import (
-    MARKDOWN_FILE,
-    TABLE_FILE,
-    BaselinesReport,
-    Drive,
-    LearnerRun,
-    markdown,
-    report_of,
-)
-from agent.evaluation.cases import Case, run_jobs
-from agent.evaluation.dynamics import tracked
+from agent.baselines.learners import Config, config_of, digest, train
+from agent.baselines.table import BaselinesReport, Drive, LearnerRun, markdown, report_of
 from agent.evaluation.grid import PolicyMeasures, measure
-from agent.evaluation.result_file import ResultFile
 from agent.method import ON_MOVES, method_config
 from agent.moves.bound import least_times_of_starts
 from agent.policies import load_policy
@@ -34,104 +24,94 @@ from agent.process.config import ProcessConfig
 from agent.process.exact import Milestone, joint_starts
 from agent.process.optimum import optimum
 from agent.process.readings import build_process
+from agent.study.episodes import StudyLine, case_of, simulate
+from agent.study.store import EpisodeStore
 from agent.training.settings import COMPUTED
 from cosim.base.errors import UserError
+from cosim.base.jobs import Workers, until
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
-from cosim.base.storage import replacing, write_json
-from cosim.navigation.options import Driving
+from cosim.base.storage import write_json
+from cosim.base.table import write_report
+from cosim.navigation.options import SimulationOptions
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
 _FILE = Kind("file of a training", "remove it", UserError)
 
 
-class _Runs:
-    """Trainings of one session of the command, and where they are kept."""
+class _Training:
+    """A learner in a scenario with a seed, and where its training is kept.
 
-    def __init__(self, out: Path, quick: bool, progress: Progress) -> None:
+    Attributes:
+        scenario, learner, seed: what is trained.
+        drives: its episodes in the dynamics, as far as they are known.
+    """
+
+    def __init__(
+        self,
+        out: Path,
+        scenario: Scenario,
+        learner: Learner,
+        seed: int,
+        quick: bool,
+        progress: Progress,
+    ) -> None:
+        self.scenario, self.seed = scenario, seed
+        self.learner: Learner = learner
+        self.drives: tuple[Drive, ...] = ()
         self._out, self._quick, self._progress = out, quick, progress
-        self._paths: dict[tuple[str, Learner, int], Path] = {}
-        self._drives: dict[Path, tuple[Drive, ...]] = {}
 
-    def path(self, scenario: Scenario, learner: Learner, seed: int) -> Path:
-        """File of a training, written when it has ended."""
-        key = scenario.name, learner, seed
-        if key not in self._paths:
-            config = config_of(learner, scenario, seed, self._quick, self._progress)
-            name = f"{scenario.name}-{learner}-{seed}-{digest(config)}.json"
-            self._paths[key] = self._out / "runs" / name
-        return self._paths[key]
+    @cached_property
+    def _config(self) -> Config:
+        return config_of(self.learner, self.scenario, self.seed, self._quick, self._progress)
 
-    def _policy(self, path: Path) -> Path:
-        return self._out / "policies" / f"{path.stem}.npz"
+    @cached_property
+    def path(self) -> Path:
+        """File of the training, written when it has ended."""
+        name = f"{self.scenario.name}-{self.learner}-{self.seed}-{digest(self._config)}.json"
+        return self._out / "runs" / name
 
-    def find(self, scenario: Scenario, learner: Learner, seed: int) -> LearnerRun | None:
-        """Return a training that is there, with the episodes that `drive` has found of it."""
-        path = self.path(scenario, learner, seed)
-        if not (path.exists() and self._policy(path).exists()):
+    @property
+    def policy(self) -> Path:
+        """File of the policy."""
+        return self._out / "policies" / f"{self.path.stem}.npz"
+
+    def find(self) -> LearnerRun | None:
+        """Return the training with its episodes, None if it is missing."""
+        if not (self.path.exists() and self.policy.exists()):
             return None
-        run = read_json(path, _FILE, LearnerRun)
-        # Those in the file, which earlier versions have written, may be of other physics.
-        return msgspec.structs.replace(run, drives=self._drives.get(path, ()))
+        # Episodes in the file, which earlier versions have written, may be of other physics.
+        return msgspec.structs.replace(read_json(self.path, _FILE, LearnerRun), drives=self.drives)
 
-    def train(self, scenario: Scenario, learner: Learner, seed: int) -> None:
-        """Train, evaluate on the grid and keep both."""
+    def train(self) -> None:
+        """Train, evaluate on the grid and keep both; one at a time, as the time is measured."""
         curve: list[Milestone] = []
 
         def training(task: str, done: float, total: float | None, state: str = "") -> None:
-            self._progress(f"{scenario.name} {learner}, seed {seed}", done, total, state)
+            name = f"{self.scenario.name} {self.learner}, seed {self.seed}"
+            self._progress(name, done, total, state)
 
         began = time.perf_counter()
-        config = config_of(learner, scenario, seed, self._quick, self._progress)
-        policy = train(config, training, curve.append)
+        policy = train(self._config, training, curve.append)
         seconds = time.perf_counter() - began
-        path = self.path(scenario, learner, seed)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        policy.save(self._policy(path))
-        grid = msgspec.convert(measure(path.stem, policy), PolicyMeasures, from_attributes=True)
+        policy.save(self.policy)
+        grid = measure(self.path.stem, policy)
         run = LearnerRun(
-            scenario=scenario.name,
-            learner=learner,
-            seed=seed,
+            scenario=self.scenario.name,
+            learner=self.learner,
+            seed=self.seed,
             seconds=seconds,
             curve=tuple(curve),
-            grid=grid,
+            grid=msgspec.convert(grid, PolicyMeasures, from_attributes=True),
         )
-        write_json(path, run)
+        write_json(self.path, run)
 
-    def drive(
-        self,
-        keys: list[tuple[Scenario, Learner, int]],
-        episodes: int,
-        jobs: int,
-        may_begin: Callable[[], bool],
-    ) -> None:
-        """Simulate what is missing of the episodes of trainings, for `find` to show."""
-        files = {key: self._file(*key) for key in keys if self.find(*key) is not None}
-        indices = {
-            key: file.case.sample(min(episodes, len(file.case.starts)))
-            for key, file in files.items()
-        }
-        missing = [job for key, file in files.items() for job in file.missing(indices[key])]
-        by_digest = {file.case.digest: file for file in files.values()}
-        ended = run_jobs(missing, jobs, may_begin)
-        for job, result in tracked(ended, len(missing), self._progress, "episodes"):
-            by_digest[job.case.digest].add(job.index, result)
-        for key, file in files.items():
-            if known := file.beginning(indices[key]):
-                scenario, learner, _ = key
-                least = _least_times(scenario, _through(learner))
-                self._drives[self.path(*key)] = tuple(
-                    Drive(index, result.outcome, result.sim_time_s, float(least[index]))
-                    for index, result in known.items()
-                )
-
-    def _file(self, scenario: Scenario, learner: Learner, seed: int) -> ResultFile:
-        policy = load_policy(self._policy(self.path(scenario, learner, seed)))
-        driving = Driving(through=_through(learner))
-        config, fmu = driving.prepare(scenario.robot_diameter_m, self._progress)
-        return ResultFile(self._out / "episodes", Case(policy, config, fmu, seed))
+    def line(self, episodes: int) -> StudyLine:
+        """Return the episodes that its policy is to drive."""
+        physics = SimulationOptions(through=_through(self.learner))
+        case = case_of(load_policy(self.policy), physics, self.seed, progress=self._progress)
+        return StudyLine(case, case.sample(min(episodes, len(case.starts))))
 
 
 def _through(learner: Learner) -> bool:
@@ -166,7 +146,7 @@ def baselines(
     episodes: int,
     quick: bool = False,
     budget_minutes: float | None = None,
-    jobs: int = 2,
+    where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> BaselinesReport:
     """Train and simulate what is missing, and write the table.
@@ -182,8 +162,8 @@ def baselines(
         episodes: in the dynamics, of every training.
         quick: train so little that it only shows that it works.
         budget_minutes: after which no training and no episode is begun.
-        jobs: threads of episodes; the results do not depend on it.
-        progress: is told what is trained and simulated.
+        where: backend and number of workers of episodes; the results do not depend on it.
+        progress: receives what is trained and simulated.
 
     Returns:
         The content of baselines.json.
@@ -191,38 +171,50 @@ def baselines(
     Raises:
         UserError: see its message.
     """
-    end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
+    in_time, store = until(budget_minutes), EpisodeStore(out / "episodes")
     boards = [find_scenario(name, ideal=True) for name in scenarios]
     for name in {board.name for board in boards}:
         if len({board for board in boards if board.name == name}) > 1:
             raise UserError(f"--scenarios has two boards called {name}; rename one (`name = ...`)")
-    runs = _Runs(out, quick, progress)
-    numbers = range(seed, seed + seeds)
-
-    def in_time() -> bool:
-        return end is None or time.monotonic() < end
-
     asked: list[tuple[Scenario, Learner]] = [
         (board, learner) for board in boards for learner in LEARNERS if learner in learners
     ]
-    reasons = {(board.name, learner): left_out(board, learner) for board, learner in asked}
-    for number in numbers:
-        keys: list[tuple[Scenario, Learner, int]] = [
-            (board, learner, number)
-            for board, learner in asked
-            if reasons[board.name, learner] is None
-        ]
-        for key in keys:
-            if in_time() and runs.find(*key) is None:
-                runs.train(*key)
-        runs.drive(keys, episodes, jobs, in_time)
+    reasons = {key: left_out(*key) for key in asked}
+    trainings = {
+        (number, *key): _Training(out, *key, number, quick, progress)
+        for number, key in product(range(seed, seed + seeds), asked)
+        if reasons[key] is None
+    }
+    for number in range(seed, seed + seeds):
+        now = [training for (of, *_), training in trainings.items() if of == number]
+        for training in now:
+            if in_time() and training.find() is None:
+                training.train()
+        _drive([t for t in now if t.find()], episodes, store, where, in_time, progress)
     rows = []
-    for board, learner in asked:
-        reason = reasons[board.name, learner]
-        known = [runs.find(board, learner, number) for number in numbers] if reason is None else []
-        rows.append((board.name, learner, [run for run in known if run is not None], reason))
+    for key in asked:
+        found = [training.find() for (_, *of), training in trainings.items() if tuple(of) == key]
+        rows.append((key[0].name, key[1], [run for run in found if run], reasons[key]))
     report = report_of(rows, seeds, episodes, seed=seed, quick=quick)
-    write_json(out / TABLE_FILE, report)
-    with replacing(out / MARKDOWN_FILE) as temporary:
-        temporary.write_text(markdown(report) + "\n", encoding="utf-8")
+    write_report(out / "baselines", report, markdown(report))
     return report
+
+
+def _drive(
+    trained: Sequence[_Training],
+    episodes: int,
+    store: EpisodeStore,
+    where: Workers,
+    may_begin: Callable[[], bool],
+    progress: Progress,
+) -> None:
+    """Simulate what is missing of the episodes of trainings, and note them there."""
+    lines = [training.line(episodes) for training in trained]
+    simulate(lines, store, where, may_begin=may_begin, progress=progress)
+    for training, line in zip(trained, lines, strict=True):
+        if known := store.file(line.case).beginning(line.indices):
+            least = _least_times(training.scenario, _through(training.learner))
+            training.drives = tuple(
+                Drive(index, result.outcome, result.sim_time_s, float(least[index]))
+                for index, result in known.items()
+            )

@@ -6,10 +6,10 @@ import numpy as np
 from agent.evaluation.grid import PolicyMeasures
 from agent.evaluation.statistics import Interval, Rate, Statistics, interval_text, rate, summarise
 from agent.process.exact import Milestone
-from cosim.base.command import show_table
 from cosim.base.outcome import Outcome
+from cosim.base.table import Column, field
+from cosim.base.table import markdown as table_text
 
-TABLE_FILE, MARKDOWN_FILE = "baselines.json", "baselines.md"
 ENOUGH = 0.99  # success that learners are timed to
 
 
@@ -172,48 +172,41 @@ def _row(scenario: str, learner: str, runs: list[LearnerRun], left_out: str | No
     )
 
 
-_HEADINGS = (
-    "scenario",
-    "learner",
-    "seeds",
-    "success on the grid",
-    "path × optimum",
-    "moves × optimum",
-    "agent steps to 99 %",
-    "time to 99 %",
-    "episodes",
-    "success in the dynamics",
-    "simulated",
-    "× least time",
+def _column(name: str, heading: str, digits: int, factor: float = 1.0, unit: str = "") -> Column:
+    """Return the column of a measure with its interval."""
+
+    def text(row: BaselineRow) -> str:
+        value = getattr(row, name)
+        interval = Interval(*value) if isinstance(value, Rate) else value
+        if interval is None or row.left_out is not None:
+            return "–"
+        return interval_text(interval, digits, factor, unit)
+
+    return Column(heading, text)
+
+
+def _steps(row: BaselineRow) -> str:
+    some = "" if row.reached == row.seeds or not row.reached else f" ({row.reached} seeds)"
+    return _STEPS.text(row) + some
+
+
+_STEPS = _column("steps_to_enough", "agent steps to 99 %", 2, 1e-6, " million")
+COLUMNS = (
+    field("scenario"),
+    field("learner"),
+    Column("seeds", lambda row: row.left_out or str(row.seeds)),
+    _column("success", "success on the grid", 1, 100.0, " %"),
+    _column("path_ratio", "path × optimum", 3),
+    _column("moves_ratio", "moves × optimum", 3),
+    Column(_STEPS.heading, _steps),
+    _column("seconds_to_enough", "time to 99 %", 1, 1.0, " s"),
+    Column("episodes", lambda row: "–" if row.left_out else str(row.episodes)),
+    _column("driven", "success in the dynamics", 1, 100.0, "%"),
+    _column("time_s", "simulated", 0, 1.0, " s"),
+    _column("time_ratio", "× least time", 2),
 )
 
 
-def _cells(row: BaselineRow) -> list[str]:
-    if row.left_out:
-        return [row.scenario, row.learner, row.left_out, *["–"] * (len(_HEADINGS) - 3)]
-    some = "" if row.reached == row.seeds or not row.reached else f" ({row.reached} seeds)"
-    return [
-        row.scenario,
-        row.learner,
-        str(row.seeds),
-        interval_text(row.success, 1, 100.0, " %"),
-        interval_text(row.path_ratio, 3),
-        interval_text(row.moves_ratio, 3),
-        interval_text(row.steps_to_enough, 2, 1e-6, " million") + some,
-        interval_text(row.seconds_to_enough, 1, 1.0, " s"),
-        str(row.episodes),
-        interval_text(Interval(*(row.driven or [None] * 3)), 1, 100.0, "%"),
-        interval_text(row.time_s, 0, 1.0, " s"),
-        interval_text(row.time_ratio, 2),
-    ]
-
-
 def markdown(report: BaselinesReport) -> str:
-    """The table as Markdown."""
-    rows = [_HEADINGS, ["---"] * len(_HEADINGS), *map(_cells, report.rows)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
-
-
-def show(report: BaselinesReport) -> None:
-    """Print the table, in as many parts as the console is wide for."""
-    show_table(None, _HEADINGS, [_cells(row) for row in report.rows], names=2)
+    """Return the table as Markdown."""
+    return table_text(COLUMNS, report.rows)

@@ -14,10 +14,10 @@ from scipy.stats import beta
 from agent.certification.claims import LEAST_CONFIDENCE, Claim, complement
 from agent.certification.sequential import Decision, SequentialTest, Verdict
 from agent.evaluation.cases import Case, CaseIdentity
-from agent.evaluation.result_file import ResultFile, beginning
 from agent.evaluation.statistics import CONFIDENCE
 from agent.policies import method_name
 from agent.process.exact import enumerable
+from agent.study.store import ResultFile, beginning
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of, versions

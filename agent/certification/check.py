@@ -22,11 +22,12 @@ from agent.certification.certificate import (
     read_certificate,
 )
 from agent.certification.claims import parse_claim
-from agent.evaluation.cases import Case, CaseIdentity, Job, run_jobs
-from agent.evaluation.result_file import IndexedResult
-from agent.evaluation.row_file import Header, RowFile
+from agent.evaluation.cases import Case, CaseIdentity, Job
 from agent.policies import load_policy, method_name
+from agent.study.episodes import EPISODES
+from agent.study.store import EpisodeStore, Header, IndexedResult, RowFile
 from cosim.base.errors import UserError
+from cosim.base.jobs import Workers, run
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import versions
 from cosim.base.reading import Kind, require_file
@@ -75,7 +76,7 @@ def check(
     policy: Path | None = None,
     motor_fmu: Path | None = None,
     sample: int | None = None,
-    jobs: int = 2,
+    where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> CheckReport:
     """Judge the results of a certificate anew, and simulate some of its episodes again.
@@ -86,8 +87,8 @@ def check(
         motor_fmu: of the episodes, the built-in one by default.
         sample: how many episodes to simulate, drawn with fresh entropy; by default so many that
             altered rows, if they are a share of `ALTERED`, are found with a probability of `FOUND`.
-        jobs: threads.
-        progress: is told how many episodes are simulated.
+        where: backend and number of workers.
+        progress: receives how many episodes are simulated.
 
     Raises:
         UserError: a file is missing, damaged or another's; or of the FMU.
@@ -128,9 +129,8 @@ def check(
     if sample is None:
         sample = bisect_left(range(rows), FOUND, key=lambda size: _found(rows, size))
     drawn = np.random.default_rng().permutation(list(looked_at))[:sample].tolist()
-    ended = run_jobs([Job(case, index) for index in drawn], jobs)
-    for count, (job, result) in enumerate(ended, 1):
-        progress("episodes", count, len(drawn), f"{count}/{len(drawn)}")
+    jobs = [Job(case, index) for index in drawn]
+    for job, result in run(jobs, EpisodeStore(), EPISODES, where, progress=progress):
         was = results[job.index]
         if lasting(result) != lasting(was):
             differences.append(f"episode {job.index}: {was.outcome} then, {result.outcome} now")

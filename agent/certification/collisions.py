@@ -5,8 +5,8 @@ at whose end the robots were so close for the first time; from there on its spee
 camera frames are others. Branches are kept as they end.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -16,9 +16,10 @@ from scipy.stats import beta
 
 from agent.certification.splitting import Branch, Entrances, split
 from agent.evaluation.cases import Case, Job
-from agent.evaluation.row_file import Header, RowFile
 from agent.evaluation.statistics import CONFIDENCE, rate_of_weights
+from agent.study.store import Header, RowFile
 from cosim.base.errors import UserError
+from cosim.base.jobs import JobKind, Workers, run
 from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
@@ -99,7 +100,7 @@ def estimate_collisions(
     roots: int,
     branches: int,
     gaps_mm: Sequence[float],
-    jobs: int = 2,
+    where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> SplittingReport:
     """Simulate what is missing of the roots and their branches, and write the estimate.
@@ -110,8 +111,8 @@ def estimate_collisions(
         roots: independent episodes, from the starts of `Case.cover`.
         branches: that an episode has after a level, itself among them.
         gaps_mm: levels before contact, falling.
-        jobs: threads; the results do not depend on it.
-        progress: is told how many episodes are simulated.
+        where: backend and number of workers; the results do not depend on it.
+        progress: receives how many episodes are simulated.
 
     Raises:
         UserError: robots cannot collide, or see its message.
@@ -121,7 +122,19 @@ def estimate_collisions(
             "splitting needs episodes that end where two robots collide; choose another scenario "
             "or leave out --on-collision continue"
         )
-    simulated = _Branches(case, out, tuple(gaps_mm), jobs, progress)
+    diameter_m = case.policy.config.scenario.robot_diameter_m
+    distances_m = tuple(diameter_m + 1e-3 * gap_mm for gap_mm in gaps_mm)
+    digest = digest_of(case.identity, gaps_mm, code_digest(__name__))
+    store, asked = _BranchStore(case, out, digest), {}
+
+    def simulated(wanted: Sequence[Branch]) -> Iterator[tuple[Branch, Entrances, int]]:
+        jobs = [BranchJob(case, digest, distances_m, branch) for branch in wanted]
+        for _ in run(jobs, store, BRANCHES, where, progress=progress):
+            pass
+        for branch in wanted:
+            row = asked[branch] = store.rows[branch]
+            yield branch, row.entrances, row.last_step
+
     reached = split(case.cover(roots), branches, len(gaps_mm) + 1, simulated)
     levels = tuple(map(_level, (*gaps_mm, 0.0), reached.T))
     with_one = int((reached[:, -1] > 0.0).sum())
@@ -129,11 +142,11 @@ def estimate_collisions(
     highest = 1.0 if with_one == roots else beta.isf(tail, with_one + 1, roots - with_one)
     report = SplittingReport(
         scenario=case.policy.config.scenario.name,
-        digest=simulated.digest,
+        digest=digest,
         seed=case.seed,
         roots=roots,
         branches=branches,
-        simulated=len(simulated.asked),
+        simulated=len(asked),
         collision=levels[-1].probability,
         low=levels[-1].low,
         high=levels[-1].high,
@@ -141,7 +154,7 @@ def estimate_collisions(
         highest=float(highest),
         worth=levels[-1].worth,
         levels=levels,
-        wall_s=sum(row.wall_s for row in simulated.asked.values()),
+        wall_s=sum(row.wall_s for row in asked.values()),
     )
     write_json(out / SPLITTING_FILE, report)
     return report
@@ -154,57 +167,85 @@ def _level(gap_mm: float, values: np.ndarray) -> ReachedLevel:
     return ReachedLevel(gap_mm, *rate_of_weights(share, worth), worth)
 
 
-class _Branches:
-    """Simulates branches, or finds them in their file.
+@dataclass(frozen=True)
+class BranchJob:
+    """A branch to simulate.
 
     Attributes:
+        case: policy and configuration.
         digest: of the case and the levels.
-        asked: rows of all branches asked for so far.
+        distances_m: levels before contact, as distances between the robots' centres.
+        branch: by its seeds.
     """
 
-    def __init__(
-        self, case: Case, out: Path, gaps_mm: tuple[float, ...], jobs: int, progress: Progress
-    ) -> None:
-        self._case, self._jobs, self._progress = case, jobs, progress
-        diameter_m = case.policy.config.scenario.robot_diameter_m
-        self._distances_m = [diameter_m + 1e-3 * gap_mm for gap_mm in gaps_mm]
-        self.digest = digest_of(case.identity, gaps_mm, code_digest(__name__))
-        header = Header(**msgspec.structs.asdict(case.identity), digest=self.digest)
-        path = out / f"{case.policy.config.scenario.name}-branches-{self.digest}.jsonl"
-        self._file = RowFile(path, header, BranchRow)
-        self._known = {Branch(row.root, row.forks): row for row in self._file.rows}
-        self.asked: dict[Branch, BranchRow] = {}
+    case: Case
+    digest: str
+    distances_m: tuple[float, ...]
+    branch: Branch
 
-    def __call__(self, branches: Sequence[Branch]) -> Iterable[tuple[Branch, Entrances, int]]:
-        missing = [branch for branch in branches if branch not in self._known]
-        for row in self._simulated(missing):
-            self._file.append(row)
-            self._known[Branch(row.root, row.forks)] = row
-            self._progress("episodes", len(self._known), None, f"{len(self._known)} episodes")
-        found = {branch: self._known[branch] for branch in branches}
-        self.asked |= found
-        return ((branch, row.entrances, row.last_step) for branch, row in found.items())
+    @property
+    def key(self) -> tuple[str, Branch]:
+        """Equal for equal branches."""
+        return self.digest, self.branch
 
-    def _simulated(self, branches: Sequence[Branch]) -> Iterator[BranchRow]:
-        entrances: list[list[int]] = [[] for _ in branches]
-        last = [0] * len(branches)
-        tasks = [self._task(branch, k, entrances[k], last) for k, branch in enumerate(branches)]
-        for number, result in simulate_tasks(tasks, self._jobs):
-            root, forks = branches[number]
-            yield BranchRow(root, forks, tuple(entrances[number]), last[number], result.wall_s)
+    def task(self, entrances: list[int], last: list[int]) -> Task:
+        """Return what to simulate.
 
-    def _task(self, branch: Branch, number: int, entrances: list[int], last: list[int]) -> Task:
-        levels = len(self._distances_m) + 1
+        Args:
+            entrances: receives the steps at whose ends the levels were reached.
+            last: receives the number of the last step.
+        """
 
         def watch(step: Step, episode: RunningEpisode, _: float) -> None:
-            reached = sum(d >= episode.measures.min_distance_m for d in self._distances_m)
+            reached = sum(d >= episode.measures.min_distance_m for d in self.distances_m)
             if step.outcome == Outcome.COLLISION:
-                reached = levels
+                reached = len(self.distances_m) + 1
             entrances.extend([step.number] * (reached - len(entrances)))
-            last[number] = step.number
+            last[:] = [step.number]
 
-        task = Job(self._case, branch.root).task()
-        return replace(task, watch=watch, redrawn=_seeds(task.seed, branch))
+        task = Job(self.case, self.branch.root).task()
+        return replace(task, watch=watch, redrawn=_seeds(task.seed, self.branch))
+
+
+def _simulated(
+    jobs: Sequence[BranchJob], threads: int, may_begin: Callable[[], bool]
+) -> Iterator[tuple[BranchJob, BranchRow]]:
+    entrances: list[list[int]] = [[] for _ in jobs]
+    last: list[list[int]] = [[0] for _ in jobs]
+    tasks = [job.task(*of) for job, *of in zip(jobs, entrances, last, strict=True)]
+    for k, result in simulate_tasks(tasks, threads, may_begin):
+        root, forks = jobs[k].branch
+        yield jobs[k], BranchRow(root, forks, tuple(entrances[k]), last[k][0], result.wall_s)
+
+
+def _batch(job: BranchJob) -> object:
+    return Job(job.case, job.branch.root).task().batch_key
+
+
+BRANCHES: JobKind[BranchJob, BranchRow] = JobKind(_simulated, _batch)
+
+
+class _BranchStore:
+    """Branches of a case in a file.
+
+    Attributes:
+        rows: by branch.
+    """
+
+    def __init__(self, case: Case, out: Path, digest: str) -> None:
+        header = Header(**msgspec.structs.asdict(case.identity), digest=digest)
+        path = out / f"{case.policy.config.scenario.name}-branches-{digest}.jsonl"
+        self._file = RowFile(path, header, BranchRow)
+        self.rows = {Branch(row.root, row.forks): row for row in self._file.rows}
+
+    def find(self, job: BranchJob) -> BranchRow | None:
+        """Return the row of a branch, None if it is missing."""
+        return self.rows.get(job.branch)
+
+    def keep(self, job: BranchJob, row: BranchRow) -> None:
+        """Keep the row of a branch."""
+        self._file.append(row)
+        self.rows[job.branch] = row
 
 
 def _seeds(seed: np.random.SeedSequence, branch: Branch) -> dict[int, np.random.SeedSequence]:

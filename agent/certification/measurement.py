@@ -1,6 +1,5 @@
 """Simulates the episodes that a claim needs, and keeps each as it ends."""
 
-import time
 from pathlib import Path
 
 import msgspec
@@ -19,30 +18,32 @@ from agent.certification.certificate import (
 )
 from agent.certification.claims import Claim
 from agent.certification.sequential import Decision
-from agent.evaluation.cases import Case, run_jobs
-from agent.evaluation.result_file import ResultFile
+from agent.evaluation.cases import Case
 from agent.policies import load_policy
+from agent.study.episodes import EPISODES, case_of
+from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
+from cosim.base.jobs import Workers, run, until
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
 from cosim.base.world import IDEAL
-from cosim.navigation.options import Driving
-from cosim.scenarios.file import in_world, read_world
+from cosim.navigation.options import SimulationOptions
+from cosim.scenarios.file import read_world
 
 _AT_ONCE = 10_000  # episodes that are planned
 
 
-def case_of(policy: Path, physics: Driving, seed: int, progress: Progress = silent) -> Case:
-    """A policy by its file under the options of a command.
+def case_of_file(
+    policy: Path, physics: SimulationOptions, seed: int, progress: Progress = silent
+) -> Case:
+    """Return a policy by its file under the options of a command.
 
     Raises:
         UserError: see its message.
     """
-    loaded = load_policy(policy)
     world = IDEAL if physics.world is None else read_world(physics.world)
-    scenario = loaded.config.scenario
-    loaded.require_scenario(in_world(scenario, world), f"{policy}: the policy")
-    return Case(loaded, *physics.prepare(scenario.robot_diameter_m, progress, world), seed)
+    name = f"{policy}: the policy"
+    return case_of(load_policy(policy), physics, seed, world, name=name, progress=progress)
 
 
 def certify(
@@ -54,7 +55,7 @@ def certify(
     episodes: int | None = None,
     budget_minutes: float | None = None,
     supersede: bool = False,
-    jobs: int = 2,
+    where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> Certificate:
     """Simulate what is missing until the claim is decided, and write the certificate.
@@ -70,8 +71,8 @@ def certify(
         episodes: most that are looked at.
         budget_minutes: after which no episode is started.
         supersede: replace the certificate of another attempt in the folder, and list it.
-        jobs: threads; the results do not depend on it.
-        progress: is told how many episodes are known.
+        where: backend and number of workers; the results do not depend on it.
+        progress: receives how many episodes have ended.
 
     Raises:
         UserError: robots that push each other on do not collide; the folder has the certificate of
@@ -96,15 +97,14 @@ def certify(
                 f"{path}: holds another attempt ({said(last)}); choose another --out, or replace "
                 "and list it with --supersede"
             )
-    end = None if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
-    file, test = ResultFile(out, case), claim_test(claim, confidence)
+    in_time, store, test = until(budget_minutes), EpisodeStore(out), claim_test(claim, confidence)
+    file = store.file(case)
 
     def so_far() -> Decision:
         return decide(claim, test, known(case, file.results, episodes))
 
     def may_begin() -> bool:
-        in_time = end is None or time.monotonic() < end
-        return in_time and decision.verdict == "undecided"
+        return in_time() and decision.verdict == "undecided"
 
     def keep() -> Certificate:
         issued = issue(file, claim, confidence, episodes)
@@ -118,13 +118,10 @@ def certify(
         while may_begin():
             needed = test.enough(decision.against)
             wanted = min(needed, episodes or needed, decision.episodes + _AT_ONCE)
-            missing = file.missing(case.cover(wanted))
-            if not missing:
+            if not (missing := file.missing(case.cover(wanted))):
                 break
-            for job, result in run_jobs(missing, jobs, may_begin):
-                file.add(job.index, result)
-                done = len(file.results)
-                progress("episodes", done, needed, f"{done}/{needed}  {decision.against} against")
+            ended = run(missing, store, EPISODES, where, may_begin=may_begin, progress=progress)
+            for _, result in ended:
                 if result.outcome in claim.against:
                     decision = so_far()
             decision = so_far()

@@ -131,15 +131,19 @@ def _known(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def policy_files(paths: tuple[Path, ...]) -> list[Path]:
-    """The policies among files and folders of runs that a user named.
+def policy_files(named: Iterable[Any]) -> list[Any]:
+    """Return what a user named, with the policies of their runs in place of folders.
+
+    Args:
+        named: files and folders; what is neither stays as it is.
 
     Raises:
         UserError: a folder without runs, or nothing named.
     """
-    found: list[Path] = []
-    for path in paths:
-        inside = policy_paths(path) if path.is_dir() else [path]
+    found: list[Any] = []
+    for path in named:
+        folder = isinstance(path, str | Path) and Path(path).is_dir()
+        inside = policy_paths(Path(path)) if folder else [path]
         if not inside:
             raise UserError(f"{path}: no run_*/policy.npz in this folder; name a folder of runs")
         found += inside
@@ -192,7 +196,7 @@ def show_failures(policies: Iterable[Any]) -> None:
     """Print the first failing starts of policies.
 
     Args:
-        policies: their rows in a report, of this module's or of `agent.evaluation.dynamics`.
+        policies: their rows in a report, of this module or of `agent.study.evaluate`.
     """
     for row in policies:
         for failure in row.failures[:_LISTED_FAILURES]:

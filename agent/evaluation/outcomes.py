@@ -10,6 +10,7 @@ import numpy as np
 
 from agent.evaluation.cases import Case
 from agent.evaluation.statistics import rate, summarise
+from agent.process.greedy import GreedyPolicy
 from cosim.base.outcome import ENDS, SUCCESS, Outcome
 from cosim.navigation.result import EpisodeResult
 from cosim.scenarios.scenario import Cell
@@ -100,6 +101,8 @@ def _ratios_to_grid(case: Case, successes: Mapping[int, EpisodeResult]) -> np.nd
     if not successes:
         return np.empty(0)
     policy = case.policy
+    if not isinstance(policy, GreedyPolicy):
+        return np.full(len(successes), np.nan)
     grid = policy.evaluate(case.starts[list(successes)])
     cell_cm = 100.0 * policy.config.scenario.cell_m
     expected = cell_cm * grid.path_cells.mean(axis=1)

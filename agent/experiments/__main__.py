@@ -7,9 +7,10 @@ from typing import Annotated
 import tyro
 
 from agent.experiments.variants import Name
-from agent.training.settings import Backend, LearningConfig
-from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
+from agent.training.settings import LearningConfig
+from cosim.base.command import Json, parse, print_json, require_at_least
 from cosim.base.errors import run_command
+from cosim.base.jobs import PROCESSES, Workers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,15 +36,10 @@ class Experiments:
     """Output folder; by default runs/<experiment>-<time>."""
     episodes: int = LearningConfig().episodes
     """Training episodes of a run (Section V: 5 000 000)."""
-    jobs: Jobs = -1
-    backend: Backend = "loky"
-    """Where runs are computed: processes or threads here, or a Ray or Dask cluster (extras)."""
-    address: str | None = None
-    """Address of the cluster's head; without it Ray and Dask start on this machine."""
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = PROCESSES
     json: Json = False
 
     def __post_init__(self) -> None:
-        workers(self.jobs)
         require_at_least(1, runs=self.runs, episodes=self.episodes)
         require_at_least(0, seed=self.seed)
 
@@ -63,9 +59,7 @@ def main() -> None:
             runs=options.runs,
             seed=options.seed,
             episodes=options.episodes,
-            jobs=options.jobs,
-            backend=options.backend,
-            address=options.address,
+            where=options.where,
             progress=progress,
         )
     show(result)

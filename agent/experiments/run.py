@@ -20,9 +20,10 @@ from agent.experiments.results import (
 from agent.experiments.variants import EXPERIMENTS, REFERENCES, Name
 from agent.training.recording import write_runs
 from agent.training.runs import RECORDING_FILE, Experiment, train_runs
-from agent.training.settings import Backend, LearningConfig
+from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE
 from agent.training.worker import run_name
+from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
 from cosim.scenarios.file import find_scenario
@@ -37,9 +38,7 @@ def train_and_evaluate(
     experiment: Experiment,
     out: Path,
     *,
-    jobs: int = -1,
-    backend: Backend = "loky",
-    address: str | None = None,
+    where: Workers = PROCESSES,
     checkpoint_episodes: int = 500_000,
     progress: Progress = silent,
 ) -> TrainingSummary:
@@ -48,7 +47,7 @@ def train_and_evaluate(
     Args:
         experiment: what to train.
         out: folder, which may have some of the runs already.
-        jobs, backend, address, checkpoint_episodes, progress: see `agent.training.runs.train_runs`.
+        where, checkpoint_episodes, progress: see `agent.training.runs.train_runs`.
 
     Raises:
         UserError: see `agent.training.runs.train_runs`.
@@ -58,9 +57,7 @@ def train_and_evaluate(
     results = train_runs(
         experiment,
         out,
-        jobs=jobs,
-        backend=backend,
-        address=address,
+        where=where,
         checkpoint_episodes=checkpoint_episodes,
         progress=progress,
         task=f"scenario {scenario}",
@@ -88,9 +85,7 @@ def run_experiment(
     runs: int = 20,
     seed: int = 0,
     episodes: int = LearningConfig().episodes,
-    jobs: int = -1,
-    backend: Backend = "loky",
-    address: str | None = None,
+    where: Workers = PROCESSES,
     progress: Progress = silent,
 ) -> ExperimentResult:
     """Train and evaluate all variants of an experiment and write `results.json`.
@@ -101,7 +96,7 @@ def run_experiment(
         runs: of each variant.
         seed: that the runs' seeds are spawned from, the same for all variants.
         episodes: of training, of each run.
-        jobs, backend, address, progress: see `agent.training.runs.train_runs`.
+        where, progress: see `agent.training.runs.train_runs`.
 
     Raises:
         UserError: see `agent.training.runs.train_runs`.
@@ -119,9 +114,7 @@ def run_experiment(
         results = train_runs(
             experiment,
             out / key,
-            jobs=jobs,
-            backend=backend,
-            address=address,
+            where=where,
             progress=progress,
             task=variant.label,
         )

@@ -118,7 +118,7 @@ def read_cases(path: Path) -> FoundCases:
     return read_json(path, _FILE, FoundCases)
 
 
-def case_of(
+def found_case(
     number: int,
     result: EpisodeResult,
     found: tuple[int, World],
@@ -178,6 +178,6 @@ def run_again(
     for number, result in simulate_tasks(tasks, threads):
         then = found.cases[number]
         made_of = then.seed, then.world
-        ended[number] = case_of(then.number, result, made_of, found.scenario, found.objective)
+        ended[number] = found_case(then.number, result, made_of, found.scenario, found.objective)
         progress("episodes", len(ended), len(tasks), f"{len(ended)}/{len(tasks)}")
     return tuple(ended[number] for number in sorted(ended))

@@ -12,24 +12,23 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from agent.evaluation.cases import Case, CaseIdentity, Job, run_jobs
-from agent.evaluation.dynamics import record
-from agent.evaluation.result_file import ResultFile
-from agent.evaluation.row_file import ResultFileError
-from agent.falsification.found import FoundCase, FoundCases, Sought, case_of, cost, fails
+from agent.evaluation.cases import Case, CaseIdentity, Job
+from agent.falsification.found import FoundCase, FoundCases, Sought, cost, fails, found_case
 from agent.falsification.ranges import ChosenEpisode, Range, Space
 from agent.falsification.search import GENERATION, SearchName, new_search
 from agent.falsification.surrogate import surrogate_search
 from agent.policies import load_policy
+from agent.study.episodes import EPISODES, case_of, record
+from agent.study.store import EpisodeStore, ResultFileError
 from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.progress import Progress, silent, under_way
+from cosim.base.jobs import Workers, run
+from cosim.base.progress import Progress, silent
 from cosim.base.reached_code import code_digest
 from cosim.base.storage import write_json
 from cosim.base.world import IDEAL
-from cosim.episodes import compile_kernels
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 from cosim.navigation.result import EpisodeResult
-from cosim.scenarios.file import in_world, read_world
+from cosim.scenarios.file import read_world
 from cosim.scenarios.scenario import Cell
 
 REPORT_FILE, CASES_FILE = "falsification.json", "cases.json"
@@ -110,7 +109,7 @@ class FalsificationReport(msgspec.Struct, frozen=True, kw_only=True):
 
 def falsify(
     policy_file: Path,
-    physics: Driving,
+    physics: SimulationOptions,
     out: Path,
     *,
     ranges: Mapping[str, Range],
@@ -148,22 +147,24 @@ def falsify(
     policy = load_policy(policy_file)
     world = IDEAL if physics.world is None else read_world(physics.world)
     scenario = policy.config.scenario
-    policy.require_scenario(in_world(scenario, world), f"{policy_file}: the policy")
     if objective == "gap" and scenario.robots == 1:
         raise ConfigError(
             f"scenario {scenario.name} has one robot, which has no gap to another; search for the "
             "longest time (--objective time)"
         )
-    config, fmu = physics.prepare(scenario.robot_diameter_m, progress, world)
+    name = f"{policy_file}: the policy"
+    plain = case_of(policy, physics, seed, world, name=name, progress=progress)
+    config, fmu = plain.config, plain.fmu
     case = SearchedCase(
         policy, config, fmu, seed, Space(scenario, config, ranges), search, objective
     )
-    file = ResultFile(out, case)
-    _simulate(case, file, episodes, until_found=until_found, jobs=jobs, progress=progress)
+    store = EpisodeStore(out)
+    _simulate(case, store, episodes, until_found=until_found, jobs=jobs, progress=progress)
+    file = store.file(case)
     results = {k: file.results[k] for k in range(len(case.points))}
     order = sorted(results, key=lambda k: (cost(results[k], scenario, objective), k))
     failing = [k for k in order if fails(results[k], scenario, objective)]
-    recordings = _record(case, file, order[:keep], out, jobs, progress)
+    recordings = _record(case, store, order[:keep], jobs, progress)
     cases = {k: _case(case, k, results[k], recordings) for k in {*failing, *order[:keep]}}
     kept = FoundCases(
         scenario=scenario,
@@ -195,7 +196,7 @@ def falsify(
 
 def _simulate(
     case: SearchedCase,
-    file: ResultFile,
+    store: EpisodeStore,
     episodes: int,
     *,
     until_found: bool,
@@ -208,19 +209,13 @@ def _simulate(
         search = surrogate_search(space, case.policy, case.fmu, case.objective, case.seed, progress)
     else:
         search = new_search(case.search, space.steps, case.seed)
-    least = np.inf
-    compiled = False
+    least, file = np.inf, store.file(case)
     while len(case.points) < episodes:
         vectors = search.ask()
         numbers = range(len(case.points), min(len(case.points) + GENERATION, episodes))
         case.points.extend(space.point(vector) for vector in vectors[: len(numbers)])
-        missing = file.missing(numbers)
-        if missing and not compiled:
-            with under_way(progress, "preparing the kernels"):
-                compile_kernels(missing[0].task(), len(missing), jobs)
-            compiled = True
-        for job, result in run_jobs(missing, jobs):
-            file.add(job.index, result)
+        for _ in run(file.missing(numbers), store, EPISODES, Workers(jobs=jobs)):
+            pass
         results = [file.results[k] for k in numbers]
         if any(r.starts != case.start_cells(k) for k, r in zip(numbers, results, strict=True)):
             raise ResultFileError(
@@ -241,19 +236,21 @@ def _simulate(
 
 def _record(
     case: SearchedCase,
-    file: ResultFile,
+    store: EpisodeStore,
     numbers: list[int],
-    out: Path,
     jobs: int,
     progress: Progress,
 ) -> dict[int, Path]:
     """Recordings of some episodes, which are made if they are not there."""
+    file = store.file(case)
     paths = {
-        k: out / "recordings" / f"{file.path.stem}-{k:06d}-{file.results[k].outcome}.rrd"
+        k: file.path.parent
+        / "recordings"
+        / f"{file.path.stem}-{k:06d}-{file.results[k].outcome}.rrd"
         for k in numbers
     }
     missing = [Job(case, k, path) for k, path in paths.items() if not path.exists()]
-    record(missing, {case.digest: file}, jobs, progress)
+    record(missing, store, jobs, progress)
     return paths
 
 
@@ -261,6 +258,6 @@ def _case(
     case: SearchedCase, number: int, result: EpisodeResult, recordings: Mapping[int, Path]
 ) -> FoundCase:
     point, scenario = case.points[number], case.policy.config.scenario
-    found = case_of(number, result, (point.seed, point.world), scenario, case.objective)
+    found = found_case(number, result, (point.seed, point.world), scenario, case.objective)
     path = recordings.get(number)
     return msgspec.structs.replace(found, recording=None if path is None else str(path))

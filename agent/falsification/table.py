@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from agent.evaluation.tables import text
 from agent.falsification.found import FoundCase, ReplayReport
 from agent.falsification.measurement import FalsificationReport
 from cosim.base.command import show_table
+from cosim.base.table import known
 
 _CASE = ("episode", "starts", "seed", "outcome", "gap", "simulated")
 
@@ -16,7 +16,7 @@ def _cells(case: FoundCase) -> list[str]:
         " ".join(f"({x}, {y})" for x, y in case.starts),
         str(case.seed),
         case.outcome,
-        text(case.gap_cm, "{:.3f} cm"),
+        known(case.gap_cm, "{:.3f} cm"),
         f"{case.sim_time_s:.0f} s",
     ]
 
@@ -39,7 +39,7 @@ def show_replay(report: ReplayReport) -> None:
         [
             *_cells(then),
             now.outcome,
-            text(now.gap_cm, "{:.3f} cm"),
+            known(now.gap_cm, "{:.3f} cm"),
             f"{now.sim_time_s:.0f} s",
             "fails" if now.fails else "holds",
         ]

@@ -7,7 +7,7 @@
     run_000/training.rrd the same for the Rerun viewer
     run_000/checkpoint.npz   only while the run is going on
 
-One run is `agent.training.worker`, where runs are computed `agent.training.sweep`, the command
+One run is `agent.training.worker`, where runs are computed `cosim.base.backends`, the command
 `python -m agent.train`.
 """
 
@@ -26,9 +26,8 @@ from agent.process.readings import build_process
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.recording import write_training
-from agent.training.settings import Backend, LearningConfig
+from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE, config_digest, load_run, save_run
-from agent.training.sweep import sweep
 from agent.training.worker import (
     CHECKPOINT_FILE,
     PROGRESS_FILE,
@@ -37,7 +36,9 @@ from agent.training.worker import (
     read_progress,
     train_run,
 )
+from cosim.base.backends import sweep
 from cosim.base.errors import UserError
+from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
@@ -94,9 +95,7 @@ def train_runs(
     experiment: Experiment,
     out: Path,
     *,
-    jobs: int = -1,
-    backend: Backend = "loky",
-    address: str | None = None,
+    where: Workers = PROCESSES,
     checkpoint_episodes: int = 500_000,
     progress: Progress = silent,
     task: str = "training",
@@ -107,7 +106,7 @@ def train_runs(
         experiment: what to train.
         out: folder of the experiment, made if it is missing; runs that it has are only read, or
             gone on with from their checkpoints.
-        jobs, backend, address: see `agent.training.sweep.sweep`.
+        where: backend and number of workers.
         checkpoint_episodes: episodes between two checkpoints of a run.
         progress: is told the episodes of all runs together, mean success and exploration.
         task: what progress calls it.
@@ -118,7 +117,7 @@ def train_runs(
     Raises:
         RunsError: the folder belongs to another configuration.
         ScenarioError: the scenario cannot be used with these readings.
-        SweepError: see `agent.training.sweep.sweep`.
+        BackendError: see `cosim.base.backends.sweep`.
         OSError: the folder cannot be written.
     """
     out = out.absolute()
@@ -140,7 +139,7 @@ def train_runs(
     clear_progress(out, experiment.runs)
     try:
         with _watched(experiment, out, results, progress, task):
-            for k, result in sweep(train_run, missing, jobs=jobs, backend=backend, address=address):
+            for k, result in sweep(train_run, missing, where):
                 _keep(missing[k], experiment.seed, *result)
                 results[missing[k].run] = RunResult(missing[k].run, *result)
     finally:

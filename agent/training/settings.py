@@ -24,7 +24,6 @@ COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world i
 IN_WORLDS: tuple[Method, ...] = (*COMPARED, "robust")  # where they are not
 
 Algorithm = Literal["q", "double_q"]
-Backend = Literal["loky", "threading", "ray", "dask"]  # see `agent.training.sweep`
 
 
 MAX_EPISODES, MAX_POINTS = 10**9, 10**7

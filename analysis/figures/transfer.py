@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agent.evaluation.transfer_table import TransferRow
+from agent.study.transfer import TransferRow
 from analysis.figures.style import (
     BLUE,
     GREEN,

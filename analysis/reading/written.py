@@ -6,8 +6,8 @@ Their writers own their content; figures and tables take what they show from it.
 from pathlib import Path
 
 from agent.evaluation.series import RunSummary
-from agent.evaluation.transfer_table import TransferReport
 from agent.experiments.results import ExperimentResult
+from agent.study.transfer import TransferReport
 from analysis.reading.results import RESULTS
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json

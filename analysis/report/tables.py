@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from agent.evaluation.statistics import Interval
-from agent.evaluation.transfer import QUICK_EPISODES
-from agent.evaluation.transfer_table import TransferRow
 from agent.experiments.results import ExperimentResult
+from agent.study.transfer import QUICK_EPISODES, TransferRow
 from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
 from analysis.reading.written import read_experiment, read_transfer

@@ -20,6 +20,7 @@ from agent.training.qlearning import advance
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig
 from benchmarks.references.qlearning_c import build_reference, reference_state, train_reference
+from cosim.base.jobs import Workers
 from cosim.scenarios.built_in import PAPER
 from cosim.scenarios.file import find_scenario
 
@@ -104,7 +105,7 @@ def seconds_of_all() -> float:
     with tempfile.TemporaryDirectory() as folder:
         for name, scenario in PAPER.items():
             experiment = Experiment(scenario, ProcessConfig(), SECTION_V, seed=0, runs=20)
-            train_runs(experiment, Path(folder) / name, backend="threading")
+            train_runs(experiment, Path(folder) / name, where=Workers(backend="threads"))
     return time.perf_counter() - began
 
 

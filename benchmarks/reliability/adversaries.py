@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from agent.evaluation.cases import RECORDS, CaseIdentity
-from agent.evaluation.row_file import Header, RowFile
+from agent.study.store import Header, RowFile
 from benchmarks.reliability import colliding
 from benchmarks.reliability.colliding import REACH, Greedy, Learnt, Random
 from benchmarks.reliability.options import Adversary
@@ -31,7 +31,7 @@ from cosim.base.reached_code import code_digest
 from cosim.episodes import Task, simulate_tasks
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.features import DIRECTION_COUNT
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 from cosim.navigation.result import EpisodeResult
 from cosim.navigation.step import Step, SupportsAct
 from cosim.scenarios.scenario import Cell, Scenario, touches_obstacle
@@ -188,7 +188,7 @@ def attack(
 ) -> list[Block]:
     """Blocks of some of the kinds, of so many episodes of all; those of the file are there."""
     jobs = workers(jobs)
-    scenario, config, fmu = resolve(Driving(shield=shield, world=world), arena(robots))
+    scenario, config, fmu = resolve(SimulationOptions(shield=shield, world=world), arena(robots))
     file = _file(scenario, config, fmu, out)
     known = {block.number: block for block in file.rows}
 

@@ -9,14 +9,15 @@ from pathlib import Path
 
 import agent
 from agent.certification.collisions import ReachedLevel, SplittingReport, estimate_collisions
-from agent.evaluation.cases import Case, Job, run_jobs
-from agent.evaluation.dynamics import tracked
-from agent.evaluation.result_file import ResultFile
+from agent.evaluation.cases import Case
 from agent.evaluation.statistics import rate
-from cosim.base.command import show_table, workers
+from agent.study.episodes import StudyLine, simulate
+from agent.study.store import EpisodeStore
+from cosim.base.command import show_table
+from cosim.base.jobs import Workers
 from cosim.base.outcome import Outcome
 from cosim.base.progress import progress_bars
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 from cosim.navigation.result import EpisodeResult
 
 
@@ -69,8 +70,8 @@ def measure(
     Raises:
         UserError: the scenario does not exist, or its robots cannot collide.
     """
-    policy, threads = agent.train(scenario, method="paper"), workers(jobs)
-    _, config, fmu = resolve(Driving(), policy.config.scenario)
+    policy, where = agent.train(scenario, method="paper"), Workers(jobs=jobs)
+    _, config, fmu = resolve(SimulationOptions(), policy.config.scenario)
     plain = Case(policy, config, fmu, seed)
     with progress_bars() as progress:
         splitting = estimate_collisions(
@@ -79,15 +80,12 @@ def measure(
             roots=roots,
             branches=branches,
             gaps_mm=gaps,
-            jobs=threads,
+            where=where,
             progress=progress,
         )
-        file, indices = ResultFile(out, plain), plain.cover(episodes)
-        missing = [Job(plain, index) for index in indices if index not in file.results]
-        ended = run_jobs(missing, threads)
-        for job, result in tracked(ended, len(missing), progress, "plain episodes"):
-            file.add(job.index, result)
-    plainly = [file.results[index] for index in indices]
+        store, indices = EpisodeStore(out), plain.cover(episodes)
+        simulate([StudyLine(plain, indices)], store, where, progress=progress)
+    plainly = [store.file(plain).results[index] for index in indices]
     levels = tuple(_compared(level, plainly, case=plain) for level in splitting.levels)
     return SplittingComparison(episodes, levels, splitting)
 

@@ -1,20 +1,23 @@
 """What is measured to hold the simulation against published machines, kept as it comes."""
 
 import math
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
 
 from cosim.base.config import CoSimConfig
+from cosim.base.jobs import JobKind, Workers, run
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
-from cosim.base.storage import cache_dir, cached, write_json
+from cosim.base.storage import cache_dir, is_intact, write_checksum, write_json
 from cosim.calibration.cache import calibrated
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
@@ -80,78 +83,129 @@ class Validation(NamedTuple):
     paths: list[DrivenPath]
 
 
+@dataclass(frozen=True)
+class Measurement:
+    """A measurement as a job.
+
+    Attributes:
+        what: a speed, its slopes, or the ends of a path by the clock.
+        config: of the co-simulation.
+        fmu: motor FMU file.
+        of: what was published; None of the V-shaped steps.
+        count: phases between the motors, or robots.
+        dithered: whether motors have the steering's dither, on a path.
+        seed: of noise and phases, on a path.
+    """
+
+    what: Literal["speed", "slopes", "ends"]
+    config: CoSimConfig
+    fmu: Path
+    of: PublishedSpeed | PublishedPath | None
+    count: int
+    dithered: bool = False
+    seed: int = 0
+
+    @cached_property
+    def key(self) -> tuple[str, None]:
+        """Digest of what decides the result, which is all that it has."""
+        parts = self.what, self.config, self.of, self.count, self.dithered, self.seed
+        return digest_of(*parts, self.fmu, code_digest(__name__)), None
+
+    @property
+    def path(self) -> Path:
+        """File of the cache that keeps the result."""
+        return cache_dir("validation") / f"{self.key[0]}.json"
+
+    def measure(self) -> Any:
+        """Return the result as JSON has it."""
+        of, fmu = self.of, MotorFmu(self.fmu)
+        if not isinstance(of, PublishedSpeed):
+            legs, meant = _meant(of)
+            kind = {"dithered": self.dithered}
+            ends = drive_by_the_clock(self.config, fmu, legs, self.count, self.seed, **kind)
+            return (ends - meant).tolist()
+        if self.what == "slopes":
+            return sensitivities(self.config, fmu, of.omega_rad_s, self.count)
+        found = measured_speed(self.config, fmu, of.manoeuvre, of.omega_rad_s, self.count)
+        return msgspec.to_builtins(found)
+
+
+class _Cache:
+    """Results in the cache, a file each."""
+
+    def find(self, job: Measurement) -> Any:
+        """Return the result of a measurement, None if it is missing or damaged."""
+        return read_json(job.path, _FILE) if is_intact(job.path) else None
+
+    def keep(self, job: Measurement, row: Any) -> None:
+        """Keep the result of a measurement."""
+        write_json(job.path, row)
+        write_checksum(job.path)
+
+
+def _measured(
+    jobs: Sequence[Measurement], threads: int, may_begin: Callable[[], bool]
+) -> Iterator[tuple[Measurement, Any]]:
+    with ThreadPoolExecutor(threads) as pool:
+        begun = {pool.submit(job.measure): job for job in jobs if may_begin()}
+        try:
+            for ended in as_completed(begun):
+                yield begun[ended], ended.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+MEASUREMENTS: JobKind[Measurement, Any] = JobKind(_measured, lambda job: job.key)
+
+
 def validate(
     motor_fmu: Path,
     effort: Effort = Effort(),  # noqa: B008 - a constant
     seed: int = 0,
-    jobs: int = 2,
+    where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> Validation:
-    """Measure, or find again what was measured.
+    """Measure what is missing in the cache.
 
     Args:
         motor_fmu: of every motor.
         effort: phases and robots.
         seed: of noise and phases on paths.
-        jobs: threads; the result does not depend on it.
-        progress: is told what is measured.
+        where: backend and number of workers; the result does not depend on it.
+        progress: receives how much is measured.
 
     Raises:
         FmuError: the FMU cannot be used, or failed.
     """
-    fmu = MotorFmu(motor_fmu)
     configs = {
         name: with_motor(find_preset(name).config(), motor_fmu)
         for name in {p.preset for p in SPEEDS}
     }
     driving = calibrated(configs[PAPER], motor_fmu, progress)
-    compared = [p for p in SPEEDS if p.preset == "icra2006" and p.value is not None]
-    driven = [(path, dithered) for path in (*PATHS, None) for dithered in (True, False)]
-
-    def speed(point: PublishedSpeed) -> Any:
-        config = configs[point.preset]
-        return measured_speed(config, fmu, point.manoeuvre, point.omega_rad_s, effort.phases)
-
-    def slopes(point: PublishedSpeed) -> Any:
-        return sensitivities(configs[point.preset], fmu, point.omega_rad_s, effort.phases)
-
-    def ends(path: PublishedPath | None, dithered: bool) -> Any:
-        legs, meant = _meant(path)
-        found = drive_by_the_clock(driving, fmu, legs, effort.robots, seed, dithered=dithered)
-        return (found - meant).tolist()
-
-    tasks: list[tuple[CoSimConfig, tuple[Any, ...], Callable[[], Any]]] = [
-        *((configs[p.preset], (p, effort.phases), lambda p=p: speed(p)) for p in SPEEDS),
-        *(
-            (configs[p.preset], ("slopes", p, effort.phases), lambda p=p: slopes(p))
-            for p in compared
-        ),
-        *((driving, (p, d, effort.robots, seed), lambda p=p, d=d: ends(p, d)) for p, d in driven),
-    ]
-    code = code_digest(__name__)
-    found: list[Any] = []
-    with ThreadPoolExecutor(jobs) as threads:
-        kept = (
-            threads.submit(_kept, digest_of(config, *key, motor_fmu, code), make)
-            for config, key, make in tasks
+    speeds, slopes = (
+        {p: Measurement(what, configs[p.preset], motor_fmu, p, effort.phases) for p in points}
+        for what, points in (
+            ("speed", SPEEDS),
+            ("slopes", [p for p in SPEEDS if p.preset == "icra2006" and p.value is not None]),
         )
-        try:
-            for result in list(kept):
-                found.append(result.result())
-                progress("measuring", len(found), len(tasks))
-        except BaseException:
-            threads.shutdown(cancel_futures=True)
-            raise
-    speeds, rest = found[: len(SPEEDS)], found[len(SPEEDS) :]
+    )
+    paths = [
+        Measurement("ends", driving, motor_fmu, path, effort.robots, dithered, seed)
+        for path in (*PATHS, None)
+        for dithered in (True, False)
+    ]
+    store, jobs = _Cache(), [*speeds.values(), *slopes.values(), *paths]
+    for _ in run(jobs, store, MEASUREMENTS, where, progress=progress, task="measuring"):
+        pass
     return Validation(
-        [(p, MeasuredSpeed(*values)) for p, values in zip(SPEEDS, speeds, strict=True)],
+        [(p, MeasuredSpeed(*store.find(job))) for p, job in speeds.items()],
         [
-            Sensitivity(p, values, closed_form(configs[p.preset], p.omega_rad_s))
-            for p, values in zip(compared, rest, strict=False)
+            Sensitivity(p, store.find(job), closed_form(job.config, p.omega_rad_s))
+            for p, job in slopes.items()
         ],
         [
-            DrivenPath(path, dithered, values)
-            for (path, dithered), values in zip(driven, rest[len(compared) :], strict=True)
+            DrivenPath(path, job.dithered, store.find(job))
+            for path, job in zip([p for p in (*PATHS, None) for _ in range(2)], paths, strict=True)
         ],
     )
 
@@ -166,13 +220,3 @@ def _meant(path: PublishedPath | None) -> tuple[list[Leg], np.ndarray]:
 def v_meant_m() -> float:
     """Sideways displacement that the V-shaped steps are meant to give, in m."""
     return V_STEPS * 2.0 * V_LEG_M * math.sin(V_HALF_RAD)
-
-
-def _kept(digest: str, make: Callable[[], Any]) -> Any:
-    path = cache_dir("validation") / f"{digest}.json"
-    return cached(
-        path,
-        lambda file: read_json(file, _FILE),
-        lambda: msgspec.to_builtins(make()),
-        lambda value, file: write_json(file, value),
-    )

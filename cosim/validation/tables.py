@@ -1,126 +1,84 @@
 """The tables of docs/validation.md as text."""
 
-from collections.abc import Sequence
+from typing import Any, NamedTuple
 
-from cosim.validation.report import PathRow, ReversalRow, SensitivityRow, SpeedRow, ValidationReport
-
-
-def _text(value: float | None, form: str = ".2f") -> str:
-    return "–" if value is None else format(value, form)
+from cosim.base.table import Column, Columns, field, known, markdown
+from cosim.validation.report import SpeedRow, ValidationReport
 
 
-def _name(source: str) -> str:
-    return source.partition(",")[0]
+def _source(row: Any) -> str:
+    return row.source.partition(",")[0]
 
 
-SPEED_HEADER = (
-    "preset",
-    "manoeuvre",
-    "rad/s",
-    "ours (range over phases)",
-    "in the air",
-    "theirs",
-    "ratio",
-    "step, ours",
-    "theirs",
-    "source",
+def _speed(row: SpeedRow) -> str:
+    return f"{row.ours:.2f} ({row.least:.2f} to {row.largest:.2f}) {row.unit}"
+
+
+_PRESET, _OMEGA = field("preset"), field("motor_speed_rad_s", "{:.0f}", "rad/s")
+_RATIO = field("ratio", "{:.2f}")
+SPEEDS = (
+    _PRESET,
+    field("manoeuvre"),
+    _OMEGA,
+    Column("ours (range over phases)", _speed),
+    field("airborne_share", "{:.0%}", "in the air"),
+    field("theirs", "{:g}"),
+    _RATIO,
+    field("step_um", "{:.1f} µm", "step, ours"),
+    field("their_step_um", "{:.1f} µm (derived)", "theirs"),
+    Column("source", lambda row: "–" if row.theirs is None else f"{_source(row)}, {row.sure}"),
 )
-SENSITIVITY_HEADER = ("preset", "rad/s", "parameter", "value", "dynamics", "platform", "explains")
-REVERSAL_HEADER = ("preset", "rad/s", "backwards over forwards, ours", "theirs", "ratio", "source")
-PATH_HEADER = (
-    "path",
-    "dither",
-    "off, ours",
-    "largest",
-    "to the left",
-    "turned, ours",
-    "off, theirs",
-    "ratio",
-    "turned",
-    "source",
+REVERSALS = (
+    _PRESET,
+    _OMEGA,
+    field("ours", "{:.2f}", "backwards over forwards, ours"),
+    field("theirs", "{:.2f}"),
+    _RATIO,
+    Column("source", lambda row: "–" if row.theirs is None else f"{_source(row)}, derived"),
+)
+SENSITIVITIES = (
+    _PRESET,
+    _OMEGA,
+    field("parameter"),
+    field("value", "{:.3g}"),
+    field("dynamics", "{:+.2f}"),
+    field("platform", "{:+.2f}"),
+    field("explains", "{:.3g}"),
+)
+PATHS = (
+    field("path"),
+    Column("dither", lambda row: "on" if row.dithered else "off"),
+    field("off_mm", "{:.1f} mm", "off, ours"),
+    field("off_largest_mm", "{:.1f} mm", "largest"),
+    field("sideways_mm", "{:+.1f} mm", "to the left"),
+    Column("turned, ours", lambda row: f"{row.turned_deg:+.1f} ± {row.turned_scatter_deg:.1f}°"),
+    Column("off, theirs", lambda r: " and ".join(f"{o:g} mm" for o in r.theirs_mm) or "–"),
+    _RATIO,
+    Column("turned", lambda row: known(row.theirs_deg, "{:g}°")),
+    Column("source", lambda row: f"{_source(row)}, seen" if row.theirs_mm else "–"),
 )
 
 
-def speed_cells(row: SpeedRow) -> tuple[str, ...]:
-    """A row as text."""
-    published = row.theirs is not None
-    return (
-        row.preset,
-        row.manoeuvre,
-        f"{row.motor_speed_rad_s:.0f}",
-        f"{row.ours:.2f} ({row.least:.2f} to {row.largest:.2f}) {row.unit}",
-        f"{row.airborne_share:.0%}",
-        _text(row.theirs, "g"),
-        _text(row.ratio),
-        "–" if row.step_um is None else f"{row.step_um:.1f} µm",
-        "–" if row.their_step_um is None else f"{row.their_step_um:.1f} µm (derived)",
-        f"{_name(row.source)}, {row.sure}" if published else "–",
-    )
+class TitledTable(NamedTuple):
+    """A table of a report: its title, columns and rows."""
+
+    title: str
+    columns: Columns
+    rows: tuple[Any, ...]
 
 
-def reversal_cells(row: ReversalRow) -> tuple[str, ...]:
-    """A row as text."""
-    return (
-        row.preset,
-        f"{row.motor_speed_rad_s:.0f}",
-        f"{row.ours:.2f}",
-        _text(row.theirs),
-        _text(row.ratio),
-        "–" if row.theirs is None else f"{_name(row.source)}, derived",
-    )
-
-
-def sensitivity_cells(row: SensitivityRow) -> tuple[str, ...]:
-    """A row as text."""
-    return (
-        row.preset,
-        f"{row.motor_speed_rad_s:.0f}",
-        row.parameter,
-        f"{row.value:.3g}",
-        _text(row.dynamics, "+.2f"),
-        _text(row.platform, "+.2f"),
-        _text(row.explains, ".3g"),
-    )
-
-
-def path_cells(row: PathRow) -> tuple[str, ...]:
-    """A row as text."""
-    return (
-        row.path,
-        "on" if row.dithered else "off",
-        f"{row.off_mm:.1f} mm",
-        f"{row.off_largest_mm:.1f} mm",
-        f"{row.sideways_mm:+.1f} mm",
-        f"{row.turned_deg:+.1f} ± {row.turned_scatter_deg:.1f}°",
-        " and ".join(f"{off:g} mm" for off in row.theirs_mm) or "–",
-        _text(row.ratio),
-        _text(row.theirs_deg, "g") + ("" if row.theirs_deg is None else "°"),
-        f"{_name(row.source)}, seen" if row.theirs_mm else "–",
-    )
-
-
-Table = tuple[str, Sequence[str], list[tuple[str, ...]]]
-
-
-def tables(report: ValidationReport) -> list[Table]:
-    """Title, header and rows of every table."""
+def tables(report: ValidationReport) -> list[TitledTable]:
+    """Return all tables."""
     return [
-        ("Speeds", SPEED_HEADER, [speed_cells(row) for row in report.speeds]),
-        ("Backwards", REVERSAL_HEADER, [reversal_cells(row) for row in report.reversals]),
-        (
-            "What a speed depends on",
-            SENSITIVITY_HEADER,
-            [sensitivity_cells(row) for row in report.sensitivities],
-        ),
-        ("Paths by the clock", PATH_HEADER, [path_cells(row) for row in report.paths]),
+        TitledTable("Speeds", SPEEDS, report.speeds),
+        TitledTable("Backwards", REVERSALS, report.reversals),
+        TitledTable("What a speed depends on", SENSITIVITIES, report.sensitivities),
+        TitledTable("Paths by the clock", PATHS, report.paths),
     ]
 
 
-def markdown(report: ValidationReport) -> str:
-    """The tables as Markdown, with the sources of their numbers."""
-    parts = []
-    for title, header, rows in tables(report):
-        lines = [header, ["---"] * len(header), *rows]
-        parts.append(f"## {title}\n\n" + "\n".join(f"| {' | '.join(row)} |" for row in lines))
+def text_of(report: ValidationReport) -> str:
+    """Return the tables as Markdown, with the sources of their numbers."""
+    parts = [f"## {t.title}\n\n{markdown(t.columns, t.rows)}" for t in tables(report)]
     sources = dict.fromkeys(f"- {row.source}" for row in (*report.speeds, *report.paths))
-    return "\n\n".join([*parts, "\n".join(sources)]) + "\n"
+    return "\n\n".join([*parts, "\n".join(sources)])

@@ -2,15 +2,17 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Self
+
+import tyro
 
 from agent.process.config import ProcessConfig
-from agent.training.settings import Backend, LearningConfig, read_settings
+from agent.training.settings import LearningConfig, read_settings
+from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress
 from minirobots.options import (
     Count,
     File,
-    Jobs,
     NewFolder,
     ScenarioName,
     Seed,
@@ -39,11 +41,7 @@ class Train(NewFolder):
     """Settings file with tables [process] and [learning]; options given here override it."""
     moves: File | None = None
     """Moves observed by `python -m agent.moves`: train on them instead of the grid."""
-    jobs: Jobs = -1
-    backend: Backend = "loky"
-    """Where runs are computed: processes or threads here, or a Ray or Dask cluster (extras)."""
-    address: str | None = None
-    """Address of the cluster's head; without it Ray and Dask start on this machine."""
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = PROCESSES
     checkpoint_episodes: Count = 500_000
     """Episodes between two checkpoints of a run."""
     process: ProcessConfig = field(default_factory=ProcessConfig)
@@ -82,9 +80,7 @@ def run(options: Train, progress: Progress) -> "GridReport":
     return train_and_evaluate(
         experiment,
         options.folder,
-        jobs=options.jobs,
-        backend=options.backend,
-        address=options.address,
+        where=options.where,
         checkpoint_episodes=options.checkpoint_episodes,
         progress=progress,
     )

@@ -4,11 +4,11 @@ import msgspec
 import pytest
 
 import agent
-from agent.evaluation.dynamics import EvaluationReport
 from agent.process.config import ProcessConfig
 from agent.process.exact import joint_starts
 from agent.process.optimum import optimum
 from agent.process.readings import build_process
+from agent.study.evaluate import EvaluationReport
 from cosim import evaluate as cosim_evaluate
 from cosim.scenarios.file import find_scenario
 

@@ -16,12 +16,11 @@ from hypothesis import strategies as st
 from agent.certification.certificate import issue, read_certificate
 from agent.certification.claims import parse_claim
 from agent.evaluation.cases import Case
-from agent.evaluation.result_file import ResultFile
-from agent.evaluation.row_file import Header
 from agent.moves.model import ObservedMoves, build_model
 from agent.process.config import ProcessConfig
 from agent.process.optimum import optimum
 from agent.process.readings import build_process
+from agent.study.store import Header, ResultFile
 from agent.training.learning import initial_state
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from agent.evaluation.transfer_table import TransferReport, TransferRow
+from agent.study.transfer import TransferReport, TransferRow
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
 from cosim.base.storage import write_json
@@ -106,7 +106,8 @@ def transfer_row(scenario, method, success, shield=False, mu=0.15):
     for name, share in shares.items():
         known |= {name: share, f"{name}_low": max(share - 0.1, 0.0)}
         known[f"{name}_high"] = min(share + 0.1, 1.0)
-    return msgspec.convert(unknown | known | {"failures": ()}, TransferRow)
+    known |= {"drive_speed_m_s": 0.0039, "starts": 900, "failing_starts": 0, "failures": ()}
+    return msgspec.convert(unknown | known, TransferRow)
 
 
 @pytest.fixture

@@ -107,8 +107,8 @@ MATTER = {
         analysis.motor.step_test cosim.base.params cosim.recording.file
     """,
     "reproduced transfer": """
-        agent.evaluation.outcomes agent.evaluation.transfer
-        agent.evaluation.transfer_table agent.method agent.moves.kernels
+        agent.evaluation.outcomes agent.study.episodes
+        agent.study.transfer agent.method agent.moves.kernels
         agent.moves.model agent.moves.observe agent.process.config agent.process.exact
         agent.process.grid agent.process.readings agent.process.rng
         agent.training.learning agent.training.loop agent.training.moves_qlearning
@@ -131,7 +131,7 @@ ELSEWHERE = {
         cosim.recording.file minirobots.commands.run
     """,
     "evaluation": """
-        agent.evaluation.outcomes agent.evaluation.transfer minirobots.commands.train
+        agent.evaluation.outcomes agent.study.transfer minirobots.commands.train
         agent.moves.kernels analysis.figures.style cosim.recording.blueprint
         cosim.recording.episode cosim.recording.file minirobots.commands.run
     """,

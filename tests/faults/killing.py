@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pyarrow import parquet
 
 from cosim.base.storage import cache_dir
 from cosim.reading.rrd import read_rrd
 
-CACHED = ("kernels", "calibrations", "fmus", "policies", "bounds", "web_viewer")
+CACHED = ("kernels", "calibrations", "fmus", "moves", "policies", "bounds", "web_viewer")
 # What depends on the clock, by its name in JSON.
 OF_THE_CLOCK = {
     "attempts", "cores", "elapsed_s", "episode_wall_s", "issued", "realtime_factor", "seconds",
@@ -26,6 +27,13 @@ OF_THE_CLOCK = {
 # What the log says of a file of the cache that is not whole.
 REMADE = re.compile("not as it was kept|is damaged")
 TIMES = re.compile(rb"<caption><strong>Time\.</strong>.*?</table>", re.DOTALL)
+STUDY = """
+policies = ["shortest"]
+scenario = "1a"
+episodes = 4
+noise = [0.0, 0.05]
+time_limit = 20.0
+"""
 TINY = """
 import runpy, sys
 from pathlib import Path
@@ -129,6 +137,8 @@ def said(path: Path, out: Path) -> Any:
         signals = {k: (s.time_s.tobytes(), s.values.tobytes()) for k, s in data.signals.items()}
         texts = {k: (t.time_s.tobytes(), t.texts) for k, t in data.texts.items()}
         return data.recording_id, signals, texts, data.documents
+    if path.suffix == ".parquet":
+        return timeless(parquet.read_table(path).to_pylist())
     content = path.read_bytes().replace(str(out).encode(), b"OUT")
     if path.suffix == ".json":
         return timeless(json.loads(content))
@@ -154,6 +164,8 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
         trained: results of the training, whose policy is evaluated.
         reproduced: results of the reproduction, which are reported.
     """
+    study = trained.parent / "noise.toml"
+    study.write_text(STUDY)
     policy, results = trained / "run_000" / "policy.npz", reproduced / "results"
     short = ("--scenario", "1a", "--learning.episodes", "200000", "--checkpoint-episodes", "25000")
     sweep = ("train", "--runs", "3", "--jobs", "2", *short)
@@ -170,6 +182,16 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
              "--confidence", "0.9", "--episodes", "12", "--time-limit", "20", "--jobs", "2",
              "--out", "OUT")
         ),
+        "robustness": Case(
+            ("-m", "cosim.robustness", "--quick", "--scenario", "1a", "--methods", "paper",
+             "--axes", "nothing", "tilt", "--jobs", "2", "--out", "OUT")
+        ),
+        "baselines": Case(
+            ("-m", "agent.baselines", "--quick", "--scenarios", "1b", "--learners", "shortest",
+             "--jobs", "2", "--out", "OUT")
+        ),
+        "validation": Case(("-m", "cosim.validation", "--quick", "--jobs", "2", "--out", "OUT")),
+        "study": Case(("-m", "minirobots", "study", str(study), "--jobs", "2", "--out", "OUT")),
         "transfer": Case(
             ("-m", "cosim.transfer", "--quick", "--scenarios", "1a", "--methods", "paper",
              "--jobs", "2", "--out", "OUT")

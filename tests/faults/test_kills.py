@@ -15,7 +15,10 @@ import pytest
 from tests.faults.killing import CACHED, REMADE, Case, Workplace, cases
 
 MOMENTS = 12
-ONE_BY_ONE = ("training", "sweep", "evaluation", "certification", "transfer", "report", "FMU")
+ONE_BY_ONE = (
+    "training", "sweep", "evaluation", "certification", "transfer", "robustness", "baselines",
+    "validation", "study", "report", "FMU",
+)  # fmt: skip
 # Whose results a command reads.
 NEEDED = {"evaluation": "training", "certification": "training", "report": "reproduction"}
 PARTIAL = {

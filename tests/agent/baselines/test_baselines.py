@@ -5,19 +5,19 @@ import json
 import msgspec
 import pytest
 
-from agent.baselines import __main__ as command_module
 from agent.baselines import measurement
-from agent.baselines.__main__ import Baselines
 from agent.baselines.learners import config_of, digest
 from agent.baselines.table import Drive, LearnerRun, markdown, report_of
 from agent.deep.policy import NetworkConfig
 from agent.evaluation.grid import PolicyMeasures
 from agent.moves import observe
 from agent.process.exact import Milestone
+from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.base.progress import silent
 from cosim.scenarios.file import find_scenario
+from minirobots.commands.baselines import Baselines
 
 BOARD = """
 columns = 14
@@ -44,7 +44,7 @@ def done(board, command):
         patch.setattr(observe, "WALKS", 1)
         patch.setattr("agent.baselines.learners.QUICK_EPISODES", 20_000)
         patch.setattr(observe, "cache_dir", lambda kind: board.parent / kind)
-        ended = command(command_module, *options, "--out", board.parent / "out")
+        ended = command("baselines", *options, "--out", board.parent / "out")
     assert ended.returncode == 0, ended.stderr
     return ended
 
@@ -75,7 +75,7 @@ def test_networks_are_trained_and_drive(board, tmp_path, command, monkeypatch):
     monkeypatch.setattr(learners, "BOARDS", 32)
     monkeypatch.setattr(learners, "ROUND", 3000)
     options = ("--scenarios", board, "--learners", "ddqn", "--quick", "--out", tmp_path, "--json")
-    ended = command(command_module, *options)
+    ended = command("baselines", *options)
     assert ended.returncode == 0, ended.stderr
     (row,) = json.loads(ended.stdout.splitlines()[-1])["rows"]
     assert row["success"]["mean"] > 0.9
@@ -102,7 +102,7 @@ def test_it_goes_on_where_it_ended(done, board, monkeypatch):
         raise AssertionError("trained again")
 
     monkeypatch.setattr(measurement, "train", refuse)
-    monkeypatch.setattr(measurement, "run_jobs", lambda jobs, *_: iter(jobs))
+    monkeypatch.setattr(EpisodeStore, "keep", refuse)
     report = measurement.baselines(
         board.parent / "out",
         scenarios=[str(board)],

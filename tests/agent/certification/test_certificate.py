@@ -8,10 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-import agent.certification.__main__ as certify_command
 from agent.certification import check as checking
 from agent.certification import measurement
-from agent.certification.__main__ import Certify
 from agent.certification.certificate import (
     Certificate,
     claim_test,
@@ -22,38 +20,42 @@ from agent.certification.certificate import (
 from agent.certification.check import CheckReport, check
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import SplittingReport, estimate_collisions
-from agent.certification.measurement import case_of, certify
+from agent.certification.measurement import case_of_file, certify
 from agent.certification.text import show_certificate
 from agent.evaluation.cases import Job, run_jobs
-from agent.evaluation.result_file import IndexedResult, ResultFile
 from agent.evaluation.statistics import rate
 from agent.policies import load_policy
+from agent.study.episodes import EPISODES
+from agent.study.store import IndexedResult, ResultFile, RowFile
 from cosim.base.errors import UserError
+from cosim.base.jobs import Workers
 from cosim.base.outcome import Outcome
 from cosim.base.params import SHIELD
 from cosim.base.storage import write_json
 from cosim.base.world import Sensor, World
 from cosim.episodes import simulate_tasks
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 from cosim.navigation.result import EpisodeResult
+from minirobots.commands.certify import Certify
 
 RESULT = EpisodeResult(
     Outcome.SUCCESS, 1.5, 8.0, 9.0, None, ((0, 0),), (1.5, 1.5), 0.0, 7.0, 1.0, (0.5, 0.5), 0
 )
+ONE = Workers(jobs=1)
 CLAIM, CONFIDENCE = parse_claim("success > 0.5"), 0.9  # five successes certify it
 FORGED = 7248  # episodes without collision that certify a rate below 0.002 at 0.999999
 
 
 @pytest.fixture(scope="module")
 def case(near_file, motor_fmu):
-    return case_of(near_file, Driving(), 0)
+    return case_of_file(near_file, SimulationOptions(), 0)
 
 
 @pytest.fixture(scope="module")
 def out(case, tmp_path_factory):
     """A certificate of five episodes."""
     folder = tmp_path_factory.mktemp("certificate")
-    certify(case, CLAIM, CONFIDENCE, folder, jobs=1)
+    certify(case, CLAIM, CONFIDENCE, folder, where=ONE)
     return folder
 
 
@@ -93,13 +95,13 @@ def test_starts_are_covered_evenly_with_noise_of_their_own(case):
 
 
 def test_it_goes_on_where_it_ended(out, case, tmp_path):
-    first = certify(case, CLAIM, CONFIDENCE, tmp_path, episodes=2, jobs=1)
+    first = certify(case, CLAIM, CONFIDENCE, tmp_path, episodes=2, where=ONE)
     assert (first.verdict, first.evidence.episodes, first.evidence.enough) == ("undecided", 2, 5)
     (file,) = tmp_path.glob("*.jsonl")
     kept = file.read_bytes()
     none = certify(case, CLAIM, CONFIDENCE, tmp_path, budget_minutes=0.0)
     assert lasting(none) == lasting(first)
-    second = certify(case, CLAIM, CONFIDENCE, tmp_path, jobs=2)
+    second = certify(case, CLAIM, CONFIDENCE, tmp_path, where=Workers(jobs=2))
     assert file.read_bytes().startswith(kept)
     assert lasting(second) == lasting(read(out))
 
@@ -115,14 +117,14 @@ def test_a_verdict_is_final_and_other_attempts_are_kept(out, case, command, tmp_
         with pytest.raises(UserError, match=r"holds another attempt \(certified: .*--supersede"):
             certify(*tried, tmp_path)
     assert (tmp_path / "certificate.json").read_bytes() == first
-    certify(other, CLAIM, CONFIDENCE, tmp_path, episodes=1, supersede=True, jobs=1)
-    second = certify(other, CLAIM, CONFIDENCE, tmp_path, episodes=2, supersede=True, jobs=1)
+    certify(other, CLAIM, CONFIDENCE, tmp_path, episodes=1, supersede=True, where=ONE)
+    second = certify(other, CLAIM, CONFIDENCE, tmp_path, episodes=2, supersede=True, where=ONE)
     assert (second.verdict, second.evidence.episodes, second.case.seed) == ("undecided", 2, 1)
-    third = certify(case, claim, CONFIDENCE, tmp_path, supersede=True, jobs=1)
+    third = certify(case, claim, CONFIDENCE, tmp_path, supersede=True, where=ONE)
     tried = [(a.case.seed, a.claim, a.verdict, a.evidence.episodes) for a in third.attempts]
     assert tried == [(0, CLAIM.text, "certified", 5), (1, CLAIM.text, "undecided", 2)]
     assert read(tmp_path) == third
-    done = command(certify_command, "--check", tmp_path / "certificate.json", "--sample", 0)
+    done = command("certify", "--check", tmp_path / "certificate.json", "--sample", 0)
     assert done.returncode == 0, done.stderr
     assert "attempt 1, superseded 20" in done.stdout
     assert "this is attempt 3; the probability that any of these verdicts" in done.stdout
@@ -136,7 +138,7 @@ def test_an_attempt_is_registered_before_its_episodes(case, tmp_path, monkeypatc
         assert read(tmp_path).verdict == "undecided"
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(measurement, "run_jobs", interrupted)
+    monkeypatch.setattr(measurement, "EPISODES", EPISODES._replace(compute=interrupted))
     with pytest.raises(KeyboardInterrupt):
         certify(case, CLAIM, CONFIDENCE, tmp_path)
     assert (read(tmp_path).verdict, read(tmp_path).evidence.episodes) == ("undecided", 0)
@@ -146,7 +148,7 @@ def test_an_attempt_is_registered_before_its_episodes(case, tmp_path, monkeypatc
 def test_the_verdict_names_its_conditions(case, tmp_path, capsys):
     world = World(motor_spread=0.1, floor_tilt_deg=1.0)
     rough = replace(case, config=replace(case.config, world=world))
-    show_certificate(certify(rough, CLAIM, CONFIDENCE, tmp_path, episodes=1, jobs=1))
+    show_certificate(certify(rough, CLAIM, CONFIDENCE, tmp_path, episodes=1, where=ONE))
     said = capsys.readouterr().out
     assert "shield off, time limit 600 s" in said
     assert 'world {"motor_spread":0.1,"floor_tilt_deg":1.0}' in said
@@ -173,7 +175,7 @@ def test_a_bad_policy_is_refused(near_policy, case, tmp_path):
     config = replace(case.config, timing=case.config.timing._replace(episode_limit_s=10.0))
     bad = replace(case, policy=replace(near_policy, q=-near_policy.q), config=config)
     certificate = certify(
-        bad, parse_claim("failure < 0.05"), CONFIDENCE, tmp_path, episodes=4, jobs=1
+        bad, parse_claim("failure < 0.05"), CONFIDENCE, tmp_path, episodes=4, where=ONE
     )
     assert certificate.verdict == "refused"
     evidence = certificate.evidence
@@ -182,7 +184,7 @@ def test_a_bad_policy_is_refused(near_policy, case, tmp_path):
 
 
 def test_a_check_finds_every_bit_again(out, command):
-    done = command(certify_command, "--check", out / "certificate.json", "--sample", 2, "--json")
+    done = command("certify", "--check", out / "certificate.json", "--sample", 2, "--json")
     assert done.returncode == 0, done.stderr
     report = msgspec.json.decode(done.stdout.splitlines()[-1], type=CheckReport)
     assert (report.compared, report.differences, report.changes) == (2, (), {})
@@ -202,7 +204,7 @@ def test_a_check_finds_a_changed_result(copied, command):
     changed["path_length_cm"] += 1e-6
     line = msgspec.json.encode(changed) + b"\n"
     file.write_bytes(b"".join([header, line, *rest]))
-    done = command(certify_command, "--check", copied / "certificate.json", "--sample", 5)
+    done = command("certify", "--check", copied / "certificate.json", "--sample", 5)
     assert done.returncode == 1
     assert "verdict and evidence are not what the results say" in done.stdout
     assert f"episode {changed['index']}: success then, success now" in done.stdout
@@ -233,7 +235,7 @@ def forged(case, tmp_path_factory):
 
 
 def test_a_check_finds_fabricated_rows_whatever_seed_they_were_made_for(forged):
-    report = check(forged, sample=10, jobs=1)
+    report = check(forged, sample=10, where=ONE)
     assert (len(report.differences), report.compared) == (10, 10)
     assert all("success then" in difference for difference in report.differences)
 
@@ -259,7 +261,7 @@ def test_a_check_looks_at_all_rows(forged, tmp_path, change, difference):
 
 def test_the_default_sample_finds_one_altered_row_in_100(monkeypatch, forged, out):
     sizes = []
-    monkeypatch.setattr(checking, "run_jobs", lambda jobs, _: sizes.append(len(jobs)) or iter(()))
+    monkeypatch.setattr(checking, "run", lambda jobs, *_, **__: sizes.append(len(jobs)) or iter(()))
     report = check(forged)
     assert report.compared == sizes[0] == 290
     assert report.found >= 0.95
@@ -353,7 +355,7 @@ def test_a_check_finds_another_scenario_and_another_motor(copied, near_policy, m
 def test_a_missing_file_is_named(copied, command):
     (file,) = copied.glob("*.jsonl")
     file.unlink()
-    done = command(certify_command, "--check", copied / "certificate.json")
+    done = command("certify", "--check", copied / "certificate.json")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert f"{file}: no such file of the certificate's results" in done.stderr
@@ -362,7 +364,7 @@ def test_a_missing_file_is_named(copied, command):
 def test_undecided_exits_with_one(copied, command, near_file):
     options = ("--policy", near_file, "--claim", "timeout < 0.1", "--episodes", 5, "--supersede")
     options += ("--out", copied)
-    done = command(certify_command, *options, "--json")
+    done = command("certify", *options, "--json")
     assert done.returncode == 1, done.stderr
     assert "138 episodes would certify it" in done.stdout
     certificate = msgspec.json.decode(done.stdout.splitlines()[-1], type=Certificate)
@@ -400,7 +402,7 @@ def test_a_branch_has_the_past_of_its_root_and_noise_of_its_own(camera_case):
 
 def test_splitting_simulates_and_keeps_branches(case, tmp_path, monkeypatch):
     def estimate() -> SplittingReport:
-        return estimate_collisions(case, tmp_path, roots=2, branches=2, gaps_mm=(30.0,), jobs=1)
+        return estimate_collisions(case, tmp_path, roots=2, branches=2, gaps_mm=(30.0,), where=ONE)
 
     report = estimate()
     # robots are so close at once: each root is split after its first RL step
@@ -412,11 +414,7 @@ def test_splitting_simulates_and_keeps_branches(case, tmp_path, monkeypatch):
     assert report.worth == 2.0
     assert (report.levels[0].low, report.levels[0].high) == pytest.approx(rate(2, 2)[1:])
 
-    def refuse(tasks, _):
-        assert not tasks
-        return iter(())
-
-    monkeypatch.setattr("agent.certification.collisions.simulate_tasks", refuse)
+    monkeypatch.setattr(RowFile, "append", lambda *_: pytest.fail("simulated again"))
     assert estimate() == report
 
 
@@ -424,7 +422,7 @@ def test_every_branch_of_robots_that_drive_at_each_other_collides(case, near_pol
     q = np.zeros_like(near_policy.q)
     q[:, 0, :, 0] = q[:, 1, :, 4] = 1.0  # east and west
     bad = replace(case, policy=replace(near_policy, q=q))
-    report = estimate_collisions(bad, tmp_path, roots=2, branches=2, gaps_mm=(15.0, 8.0), jobs=1)
+    report = estimate_collisions(bad, tmp_path, roots=2, branches=2, gaps_mm=(15.0, 8.0), where=ONE)
     assert (report.collision, report.low, report.high) == pytest.approx(rate(2, 2))
     assert (report.roots_with_collision, report.highest) == (2, 1.0)
     assert report.simulated > 2 * 2
@@ -457,7 +455,7 @@ def test_options_that_cannot_be_are_refused(options, message, tmp_path):
 def test_robots_that_push_each_other_on_have_no_collisions(near_file, tmp_path, command):
     options = ("--policy", near_file, "--on-collision", "continue", "--out", tmp_path / "out")
     for work in (("--claim", "collision < 0.5"), ("--splitting",)):
-        done = command(certify_command, *options, *work)
+        done = command("certify", *options, *work)
         assert done.returncode == 2
         assert "leave out --on-collision continue" in done.stderr
     assert not (tmp_path / "out").exists()

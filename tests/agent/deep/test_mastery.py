@@ -5,7 +5,7 @@ import pytest
 
 from agent.deep.policy import NetworkConfig
 from agent.deep.world import SHAPING
-from agent.evaluation.dynamics import EvaluationReport
+from agent.study.evaluate import EvaluationReport
 from agent.training.policy import Seed
 from cosim import evaluate as cosim_evaluate
 from cosim.base.outcome import Outcome

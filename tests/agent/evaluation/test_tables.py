@@ -6,11 +6,10 @@ import io
 import pytest
 
 from agent.evaluation import grid as evaluate
-from agent.evaluation import tables as outcome_tables
-from agent.evaluation import transfer_table
-from agent.evaluation.dynamics import EvaluationReport, PolicyRow
 from agent.evaluation.statistics import Statistics
 from agent.experiments import results as experiments
+from agent.study import evaluate as evaluation
+from agent.study import transfer
 from cosim.base.command import show_table
 from cosim.base.outcome import Outcome
 from cosim.base.world import IDEAL
@@ -33,6 +32,12 @@ OUTCOMES = {
     "min_distance_cm": 12.34,
     "sim_time_s": 123.0,
     "energy_j": 456.7,
+    "mu": 0.15,
+    "drive_speed_m_s": 0.0039,
+    "starts": 900,
+    "digest": "",
+    "failing_starts": 0,
+    "failures": (),
 }
 GRID = {
     **SHARES,
@@ -71,21 +76,20 @@ def test_further_tables_repeat_the_names():
 
 @pytest.mark.parametrize("width", [60, 80, 200])
 def test_policies_in_co_simulation(width):
-    row = PolicyRow(
+    row = evaluation.PolicyRow(
         policy="runs/fig11/c1/run_003/policy.npz",
         scenario="four-crossing",
-        digest="",
         episodes=200,
-        starts=900,
+        planned=200,
+        shield=False,
         **OUTCOMES,
         wall_s=1.0,
-        failing_starts=0,
-        failures=(),
-        recordings=(),
         results="",
     )
-    report = EvaluationReport(seed=0, mu=0.15, shield=False, world=IDEAL, policies=(row,))
-    text = printed(outcome_tables.show, report, width=width)
+    report = evaluation.EvaluationReport(
+        seed=0, mu=0.15, shield=False, world=IDEAL, policies=(row,)
+    )
+    text = printed(evaluation.show, report, width=width)
     whole = ["four-crossing", "200 of 900", "98.8% [94.2, 100.0]", "1.2% [0.0, 5.8]", "collision"]
     whole += ["123.4 cm", "1.234 [1.111, 1.345]", "12.34 cm", "123 s", "456.7 J", "min distance"]
     assert [word for word in whole if word not in text] == []
@@ -141,30 +145,27 @@ def test_effects_of_a_factorial_are_means_over_the_combinations_that_share_a_lev
 
 
 def test_transfer_has_all_that_its_file_has():
-    entry = transfer_table.TransferRow(
+    entry = transfer.TransferRow(
         scenario="4",
         method="moves",
-        mu=0.15,
         shield=True,
         episodes=50,
         planned=200,
         **OUTCOMES,
         wall_s=120.0,
-        digest="",
-        failures=(),
     )
-    report = transfer_table.TransferReport(
+    report = transfer.TransferReport(
         seed=0,
         complete=False,
         elapsed_s=60.0,
-        sessions=(transfer_table.Session(elapsed_s=60.0, episodes=50, jobs=2),),
+        sessions=(transfer.Session(elapsed_s=60.0, episodes=50, jobs=2),),
         episode_wall_s=120.0,
         simulated=50,
         goals=(),
         rows=(entry,),
     )
-    text = printed(transfer_table.show, report)
-    table, _, findings = transfer_table.markdown(report).partition("\n\n")
+    text = printed(transfer.show, report)
+    table, _, findings = transfer.markdown(report).partition("\n\n")
     cells = [c.strip() for line in table.splitlines() for c in line.strip("|").split("|")]
     assert [c for c in cells if c != "---" and c not in text] == []
     assert findings.split()[-2:] == text.split()[-2:]

@@ -7,15 +7,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from agent.evaluation.row_file import ResultFileError
 from agent.falsification import __main__ as falsification
 from agent.falsification.found import fails, gap_cm, read_cases, run_again
 from agent.falsification.measurement import FalsificationReport, falsify
 from agent.method import method_policy
 from agent.moves import observe
+from agent.study.store import ResultFileError
 from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
-from cosim.navigation.options import Driving
+from cosim.navigation.options import SimulationOptions
 from cosim.navigation.result import EpisodeResult
 from cosim.scenarios.file import find_scenario
 
@@ -48,7 +48,7 @@ def policy(tmp_path_factory) -> Iterator[Path]:
 
 
 def search(policy: Path, out: Path, episodes: int = EPISODES, **options) -> FalsificationReport:
-    physics = Driving(time_limit=options.pop("time_limit", 16.0))
+    physics = SimulationOptions(time_limit=options.pop("time_limit", 16.0))
     options = {"ranges": {}, "keep": 1, "jobs": 1} | options
     return falsify(policy, physics, out, episodes=episodes, **options)
 

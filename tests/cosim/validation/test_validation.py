@@ -2,16 +2,14 @@
 
 import json
 import math
-import sys
 
 import numpy as np
 import pytest
 
 from cosim.base.config import CoSimConfig
-from cosim.base.errors import USER_ERROR_STATUS, run_command
+from cosim.base.errors import USER_ERROR_STATUS
 from cosim.coupling.fmu import MotorFmu
 from cosim.platform.motion import net_speed, robot_platform
-from cosim.validation import __main__ as command
 from cosim.validation import measurement
 from cosim.validation.driving import (
     Leg,
@@ -25,7 +23,7 @@ from cosim.validation.measurement import QUICK, DrivenPath, Sensitivity, Validat
 from cosim.validation.published import PATHS, SPEEDS, PublishedPath, step_um
 from cosim.validation.report import report_of
 from cosim.validation.sensitivity import PARAMETERS, closed_form
-from cosim.validation.tables import markdown
+from cosim.validation.tables import text_of
 
 
 def test_paths_lead_back_or_to_the_side():
@@ -100,13 +98,13 @@ def test_tables_compare_and_explain(made_up):
     assert by_speed["thesis", 1800.0].theirs == pytest.approx(2.8 / 3.9)
     assert by_speed["icra2006", 1200.0].theirs is None
     assert report.paths[0].off_mm == pytest.approx(5.0)
-    text = markdown(report)
+    text = text_of(report)
     assert "| icra2006 | forwards | 1050 | 1.00 (0.00 to 1000.00) mm/s | 50% | 0.5 | 2.00 |" in text
     assert all(f"- {point.source}" in text for point in (*SPEEDS, *PATHS))
     assert "recalled" in text
 
 
-def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, capsys):
+def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, command):
     """The whole command on one speed and one small path, twice."""
     small = PublishedPath(3, 1.0, (1.0,), None, "made up")
     monkeypatch.setattr(measurement, "SPEEDS", (SPEEDS[-1],))
@@ -125,26 +123,16 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, caps
 
     monkeypatch.setattr(measurement, "measured_speed", refused)
     monkeypatch.setattr(measurement, "drive_by_the_clock", refused)
-    arguments = [
-        "--quick",
-        "--json",
-        "--out",
-        str(tmp_path),
-        "--motor-fmu",
-        str(motor_fmu),
-        "--no-isolate",
-    ]
-    monkeypatch.setattr(sys, "argv", ["cosim.validation", *arguments])
-    command.main()
-    printed = json.loads(capsys.readouterr().out.splitlines()[-1])
+    fmu = ("--motor-fmu", motor_fmu, "--no-isolate")
+    done = command("validate", "--quick", "--json", "--out", tmp_path, *fmu)
+    assert done.returncode == 0, done.stderr
+    printed = json.loads(done.stdout.splitlines()[-1])
     assert printed == json.loads((tmp_path / "validation.json").read_text("utf-8"))
     assert printed["speeds"][0]["sure"] == "recalled"
     assert {path.name for path in tmp_path.iterdir()} == {"validation.json", "validation.md"}
 
 
-def test_mistakes_are_one_sentence(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["cosim.validation", "--seed", "-1"])
-    with pytest.raises(SystemExit) as ended:
-        run_command(command.main)
-    assert ended.value.code == USER_ERROR_STATUS
-    assert capsys.readouterr().err == "error: --seed must not be negative\n"
+def test_mistakes_are_one_sentence(command):
+    done = command("validate", "--seed", "-1")
+    assert done.returncode == USER_ERROR_STATUS
+    assert done.stderr == "error: --seed must not be negative\n"

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from agent.process.config import ProcessConfig
-from agent.training import sweep as sweep_module
 from agent.training.runs import Experiment
 from agent.training.settings import LearningConfig
-from agent.training.sweep import SweepError, sweep
 from agent.training.worker import RunTask, train_run
+from cosim.base import backends
+from cosim.base.backends import sweep
+from cosim.base.jobs import BackendError, Workers
 from cosim.scenarios.file import find_scenario
 
 EXPERIMENT = Experiment(
@@ -84,7 +85,9 @@ def backend(request):
 
 @pytest.mark.long
 def test_killed_worker_is_replaced_and_no_bit_changes(backend, expected, tmp_path):
-    results = dict(sweep(die_once_and_train, fragile_tasks(tmp_path), jobs=2, backend=backend))
+    results = dict(
+        sweep(die_once_and_train, fragile_tasks(tmp_path), Workers(jobs=2, backend=backend))
+    )
     assert (tmp_path / "marker").exists()
     assert sorted(results) == [0, 1, 2, 3]
     for k, q in enumerate(expected):
@@ -94,29 +97,29 @@ def test_killed_worker_is_replaced_and_no_bit_changes(backend, expected, tmp_pat
 def test_threads_and_one_job_give_the_same_bits(expected, tmp_path):
     tasks = [f.task for f in fragile_tasks(tmp_path)]
     for jobs in (1, 2):
-        results = dict(sweep(train_run, tasks, jobs=jobs, backend="threading"))
+        results = dict(sweep(train_run, tasks, Workers(jobs=jobs)))
         assert all(np.array_equal(results[k][0].q, q) for k, q in enumerate(expected))
 
 
 def test_a_task_that_always_kills_its_worker_ends_the_sweep(monkeypatch):
-    monkeypatch.setattr(sweep_module, "ATTEMPTS", 2)
-    with pytest.raises(SweepError, match="workers died 2 times"):
-        list(sweep(signal.raise_signal, [0, signal.SIGKILL], jobs=2))
+    monkeypatch.setattr(backends, "ATTEMPTS", 2)
+    with pytest.raises(BackendError, match="workers died 2 times"):
+        list(sweep(signal.raise_signal, [0, signal.SIGKILL], Workers(jobs=2, backend="loky")))
 
 
 def test_errors_of_a_task_are_not_retried():
     with pytest.raises(ZeroDivisionError):
-        list(sweep(lambda k: 1 // k, [0, 1], jobs=2))
+        list(sweep(lambda k: 1 // k, [0, 1], Workers(jobs=2, backend="loky")))
 
 
 def test_an_address_without_a_cluster_is_refused():
-    with pytest.raises(SweepError, match="--address has no effect with --backend loky"):
-        list(sweep(abs, [1, 2], jobs=1, address="tcp://127.0.0.1:9"))
-    with pytest.raises(SweepError, match="--jobs has no effect"):
-        list(sweep(abs, [1, 2], jobs=2, backend="dask", address="tcp://127.0.0.1:9"))
+    with pytest.raises(BackendError, match="--address has no effect with --backend loky"):
+        Workers(backend="loky", address="tcp://127.0.0.1:9")
+    with pytest.raises(BackendError, match="--jobs has no effect"):
+        Workers(jobs=2, backend="dask", address="tcp://127.0.0.1:9")
 
 
 def test_a_cluster_that_is_not_there_is_refused(monkeypatch):
-    monkeypatch.setattr(sweep_module, "CONNECT_TIMEOUT_S", 0.5)
-    with pytest.raises(SweepError, match="no Dask scheduler"):
-        list(sweep(abs, [1, 2], backend="dask", address="tcp://127.0.0.1:9"))
+    monkeypatch.setattr(backends, "CONNECT_TIMEOUT_S", 0.5)
+    with pytest.raises(BackendError, match="no Dask scheduler"):
+        list(sweep(abs, [1, 2], Workers(backend="dask", address="tcp://127.0.0.1:9")))

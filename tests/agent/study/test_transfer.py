@@ -6,10 +6,9 @@ import msgspec
 import pytest
 
 from agent.evaluation.cases import Case
-from agent.evaluation.result_file import ResultFile
-from agent.evaluation.transfer import transfer
-from agent.evaluation.transfer_table import TransferReport, goals, markdown
 from agent.process.config import ProcessConfig
+from agent.study.store import ResultFile
+from agent.study.transfer import TransferReport, goals, markdown, transfer
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
@@ -18,7 +17,7 @@ from cosim.base.errors import UserError
 from cosim.base.outcome import Outcome
 from cosim.navigation.result import EpisodeResult
 from cosim.scenarios.scenario import Scenario, ScenarioError
-from cosim.transfer import Transfer
+from minirobots.commands.transfer import Transfer
 
 BOARD = """
 columns = 14
@@ -116,7 +115,6 @@ def test_goals_are_judged_by_the_worst_row(table):
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"jobs": 0}, UserError, "--jobs must be at least 1"),
         ({"budget_minutes": -1.0}, UserError, "--budget-minutes must not be negative"),
         ({"scenarios": ("7",)}, ScenarioError, "unknown scenario '7'"),
         ({"scenarios": ("4", "4")}, ConfigError, "--scenarios has two of one name"),

@@ -5,14 +5,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from agent.robustness.axes import AXES, points
-from agent.robustness.measurement import robustness
-from agent.robustness.plot import draw
-from agent.robustness.table import RobustnessReport, markdown
+from agent.study.axes import AXES, points
+from agent.study.episodes import EPISODES
+from agent.study.robustness import COLUMNS, RobustnessReport, robustness
+from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
+from cosim.base.table import markdown
 from cosim.base.world import IDEAL, World
-from cosim.robustness import Robustness
 from cosim.scenarios.file import find_scenario, in_world, read_world
+from minirobots.commands.robustness import Robustness
 
 ROUGH = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"
 BOARD = """
@@ -76,18 +77,13 @@ def test_rows_are_methods_in_worlds(report, board):
         assert row.success_low < row.success_high
     out = board.parent / "out"
     assert msgspec.json.decode((out / "robustness.json").read_bytes(), type=RobustnessReport)
-    assert (out / "robustness.md").read_text() == markdown(report) + "\n"
-    assert len(markdown(report).splitlines()) == 2 + len(report.rows)
+    assert (out / "robustness.md").read_text() == markdown(COLUMNS, report.rows) + "\n"
+    assert len(markdown(COLUMNS, report.rows).splitlines()) == 2 + len(report.rows)
     assert (out / "robustness.png").stat().st_size > 10_000
-    assert len(draw(report).axes) == 2
 
 
-def test_it_goes_on_where_it_ended(report, board, monkeypatch):
-    def refuse(jobs, *_):
-        assert not jobs
-        return iter(())
-
-    monkeypatch.setattr("agent.robustness.measurement.run_jobs", refuse)
+def test_it_resumes_where_it_ended(report, board, monkeypatch):
+    monkeypatch.setattr(EpisodeStore, "keep", lambda *_: pytest.fail("simulated again"))
     assert measure(board.parent / "out", board) == report
 
 
@@ -100,7 +96,7 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
         counts.append(len(jobs))
         return iter(())
 
-    monkeypatch.setattr("agent.robustness.measurement.run_jobs", count)
+    monkeypatch.setattr("agent.study.episodes.EPISODES", EPISODES._replace(compute=count))
     report = robustness(
         board.parent / "same",
         World(mu=0.1),

@@ -3,24 +3,25 @@
 import resource
 import signal
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import pytest
+from pyarrow import parquet
 
-import cosim.evaluate
 from agent.evaluation.cases import Case
-from agent.evaluation.dynamics import Evaluated, EvaluationReport, evaluate, report_of
 from agent.evaluation.outcomes import summary
-from agent.evaluation.result_file import ResultFile
-from agent.evaluation.row_file import ResultFileError
 from agent.evaluation.statistics import rate
+from agent.study.evaluate import EvaluationReport, evaluate
+from agent.study.store import IndexedResult, ResultFile, ResultFileError, RowFile, export
 from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
+from cosim.base.jobs import Workers
 from cosim.base.outcome import Outcome
 from cosim.base.params import TABLE_I
-from cosim.evaluate import Evaluate
 from cosim.navigation.options import SimulationOptions
 from cosim.navigation.result import EpisodeResult
+from minirobots.commands.evaluate import Evaluate
 
 RESULT = EpisodeResult(
     Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
@@ -33,15 +34,24 @@ def case(near_policy, motor_fmu):
 
 
 def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics):
-    driving = SimulationOptions(**physics)
-    evaluated = evaluate([near_file], driving, out, starts=starts, recordings=recordings, jobs=jobs)
-    return evaluated[0], report_of(evaluated, seed=0)
+    where = Workers(jobs=jobs)
+    report = evaluate(
+        [near_file],
+        SimulationOptions(**physics),
+        out,
+        starts=starts,
+        recordings=recordings,
+        where=where,
+    )
+    return Path(report.policies[0].results), report
 
 
-def without_wall_clock(results: dict[int, EpisodeResult]) -> dict[int, EpisodeResult]:
+def results(path: Path) -> dict[int, EpisodeResult]:
+    """Results of a file without the time that they took."""
+    rows = RowFile(path, None, IndexedResult).rows
     return {
-        k: msgspec.structs.replace(r, realtime_factor=1.0, recording=None)
-        for k, r in results.items()
+        row.index: msgspec.structs.replace(row.result, realtime_factor=1.0, recording=None)
+        for row in rows
     }
 
 
@@ -53,7 +63,7 @@ def whole(near_file, tmp_path_factory):
 
 
 def test_report_counts_every_start(whole):
-    evaluated, report = whole
+    path, report = whole
     (row,) = report.policies
     assert (row.episodes, row.starts, row.scenario) == (4, 4, "near")
     assert (row.success, row.success_high) == (1.0, 1.0)
@@ -64,30 +74,28 @@ def test_report_counts_every_start(whole):
     assert row.min_distance_cm == pytest.approx(7.07, abs=0.3)
     assert 0.0 < row.energy_j < 10.0
     assert row.failures == ()
-    assert len({r.starts for r in evaluated.results().values()}) == 4
+    assert len({r.starts for r in results(path).values()}) == 4
 
 
 def test_jobs_and_interruptions_change_nothing(whole, near_file, tmp_path):
-    evaluated, _ = whole
-    first, _ = run(near_file, tmp_path, starts=2)
-    assert len(first.results()) == 2
-    kept = first.file.path.read_bytes()
+    path, _ = run(near_file, tmp_path, starts=2)
+    assert len(results(path)) == 2
+    kept = path.read_bytes()
     # a process killed while it wrote a third result
-    first.file.path.write_bytes(kept + b'{"index": 3, "outc')
-    second, _ = run(near_file, tmp_path)
-    assert second.file.path.read_bytes().startswith(kept + b'{"outcome":')
-    assert without_wall_clock(second.results()) == without_wall_clock(evaluated.results())
-    written = second.file.path.read_bytes()
+    path.write_bytes(kept + b'{"index": 3, "outc')
     run(near_file, tmp_path)
-    assert second.file.path.read_bytes() == written
+    assert path.read_bytes().startswith(kept + b'{"outcome":')
+    assert results(path) == results(whole[0])
+    written = path.read_bytes()
+    run(near_file, tmp_path)
+    assert path.read_bytes() == written
 
 
 def test_success_is_recorded(whole):
-    evaluated, report = whole
-    (path,) = report.policies[0].recordings
-    (index,) = evaluated.recordings
-    assert path.endswith(f"{index:06d}-success.rrd")
-    assert evaluated.recordings[index].stat().st_size > 100_000
+    _, report = whole
+    (path,) = map(Path, report.policies[0].recordings)
+    assert path.name.endswith("-success.rrd")
+    assert path.stat().st_size > 100_000
 
 
 def test_failure_is_listed_and_recorded(near_file, tmp_path):
@@ -202,14 +210,23 @@ def test_no_episode_gives_no_numbers(near_policy, motor_fmu):
     assert set(values.values()) == {None}
 
 
-def test_the_default_is_at_most_what_the_scenario_has(near_policy, motor_fmu, tmp_path):
-    case = Case(near_policy, CoSimConfig(), motor_fmu, 0)
-    file = ResultFile(tmp_path, case)
-    some, every = (Evaluated("near", file, s, tmp_path, 0).indices for s in (None, "all"))
-    assert some == every == case.sample(4)
+def test_the_default_is_at_most_what_the_scenario_has(whole, near_file):
+    out = whole[0].parent
+    some, every = (run(near_file, out, starts=s, recordings=1)[1] for s in (None, "all"))
+    assert some == every == whole[1]
     with pytest.raises(UserError, match="has only 4 starts, not 50"):
-        Evaluated("near", file, 50, tmp_path, 0)
+        run(near_file, out, starts=50)
     assert Evaluate(policies=()).starts is None
+
+
+def test_episodes_are_exported(whole, tmp_path):
+    export(whole[0].parent, tmp_path / "episodes.parquet")
+    table = parquet.read_table(tmp_path / "episodes.parquet").to_pydict()
+    assert table["outcome"] == ["success"] * 4
+    assert sorted(table["index"]) == [0, 1, 2, 3]
+    assert set(table["mu"]) == {0.15}
+    with pytest.raises(ResultFileError, match="has no results of episodes"):
+        export(tmp_path, tmp_path / "none.parquet")
 
 
 @pytest.mark.parametrize(
@@ -217,7 +234,6 @@ def test_the_default_is_at_most_what_the_scenario_has(near_policy, motor_fmu, tm
     [
         ({"starts": "many"}, "--starts many is neither 'all' nor a positive number"),
         ({"starts": "0"}, "--starts 0 is neither"),
-        ({"jobs": 0}, "--jobs must be at least 1"),
         ({"recordings": -1}, "--recordings must not be negative"),
     ],
 )
@@ -227,17 +243,17 @@ def test_bad_options_are_refused(options, message):
 
 
 def test_command_prints_json_last(command, whole, near_file):
-    evaluated, report = whole
-    out = evaluated.file.path.parent
+    path, report = whole
+    out = path.parent
     options = ("--starts", "all", "--out", out, "--recordings", 1, "--json")
-    done = command(cosim.evaluate, near_file, *options)  # everything is there already
+    done = command("evaluate", near_file, *options)  # everything is there already
     assert done.returncode == 0, done.stderr
     assert "outcomes with 95 % intervals" in done.stdout
     assert msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport) == report
 
 
 def test_policy_of_another_scenario_is_refused(command, near_file, tmp_path):
-    done = command(cosim.evaluate, near_file, "--scenario", "4", "--out", tmp_path / "out")
+    done = command("evaluate", near_file, "--scenario", "4", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "was trained on scenario near" in done.stderr

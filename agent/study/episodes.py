@@ -1,0 +1,235 @@
+"""Tables of episodes: which episodes make a row, what a row says, and how it reads."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from agent.evaluation.cases import Case, Job, run_jobs
+from agent.evaluation.outcomes import Failure, Measured, failures, summary
+from agent.evaluation.statistics import Interval, interval_text
+from agent.process.greedy import GreedyPolicy
+from agent.study.store import EpisodeStore
+from cosim.base.errors import UserError
+from cosim.base.jobs import JobKind, Workers, always, run
+from cosim.base.outcome import Outcome
+from cosim.base.progress import Progress, silent
+from cosim.base.table import Column
+from cosim.base.table import field as column
+from cosim.base.world import IDEAL, World
+from cosim.episodes import compile_kernels
+from cosim.navigation.options import SimulationOptions
+from cosim.navigation.result import EpisodeResult
+from cosim.scenarios.file import in_world
+
+
+def _batch(job: Job) -> object:
+    return job.task().batch_key
+
+
+def _succeeded(result: EpisodeResult) -> bool:
+    return result.outcome == Outcome.SUCCESS
+
+
+def _prepare(jobs: Sequence[Job], threads: int) -> None:
+    compile_kernels(jobs[0].task(), len(jobs), threads)
+
+
+EPISODES: JobKind[Job, EpisodeResult] = JobKind(run_jobs, _batch, _succeeded, _prepare)
+
+
+def case_of(
+    policy: GreedyPolicy,
+    physics: SimulationOptions,
+    seed: int,
+    world: World = IDEAL,
+    *,
+    name: str = "the policy",
+    progress: Progress = silent,
+) -> Case:
+    """Return a policy under the options of a command.
+
+    Args:
+        policy: acts, in its own scenario.
+        physics: options; its file of a world is not read.
+        seed: of samples of starts and of what episodes draw.
+        world: of the robots.
+        name: of the policy, for messages.
+        progress: receives what is calibrated.
+
+    Raises:
+        UserError: the options do not fit together, or the world has other obstacles.
+    """
+    scenario = policy.config.scenario
+    policy.require_scenario(in_world(scenario, world), name)
+    return Case(policy, *physics.prepare(scenario.robot_diameter_m, progress, world), seed)
+
+
+class EpisodesRow(Measured, frozen=True, kw_only=True):
+    """A row of a table of episodes; see `Measured` for what they achieve.
+
+    Attributes:
+        scenario: its name.
+        mu, shield, drive_speed_m_s: of the co-simulation; the speed is that of the calibration.
+        starts: combinations of start cells that the scenario has.
+        planned: episodes asked for.
+        wall_s: wall-clock time of the episodes counted, of all threads together.
+        digest: of the case.
+        failing_starts: how many episodes did not end in success.
+        failures: these.
+    """
+
+    scenario: str
+    mu: float
+    shield: bool
+    drive_speed_m_s: float
+    starts: int
+    planned: int
+    wall_s: float
+    digest: str
+    failing_starts: int
+    failures: tuple[Failure, ...]
+
+
+Row = TypeVar("Row", bound=EpisodesRow)
+
+
+@dataclass(frozen=True)
+class StudyLine:
+    """The episodes of a row.
+
+    Attributes:
+        case: policy and configuration.
+        indices: of the starts, see `Case.sample`.
+        labels: what else names the row, by field of the row.
+    """
+
+    case: Case
+    indices: list[int]
+    labels: dict[str, Any] = field(default_factory=dict)
+
+    def jobs(self) -> list[Job]:
+        """Return the episodes, the first ones of the sample first."""
+        return [Job(self.case, index) for index in self.indices]
+
+    def row(self, store: EpisodeStore, form: type[Row], recordings: Mapping[int, Path] = {}) -> Row:
+        """Return the row of the completed prefix of the sample.
+
+        Args:
+            store: of the episodes.
+            form: of the row; its further fields are the labels.
+            recordings: of some of the episodes, by index of the start.
+        """
+        case, results = self.case, store.file(self.case).beginning(self.indices)
+        failed = tuple(
+            msgspec.structs.replace(failure, recording=str(recordings[failure.index]))
+            if failure.index in recordings
+            else failure
+            for failure in failures(results)
+        )
+        return form(
+            **msgspec.structs.asdict(summary(case, results)),
+            **{
+                "scenario": case.policy.config.scenario.name,
+                "mu": case.config.robot.mu,
+                "shield": case.config.shield is not None,
+                "drive_speed_m_s": case.config.steering.drive_speed_m_s,
+                "starts": len(case.starts),
+                "planned": len(self.indices),
+                "wall_s": sum(r.wall_s for r in results.values()),
+                "digest": case.digest,
+                "failing_starts": len(failed),
+                "failures": failed,
+                **self.labels,
+            },
+        )
+
+
+def simulate(
+    lines: Iterable[StudyLine],
+    store: EpisodeStore,
+    where: Workers,
+    *,
+    may_begin: Callable[[], bool] = always,
+    progress: Progress = silent,
+) -> None:
+    """Simulate the missing episodes of all rows at once, so that rows share batches."""
+    jobs = [job for line in lines for job in line.jobs()]
+    for _ in run(jobs, store, EPISODES, where, may_begin=may_begin, progress=progress):
+        pass
+
+
+def record(
+    jobs: Sequence[Job], store: EpisodeStore, threads: int, progress: Progress = silent
+) -> None:
+    """Simulate episodes again and record them, on this machine.
+
+    Args:
+        jobs: with the paths of their recordings.
+        store: of their results.
+        threads: of the simulation.
+        progress: receives how many are recorded.
+
+    Raises:
+        UserError: an episode ends otherwise than the first time.
+    """
+    for count, (job, result) in enumerate(run_jobs(jobs, threads), 1):
+        first = store.find(job)
+        assert first is not None
+        factor = first.realtime_factor
+        if msgspec.structs.replace(result, recording=None, realtime_factor=factor) != first:
+            raise UserError(
+                f"{job.recording}: the same episode ended otherwise when it was simulated again; "
+                f"{store.file(job.case).path} was made by another machine or library: remove it"
+            )
+        progress("recordings", count, len(jobs), f"{count}/{len(jobs)}")
+
+
+def rate_text(row: Measured, name: str) -> str:
+    """Return a rate with its interval, in per cent."""
+    return interval_text(interval_of(row, name), 1, 100.0, "%")
+
+
+def interval_of(row: Measured, name: str) -> Interval:
+    """Return a measure of a row with its interval."""
+    return Interval(*(getattr(row, name + end) for end in ("", "_low", "_high")))
+
+
+def _others(row: EpisodesRow) -> str:
+    shares = (getattr(row, name) or 0.0 for name in ("out_of_board", "timeout"))
+    counts = ", ".join(str(round(row.episodes * share)) for share in shares)
+    return counts if row.episodes else "–"
+
+
+def _episodes(row: EpisodesRow) -> str:
+    n = row.episodes
+    return str(n) if n == row.planned else f"{n} of {row.planned}"
+
+
+def rate_column(name: str) -> Column:
+    """Return the column of the rate of an outcome."""
+    return Column(name.replace("_", " "), lambda row: rate_text(row, name))
+
+
+SCENARIO, METHOD = column("scenario"), column("method")
+MU = column("mu", "{:g}", "µ")
+SHIELD = Column("shield", lambda row: "on" if row.shield else "off")
+SPEED = Column("speed", lambda row: f"{1e3 * row.drive_speed_m_s:.2f} mm/s")
+PATH_RATIO = Column(
+    "× own grid path", lambda row: interval_text(interval_of(row, "path_ratio_to_grid"), 3)
+)
+OUTCOMES = (
+    Column("episodes", _episodes),
+    rate_column("success"),
+    rate_column("collision"),
+    Column("out of board, timeout", _others),
+)
+MEASURES = (
+    column("min_distance_cm", "{:.2f} cm", "min distance"),
+    column("path_length_cm", "{:.1f} cm", "path"),
+    column("rotation_deg", "{:.0f}°", "rotation"),
+    column("sim_time_s", "{:.0f} s", "simulated"),
+    column("energy_j", "{:.1f} J", "energy"),
+)

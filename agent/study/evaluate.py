@@ -1,0 +1,154 @@
+"""What policies achieve in the full dynamics, start by start: episodes, results, recordings.
+
+The counterpart of `agent.evaluation.grid`, which is exact on the grid; the command line is
+`cosim.evaluate`.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from agent.evaluation.cases import Job
+from agent.evaluation.grid import policy_files, show_failures
+from agent.study.episodes import (
+    MEASURES,
+    PATH_RATIO,
+    SCENARIO,
+    EpisodesRow,
+    StudyLine,
+    case_of,
+    rate_column,
+    record,
+    simulate,
+)
+from agent.study.policies import name_of, policy_of
+from agent.study.store import EpisodeStore
+from cosim.base.jobs import Workers
+from cosim.base.outcome import ENDS, Outcome
+from cosim.base.progress import Progress, silent
+from cosim.base.table import Column, field
+from cosim.base.table import show as show_table
+from cosim.base.world import World
+from cosim.navigation.options import SimulationOptions
+from cosim.scenarios.file import find_in_world, read_world
+
+STARTS = 50
+Starts = int | Literal["all"] | None
+COLUMNS = (
+    field("policy"),
+    SCENARIO,
+    Column("episodes", lambda row: f"{row.episodes} of {row.starts}"),
+    *map(rate_column, ENDS),
+    *MEASURES[1:3],
+    PATH_RATIO,
+    MEASURES[0],
+    *MEASURES[3:],
+)
+
+
+class PolicyRow(EpisodesRow, frozen=True, kw_only=True):
+    """A policy of a report.
+
+    Attributes:
+        policy: its name or file.
+        recordings, results: files.
+    """
+
+    policy: str
+    recordings: tuple[str, ...] = ()
+    results: str
+
+
+class EvaluationReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What `python -m cosim.evaluate --json` prints: the policies under one physics."""
+
+    schema_version: int = 1
+    seed: int
+    mu: float
+    shield: bool
+    world: World
+    policies: tuple[PolicyRow, ...]
+
+
+def evaluate(
+    policies: Iterable[Any],
+    physics: SimulationOptions,
+    out: Path,
+    *,
+    starts: Starts = None,
+    seed: int = 0,
+    scenario: str | None = None,
+    recordings: int = 3,
+    where: Workers = Workers(),  # noqa: B008 - a constant
+    progress: Progress = silent,
+) -> EvaluationReport:
+    """Simulate what is missing, and record what is to be recorded.
+
+    Args:
+        policies: files, folders of runs, or what `policy_of` takes.
+        physics: of the co-simulation.
+        out: folder of results and recordings.
+        starts: how many to sample; by default `STARTS`, or all where there are fewer.
+        seed: of the sample and of the speed noise.
+        scenario: refuse policies of any other one.
+        recordings: failures to record of each policy, and successes.
+        where: backend and number of workers; the results do not depend on it.
+        progress: receives what is prepared and simulated.
+
+    Raises:
+        UserError: see its message.
+    """
+    only, world = None, World() if physics.world is None else read_world(physics.world)
+    if scenario is not None:
+        only, world = find_in_world(scenario, physics.world)
+    store, lines = EpisodeStore(out), []
+    named = [(name_of(p), policy_of(p, only, progress=progress)) for p in policy_files(policies)]
+    for name, policy in named:
+        case = case_of(policy, physics, seed, world, name=f"{name}: the policy", progress=progress)
+        wanted = min(STARTS, len(case.starts)) if starts is None else starts
+        indices = case.sample(None if wanted == "all" else wanted)
+        labels = {"policy": name, "results": str(store.file(case).path)}
+        lines.append(StudyLine(case, indices, labels))
+    simulate(lines, store, where, progress=progress)
+    paths = [_recordings(line, store, recordings) for line in lines]
+    jobs = [
+        Job(line.case, k, p) for line, of in zip(lines, paths, strict=True) for k, p in of.items()
+    ]
+    missing = {job.key: job for job in jobs if job.recording and not job.recording.exists()}
+    record(list(missing.values()), store, where.count, progress)
+    config = lines[0].case.config
+    rows = []
+    for line, of in zip(lines, paths, strict=True):
+        row = line.row(store, PolicyRow, of)
+        rows.append(msgspec.structs.replace(row, recordings=tuple(map(str, of.values()))))
+    return EvaluationReport(
+        seed=seed,
+        mu=config.robot.mu,
+        shield=config.shield is not None,
+        world=config.world,
+        policies=tuple(rows),
+    )
+
+
+def _recordings(line: StudyLine, store: EpisodeStore, count: int) -> dict[int, Path]:
+    """Paths of the recordings of the first failures and successes of a sample."""
+    file = store.file(line.case)
+    ends = {index: file.results[index].outcome for index in line.indices}
+    failed = [index for index, outcome in ends.items() if outcome != Outcome.SUCCESS]
+    succeeded = [index for index, outcome in ends.items() if outcome == Outcome.SUCCESS]
+    folder = file.path.parent / "recordings"
+    return {
+        index: folder / f"{file.path.stem}-{index:06d}-{ends[index]}.rrd"
+        for index in failed[:count] + succeeded[:count]
+    }
+
+
+def show(report: EvaluationReport) -> None:
+    """Print a report as tables: outcomes with 95 % intervals, measures, the first failing starts.
+
+    Path, rotation, time and energy are means of successes.
+    """
+    show_table(COLUMNS, report.policies, names=2, title="outcomes with 95 % intervals")
+    show_failures(report.policies)

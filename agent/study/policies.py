@@ -1,0 +1,140 @@
+"""Policies as studies take them: files, methods by name, and any object with `act`."""
+
+import hashlib
+import importlib
+import inspect
+import pickle
+import sys
+import uuid
+from functools import cached_property
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from agent.method import method_policy
+from agent.policies import load_policy
+from agent.process.config import ProcessConfig
+from agent.process.greedy import GreedyPolicy
+from agent.process.readings import Process, build_process
+from agent.training.settings import METHODS
+from cosim.base.arguments import ConfigError
+from cosim.base.errors import shown
+from cosim.base.progress import Progress, silent
+from cosim.navigation.step import SupportsAct
+from cosim.scenarios.scenario import Scenario
+
+
+class ObjectPolicy:
+    """Any object with `act`, in a scenario, as a case takes it.
+
+    Args:
+        policy: the object; what else it has, such as `q_values`, is recorded.
+        scenario: in which it acts.
+    """
+
+    episodes = 0  # of training
+    require_scenario = GreedyPolicy.require_scenario
+
+    def __init__(self, policy: SupportsAct, scenario: Scenario) -> None:
+        self.policy, self.config = policy, SimpleNamespace(scenario=scenario)
+        self._digest = identity_of(policy)
+        self.lasting = self._digest is not None
+        self._digest = self._digest or uuid.uuid4().hex
+
+    @cached_property
+    def process(self) -> Process:
+        """The paper's process in the scenario, for the starts."""
+        return build_process(self.config.scenario, ProcessConfig())
+
+    def digest(self) -> str:
+        """Return what the object is known by; of an object without identity a number drawn."""
+        return f"{self._digest}-{self.config.scenario.digest()}"
+
+    def maps(self) -> list[Any]:
+        """Return what the object thinks of the cells of the board, if it says that."""
+        return getattr(self.policy, "maps", list)()
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "policy":
+            raise AttributeError(name)
+        return getattr(self.policy, name)
+
+
+def identity_of(policy: object) -> str | None:
+    """Return what an object is known by: its module's source, its class, and its pickled state.
+
+    None if its source is not in a file, or it cannot be pickled: its episodes are not found again.
+    """
+    kind = type(policy)
+    try:
+        module = sys.modules[kind.__module__]
+        source = Path(inspect.getfile(module)).read_bytes()
+        parts = (source, kind.__qualname__.encode(), pickle.dumps(policy))
+    except Exception:  # whatever an object does when it is pickled
+        return None
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+
+
+def policy_of(
+    given: Any,
+    scenario: Scenario | None = None,
+    *,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> GreedyPolicy:
+    """Return a policy by what a user names.
+
+    Args:
+        given: file, name of a method, "module:Name" of an object or class, or an object with `act`.
+        scenario: in which it acts; a file has its own.
+        seed: of training.
+        progress: receives what is trained.
+
+    Raises:
+        UserError: it is no policy, or one of another scenario; or a method or an object needs a
+            scenario.
+    """
+    name = str(given) if isinstance(given, str | Path) else None
+    if isinstance(given, GreedyPolicy):
+        if scenario is not None:
+            given.require_scenario(scenario)
+        return given
+    if name is not None and name not in METHODS and (":" not in name or Path(name).exists()):
+        return load_policy(Path(name), scenario)
+    if scenario is None:
+        raise ConfigError(
+            f"policy = {shown(given)} acts in any scenario; name one (scenario, --scenario)"
+        )
+    if name in METHODS:
+        assert name is not None
+        return method_policy(name, scenario, seed, progress=progress)[0]
+    found: Any = given if name is None else _imported(name)
+    if isinstance(found, type) or not callable(getattr(found, "act", None)):
+        raise ConfigError(
+            f"policy = {shown(given)} has no act(observation); give an object that has, a policy "
+            'file or the name of a method, such as "moves"'
+        )
+    policy: Any = ObjectPolicy(found, scenario)
+    return policy
+
+
+def _imported(name: str) -> Any:
+    """Return the object "module:Name", an instance where that is a class."""
+    module, _, attribute = name.partition(":")
+    if str(Path.cwd()) not in sys.path:  # modules of the folder that the command runs in
+        sys.path.append(str(Path.cwd()))
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+        return found() if isinstance(found, type) else found
+    except Exception as error:  # whatever a user's module does
+        raise ConfigError(
+            f"policy = {name!r} cannot be imported ({error}); name MODULE:NAME of a class without "
+            "arguments or of an object, in a module of this folder or an installed one"
+        ) from error
+
+
+def name_of(given: Any) -> str:
+    """Return what a policy is called in tables."""
+    if isinstance(given, str | Path):
+        return str(given)
+    return getattr(given, "name", None) or type(given).__name__

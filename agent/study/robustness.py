@@ -1,0 +1,131 @@
+"""How policies succeed in worlds that none of them was trained for: docs/robustness.md.
+
+The worlds are `agent.study.axes`; the command line is `cosim.robustness`.
+"""
+
+from collections.abc import Collection
+from pathlib import Path
+
+import msgspec
+
+from agent.method import method_policy
+from agent.study.axes import AXES, Axis, points
+from agent.study.episodes import (
+    MEASURES,
+    METHOD,
+    OUTCOMES,
+    SHIELD,
+    SPEED,
+    EpisodesRow,
+    StudyLine,
+    case_of,
+    simulate,
+)
+from agent.study.plot import draw_success
+from agent.study.store import EpisodeStore
+from agent.training.settings import IN_WORLDS
+from cosim.base.jobs import Workers, until
+from cosim.base.progress import Progress, silent
+from cosim.base.storage import replacing
+from cosim.base.table import field, markdown, write_report
+from cosim.base.world import World
+from cosim.navigation.options import SimulationOptions
+from cosim.scenarios.file import find_scenario
+
+EPISODES, QUICK_EPISODES = 50, 2
+COLUMNS = (
+    field("axis", heading="not ideal"),
+    field("value"),
+    METHOD,
+    SHIELD,
+    SPEED,
+    *OUTCOMES,
+    *MEASURES,
+)
+
+
+class RobustnessRow(EpisodesRow, frozen=True, kw_only=True):
+    """A row of robustness.json: a method in a world, see `agent.study.axes.AxisPoint`."""
+
+    axis: str
+    value: str
+    world: World
+    method: str
+
+
+class RobustnessReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of robustness.json."""
+
+    schema_version: int = 1
+    scenario: str
+    seed: int | None
+    complete: bool
+    rows: tuple[RobustnessRow, ...]
+
+
+def robustness(
+    out: Path,
+    everything: World,
+    *,
+    scenario: str = "4",
+    axes: Collection[Axis] = AXES,
+    methods: Collection[str] = IN_WORLDS,
+    episodes: int = EPISODES,
+    seed: int = 0,
+    budget_minutes: float | None = None,
+    where: Workers = Workers(),  # noqa: B008 - a constant
+    progress: Progress = silent,
+) -> RobustnessReport:
+    """Simulate what is missing of the table, and write it with its plot.
+
+    Args:
+        out: folder of the table (robustness.json, .md, .png), policies and results.
+        everything: the world in which nothing is ideal.
+        scenario: name or file.
+        axes: to measure.
+        methods: to measure.
+        episodes: of every row.
+        seed: of training, of the sample of starts and of what episodes draw.
+        budget_minutes: after which no episode is started.
+        where: backend and number of workers; the results do not depend on it.
+        progress: receives what is trained and simulated.
+
+    Returns:
+        The content of robustness.json.
+
+    Raises:
+        UserError: see its message.
+    """
+    may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
+    policies = {}
+    for method in (method for method in IN_WORLDS if method in methods):
+        policies[method] = method_policy(method, find_scenario(scenario), seed, progress=progress)[
+            0
+        ]
+        name = f"{policies[method].config.scenario.name}-{method}.npz"
+        policies[method].save(out / "policies" / name)
+    board, lines = find_scenario(scenario, ideal=True), []
+    for point in (p for axis in AXES if axis in axes for p in points(axis, board, everything)):
+        for method, policy in policies.items():
+            for shield in (False, True) if point.axis == "everything" else (False,):
+                case = case_of(
+                    policy, SimulationOptions(shield=shield), seed, point.world, progress=progress
+                )
+                indices = case.sample(min(episodes, len(case.starts)))
+                lines.append(StudyLine(case, indices, {**point._asdict(), "method": method}))
+    simulate(lines, store, where, may_begin=may_begin, progress=progress)
+    rows = tuple(line.row(store, RobustnessRow) for line in lines)
+    report = RobustnessReport(
+        scenario=scenario,
+        seed=seed if rows else None,
+        complete=all(row.episodes == row.planned for row in rows),
+        rows=rows,
+    )
+    write_report(out / "robustness", report, markdown(COLUMNS, rows))
+    unshielded = [row for row in rows if not row.shield]
+    panels = {axis: [r for r in unshielded if r.axis == axis] for axis in AXES if axis in axes}
+    title = f"scenario {scenario}, without the shield; bars: 95 %, Wilson"
+    figure = draw_success(panels, lambda row: row.value, lambda row: row.method, title)
+    with replacing(out / "robustness.png") as temporary:
+        figure.savefig(temporary, format="png", dpi=150)
+    return report

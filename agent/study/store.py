@@ -1,0 +1,231 @@
+"""Rows on disk: one line each, appended as it comes, found again by a later run.
+
+A file belongs to what its digest names, such as a case; its first line says what that is, for
+people and as a check.
+"""
+
+import contextlib
+import errno
+import fcntl
+import os
+from collections.abc import Iterable, Mapping
+from itertools import takewhile
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import msgspec
+
+from agent.evaluation.cases import Case, CaseIdentity, Job
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, require_file
+from cosim.base.storage import temporary_folder
+from cosim.base.table import write_parquet
+from cosim.navigation.result import EpisodeResult
+
+SCHEMA_VERSION = 1
+Row = TypeVar("Row", bound=msgspec.Struct)
+
+
+class Header(CaseIdentity, frozen=True, kw_only=True):
+    """The first line: whose rows these are."""
+
+    digest: str
+    schema_version: int = SCHEMA_VERSION
+
+
+class ResultFileError(UserError):
+    """A file of results that cannot be continued; the message says what to do instead."""
+
+
+_LONGEST = 2**20  # bytes, far above what is written here
+_FILE = Kind("file of results", "move it away or choose another --out", ResultFileError)
+
+
+class RowFile(Generic[Row]):
+    """Rows of one kind. Reading them changes nothing on disk; the first `append` makes the file.
+
+    Args:
+        path: of the file.
+        header: what the rows belong to; None for what the file says, to read it.
+        form: of a row.
+
+    Attributes:
+        path: of the file.
+        header: what the rows belong to.
+        rows: those that are in the file, in the order in which they came.
+
+    Raises:
+        ResultFileError: the file belongs to something else, or is damaged other than at its end.
+    """
+
+    def __init__(self, path: Path, header: Header | None, form: type[Row]) -> None:
+        self.path, self.header, self._form = path, header, form
+        self.rows: list[Row] = []
+        self._whole = self._size = 0
+        if path.exists():
+            self._read()
+
+    def _read(self) -> None:
+        """Take the rows of the file, its size and how many bytes of it are whole lines."""
+        require_file(self.path, _FILE)
+        number = 0
+        with self.path.open("rb") as file:
+            # A line without its end was being written when the process died.
+            while (line := file.readline(_LONGEST)).endswith(b"\n") or len(line) == _LONGEST:
+                self._whole += len(line)
+                number += 1
+                try:
+                    if number > 1:
+                        self.rows.append(msgspec.json.decode(line, type=self._form))
+                        continue
+                    header = msgspec.json.decode(line, type=Header)
+                except Exception as error:  # whatever a line may be
+                    raise ResultFileError(
+                        f"{self.path}: line {number} is damaged ({error}); remove that line"
+                    ) from error
+                self.header = self.header or header
+                if (header.schema_version, header.digest) != (SCHEMA_VERSION, self.header.digest):
+                    raise ResultFileError(
+                        f"{self.path}: holds results of another configuration; move it away or "
+                        "choose another folder with --out"
+                    )
+            if not number and not (self.header and _line(self.header).startswith(line)):
+                raise ResultFileError(f"{self.path}: not a {_FILE.name}; {_FILE.mend}")
+            self._size = self._whole + len(line)
+
+    def append(self, row: Row) -> None:
+        """Keep a row: in one write, so that a killed process leaves whole lines.
+
+        Raises:
+            ResultFileError: another process has written to the file since this one read it.
+            OSError: the folder cannot be written.
+        """
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self.path.open("ab", buffering=0) as file:
+            with contextlib.suppress(OSError):  # of a file system without locks
+                fcntl.flock(file, fcntl.LOCK_EX)
+            if self.path.stat().st_size != self._size:
+                raise ResultFileError(
+                    f"{self.path}: another process writes to this file; wait until it ends and "
+                    "run the same command again, or choose another --out"
+                )
+            if self._whole < self._size:
+                file.truncate(self._whole)
+            assert self.header is not None
+            line = _line(row) if self._whole else _line(self.header) + _line(row)
+            self._size = self._whole + file.write(line)
+            if self._size < self._whole + len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
+            self._whole = self._size
+        self.rows.append(row)
+
+
+def _line(row: msgspec.Struct) -> bytes:
+    return msgspec.json.encode(row) + b"\n"
+
+
+def beginning(
+    results: Mapping[int, EpisodeResult], indices: Iterable[int]
+) -> dict[int, EpisodeResult]:
+    """Return the completed prefix of a sample of starts, by index of the start.
+
+    What ends first is no sample: an episode counts when all before it are known.
+    """
+    return {k: results[k] for k in takewhile(results.__contains__, indices)}
+
+
+class IndexedResult(EpisodeResult, frozen=True, kw_only=True):
+    """A line: the episode from the start of an index."""
+
+    index: int
+
+    @property
+    def result(self) -> EpisodeResult:
+        """The episode without its index."""
+        row = msgspec.structs.asdict(self)
+        del row["index"]
+        return EpisodeResult(**row)
+
+
+class ResultFile:
+    """Episodes of one case.
+
+    Attributes:
+        case: of the episodes.
+        path: of the file, `<scenario>-<digest>.jsonl`.
+        results: those that are in the file, by index of the start.
+
+    Raises:
+        ResultFileError: see `RowFile`.
+    """
+
+    def __init__(self, folder: Path, case: Case) -> None:
+        self.case = case
+        self.path = folder / f"{case.policy.config.scenario.name}-{case.digest}.jsonl"
+        header = Header(**msgspec.structs.asdict(case.identity), digest=case.digest)
+        self._file = RowFile(self.path, header, IndexedResult)
+        self.results = {row.index: row.result for row in self._file.rows}
+
+    def missing(self, indices: Iterable[int]) -> list[Job]:
+        """Return the episodes of a sample of starts that are not there yet."""
+        return [Job(self.case, k) for k in indices if k not in self.results]
+
+    def beginning(self, indices: Iterable[int]) -> dict[int, EpisodeResult]:
+        """See `beginning`."""
+        return beginning(self.results, indices)
+
+    def add(self, index: int, result: EpisodeResult) -> None:
+        """Keep a result."""
+        self._file.append(IndexedResult(**msgspec.structs.asdict(result), index=index))
+        self.results[index] = result
+
+
+class EpisodeStore:
+    """Episodes of any cases in a folder, each case in a file of its own.
+
+    Args:
+        folder: of the files; by default a temporary one, which lives as long as the store.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._temporary = temporary_folder() if folder is None else None
+        self.folder = folder or Path(self._temporary.name if self._temporary else "")
+        self._files: dict[str, ResultFile] = {}
+
+    def file(self, case: Case) -> ResultFile:
+        """Return the episodes of a case, read from its file when it is first asked for."""
+        if case.digest not in self._files:
+            self._files[case.digest] = ResultFile(self.folder, case)
+        return self._files[case.digest]
+
+    def find(self, job: Job) -> EpisodeResult | None:
+        """Return the result of an episode, None if it is missing."""
+        return self.file(job.case).results.get(job.index)
+
+    def keep(self, job: Job, row: EpisodeResult) -> None:
+        """Keep the result of an episode."""
+        self.file(job.case).add(job.index, row)
+
+
+def export(folder: Path, path: Path) -> None:
+    """Write all episodes of a folder to one Parquet file, a row each.
+
+    Columns are those of `EpisodeResult`, the index of the start, what identifies the case, and
+    every parameter by its name.
+
+    Args:
+        folder: with files of results.
+        path: of the Parquet file.
+
+    Raises:
+        ResultFileError: the folder has no results, or a file is damaged.
+    """
+    rows: list[dict[str, Any]] = []
+    for file in sorted(folder.glob("*.jsonl")):
+        found = RowFile(file, None, IndexedResult)
+        of_case = msgspec.structs.asdict(found.header) if found.header else {}
+        of_case |= of_case.pop("parameters", {})
+        rows += [of_case | msgspec.structs.asdict(row) for row in found.rows]
+    if not rows:
+        raise ResultFileError(f"{folder}: has no results of episodes; name a folder that has some")
+    write_parquet(path, rows)

@@ -1,0 +1,224 @@
+"""How policies trained by each method succeed in the full dynamics: the table of docs/transfer.md.
+
+The command line is `cosim.transfer`.
+"""
+
+import operator
+import time
+from collections.abc import Collection
+from itertools import product
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from rich.markdown import Markdown
+
+from agent.evaluation.statistics import Interval, interval_text
+from agent.method import method_policy
+from agent.study.episodes import (
+    EPISODES,
+    MEASURES,
+    METHOD,
+    MU,
+    OUTCOMES,
+    PATH_RATIO,
+    SCENARIO,
+    SHIELD,
+    EpisodesRow,
+    StudyLine,
+    case_of,
+)
+from agent.study.store import EpisodeStore
+from agent.training.settings import BEST, COMPARED, METHODS
+from cosim.base.errors import UserError
+from cosim.base.jobs import Workers, run, until
+from cosim.base.params import TABLE_I
+from cosim.base.progress import Progress, silent
+from cosim.base.reading import Kind, read_json
+from cosim.base.storage import write_json
+from cosim.base.table import markdown as table_text
+from cosim.base.table import show as show_table
+from cosim.base.table import write_report
+from cosim.navigation.options import SimulationOptions
+from cosim.scenarios.built_in import PAPER
+from cosim.scenarios.file import find_scenario
+
+MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
+# Episodes of a pair in rows of the best method at the default friction, and of all other rows.
+_MANY, _SOME, QUICK_EPISODES = 200, 50, 2
+# What the best method is to reach, in every scenario and for every friction coefficient.
+SUCCESS_GOAL, PATH_RATIO_GOAL = 0.99, 1.25
+COLUMNS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
+_SESSIONS = Kind("list of sessions", "remove it", UserError)
+
+
+class TransferRow(EpisodesRow, frozen=True, kw_only=True):
+    """A row of transfer.json: of a method."""
+
+    method: str
+
+
+class Goal(msgspec.Struct, frozen=True, kw_only=True):
+    """The worst value over the rows that a goal is about, where, and whether it holds there."""
+
+    goal: str
+    limit: float
+    worst: float
+    low: float | None
+    high: float | None
+    scenario: str
+    mu: float
+    holds: bool
+
+
+class Session(msgspec.Struct, frozen=True, kw_only=True):
+    """A run of the command that simulated something."""
+
+    elapsed_s: float
+    episodes: int
+    jobs: int
+
+
+class TransferReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of transfer.json."""
+
+    schema_version: int = 1
+    seed: int | None
+    complete: bool
+    elapsed_s: float
+    sessions: tuple[Session, ...]
+    episode_wall_s: float
+    simulated: int
+    goals: tuple[Goal, ...]
+    rows: tuple[TransferRow, ...]
+
+
+def transfer(
+    out: Path,
+    *,
+    scenarios: Collection[str] = tuple(PAPER),
+    methods: Collection[str] = COMPARED,
+    seed: int = 0,
+    quick: bool = False,
+    budget_minutes: float | None = None,
+    where: Workers = Workers(),  # noqa: B008 - a constant
+    progress: Progress = silent,
+) -> TransferReport:
+    """Simulate what is missing and write the table.
+
+    Args:
+        out: folder of the table (transfer.json, transfer.md), policies and results.
+        scenarios: to measure.
+        methods: to measure.
+        seed: of training, of samples of starts and of the speed noise.
+        quick: two episodes in every row.
+        budget_minutes: after which no episode is started.
+        where: backend and number of workers; the results do not depend on it.
+        progress: receives what is trained and simulated.
+
+    Returns:
+        The content of transfer.json.
+
+    Raises:
+        UserError: see its message.
+    """
+    may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
+    lines: list[StudyLine] = []
+    for method in (method for method in METHODS if method in methods):
+        boards = [find_scenario(name, ideal=True) for name in scenarios]
+        policies = [method_policy(method, b, seed, progress=progress)[0] for b in boards]
+        for board, policy in zip(boards, policies, strict=True):
+            policy.save(out / "policies" / f"{board.name}-{method}.npz")
+        for mu in MUS if method == BEST else MUS[:1]:
+            for policy, shield in product(policies, (False, True)):
+                case = case_of(
+                    policy, SimulationOptions(mu=mu, shield=shield), seed, progress=progress
+                )
+                wanted = QUICK_EPISODES if quick else _SOME
+                if method == BEST and mu == TABLE_I.mu and not shield and not quick:
+                    alone = policy.config.scenario.robots == 1
+                    wanted = len(case.starts) if alone else _MANY
+                indices = case.sample(min(wanted, len(case.starts)))
+                lines.append(StudyLine(case, indices, {"method": method}))
+    path, began = out / "sessions.json", time.monotonic()
+    sessions = read_json(path, _SESSIONS, list[Session]) if path.exists() else []
+    jobs, before = [job for line in lines for job in line.jobs()], len(sessions)
+    ended = run(jobs, store, EPISODES, where, may_begin=may_begin, progress=progress)
+    for count, _ in enumerate(ended, 1):  # kept at once: a killed process has no later chance
+        elapsed_s = time.monotonic() - began
+        sessions[before:] = [Session(elapsed_s=elapsed_s, episodes=count, jobs=where.count)]
+        write_json(path, sessions)
+    rows = tuple(line.row(store, TransferRow) for line in lines)
+    report = TransferReport(
+        seed=seed if rows else None,
+        complete=all(row.episodes == row.planned for row in rows),
+        elapsed_s=sum(session.elapsed_s for session in sessions),
+        sessions=tuple(sessions),
+        episode_wall_s=sum(row.wall_s for row in rows),
+        simulated=sum(len(store.file(line.case).results) for line in lines),
+        goals=tuple(goals(rows)),
+        rows=rows,
+    )
+    write_report(out / "transfer", report, markdown(report))
+    return report
+
+
+def goals(table: Collection[TransferRow]) -> list[Goal]:
+    """Return whether each goal holds in the worst of the rows that it is about."""
+    best = [e for e in table if e.method == BEST and e.episodes > 0]
+    without, shielded = ([e for e in best if e.shield == on] for on in (False, True))
+    measured = [
+        ("success without the shield", "success", without, min, SUCCESS_GOAL),
+        ("collisions with the shield", "collision", shielded, max, 0.0),
+        ("path length over the grid's", "path_ratio_to_grid", without, max, PATH_RATIO_GOAL),
+    ]
+    found: list[Goal] = []
+    for name, measure, entries, worst, limit in measured:
+        known = [e for e in entries if getattr(e, measure) is not None]
+        if not known:
+            continue
+        entry = worst(known, key=operator.attrgetter(measure))
+        value = getattr(entry, measure)
+        found.append(
+            Goal(
+                goal=name,
+                limit=limit,
+                worst=value,
+                low=getattr(entry, f"{measure}_low"),
+                high=getattr(entry, f"{measure}_high"),
+                scenario=entry.scenario,
+                mu=entry.mu,
+                holds=value >= limit if worst is min else value <= limit,
+            )
+        )
+    return found
+
+
+def markdown(report: TransferReport) -> str:
+    """Return the table as Markdown, the goals below it, and how long it took."""
+    return "\n".join([table_text(COLUMNS, report.rows), "", *_findings(report)])
+
+
+def show(report: TransferReport) -> None:
+    """Print what `markdown` has, in as many tables as the console is wide for."""
+    show_table(COLUMNS, report.rows, names=4)
+    Console().print(Markdown("\n".join(_findings(report))))
+
+
+def _findings(report: TransferReport) -> list[str]:
+    lines = []
+    for goal in report.goals:
+        form = (3, 1.0, "") if goal.goal.startswith("path") else (1, 100.0, "%")
+        limit = interval_text(Interval(goal.limit, None, None), *form)
+        worst = interval_text(Interval(goal.worst, goal.low, goal.high), *form)
+        verdict = "holds" if goal.holds else "does not hold"
+        lines.append(
+            f"- Goal, {goal.goal} ({limit}): {verdict}; the worst row has {worst} "
+            f"(scenario {goal.scenario}, µ = {goal.mu:g})."
+        )
+    lines.append(
+        f"- {report.simulated} episodes simulated in {report.elapsed_s / 60.0:.0f} min "
+        f"(the command ran {len(report.sessions)} times); the episodes alone took "
+        f"{report.episode_wall_s / 60.0:.0f} min of the threads."
+    )
+    return lines

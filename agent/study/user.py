@@ -1,0 +1,372 @@
+"""A study of one's own: policies, scenarios, worlds and options of the co-simulation as axes.
+
+>>> from agent.study.user import study
+>>> table = study(["shortest"], "1a", mu=[0.1, 0.15], episodes=1)  # doctest: +SKIP
+>>> table.plot().savefig("success.png")  # doctest: +SKIP
+"""
+
+import logging
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from matplotlib.figure import Figure
+
+from agent.study.episodes import (
+    MEASURES,
+    OUTCOMES,
+    SCENARIO,
+    EpisodesRow,
+    StudyLine,
+    case_of,
+    simulate,
+)
+from agent.study.plot import draw_success
+from agent.study.policies import name_of, policy_of
+from agent.study.store import EpisodeStore
+from cosim.base.arguments import ConfigError, taken, taken_seed
+from cosim.base.errors import UserError
+from cosim.base.jobs import Backend, Workers, until
+from cosim.base.progress import Progress, automatic, showing, silent
+from cosim.base.reading import Kind, read_toml
+from cosim.base.storage import replacing, write_json
+from cosim.base.table import Column, Columns, arrow_of, field, markdown, write_parquet
+from cosim.base.table import show as show_table
+from cosim.base.world import World
+from cosim.navigation.options import SimulationOptions
+from cosim.navigation.result import EpisodeResult
+from cosim.scenarios.file import find_in_world
+from cosim.scenarios.scenario import Scenario
+
+_LOGGER = logging.getLogger(__name__)
+_FILE = Kind("study", "see docs/studies.md", ConfigError)
+_OPTIONS = tuple(option.name for option in fields(SimulationOptions) if option.name != "world")
+_OF_COMMAND = ("jobs", "backend", "address", "budget_minutes", "progress")
+WRITTEN = (".json", ".md", ".parquet", ".png")
+
+
+class StudyRow(EpisodesRow, frozen=True, kw_only=True):
+    """A row of a study.
+
+    Attributes:
+        policy: its name.
+        options: values of the axes, by name.
+        results: its episodes, by index of the start.
+    """
+
+    policy: str
+    options: dict[str, Any]
+    results: dict[int, EpisodeResult]
+
+    def labels(self) -> dict[str, Any]:
+        """Return what names the row, values that are no number as text."""
+        plain = {
+            name: value if isinstance(value, bool | int | float) else _text(value)
+            for name, value in self.options.items()
+        }
+        return {"policy": self.policy, "scenario": self.scenario} | plain
+
+    def record(self) -> dict[str, Any]:
+        """Return the row without single episodes: what names it, and what was measured."""
+        row = msgspec.structs.asdict(self)
+        for name in ("options", "results", "failures"):
+            del row[name]
+        return self.labels() | {name: v for name, v in row.items() if name not in self.options}
+
+
+@dataclass(frozen=True)
+class StudyTable:
+    """What a study has measured.
+
+    Attributes:
+        rows: policies in scenarios, with every combination of the axes.
+        axes: names of the options that vary.
+        seed: of samples of starts and of what episodes draw.
+    """
+
+    rows: tuple[StudyRow, ...]
+    axes: tuple[str, ...]
+    seed: int
+
+    @property
+    def columns(self) -> Columns:
+        """Columns of the table as text."""
+        axes = [Column(n, lambda row, n=n: _text(row.options[n])) for n in self.axes]
+        return (field("policy"), SCENARIO, *axes, *OUTCOMES, *MEASURES)
+
+    def to_markdown(self) -> str:
+        """Return the table as Markdown."""
+        return markdown(self.columns, self.rows)
+
+    def show(self) -> None:
+        """Print the table, in as many parts as the console is wide for."""
+        show_table(self.columns, self.rows, names=2 + len(self.axes))
+
+    def to_arrow(self, *, episodes: bool = False) -> Any:
+        """Return a `pyarrow.Table`: a row for each row, or for each episode."""
+        return arrow_of(self._episodes() if episodes else [row.record() for row in self.rows])
+
+    def to_pandas(self, *, episodes: bool = False) -> Any:
+        """Return a `pandas.DataFrame`, see `to_arrow`.
+
+        Raises:
+            UserError: pandas is not installed.
+        """
+        try:
+            return self.to_arrow(episodes=episodes).to_pandas()
+        except ImportError as error:
+            raise UserError(
+                "pandas is not installed; run `uv pip install pandas`, or take to_arrow()"
+            ) from error
+
+    def plot(self, axis: str | None = None) -> Figure:
+        """Draw success over one axis, a panel for each scenario; bars are 95 % Wilson intervals.
+
+        Args:
+            axis: by default the first one; the scenario where no option varies.
+
+        Raises:
+            ConfigError: no such option varies.
+        """
+        chosen = axis or (self.axes[0] if self.axes else "scenario")
+        if chosen not in {*self.axes, "scenario"}:
+            known = ", ".join(self.axes) or "nothing"
+            raise ConfigError(f"axis = {chosen!r} does not vary; in this study {known} does")
+
+        def series(row: StudyRow) -> str:
+            others = [f"{n} {_text(row.options[n])}" for n in self.axes if n != chosen]
+            return ", ".join([row.policy, *others])
+
+        panels: dict[str, list[StudyRow]] = {}
+        for row in self.rows:
+            name = "all scenarios" if chosen == "scenario" else f"scenario {row.scenario}"
+            panels.setdefault(name, []).append(row)
+        title = f"success over {chosen}; bars: 95 %, Wilson"
+        return draw_success(panels, lambda row: _text(row.labels()[chosen]), series, title)
+
+    def write(self, path: str | Path) -> None:
+        """Write the table as Parquet, JSON or Markdown, or its plot as PNG, by the suffix.
+
+        Raises:
+            ConfigError: the suffix is another one.
+        """
+        path = Path(path)
+        match path.suffix:
+            case ".json":
+                rows = [row.record() | {"failures": row.failures} for row in self.rows]
+                write_json(path, {"seed": self.seed, "axes": self.axes, "rows": rows})
+            case ".md":
+                with replacing(path) as temporary:
+                    temporary.write_text(self.to_markdown() + "\n", encoding="utf-8")
+            case ".parquet":
+                write_parquet(path, [row.record() for row in self.rows])
+            case ".png":
+                with replacing(path) as temporary:
+                    self.plot().savefig(temporary, format="png", dpi=150)
+            case _:
+                raise ConfigError(f"{path}: its name must end in one of {', '.join(WRITTEN)}")
+
+    def write_episodes(self, path: str | Path) -> None:
+        """Write all episodes to a Parquet file, a row each."""
+        write_parquet(Path(path), self._episodes())
+
+    def _episodes(self) -> list[dict[str, Any]]:
+        return [
+            row.labels() | {"digest": row.digest, "index": index} | msgspec.structs.asdict(result)
+            for row in self.rows
+            for index, result in row.results.items()
+        ]
+
+
+@showing
+def study(
+    policies: Any,
+    scenario: Any = None,
+    *,
+    episodes: int = 50,
+    seed: int = 0,
+    world: Any = None,
+    out: str | Path | None = None,
+    jobs: int = -1,
+    backend: Backend = "threads",
+    address: str | None = None,
+    budget_minutes: float | None = None,
+    progress: Progress | None = automatic,
+    **options: Any,
+) -> StudyTable:
+    """Measure policies in every combination of scenarios, worlds and options.
+
+    Args:
+        policies: one or a list, or a dict of them by name: files, names of methods,
+            "module:Name", or any objects with `act(observation)`.
+        scenario: name, file or record, or a list of them; by default that of every policy's file.
+        episodes: of every row, from a sample of starts that all rows of a scenario share; all
+            starts where there are fewer.
+        seed: of training, of the sample of starts and of what episodes draw.
+        world: world file, record or dict of its fields, or a list of them.
+        out: folder of the rows, from which the same study resumes, and of the tables study.json,
+            .md, .parquet and episodes.parquet; by default nothing is kept.
+        jobs: episodes that run at the same time, -1 for one per core.
+        backend: threads, loky, dask or ray; the results do not depend on it.
+        address: of a Dask or Ray cluster.
+        budget_minutes: after which no episode is started.
+        progress: receives what is trained and simulated; by default it is shown on stderr if the
+            call takes more than two seconds. None shows nothing.
+        options: of `minirobots run`, such as `mu`, `noise`, `speed`, `shield`; a list is an axis.
+
+    Returns:
+        The table.
+
+    Raises:
+        UserError: see its message.
+    """
+    report = progress or silent
+    where = Workers(jobs=jobs, backend=backend, address=address)
+    named = _named(policies)
+    scenarios = scenario if isinstance(scenario, list) else [scenario]
+    for name in options:
+        if name not in _OPTIONS:
+            raise ConfigError(f"study has no option {name}; choose from {', '.join(_OPTIONS)}")
+    given = {"world": world, **options}
+    axes = {name: value for name, value in given.items() if isinstance(value, list)}
+    if not (named and scenarios and all(axes.values())):
+        raise ConfigError("policies, scenarios and every axis need at least one value each")
+    fixed = {name: value for name, value in given.items() if name not in axes}
+    episodes, seed = taken("episodes", episodes, int), taken_seed(seed)
+    if episodes < 1:
+        raise ConfigError(f"episodes = {episodes} must be at least 1")
+    lines: list[StudyLine] = []
+    found: dict[tuple[str, str], Any] = {}
+    for board, (name, policy), values in product(scenarios, named.items(), product(*axes.values())):
+        chosen = dict(zip(axes, values, strict=True))
+        physics = fixed | chosen
+        declared = physics.pop("world")
+        only, place = (None, None) if board is None else find_in_world(board, declared)
+        key = name, "" if only is None else only.digest()
+        if key not in found:
+            found[key] = policy_of(policy, only, seed=seed, progress=report)
+        if place is None:
+            _, place = find_in_world(found[key].config.scenario, declared)
+        case = case_of(
+            found[key], SimulationOptions(**physics), seed, place, name=name, progress=report
+        )
+        indices = case.sample(min(episodes, len(case.starts)))
+        lines.append(StudyLine(case, indices, {"policy": name, "options": chosen, "results": {}}))
+    passing = [name for (name, _), policy in found.items() if not getattr(policy, "lasting", True)]
+    if out is not None and passing:
+        _LOGGER.warning(
+            "%s: its source is in no file or it cannot be pickled; the study's episodes are kept "
+            "in memory only and will not be found again",
+            ", ".join(dict.fromkeys(passing)),
+        )
+    store = EpisodeStore(None if out is None or passing else Path(out) / "results")
+    simulate(lines, store, where, may_begin=until(budget_minutes), progress=report)
+    rows = tuple(
+        msgspec.structs.replace(
+            line.row(store, StudyRow), results=store.file(line.case).beginning(line.indices)
+        )
+        for line in lines
+    )
+    table = StudyTable(rows, tuple(axes), seed)
+    if out is not None:
+        for suffix in WRITTEN:
+            table.write(Path(out) / f"study{suffix}")
+        table.write_episodes(Path(out) / "episodes.parquet")
+    return table
+
+
+def _named(policies: Any) -> dict[str, Any]:
+    """Policies by name.
+
+    Raises:
+        ConfigError: two have one name.
+    """
+    if isinstance(policies, Mapping):
+        return dict(policies)
+    several = policies if isinstance(policies, list | tuple) else [policies]
+    names = [name_of(policy) for policy in several]
+    if len(set(names)) < len(names):
+        raise ConfigError(
+            f"policies = {', '.join(names)} have equal names; give a dict with a name for each"
+        )
+    return dict(zip(names, several, strict=True))
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, World):
+        value = {
+            name: part
+            for name, part in msgspec.to_builtins(value).items()
+            if part != msgspec.to_builtins(getattr(World(), name))
+        }
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} = {_text(part)}" for name, part in value.items()) or "ideal"
+    if isinstance(value, Scenario):
+        return value.name
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return " ".join(map(_text, value))
+    return "none" if value is None else str(value)
+
+
+def read_study(path: Path) -> dict[str, Any]:
+    """Return the arguments of `study` that a TOML file has.
+
+    Raises:
+        ConfigError: there is no such file, it is no TOML, it names no policies, or it has what is
+            an option of the command.
+    """
+    content = read_toml(path, _FILE)
+    if "policies" not in content:
+        raise ConfigError(f'{path}: names no policies; add one, such as policies = ["moves"]')
+    for name in _OF_COMMAND:
+        if name in content:
+            option = name.replace("_", "-")
+            raise ConfigError(f"{path}: {name} is an option of the command; pass --{option} there")
+    return content
+
+
+def evaluate(
+    policy: Any,
+    scenario: str | Path | Scenario | None = None,
+    *,
+    starts: int = 20,
+    progress: Progress | None = automatic,
+    **options: Any,
+) -> StudyRow:
+    """Simulate episodes of one policy on all cores, and return what it achieves.
+
+    Args:
+        policy: file, name of a method, "module:Name", or any object with `act(observation)`.
+        scenario: name, file or record; by default that of the policy's file.
+        starts: how many to sample without replacement.
+        progress: see `study`.
+        options: `seed`, `world`, `jobs`, `backend`, `out` and others of `study`, and those of
+            `minirobots run`, such as `mu`; one value each.
+
+    Returns:
+        Rates with their 95 % Wilson intervals, means, `failures`, and `results`, which are the
+        episodes by index of the start.
+
+    Raises:
+        UserError: see its message.
+    """
+    varying = [name for name, value in options.items() if isinstance(value, list)]
+    if varying or isinstance(policy, list | Mapping) or isinstance(scenario, list):
+        raise ConfigError("evaluate takes one value of each option; study takes several")
+    table = study(
+        {name_of(policy): policy}, scenario, episodes=starts, progress=progress, **options
+    )
+    (row,) = table.rows
+    if starts > row.starts:
+        raise ConfigError(
+            f"starts = {starts}: scenario {row.scenario} has only {row.starts}; ask for no more"
+        )
+    return row
+
+
+__all__ = ["StudyRow", "StudyTable", "evaluate", "read_study", "study"]

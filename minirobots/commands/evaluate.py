@@ -1,0 +1,83 @@
+"""What policies achieve in the full dynamics, start by start, with intervals."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from cosim.base.config import ConfigError
+from cosim.base.jobs import Workers
+from cosim.base.progress import Progress
+from cosim.navigation.options import SimulationOptions
+from minirobots.options import Folder, IsolatedOptions, NotNegative, Resumable, Seed
+
+if TYPE_CHECKING:
+    from agent.study.evaluate import EvaluationReport
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate(IsolatedOptions, Resumable):
+    """Evaluate policies in the full co-simulation: motors, friction, noise, decisions every 2 s.
+
+    Every start, or a sample drawn with the seed, gives one episode; rates have 95 % Wilson
+    intervals, paths are compared with the policy's own on the grid. Every result is kept when the
+    episode ends: the same command, or one that asks for more starts, resumes. Recorded are failures
+    and a few successes, for the Rerun viewer.
+    """
+
+    policies: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """Policies (policy.npz), folders of runs made by `minirobots train`, names of methods, or
+    MODULE:NAME of an object with act(observation) or of its class; methods and objects need a
+    --scenario."""
+    policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """A policy as above; repeat it for several."""
+    starts: str | None = None
+    """How many starts to sample without replacement, or 'all' of them (1a 30, 1b 116, pairs
+    900, those that start on one side 600); by default 50, or all where there are fewer."""
+    seed: Seed = 0
+    scenario: str | None = None
+    """Scenario (a name, or a file) of methods and objects; files of any other one are refused."""
+    out: Folder = Path("runs/evaluate")
+    """Folder of results and recordings; results of other configurations are kept apart in it."""
+    recordings: NotNegative = 3
+    """Episodes of each policy to record: at most this number of failures and of successes."""
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
+    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=SimulationOptions
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        number = self.starts is None or (self.starts.isdecimal() and int(self.starts) > 0)
+        if not number and self.starts != "all":
+            raise ConfigError(f"--starts {self.starts} is neither 'all' nor a positive number")
+
+
+def run(options: Evaluate, progress: Progress) -> "EvaluationReport":
+    """Simulate what is missing, and record failures and successes."""
+    from agent.study.evaluate import evaluate
+
+    return evaluate(
+        (*options.policies, *options.policy),
+        options.physics,
+        options.out,
+        starts=options.starts if options.starts in (None, "all") else int(options.starts),
+        seed=options.seed,
+        scenario=options.scenario,
+        recordings=options.recordings,
+        where=options.where,
+        progress=progress,
+    )
+
+
+def show(options: Evaluate, report: "EvaluationReport") -> "EvaluationReport":
+    """Print outcomes, measures and the first failing starts."""
+    from agent.study.evaluate import show as show_report
+
+    show_report(report)
+    print(f"results in {options.out}/")
+    recordings = [path for row in report.policies for path in row.recordings]
+    if recordings:
+        print(f"open with: uv run rerun {recordings[0]}")
+    return report

@@ -1,0 +1,87 @@
+"""How policies succeed in worlds that are not ideal."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from agent.study.axes import AXES, Axis
+from agent.training.settings import IN_WORLDS, Method
+from cosim.base.config import ConfigError, require_one_of
+from cosim.base.jobs import Workers
+from cosim.base.progress import Progress
+from cosim.scenarios.file import ROUGH, find_scenario, read_world
+from minirobots.options import BudgetMinutes, Count, File, Folder, Resumable, Seed
+
+if TYPE_CHECKING:
+    from agent.study.robustness import RobustnessReport
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robustness(Resumable):
+    """Measure how policies succeed in worlds that none of them was trained for.
+
+    One thing at a time is not ideal (friction, patches, motors, camera, delay, noise, load, slope,
+    bouncing feet), and everything at once, then also with the shield. Every episode is kept when it
+    ends: the same command resumes, and with --budget-minutes 0 it only writes the table and the
+    plot of existing results.
+    """
+
+    out: Folder = Path("runs/robustness")
+    """Folder of the table (robustness.json, .md, .png), policies and results."""
+    quick: bool = False
+    """Two episodes in every row: to see that it works."""
+    episodes: Count | None = None
+    """Episodes of every row, 50 by default."""
+    budget_minutes: BudgetMinutes = None
+    scenario: str = "4"
+    """Built-in scenario or a scenario file (.toml)."""
+    world: File = ROUGH
+    """World in which nothing is ideal (.toml with a table [world]), by default that of
+    docs/robustness.md."""
+    axes: tuple[Axis, ...] = AXES
+    """What is not ideal in the worlds to measure, one thing at a time, and everything."""
+    methods: tuple[Method, ...] = IN_WORLDS
+    """Methods to measure, of those of the default; see `minirobots run --help`."""
+    seed: Seed = 0
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.quick and self.episodes is not None:
+            raise ConfigError("--episodes contradicts --quick; leave out one of them")
+        if not self.axes or not self.methods:
+            raise ConfigError("--axes and --methods need at least one each")
+        for method in self.methods:
+            require_one_of("--methods", method, IN_WORLDS)
+        find_scenario(self.scenario, ideal=True)
+
+
+def run(options: Robustness, progress: Progress) -> "RobustnessReport":
+    """Simulate what is missing, and write the table and the plot."""
+    world = read_world(options.world)
+    from agent.study.robustness import EPISODES, QUICK_EPISODES, robustness
+
+    return robustness(
+        options.out,
+        world,
+        scenario=options.scenario,
+        axes=options.axes,
+        methods=options.methods,
+        episodes=QUICK_EPISODES if options.quick else options.episodes or EPISODES,
+        seed=options.seed,
+        budget_minutes=options.budget_minutes,
+        where=options.where,
+        progress=progress,
+    )
+
+
+def show(options: Robustness, report: "RobustnessReport") -> "RobustnessReport":
+    """Print the table."""
+    from agent.study.robustness import COLUMNS
+    from cosim.base.table import show as show_table
+
+    show_table(COLUMNS, report.rows, names=5)
+    print(f"table in {options.out}/: robustness.json, robustness.md, robustness.png")
+    return report

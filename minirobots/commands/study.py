@@ -1,0 +1,51 @@
+"""A study of your own: policies, scenarios, worlds and any options as axes."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cosim.base.jobs import Workers
+from cosim.base.progress import Progress
+from minirobots.options import BudgetMinutes, Folder, Resumable
+
+if TYPE_CHECKING:
+    from agent.study.user import StudyTable
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study(Resumable):
+    """Measure policies in every combination of scenarios, worlds and options of a TOML file.
+
+    docs/studies.md describes the file. Every episode is kept when it ends: the same command
+    resumes, and with --budget-minutes 0 it only writes the tables of existing results.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """Study (.toml)."""
+    out: Folder | None = None
+    """Folder of the tables (study.json, .md, .parquet, .png, episodes.parquet) and results; by
+    default that of the file, or runs/ and its name."""
+    budget_minutes: BudgetMinutes = None
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
+
+
+def run(options: Study, progress: Progress) -> tuple["StudyTable", Path]:
+    """Simulate what is missing and write the tables."""
+    from agent.study.user import read_study, study
+
+    arguments = read_study(options.file)
+    out = options.out or Path(arguments.pop("out", Path("runs") / options.file.stem))
+    where = {"jobs": options.where.jobs, "backend": options.where.backend}
+    work: dict[str, Any] = {**where, "address": options.where.address, "out": out}
+    work |= {"budget_minutes": options.budget_minutes, "progress": progress}
+    return study(**{**arguments, **work}), out
+
+
+def show(_: Study, result: tuple["StudyTable", Path]) -> dict[str, Any]:
+    """Print the table."""
+    table, out = result
+    table.show()
+    print(f"tables in {out}/: study.json, .md, .parquet, .png and episodes.parquet")
+    return {"out": str(out), "rows": [row.record() for row in table.rows]}

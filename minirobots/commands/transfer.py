@@ -1,0 +1,73 @@
+"""How many episodes of the full dynamics succeed, by method of training."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from agent.training.settings import COMPARED, Method
+from cosim.base.config import ConfigError
+from cosim.base.jobs import Workers
+from cosim.base.progress import Progress
+from cosim.scenarios.built_in import PAPER
+from cosim.scenarios.file import find_scenario
+from minirobots.options import BudgetMinutes, Folder, Resumable, Seed
+
+if TYPE_CHECKING:
+    from agent.study.transfer import TransferReport
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer(Resumable):
+    """Measure how policies trained by different methods succeed in the full co-simulation.
+
+    Rows are scenarios 1a to 4, methods, friction coefficients, and the shield off and on; the most
+    important ones come first. Every episode is kept when it ends: the same command resumes, and
+    with --budget-minutes 0 it only writes the table of existing results.
+    """
+
+    out: Folder = Path("runs/transfer")
+    """Folder of the table (transfer.json, transfer.md), policies and results."""
+    quick: bool = False
+    """Two episodes in every row instead of all starts, 200 or 50: to see that it works."""
+    budget_minutes: BudgetMinutes = None
+    scenarios: tuple[str, ...] = tuple(PAPER)
+    """Scenarios to measure, built in or files (.toml)."""
+    methods: tuple[Method, ...] = COMPARED
+    """Methods to measure; see `minirobots run --help`."""
+    seed: Seed = 0
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.scenarios or not self.methods:
+            raise ConfigError("--scenarios and --methods need at least one each")
+        names = [find_scenario(name, ideal=True).name for name in self.scenarios]
+        if len(set(names)) < len(names):
+            raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
+
+
+def run(options: Transfer, progress: Progress) -> "TransferReport":
+    """Simulate what is missing and write the table."""
+    from agent.study.transfer import transfer
+
+    return transfer(
+        options.out,
+        scenarios=options.scenarios,
+        methods=options.methods,
+        seed=options.seed,
+        quick=options.quick,
+        budget_minutes=options.budget_minutes,
+        where=options.where,
+        progress=progress,
+    )
+
+
+def show(options: Transfer, report: "TransferReport") -> "TransferReport":
+    """Print the table and what became of the goals."""
+    from agent.study.transfer import show as show_report
+
+    show_report(report)
+    print(f"table in {options.out}/: transfer.json, transfer.md")
+    return report

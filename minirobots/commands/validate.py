@@ -1,0 +1,64 @@
+"""Simulated speeds and paths compared with published numbers of machines."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from cosim.base.command import MotorFmuFile
+from cosim.base.jobs import Workers
+from cosim.base.progress import Progress
+from minirobots.options import Folder, IsolatedOptions, Resumable, Seed
+
+if TYPE_CHECKING:
+    from cosim.validation.report import ValidationReport
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validate(IsolatedOptions, Resumable):
+    """Compare the simulation with published machines, each with the preset that stands for it.
+
+    Speeds at their motor speeds, steps per turn, turning, closed paths driven by the clock,
+    V-shaped steps, and on which parameters the speeds depend. What is measured is kept in the
+    cache: the same command resumes.
+    """
+
+    out: Folder = Path("runs/validation")
+    """Folder of the tables: validation.json and validation.md."""
+    quick: bool = False
+    """Two phases and two robots instead of eight each: to see that it works."""
+    seed: Seed = 0
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
+    motor_fmu: MotorFmuFile = None
+
+    def interrupted(self) -> str:
+        """Say where results are."""
+        return "measurements so far are in the cache; the same command continues"
+
+
+def run(options: Validate, progress: Progress) -> "ValidationReport":
+    """Measure what is missing and write the tables."""
+    from cosim.base.table import write_report
+    from cosim.navigation.options import Physics
+    from cosim.validation.measurement import QUICK, Effort, validate
+    from cosim.validation.report import report_of
+    from cosim.validation.tables import text_of
+
+    effort = QUICK if options.quick else Effort()
+    fmu = Physics(motor_fmu=options.motor_fmu).fmu(progress)
+    found = validate(fmu, effort, options.seed, options.where, progress)
+    report = report_of(found, effort, options.seed)
+    write_report(options.out / "validation", report, text_of(report))
+    return report
+
+
+def show(options: Validate, report: "ValidationReport") -> "ValidationReport":
+    """Print the tables."""
+    from cosim.base.table import show as show_table
+    from cosim.validation.tables import tables
+
+    for title, columns, rows in tables(report):
+        show_table(columns, rows, names=3, title=title)
+    print(f"results in {options.out}/: validation.json, validation.md")
+    return report

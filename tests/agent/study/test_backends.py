@@ -1,0 +1,133 @@
+"""Commands on a Dask cluster of two workers give the rows that they give in threads."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from agent.baselines.measurement import baselines
+from agent.certification.claims import parse_claim
+from agent.certification.collisions import estimate_collisions
+from agent.certification.measurement import case_of_file, certify
+from agent.moves import observe
+from agent.study.evaluate import evaluate
+from agent.study.robustness import robustness
+from agent.study.transfer import transfer
+from agent.study.user import study
+from cosim.base.jobs import Workers
+from cosim.navigation.options import SimulationOptions
+from cosim.scenarios.file import ROUGH, read_world
+from cosim.validation import measurement
+from cosim.validation.published import SPEEDS
+from tests.agent.study.test_transfer import BOARD
+from tests.faults.killing import timeless
+
+
+class Place:
+    """Where a command runs, and what it may need.
+
+    Attributes:
+        out: folder of results.
+        where: backend.
+        policy, board: files.
+    """
+
+    def __init__(self, out: Path, where: Workers, policy: Path) -> None:
+        self.out, self.where, self.policy = out, where, policy
+        out.parent.mkdir()
+        self.board = out.parent / "near.toml"
+        self.board.write_text(BOARD)
+
+
+def of_baselines(place: Place, patch: pytest.MonkeyPatch) -> Any:
+    patch.setattr(observe, "MOVES_PER_KIND", 1)
+    patch.setattr(observe, "WALKS", 1)
+    patch.setattr(observe, "cache_dir", lambda kind: place.out.parent / kind)
+    board = str(place.board)
+    few = {"seed": 0, "seeds": 1, "episodes": 2, "quick": True}
+    return baselines(place.out, scenarios=[board], learners=["shortest"], where=place.where, **few)
+
+
+def of_certify(place: Place, _: pytest.MonkeyPatch) -> Any:
+    case = case_of_file(place.policy, SimulationOptions(), 0)
+    found = certify(case, parse_claim("success > 0.5"), 0.9, place.out, where=place.where)
+    return msgspec.structs.replace(found, issued="")
+
+
+def of_splitting(place: Place, _: pytest.MonkeyPatch) -> Any:
+    case = case_of_file(place.policy, SimulationOptions(), 0)
+    levels = {"roots": 2, "branches": 2, "gaps_mm": (30.0,)}
+    return estimate_collisions(case, place.out, where=place.where, **levels)
+
+
+def of_evaluate(place: Place, _: pytest.MonkeyPatch) -> Any:
+    return evaluate([place.policy], SimulationOptions(), place.out, recordings=0, where=place.where)
+
+
+def of_robustness(place: Place, _: pytest.MonkeyPatch) -> Any:
+    board, axes = str(place.board), ("nothing", "delay")
+    few: Any = {"scenario": board, "axes": axes, "methods": ("paper",), "episodes": 1}
+    return robustness(place.out, read_world(ROUGH), where=place.where, **few)
+
+
+def of_study(place: Place, _: pytest.MonkeyPatch) -> Any:
+    work = {"out": place.out, "backend": place.where.backend, "address": place.where.address}
+    return study(place.policy, noise=[0.0, 0.05], episodes=2, **work).rows
+
+
+def of_transfer(place: Place, _: pytest.MonkeyPatch) -> Any:
+    few: Any = {"scenarios": (str(place.board),), "methods": ("paper",), "quick": True}
+    return transfer(place.out, where=place.where, **few)
+
+
+def of_validate(place: Place, patch: pytest.MonkeyPatch) -> Any:
+    patch.setattr(measurement, "SPEEDS", SPEEDS[-2:])
+    patch.setattr(measurement, "PATHS", ())
+    patch.setattr(measurement, "sideways", lambda *_: [])
+    patch.setattr(measurement, "cache_dir", lambda _: place.out)
+    place.out.mkdir()
+    fmu = SimulationOptions().fmu()
+    return measurement.validate(fmu, measurement.QUICK, where=place.where).speeds
+
+
+OF: dict[str, Callable[[Place, pytest.MonkeyPatch], Any]] = {
+    "baselines": of_baselines,
+    "certify": of_certify,
+    "evaluate": of_evaluate,
+    "robustness": of_robustness,
+    "splitting": of_splitting,
+    "study": of_study,
+    "transfer": of_transfer,
+    "validate": of_validate,
+}
+
+
+def rows(name: str, place: Place) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        return timeless(msgspec.to_builtins(OF[name](place, patch)))
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        yield Workers(backend="dask", address=cluster.scheduler_address)
+
+
+@pytest.mark.cluster
+@pytest.mark.parametrize("name", OF)
+def test_a_cluster_gives_the_rows_of_threads(cluster, name, near_file, tmp_path):
+    here = rows(name, Place(tmp_path / "here" / "out", Workers(jobs=1), near_file))
+    there = rows(name, Place(tmp_path / "there" / "out", cluster, near_file))
+    assert msgspec.json.encode(here).replace(b"/here/", b"/there/") == msgspec.json.encode(there)
+
+
+@pytest.mark.long
+def test_processes_give_the_rows_of_threads(near_file, tmp_path):
+    here = rows("evaluate", Place(tmp_path / "here" / "out", Workers(jobs=1), near_file))
+    place = Place(tmp_path / "there" / "out", Workers(jobs=2, backend="loky"), near_file)
+    there = rows("evaluate", place)
+    assert msgspec.json.encode(here).replace(b"/here/", b"/there/") == msgspec.json.encode(there)

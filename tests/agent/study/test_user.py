@@ -1,0 +1,179 @@
+"""Studies of a user's own: axes, policies of any kind, files, resuming, and what is refused."""
+
+import json
+import sys
+
+import msgspec
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+from agent.study.policies import ObjectPolicy, policy_of
+from agent.study.store import EpisodeStore
+from agent.study.user import StudyTable, evaluate, read_study, study
+from cosim.base.errors import UserError
+from cosim.base.world import World
+from tests.agent.conftest import NEAR
+
+LIMIT_S = 4.0
+
+
+class Stubborn:
+    """Drives in one direction only, which ends no episode within the time limit."""
+
+    def __init__(self, direction: int = 0) -> None:
+        self.direction = direction
+
+    def act(self, observation):
+        return np.full(len(observation.cells), self.direction)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    return tmp_path_factory.mktemp("study")
+
+
+def measured(out, near_file, **options) -> StudyTable:
+    policies = {"near": near_file, "stubborn": Stubborn()}
+    axes = {"noise": [0.0, 0.05], "shield": False}
+    return study(policies, NEAR, episodes=2, jobs=1, out=out, time_limit=40.0, **axes, **options)
+
+
+@pytest.fixture(scope="module")
+def table(out, near_file) -> StudyTable:
+    return measured(out, near_file)
+
+
+def test_rows_are_policies_with_every_value_of_the_axes(table):
+    assert table.axes == ("noise",)
+    assert [(row.policy, row.options) for row in table.rows] == [
+        (policy, {"noise": noise}) for policy in ("near", "stubborn") for noise in (0.0, 0.05)
+    ]
+    assert [row.success for row in table.rows] == [1.0, 1.0, 0.0, 0.0]
+    assert all(row.success_low < row.success_high for row in table.rows)
+    assert [len(row.failures) for row in table.rows] == [0, 0, 2, 2]
+    assert table.rows[0].path_ratio_to_grid is not None
+    assert table.rows[2].path_ratio_to_grid is None
+
+
+def test_it_resumes(table, out, near_file, monkeypatch):
+    monkeypatch.setattr(EpisodeStore, "keep", lambda *_: pytest.fail("simulated again"))
+    assert measured(out, near_file) == table
+
+
+def test_files_say_what_the_table_says(table, out):
+    text = table.to_markdown().splitlines()
+    assert len(text) == 2 + len(table.rows)
+    assert text[2].startswith("| near | near | 0 | 2 | 100.0% [")
+    assert (out / "study.md").read_text("utf-8").splitlines() == text
+    assert len(json.loads((out / "study.json").read_text("utf-8"))["rows"]) == 4
+    rows = table.to_pandas()
+    assert list(rows.groupby("policy").success.mean()) == [1.0, 0.0]
+    assert parquet.read_table(out / "study.parquet").num_rows == 4
+    episodes = table.to_pandas(episodes=True)
+    assert len(episodes) == 8
+    assert set(episodes.outcome) > {"success"}
+    assert parquet.read_table(out / "episodes.parquet").num_rows == 8
+    assert (out / "study.png").stat().st_size > 5000
+    (panel,) = table.plot("noise").axes
+    assert [label.get_text() for label in panel.get_legend().get_texts()] == ["near", "stubborn"]
+    with pytest.raises(UserError, match=r"must end in one of \.json"):
+        table.write(out / "study.xlsx")
+    with pytest.raises(UserError, match="axis = 'mu' does not vary; in this study noise does"):
+        table.plot("mu")
+
+
+def test_the_identity_of_an_object_is_its_code_and_its_state():
+    one, same, other = (ObjectPolicy(Stubborn(k), NEAR).digest() for k in (0, 0, 2))
+    assert one == same != other
+
+    class Local(Stubborn):
+        """Cannot be pickled."""
+
+    assert ObjectPolicy(Stubborn(), NEAR).lasting
+    assert not ObjectPolicy(Local(), NEAR).lasting
+
+
+def test_an_object_without_identity_is_kept_in_memory_only(tmp_path, caplog):
+    policy = Stubborn()
+    policy.act = lambda observation: np.zeros(len(observation.cells), int)
+    study({"odd": policy}, NEAR, episodes=1, jobs=1, out=tmp_path, time_limit=LIMIT_S)
+    assert "odd: " in caplog.text
+    assert "in memory only" in caplog.text
+    assert not (tmp_path / "results").exists()
+    assert (tmp_path / "study.json").exists()
+
+
+def test_evaluate_returns_rates_failures_and_episodes(near_policy):
+    row = evaluate(near_policy, starts=2, jobs=1, time_limit=LIMIT_S, world=World(mu=0.15))
+    assert (row.episodes, row.timeout, row.failing_starts) == (2, 1.0, 2)
+    assert [failure.index for failure in row.failures] == sorted(row.results)
+    assert all(result.sim_time_s == LIMIT_S for result in row.results.values())
+    assert msgspec.json.encode(row)
+
+
+def test_a_module_names_a_policy(tmp_path, monkeypatch, command):
+    (tmp_path / "driver.py").write_text(
+        "import numpy as np\n"
+        "class East:\n"
+        "    def act(self, observation):\n"
+        "        return np.zeros(len(observation.cells), int)\n"
+        "east = East()\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for name in ("driver:East", "driver:east"):
+        assert policy_of(name, NEAR).act.__func__.__qualname__ == "East.act"
+    del sys.modules["driver"]
+    options = ("--scenario", "1a", "--starts", 1, "--time-limit", LIMIT_S, "--recordings", 0)
+    done = command("evaluate", "--policy", "driver:East", *options, "--jobs", 1, "--json")
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads(done.stdout.splitlines()[-1])["policies"]
+    assert (row["policy"], row["timeout"]) == ("driver:East", 1.0)
+
+
+def test_the_command_takes_a_file(tmp_path, near_file, command):
+    file = tmp_path / "noise.toml"
+    file.write_text(
+        f'episodes = 1\nnoise = [0.0, 0.05]\ntime_limit = {LIMIT_S}\nout = "{tmp_path / "out"}"\n'
+        f'[policies]\nnear = "{near_file}"\n'
+    )
+    done = command("study", file, "--jobs", 1, "--json")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout.splitlines()[-1])
+    assert [row["noise"] for row in said["rows"]] == [0.0, 0.05]
+    assert (tmp_path / "out" / "episodes.parquet").exists()
+
+
+def test_a_file_has_nothing_of_the_command(tmp_path):
+    file = tmp_path / "study.toml"
+    file.write_text('policies = ["paper"]\njobs = 1\n')
+    with pytest.raises(UserError, match="jobs is an option of the command"):
+        read_study(file)
+    file.write_text("mu = 0.1\n")
+    with pytest.raises(UserError, match="names no policies"):
+        read_study(file)
+
+
+@pytest.mark.parametrize(
+    ("policies", "options", "message"),
+    [
+        ("moves", {}, "acts in any scenario; name one"),
+        (Stubborn(), {}, "acts in any scenario; name one"),
+        (Stubborn, {"scenario": NEAR}, "has no act"),
+        ([Stubborn(), Stubborn()], {"scenario": NEAR}, "have equal names"),
+        ([], {"scenario": NEAR}, "need at least one value each"),
+        ("missing:Name", {"scenario": NEAR}, "cannot be imported"),
+        (Stubborn(), {"scenario": NEAR, "mu": []}, "need at least one value each"),
+        (Stubborn(), {"scenario": NEAR, "friction": 0.1}, "study has no option friction"),
+        (Stubborn(), {"scenario": NEAR, "episodes": 0}, "must be at least 1"),
+    ],
+)
+def test_mistakes_are_named(policies, options, message):
+    with pytest.raises(UserError, match=message):
+        study(policies, **options)
+
+
+def test_evaluate_takes_one_value_of_each():
+    with pytest.raises(UserError, match="evaluate takes one value"):
+        evaluate(Stubborn(), NEAR, mu=[0.1, 0.2])
