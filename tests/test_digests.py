@@ -31,6 +31,7 @@ from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.base.config import CoSimConfig
+from cosim.base.jobs import Workers
 from cosim.base.params import SHIELD
 from cosim.base.world import Patch, Sensor, World
 from cosim.calibration.cache import find_calibration
@@ -47,6 +48,7 @@ from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 from fmus.build import cached_fmu
 
+ONE = Workers(jobs=1)
 EXPECTED = Path(__file__).with_name("digests.json")
 LEARNERS = {
     "1a": ("1a", LearningConfig(episodes=4000)),
@@ -228,12 +230,12 @@ def _of_studies(folder: Path) -> Iterator[tuple[str, str]]:
     kept = {k: v for k, v in report.items() if not k.endswith(("_low", "_high"))}
     yield "summary", _digest(kept)
     claim = parse_claim("collision < 0.5")
-    evidence = certify(case, claim, 0.9, folder / "certificate", episodes=3, jobs=1).evidence
+    evidence = certify(case, claim, 0.9, folder / "certificate", episodes=3, where=ONE).evidence
     yield "certificate", _digest(evidence.episodes, evidence.against, evidence.outcomes)
     rows = ResultFile(folder / "certificate", case).results
     yield "certificate rows", _digest([[k, _of_result(rows[k])] for k in sorted(rows)])
     split = estimate_collisions(
-        case, folder / "splitting", roots=2, branches=3, gaps_mm=(12.0, 8.0), jobs=1
+        case, folder / "splitting", roots=2, branches=3, gaps_mm=(12.0, 8.0), where=ONE
     )
     levels = [[level.gap_mm, level.probability] for level in split.levels]
     yield "splitting", _digest(split.simulated, split.collision, levels)
