@@ -90,7 +90,7 @@ class Workplace:
         """Run the command to its end; the time that it took in s, and what it said on stderr."""
         began = time.perf_counter()
         process = self.start()
-        _, errors = process.communicate()
+        errors = errors_of(process)
         assert process.returncode == 0, errors
         return time.perf_counter() - began, errors
 
@@ -113,6 +113,16 @@ class Workplace:
             else said(path, self.out)
             for path in paths
         }
+
+
+def errors_of(process: subprocess.Popen[str]) -> str:
+    """Return what a process wrote to stderr until its end; an interrupted test ends it too."""
+    try:
+        return process.communicate()[1]
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        raise
 
 
 def without_progress(errors: str) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.killing import CACHED, REMADE, Case, Workplace, without_progress
+from tests.faults.killing import CACHED, REMADE, Case, Workplace, errors_of, without_progress
 
 DAC_OVERRIDE, DAC_READ_SEARCH, PR_CAPBSET_DROP = 1, 2, 24
 FULL_BYTES = 1000
@@ -163,7 +163,7 @@ def test_a_cache_on_a_disk_that_fills(tmp_path, megabytes):
             process = place.start(
                 None if mounted else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit)
             )
-            _, errors = process.communicate()
+            errors = errors_of(process)
             statuses.append(process.returncode)
             if process.returncode:
                 assert re.search("free some|ulimit -f", errors), errors
