@@ -27,7 +27,7 @@ PARTIAL = {
     "evaluation": "*.jsonl",
     "transfer": "policies/*.npz",  # episodes of the file end nearly at once
 }
-GROWING = {"checkpoint.npz", "sessions.json", "summary.json", "timings.json"}
+GROWING = {"certificate.json", "checkpoint.npz", "sessions.json", "summary.json", "timings.json"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
