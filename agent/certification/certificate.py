@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import beta
 
 from agent.certification.claims import LEAST_CONFIDENCE, Claim, complement
-from agent.certification.sequential import Decision, SequentialTest, Verdict
+from agent.certification.sequential import ClaimDecision, SequentialTest, Verdict
 from agent.evaluation.cases import Case, CaseIdentity
 from agent.evaluation.statistics import CONFIDENCE
 from agent.policies import method_name
@@ -169,7 +169,9 @@ def known(
     return beginning(results, case.cover(count))
 
 
-def decide(claim: Claim, test: SequentialTest, results: Mapping[int, EpisodeResult]) -> Decision:
+def decide(
+    claim: Claim, test: SequentialTest, results: Mapping[int, EpisodeResult]
+) -> ClaimDecision:
     """What episodes in their order have decided."""
     return test.decide(result.outcome in claim.against for result in results.values())
 

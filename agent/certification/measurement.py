@@ -17,7 +17,7 @@ from agent.certification.certificate import (
     said,
 )
 from agent.certification.claims import Claim
-from agent.certification.sequential import Decision
+from agent.certification.sequential import ClaimDecision
 from agent.evaluation.cases import Case
 from agent.policies import load_policy
 from agent.study.episodes import EPISODES, case_of
@@ -100,7 +100,7 @@ def certify(
     in_time, store, test = until(budget_minutes), EpisodeStore(out), claim_test(claim, confidence)
     file = store.file(case)
 
-    def so_far() -> Decision:
+    def so_far() -> ClaimDecision:
         return decide(claim, test, known(case, file.results, episodes))
 
     def may_begin() -> bool:

@@ -16,7 +16,7 @@ from scipy.stats import binom
 Verdict = Literal["certified", "refused", "undecided"]
 
 
-class Decision(NamedTuple):
+class ClaimDecision(NamedTuple):
     """What episodes have decided.
 
     Attributes:
@@ -57,7 +57,7 @@ class SequentialTest:
         """Episodes within which so many (at least one) that speak against the claim refuse it."""
         return _refuted(against, self.limit, self.level(against - 1))
 
-    def decide(self, episodes: Iterable[bool]) -> Decision:
+    def decide(self, episodes: Iterable[bool]) -> ClaimDecision:
         """The decision after episodes, of which each speaks against the claim or does not.
 
         Episodes after the one that decides are not looked at.
@@ -69,11 +69,11 @@ class SequentialTest:
             if speaks_against:
                 against += 1
                 if count <= self.refuted(against):
-                    return Decision("refused", count, against)
+                    return ClaimDecision("refused", count, against)
                 needed = self.enough(against)
             if count >= needed:
-                return Decision("certified", count, against)
-        return Decision("undecided", count, against)
+                return ClaimDecision("certified", count, against)
+        return ClaimDecision("undecided", count, against)
 
     def chance(self, against: int, episodes: int) -> float:
         """Bound of the probability of at most so many against a claim whose rate is the limit."""

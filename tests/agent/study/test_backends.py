@@ -106,7 +106,7 @@ OF: dict[str, Callable[[Place, pytest.MonkeyPatch], Any]] = {
 
 def rows(name: str, place: Place) -> Any:
     with pytest.MonkeyPatch.context() as patch:
-        return timeless(msgspec.to_builtins(OF[name](place, patch)))
+        return timeless(msgspec.json.decode(msgspec.json.encode(OF[name](place, patch))))
 
 
 @pytest.fixture(scope="module")
