@@ -33,6 +33,7 @@ from cosim.validation.driving import (
 from cosim.validation.published import PATHS, SPEEDS, PublishedPath, PublishedSpeed
 from cosim.validation.sensitivity import closed_form, sensitivities
 
+What = Literal["speed", "slopes", "ends"]
 # Three V of 1 cm legs and 20° to either side (assumed; what was published of them is not at hand).
 V_STEPS, V_LEG_M, V_HALF_RAD = 3, 0.01, math.radians(20.0)
 _FILE = Kind("kept measurement", "measure it again", PresetError)
@@ -97,7 +98,7 @@ class Measurement:
         seed: of noise and phases, on a path.
     """
 
-    what: Literal["speed", "slopes", "ends"]
+    what: What
     config: CoSimConfig
     fmu: Path
     of: PublishedSpeed | PublishedPath | None
@@ -106,15 +107,20 @@ class Measurement:
     seed: int = 0
 
     @cached_property
-    def key(self) -> tuple[str, None]:
-        """Digest of what decides the result, which is all that it has."""
+    def digest(self) -> str:
+        """Hash (16 hex digits) of what decides the result."""
         parts = self.what, self.config, self.of, self.count, self.dithered, self.seed
-        return digest_of(*parts, self.fmu, code_digest(__name__)), None
+        return digest_of(*parts, self.fmu, code_digest(__name__))
+
+    @property
+    def key(self) -> tuple[str, None]:
+        """Equal for equal measurements, each of which has one result."""
+        return self.digest, None
 
     @property
     def path(self) -> Path:
         """File of the cache that keeps the result."""
-        return cache_dir("validation") / f"{self.key[0]}.json"
+        return cache_dir("validation") / f"{self.digest}.json"
 
     def measure(self) -> Any:
         """Return the result as JSON has it."""
@@ -182,13 +188,14 @@ def validate(
         for name in {p.preset for p in SPEEDS}
     }
     driving = calibrated(configs[PAPER], motor_fmu, progress)
-    speeds, slopes = (
-        {p: Measurement(what, configs[p.preset], motor_fmu, p, effort.phases) for p in points}
-        for what, points in (
-            ("speed", SPEEDS),
-            ("slopes", [p for p in SPEEDS if p.preset == "icra2006" and p.value is not None]),
-        )
-    )
+    compared = [p for p in SPEEDS if p.preset == "icra2006" and p.value is not None]
+
+    def measurements(what: What, points: Sequence[PublishedSpeed]) -> dict[Any, Measurement]:
+        return {
+            p: Measurement(what, configs[p.preset], motor_fmu, p, effort.phases) for p in points
+        }
+
+    speeds, slopes = measurements("speed", SPEEDS), measurements("slopes", compared)
     paths = [
         Measurement("ends", driving, motor_fmu, path, effort.robots, dithered, seed)
         for path in (*PATHS, None)

@@ -6,7 +6,6 @@ import msgspec
 import pytest
 
 from agent import method as methods
-from agent.experiments import training
 from agent.method import method_config, method_of
 from agent.moves.model import Move, ObservedMoves
 from agent.training.policy import Policy
@@ -14,6 +13,7 @@ from agent.training.runs import policy_paths
 from agent.training.settings import COMPUTED, METHODS
 from cosim.navigation.features import DIRECTIONS
 from cosim.scenarios.file import find_scenario
+from minirobots.runner import execute
 
 
 @pytest.fixture
@@ -72,6 +72,6 @@ def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):
     arguments = ["--scenario", "1a", "--moves", str(tmp_path / "moves.json"), "--out"]
     short = ["--learning.episodes", "2000", "--learning.epsilon-episodes", "10", "--jobs", "1"]
     monkeypatch.setattr("sys.argv", ["train", *arguments, str(out), *short])
-    training.main()
+    execute("train", "agent.train")
     (path,) = policy_paths(out)
     assert Policy.load(path).config.moves == moves

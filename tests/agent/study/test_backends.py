@@ -113,8 +113,10 @@ def rows(name: str, place: Place) -> Any:
 def cluster():
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        yield Workers(backend="dask", address=cluster.scheduler_address)
+    options: Any = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    local: Any = LocalCluster(**options)
+    with local:
+        yield Workers(backend="dask", address=local.scheduler_address)
 
 
 @pytest.mark.cluster
