@@ -53,6 +53,7 @@ static Instance *make(const char *token) {
     case 's': c->s.whole[1] = 1, c->s.whole[2] = 10; break;               /* stair */
     case 'f': c->s.whole[8] = 1; break;                                   /* feedthrough */
     case 'a': c->s.whole[1] = 3; break;                                   /* array */
+    case 'r': break;                                                      /* restless */
     default: free(c); return NULL;
     }
     return c;
@@ -247,6 +248,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Bool
                                     fmi3Boolean *defined, fmi3Float64 *next) {
     Instance *i = c;
     *again = *ends = *nominals = *values = *defined = false;
+    if (i->model == 'r') *again = i->s.whole[1] == 1, *ends = i->s.whole[1] == 2;
     if (i->model == 'b' && i->s.real[1] == 0 && i->s.real[2] < 0) bounce(&i->s);
     return fmi3OK;
 }

@@ -95,6 +95,10 @@ MODELS = {
         Variable(1, "counter", "Int32", start="1"),
         Variable(2, "last", "Int32", "parameter", start="10"),
     ),
+    "restless": (
+        Variable(1, "mood", "Int32", "parameter", "0"),  # 1: never content, 2: wants to end
+        Variable(2, "x", start="0"),
+    ),
     "feedthrough": tuple(_feedthrough()),
     "array": (
         Variable(1, "n", "UInt64", "structuralParameter", "3"),

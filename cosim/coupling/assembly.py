@@ -16,6 +16,7 @@ from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu, Sampling
 from cosim.coupling.interface import INPUTS, OUTPUTS, PHASE, SAMPLED, check_use
 from cosim.coupling.plant import Plant
+from cosim.fmi.abi import FMI_ERROR
 from cosim.fmi.isolation import calling
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
@@ -280,11 +281,11 @@ class Motors:
             yield
         self.calls.ticks[:] = ticks
 
-    def error(self, place: int, what: str, dt_s: float) -> FmuError:
+    def error(self, place: int, what: str, dt_s: float, status: int = FMI_ERROR) -> FmuError:
         """The error that tells which instance failed, when, and what the FMU said last."""
         motor = self._instances[place]
         assert motor is not None
-        return motor.error(self.calls.ticks[place] * dt_s, what)
+        return motor.error(self.calls.ticks[place] * dt_s, what, status)
 
     @calling("its end")
     def close(self) -> None:

@@ -30,7 +30,8 @@ from cosim.coupling.interface import (
     check_variable,
     require_fmi_3,
 )
-from cosim.fmi.fmu import Fmu, FmuError, end, function_address, new_log
+from cosim.fmi.abi import FMI_ERROR
+from cosim.fmi.fmu import Fmu, FmuError, end, function_address, new_log, status_of
 from cosim.fmi.isolation import calling
 
 
@@ -164,7 +165,8 @@ class MotorFmu(Fmu):
         try:
             return {n: float(motor._get(np.array([k]))[0]) for n, k in exposed.items()}
         except FMICallException as error:
-            raise motor.error(0.0, f"does not tell its parameters ({error})") from error
+            what = f"does not tell its parameters ({error})"
+            raise motor.error(0.0, what, error.status) from error
         finally:
             motor.close()
 
@@ -233,8 +235,9 @@ class Motor:
         self.log = new_log()
         self._returns = False  # whether the state before a step will be restored
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
+        self.slave: Any = None
         try:
-            self.slave: Any = fmu.load(name, self.log)
+            self.slave = fmu.load(name, self.log)
             fmu.configure(self.slave, motors, sampling)
             if fmu.closed_loop is not None:
                 self.slave.setBoolean([fmu.closed_loop], [False])
@@ -244,7 +247,8 @@ class Motor:
             self.slave.exitInitializationMode()
         except Exception as error:  # fmpy raises plain Exceptions
             tool = " without its tool" if fmu.interface.needsExecutionTool else ""
-            raise self.error(0.0, f"cannot be initialised{tool} ({error})") from error
+            what = f"cannot be initialised{tool} ({error})"
+            raise self.error(0.0, what, status_of(error)) from error
         self._finalizer = weakref.finalize(self, end, self.slave)
         functions = (
             self.slave.dll.fmi3SetFloat64,
@@ -313,11 +317,12 @@ class Motor:
         try:
             yield
         except FMICallException as error:
-            raise self.error(time_s, f"{what} (fmi3Status {error.status})") from error
+            what = f"{what} (fmi3Status {error.status})"
+            raise self.error(time_s, what, error.status) from error
 
-    def error(self, time_s: float, what: str) -> FmuError:
+    def error(self, time_s: float, what: str, status: int = FMI_ERROR) -> FmuError:
         """The error that tells which instance failed, when, and what the FMU said last."""
-        return self.fmu.failure(self.name, self.log, time_s, what)
+        return self.fmu.failure(self.slave, self.name, self.log, time_s, what, status)
 
     def close(self) -> None:
         """Free the instance; further calls are errors."""

@@ -153,8 +153,10 @@ class CompiledDriver:
         if status == NOT_FINITE:
             raise NotFiniteError(state, instance)
         if status > FMI_WARNING:
-            what = "asked to stop" if status == INCOMPLETE else f"failed (fmi3Status {status})"
-            raise self.motors.error(instance, what, plant.body.dt)
+            if status == INCOMPLETE:
+                raise self.motors.error(instance, "asked to stop", plant.body.dt)
+            what = f"failed (fmi3Status {status})"
+            raise self.motors.error(instance, what, plant.body.dt, status)
 
 
 @kernel

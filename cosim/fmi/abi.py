@@ -13,7 +13,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 # Of fmi2Status and fmi3Status; anything above a warning is no result.
-FMI_OK, FMI_WARNING, FMI_DISCARD = 0, 1, 2
+FMI_OK, FMI_WARNING, FMI_DISCARD, FMI_ERROR, FMI_FATAL = range(5)
 
 _INT, _LONG, _DOUBLE, _BOOL = ir.IntType(32), ir.IntType(64), ir.DoubleType(), ir.IntType(8)
 _POINTER = _BOOL.as_pointer()

@@ -9,6 +9,7 @@ import weakref
 from collections import deque
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring
 
 import fmpy
 from fmpy.fmi1 import FMICallException
@@ -24,7 +25,9 @@ from fmpy.model_description import CoSimulation, ModelDescription
 
 from cosim.base.config import whole_ratio
 from cosim.base.errors import UserError
+from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.archive import require_plain, unpack
+from cosim.fmi.isolation import note_failure, restored_arithmetic
 
 # fmpy changes the working directory of the process while it loads a binary, and does not change it
 # back where that fails.
@@ -89,7 +92,19 @@ class Fmu:
                 f"{self.noun} {path} has no binary for {folder}; export it for this platform"
             )
         self.variables = {v.name: v for v in self.description.modelVariables}
+        self._read_differences()
         self._loaded: Any = None  # the binary in fmpy's hands; slaves are copies of it
+
+    def _read_differences(self) -> None:
+        """Note which variables are relative quantities, which fmpy does not read."""
+        content = (self.folder / "modelDescription.xml").read_bytes()
+        if b"relativeQuantity" in content:
+            for variable in fromstring(content).iterfind("ModelVariables/*"):
+                for element in (variable, *variable):  # of FMI 3.0, of FMI 2.0
+                    if said := element.get("relativeQuantity"):
+                        self.variables[variable.get("name", "")].relativeQuantity = said in (
+                            "true", "1",
+                        )  # fmt: skip
 
     def check_standard(self) -> None:
         """Refuse an FMU of a standard that cannot be stepped.
@@ -117,12 +132,13 @@ class Fmu:
         """
         with _LOADING, contextlib.chdir("."):
             if self._loaded is None:
-                self._loaded = (FMU3Slave if self.standard == 3 else FMU2Slave)(
-                    guid=self.description.guid,
-                    modelIdentifier=self.interface.modelIdentifier,
-                    unzipDirectory=str(self.folder),
-                    instanceName=None,
-                )
+                with restored_arithmetic():  # which -ffast-math changes where it is loaded
+                    self._loaded = (FMU3Slave if self.standard == 3 else FMU2Slave)(
+                        guid=self.description.guid,
+                        modelIdentifier=self.interface.modelIdentifier,
+                        unzipDirectory=str(self.folder),
+                        instanceName=None,
+                    )
                 weakref.finalize(self._loaded, fmpy.freeLibrary, self._loaded.dll._handle)
             slave = copy.copy(self._loaded)
             slave.instanceName, slave.loaded = name, self._loaded  # which outlives it so
@@ -138,10 +154,25 @@ class Fmu:
                 slave.instantiate(callbacks=_callbacks(log), loggingOn=True)
         return slave
 
-    def failure(self, name: str, log: deque[str], time_s: float, what: str) -> FmuError:
-        """The error that tells which instance failed, when, and what the FMU said last."""
+    def failure(
+        self, slave: Any, name: str, log: deque[str], time_s: float, what: str, status: int
+    ) -> FmuError:
+        """Return the error that names the instance that failed, the time, and its last message.
+
+        Args:
+            slave: that failed, whose end is then without calls that the standards forbid; or None.
+            name: of the instance.
+            log: what the FMU has reported.
+            time_s: simulated time in s.
+            what: went wrong.
+            status: of the call that failed.
+        """
+        if slave is not None:
+            slave.fault = max(status, FMI_ERROR)
         said = f": {log[-1]}" if log else ""
-        return FmuError(f"FMU {self.path.name}, instance {name}, at {time_s:.5f} s {what}{said}")
+        message = f"FMU {self.path.name}, instance {name}, at {time_s:.5f} s {what}{said}"
+        note_failure(message)
+        return FmuError(message)
 
 
 def check_steps(
@@ -201,15 +232,33 @@ def _callbacks(log: deque[str]) -> Any:
     )
 
 
+def status_of(error: Exception) -> int:
+    """Return the status of a call that failed in fmpy's hands."""
+    return error.status if isinstance(error, FMICallException) else FMI_ERROR
+
+
 def end(slave: Any) -> None:
     """End an instance that was initialised, and free it."""
-    with contextlib.suppress(FMICallException):  # one that failed has ended already
-        slave.terminate()
+    if fault_of(slave) < FMI_ERROR:
+        try:
+            slave.terminate()
+        except FMICallException as error:
+            slave.fault = error.status
     free(slave)
 
 
+def fault_of(slave: Any) -> int:
+    """Return the status with which an instance has failed, 0 if it has not."""
+    return getattr(slave, "fault", FMI_OK)
+
+
 def free(slave: Any) -> None:
-    """Free an instance; its binary stays until all of them and the FMU are gone."""
+    """Free an instance, unless its last error was fatal: then nothing of it may be called.
+
+    Its binary stays until all instances and the FMU are gone.
+    """
+    if fault_of(slave) >= FMI_FATAL:
+        return
     if isinstance(slave, FMU3Slave):
         slave.fmi3FreeInstance(slave.component)
     else:

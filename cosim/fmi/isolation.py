@@ -7,6 +7,7 @@ parent looks after the notes. This holds faults, not malice: the child may do wh
 
 import atexit
 import contextlib
+import ctypes
 import os
 import signal
 import subprocess
@@ -21,11 +22,12 @@ from typing import Annotated, NoReturn
 import tyro
 
 from cosim.base.config import ConfigError
-from cosim.base.errors import Terminated
+from cosim.base.errors import Terminated, at_end
 from cosim.base.storage import temporary_folder
 
 _NOTES = "MINIROBOTS_NOTES"  # folder of the notes, in the environment of a child
-_ENDED = "ended"  # note of a child that Python has ended, not the FMU
+_ENDED = "ended"  # note of a child whose results are whole, with its exit status
+_FAILED = "failed"  # note of what an FMU failed with
 _LOOK_S = 0.1  # between two looks at the notes, and at the parent
 _LIMIT_S = 300.0  # the reference driver may take a minute for an RL step
 
@@ -66,28 +68,88 @@ class Isolation:
             if self.isolate_limit is not None:
                 raise ConfigError("--isolate-limit has no effect without --isolate; leave it out")
         elif _NOTES in os.environ:
-            atexit.register(_note(_ENDED).touch)
+            at_end.append(note_end)
+            atexit.register(lambda: None if _note(_ENDED).exists() else note_end(1))
             threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
         else:
             _run_in_child(module, foreign, self.isolate_limit or _LIMIT_S)
 
 
+def note_end(status: int) -> None:
+    """Note that results are whole: whatever FMUs do after it, the exit status is this one."""
+    if _NOTES in os.environ:
+        _note(_ENDED).write_text(str(status))
+
+
+def note_failure(message: str) -> None:
+    """Note what an FMU failed with, which a crash in its end must not hide."""
+    if _NOTES in os.environ:
+        _note(_FAILED).write_text(message)
+
+
 @contextlib.contextmanager
 def calling(what: str) -> Iterator[None]:
-    """While FMUs are called: leave a note, if a parent looks after it.
+    """While FMUs are called: leave a note, if a parent looks after it, and see what they change.
+
+    The working directory is changed back.
 
     Args:
         what: is done by the calls, and when in simulated time.
+
+    Raises:
+        FmuError: an FMU changed how this thread computes with floating-point numbers.
     """
     name = f"{os.getpid()}-{threading.get_ident()}"
-    if _NOTES not in os.environ or (note := _note(name)).exists():
-        yield
-        return
-    note.write_text(what)
+    note = _note(name) if _NOTES in os.environ else None
+    if note is not None and (note.exists() or note.parent.joinpath(_ENDED).exists()):
+        note = None
+    if note is not None:
+        note.write_text(what)
+    try:
+        with _same_folder(), restored_arithmetic() as changed:
+            yield
+    finally:
+        if note is not None:
+            note.unlink()
+    if changed:
+        from cosim.fmi.fmu import FmuError  # noqa: PLC0415 - not for every --help
+
+        raise FmuError(
+            f"an FMU changed the rounding or the smallest numbers of the process in {what}, which "
+            "makes all results wrong; export it without fesetround and -ffast-math"
+        )
+
+
+_FOLDER_LOCK = threading.Lock()
+_folders: list[Path] = []  # in which calls under way began; the first counts
+
+
+@contextlib.contextmanager
+def _same_folder() -> Iterator[None]:
+    """Change back to the working directory in which the first call under way began."""
+    with _FOLDER_LOCK, contextlib.suppress(FileNotFoundError):  # it may be gone
+        _folders.append(_folders[0] if _folders else Path.cwd())
     try:
         yield
     finally:
-        note.unlink()
+        with _FOLDER_LOCK, contextlib.suppress(OSError):
+            folder = _folders.pop() if _folders else None
+            if folder and Path.cwd() != folder:
+                os.chdir(folder)
+
+
+@contextlib.contextmanager
+def restored_arithmetic() -> Iterator[list[bool]]:
+    """Restore how this thread computes on leaving; the list then has an item if it was changed."""
+    changed: list[bool] = []
+    try:
+        yield changed
+    finally:
+        half, tiny = 2.0**-53, sys.float_info.min
+        usual = (1.0 + 0.75 * half, 1.0 + 1.5 * half, -1.0 - 0.75 * half, 0.5 * tiny * 2.0)
+        if usual != (1.0, 1.0 + sys.float_info.epsilon, -1.0, tiny):
+            changed.append(True)
+            ctypes.CDLL(None).fesetenv(ctypes.c_void_p(-1))  # FE_DFL_ENV of glibc
 
 
 def _note(name: str) -> Path:
@@ -108,7 +170,7 @@ def _run_in_child(module: str, foreign: Path | None, limit_s: float) -> NoReturn
         fmu = f"{'FMU' if foreign.suffix == '.fmu' else 'an FMU of'} {foreign.name}"
     with temporary_folder() as folder:
         notes = Path(folder)
-        command = [sys.executable, "-m", module, *sys.argv[1:]]
+        command = [sys.executable, "-m", *module.split(), *sys.argv[1:]]
         # A session of its own: Ctrl-C reaches it through its parent, once.
         with subprocess.Popen(
             command, env=os.environ | {_NOTES: folder}, start_new_session=True
@@ -116,20 +178,23 @@ def _run_in_child(module: str, foreign: Path | None, limit_s: float) -> NoReturn
             late = _wait(child, notes, limit_s)
             with contextlib.suppress(ProcessLookupError):  # nothing of it is left
                 os.killpg(child.pid, signal.SIGKILL)
+        if (notes / _ENDED).exists():
+            sys.exit(int((notes / _ENDED).read_text() or 0))
+        failed = notes / _FAILED
+        first = f"{failed.read_text()}; then " if failed.exists() else ""
         if late:
             raise FmuError(
-                f"{fmu} did not return from {late} within {limit_s:g} s; give it more by "
-                "--isolate-limit, or export it anew"
+                f"{first}{fmu} did not return from {late} within {limit_s:g} s; give it more by "
+                "--isolate-limit, or export it again"
             )
-        if (notes / _ENDED).exists():
-            sys.exit(child.returncode)
         if child.returncode in {-signal.SIGINT, -signal.SIGTERM}:  # while it imported modules
             raise Terminated if child.returncode == -signal.SIGTERM else KeyboardInterrupt
-        when = " and ".join(note.read_text() for note in notes.iterdir()) or "no call of ours"
+        under_way = [note.read_text() for note in notes.iterdir() if note != failed]
+        when = " and ".join(under_way) or "no call of ours"
         how = f"ended the process with status {child.returncode}"
         if child.returncode < 0:
             how = f"crashed ({signal.Signals(-child.returncode).name})"
-        raise FmuError(f"{fmu} {how} in {when}; export it anew")
+        raise FmuError(f"{first}{fmu} {how} in {when}; export it again")
 
 
 def _wait(child: subprocess.Popen, notes: Path, limit_s: float) -> str:
@@ -140,9 +205,11 @@ def _wait(child: subprocess.Popen, notes: Path, limit_s: float) -> str:
                 child.wait(_LOOK_S)
                 return ""
             for note in notes.iterdir():
+                if note.name == _FAILED:
+                    continue
                 with contextlib.suppress(FileNotFoundError):  # the call has returned meanwhile
                     if time.time() - note.stat().st_mtime > limit_s:
-                        return note.read_text()
+                        return note.read_text() or "its end"
         except KeyboardInterrupt as interrupt:
             ended = isinstance(interrupt, Terminated)
             child.send_signal(signal.SIGTERM if ended else signal.SIGINT)

@@ -1,11 +1,29 @@
 """Units of FMU variables: what their definitions in SI base units say, whatever their names."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from fmpy.model_description import BaseUnit, ModelDescription, ModelVariable
 
 EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+_DIMENSIONLESS = ("", "1", "-")  # names that many exporters do not define
+_COMPARED = len(EXPONENTS) - 1  # all but rad, which is 1
+
+
+class UnitUse(NamedTuple):
+    """The unit in which values are.
+
+    Attributes:
+        name: of the unit.
+        base: its definition in SI base units, None if it has none.
+        difference: whether values are differences, so that offsets do not count; None if unknown.
+    """
+
+    name: str
+    base: BaseUnit | None
+    difference: bool | None = None
 
 
 def unit_of(variable: ModelVariable) -> str | None:
@@ -13,9 +31,21 @@ def unit_of(variable: ModelVariable) -> str | None:
     return variable.unit or (variable.declaredType and variable.declaredType.unit) or None
 
 
+def unit_use(variable: ModelVariable, description: ModelDescription) -> UnitUse | None:
+    """Return the unit of a variable, None if it has none."""
+    name = unit_of(variable)
+    if name is None:
+        return None
+    relative = variable.relativeQuantity
+    if relative is None and variable.declaredType:
+        relative = variable.declaredType.relativeQuantity
+    return UnitUse(name, base_unit(name, description), bool(relative))
+
+
 def base_unit(name: str, description: ModelDescription) -> BaseUnit | None:
     """Definition of a unit in SI base units: value in them = factor · value + offset."""
-    return next((u.baseUnit for u in description.unitDefinitions if u.name == name), None)
+    defined = (u.baseUnit for u in description.unitDefinitions if u.name == name)
+    return next(defined, BaseUnit() if name in _DIMENSIONLESS else None)
 
 
 def exponents(base: BaseUnit | Mapping[str, int]) -> tuple[int, ...]:
@@ -24,18 +54,20 @@ def exponents(base: BaseUnit | Mapping[str, int]) -> tuple[int, ...]:
     return tuple(int(values(exponent, 0)) for exponent in EXPONENTS)
 
 
-def conversion(
-    source: tuple[str, BaseUnit | None], target: tuple[str, BaseUnit | None]
-) -> tuple[float, float] | None:
-    """Factor and offset from values in one unit to values in another; None if there are none.
+def conversion(source: UnitUse, target: UnitUse) -> tuple[float, float] | None:
+    """Return factor and offset from values in one unit to values in another; None if none are.
 
-    Args:
-        source: name and definition.
-        target: likewise. Units without a definition are the same if their names are.
+    Units without a definition are the same if their names are. An angle in rad is a number.
     """
-    (name, base), (other, other_base) = source, target
-    if name == other and (base is None or other_base is None):
+    base, other = source.base, target.base
+    if source.name == target.name and (base is None or other is None):
         return 1.0, 0.0
-    if base is None or other_base is None or exponents(base) != exponents(other_base):
+    if base is None or other is None:
         return None
-    return base.factor / other_base.factor, (base.offset - other_base.offset) / other_base.factor
+    if exponents(base)[:_COMPARED] != exponents(other)[:_COMPARED]:
+        return None
+    offset = (base.offset - other.offset) / other.factor
+    differences = {source.difference, target.difference}
+    if (base.offset or other.offset) and differences == {True, False}:
+        return None
+    return base.factor / other.factor, 0.0 if True in differences else offset

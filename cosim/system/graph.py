@@ -3,6 +3,7 @@
 A variable is named "component.variable"; names of either may have points in them, too.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -12,7 +13,7 @@ from fmpy.model_description import ModelVariable
 
 from cosim.base.errors import UserError
 from cosim.fmi.fmu import Fmu
-from cosim.fmi.units import base_unit, conversion, unit_of
+from cosim.fmi.units import UnitUse, conversion, unit_use
 
 Node = tuple[str, str]  # component and variable
 _CLASSES = {"Boolean": "Boolean", "Enumeration": "Enumeration"}  # others are numbers
@@ -44,6 +45,8 @@ class Connection(NamedTuple):
         source, target: "component.variable".
         factor, offset: behind the conversion of units.
         convert: whether units are converted; if not, they may be any.
+        source_index, target_index: of an element of an array, from 1, one for each dimension; empty
+            for a variable as a whole.
     """
 
     source: str
@@ -51,6 +54,8 @@ class Connection(NamedTuple):
     factor: float = 1.0
     offset: float = 0.0
     convert: bool = True
+    source_index: tuple[int, ...] = ()
+    target_index: tuple[int, ...] = ()
 
 
 class Link(NamedTuple):
@@ -59,12 +64,15 @@ class Link(NamedTuple):
     Attributes:
         source, target: component and variable.
         factor, offset: with the conversion of units in them.
+        source_index, target_index: as those of a `Connection`.
     """
 
     source: Node
     target: Node
     factor: float
     offset: float
+    source_index: tuple[int, ...] = ()
+    target_index: tuple[int, ...] = ()
 
 
 def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
@@ -78,18 +86,21 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
         raise GraphError("the system has no component; give it one")
     files: dict[Path, Fmu] = {}
     found: dict[str, Fmu] = {}
-    for name, fmu, _ in components:
-        path = fmu.path if isinstance(fmu, Fmu) else fmu
+    owners: dict[object, str] = {}  # of binaries, by content and by instantiation token
+    for name, given, _ in components:
+        path = given.path if isinstance(given, Fmu) else given
         if name in found:
             raise GraphError(f"two components are named {name}; rename one")
-        if path in files and files[path].interface.canBeInstantiatedOnlyOncePerProcess:
-            raise GraphError(
-                f"component {name}: {path} has canBeInstantiatedOnlyOncePerProcess, and another "
-                "component is of it; export it without"
-            )
-        found[name] = files.setdefault(
-            path, fmu if isinstance(fmu, Fmu) else files.get(path) or Fmu(path)
+        fmu = found[name] = files.setdefault(
+            path, given if isinstance(given, Fmu) else files.get(path) or Fmu(path)
         )
+        for identity in (fmu.folder, str(fmu.description.guid)):
+            other = owners.setdefault(identity, name)
+            if other != name and fmu.interface.canBeInstantiatedOnlyOncePerProcess:
+                raise GraphError(
+                    f"component {name}: {path} has canBeInstantiatedOnlyOncePerProcess, and "
+                    f"component {other} is of the same FMU; export it without"
+                )
     return found
 
 
@@ -100,15 +111,17 @@ def find(fmus: Mapping[str, Fmu], name: str) -> Node:
         GraphError: there is none.
     """
     parts = name.split(".")
-    for k in range(1, len(parts)):
-        component, variable = ".".join(parts[:k]), ".".join(parts[k:])
-        if component in fmus:
-            if variable not in fmus[component].variables:
-                raise GraphError(
-                    f"component {component} has no variable '{variable}'; its modelDescription.xml "
-                    "names those it has"
-                )
+    split = [(".".join(parts[:k]), ".".join(parts[k:])) for k in range(len(parts) - 1, 0, -1)]
+    ends = [(component, variable) for component, variable in split if component in fmus]
+    for component, variable in ends:  # names have dots in them: the longest component counts
+        if variable in fmus[component].variables:
             return component, variable
+    if ends:
+        component, variable = ends[0]
+        raise GraphError(
+            f"component {component} has no variable '{variable}'; its modelDescription.xml "
+            "names those it has"
+        )
     raise GraphError(f"'{name}' is no variable of a component; components are {', '.join(fmus)}")
 
 
@@ -130,29 +143,38 @@ def check_connections(fmus: Mapping[str, Fmu], connections: Iterable[Connection]
             or units that do not match, or sets an input that another one sets.
     """
     links: list[Link] = []
-    taken: set[Node] = set()
+    taken: dict[tuple[str, int, str], set[tuple[int, ...]]] = {}  # indices of inputs
     for connection in connections:
         source, target = find(fmus, connection.source), find(fmus, connection.target)
         said = f"connection {connection.source} -> {connection.target}"
         from_, to = (fmus[end[0]].variables[end[1]] for end in (source, target))
-        for variable, causality in ((from_, "output"), (to, "input")):
+        for variable, name, causality in (
+            (from_, connection.source, "output"),
+            (to, connection.target, "input"),
+        ):
             if variable.causality != causality:
-                end = connection.source if causality == "output" else connection.target
                 raise GraphError(
-                    f"{said}: {end} is of causality {variable.causality}; connect an {causality}"
+                    f"{said}: {name} is of causality {variable.causality}; connect an {causality}"
                 )
-        if target in taken:
+        # An alias has the value reference of its variable, in FMI 2.0 in one type.
+        indices = taken.setdefault((target[0], to.valueReference, str(to.type)), set())
+        if indices & {(), connection.target_index} or (indices and not connection.target_index):
             raise GraphError(f"{said}: another connection sets this input; remove one")
-        taken.add(target)
+        indices.add(connection.target_index)
         _check_types(said, from_, to)
         factor, offset = connection.factor, connection.offset
-        if connection.convert and (found := _conversion(said, fmus, source, target)) != (1.0, 0.0):
-            factor, offset = factor * found[0], factor * found[1] + offset
+        if not (math.isfinite(factor) and math.isfinite(offset)):
+            raise GraphError(f"{said}: factor {factor:g} and offset {offset:g} must be finite")
+        if connection.convert:
+            units = [unit_use(v, fmus[end[0]].description) for v, end in
+                     ((from_, source), (to, target))]  # fmt: skip
+            if (found := convert(said, *units)) != (1.0, 0.0):
+                factor, offset = factor * found[0], factor * found[1] + offset
         if (factor, offset) != (1.0, 0.0) and to.type not in ("Real", "Float64", "Float32"):
             raise GraphError(
                 f"{said}: values of type {to.type} cannot be scaled; remove the transformation"
             )
-        links.append(Link(source, target, factor, offset))
+        links.append(Link(source, target, factor, offset, *connection[5:]))
     return links
 
 
@@ -185,21 +207,29 @@ _OF_FMI_3 = {"Real": "Float64", "Integer": "Int32"}
 _BITS = {f"{sign}Int{bits}": bits for sign in ("", "U") for bits in (8, 16, 32, 64)}
 
 
-def _conversion(
-    said: str, fmus: Mapping[str, Fmu], source: Node, target: Node
-) -> tuple[float, float]:
-    """Factor and offset between the units of two variables, where both have one."""
-    ends = []
-    for component, name in (source, target):
-        description = fmus[component].description
-        unit = unit_of(fmus[component].variables[name])
-        if unit is None:
-            return 1.0, 0.0
-        ends.append((unit, base_unit(unit, description)))
-    found = conversion(*ends)
+def convert(said: str, source: UnitUse | None, target: UnitUse | None) -> tuple[float, float]:
+    """Return factor and offset from one unit to another; 1 and 0 where one is unknown.
+
+    Args:
+        said: what the values are called in messages.
+        source, target: units of the values, and of those wanted.
+
+    Raises:
+        GraphError: the units do not match.
+    """
+    if source is None or target is None:
+        return 1.0, 0.0
+    found = conversion(source, target)
     if found is None:
+        if {source.difference, target.difference} == {True, False} and conversion(
+            source._replace(difference=None), target._replace(difference=None)
+        ):
+            raise GraphError(
+                f"{said}: one of {source.name} and {target.name} is a difference "
+                "(relativeQuantity) and the other is not; connect two of one kind"
+            )
         raise GraphError(
-            f"{said}: units {ends[0][0]} and {ends[1][0]} do not match; connect variables of one "
+            f"{said}: units {source.name} and {target.name} do not match; connect variables of one "
             "quantity, with units that are defined"
         )
     return found
@@ -215,11 +245,13 @@ def exchanges_to_settle(fmus: Mapping[str, Fmu], links: Sequence[Link]) -> int:
         GraphError: inputs and outputs pass on one to the other in a circle.
     """
     before: dict[Node, set[Node]] = {}  # of every connected output, those it depends on
-    source_of = {link.target: link.source for link in links}
-    for source in source_of.values():
+    sources_of: dict[Node, set[Node]] = {}
+    for link in links:
+        sources_of.setdefault(link.target, set()).add(link.source)
+    for source in {link.source: None for link in links}:
         component, name = source
-        inputs = [v for v in _passed_on(fmus[component], name) if (component, v) in source_of]
-        before[source] = {source_of[component, v] for v in inputs}
+        ends = [sources_of.get((component, v), set()) for v in _passed_on(fmus[component], name)]
+        before[source] = set().union(*ends)
     try:
         order = list(TopologicalSorter(before).static_order())
     except CycleError as error:
@@ -239,6 +271,9 @@ def _passed_on(fmu: Fmu, output: str) -> list[str]:
     description = fmu.description
     for unknown in (*description.initialUnknowns, *description.outputs):
         variable = unknown.variable
-        if variable is not None and variable.name == output and unknown.dependencies is not None:
+        same = variable is not None and (
+            variable.valueReference == fmu.variables[output].valueReference
+        )
+        if same and unknown.dependencies is not None:
             return [str(v.name) for v in unknown.dependencies if v.causality == "input"]
     return [name for name, v in fmu.variables.items() if v.causality == "input"]

@@ -1,6 +1,7 @@
 """One running FMU of a system, reached through fmpy outside of steps: start, modes, states, end."""
 
 import ctypes
+import math
 import weakref
 from collections.abc import Iterable
 from operator import index
@@ -9,10 +10,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from fmpy.model_description import ModelVariable
 
-from cosim.fmi.fmu import Fmu, FmuError, end, free, function_address, new_log
+from cosim.fmi.abi import FMI_ERROR
+from cosim.fmi.fmu import (
+    Fmu,
+    FmuError,
+    end,
+    fault_of,
+    free,
+    function_address,
+    new_log,
+    status_of,
+)
 from cosim.system.graph import Component, GraphError
 
 _ABLE = ("parameter", "input", "structuralParameter")
+MOST_UPDATES = 10_000  # of discrete states at the start, until an FMU wants no more
 _TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -56,6 +68,7 @@ class Instance:
         log: what the FMU has reported last, oldest first.
         handle: its address.
         events: whether it leaves events to the master.
+        ends: whether it has asked to end at the start.
 
     Raises:
         GraphError: a start value is of no variable that can have one, or does not fit it.
@@ -68,11 +81,13 @@ class Instance:
         self.events = events and fmu.standard == 3 and fmu.interface.hasEventMode
         self._start = {name: self._checked(name) for name in component.start}
         self._values = component.start
+        self.ends = False
+        self._slave: Any = None
         try:
             self._slave = fmu.load(self.name, self.log, events=self.events)
         except Exception as error:  # fmpy raises plain Exceptions
             tool = " without its tool" if fmu.interface.needsExecutionTool else ""
-            raise self.failure(0.0, f"does not load{tool} ({error})") from error
+            raise self._failed(f"does not load{tool}", error) from error
         self._finalizer = weakref.finalize(self, free, self._slave)
         self.handle = int(self._slave.component)
         sizes = [v for v in self._start.values() if v.causality == "structuralParameter"]
@@ -96,6 +111,13 @@ class Instance:
     def _size(self, parameter: ModelVariable) -> int:
         return int(self._values.get(str(parameter.name), parameter.start))
 
+    def read(self, variable: ModelVariable) -> np.ndarray:
+        """Return the values that a variable has now, in the order of memory."""
+        kind = self.kind(variable)
+        assert kind is not None
+        get = getattr(self._slave, f"get{kind.function}")
+        return np.array(get([variable.valueReference], int(np.prod(self.shape(variable)))))
+
     def begin(self, start_s: float, tolerance: float | None) -> None:
         """Enter Initialization Mode; raises FmuError."""
         if self.fmu.standard == 2:
@@ -110,15 +132,23 @@ class Instance:
         self._finalizer.detach()
         self._finalizer = weakref.finalize(self, end, self._slave)
         if self.events:
-            while self._set_up("updateDiscreteStates")[0]:
-                pass
+            for _ in range(MOST_UPDATES):
+                again, ends, *_ = self._set_up("updateDiscreteStates")
+                self.ends |= ends
+                if ends or not again:
+                    break
+            else:
+                raise self.failure(0.0, f"wants more than {MOST_UPDATES} updates of its states")
             self._set_up("enterStepMode")
 
     def _set_up(self, function: str, **arguments: Any) -> Any:
         try:
             return getattr(self._slave, function)(**arguments)
         except Exception as error:
-            raise self.failure(0.0, f"cannot be initialised ({error})") from error
+            raise self._failed("cannot be initialised", error) from error
+
+    def _failed(self, what: str, error: Exception) -> FmuError:
+        return self.failure(0.0, f"{what} ({error})", status_of(error))
 
     def _checked(self, name: str) -> ModelVariable:
         """A variable that may get a start value."""
@@ -146,7 +176,7 @@ class Instance:
             try:
                 setter([variable.valueReference], values)
             except Exception as error:
-                raise self.failure(0.0, f"refuses the start value of {name} ({error})") from error
+                raise self._failed(f"refuses the start value of {name}", error) from error
 
     def _converted(self, variable: ModelVariable, value: Any) -> list[Any]:
         """Values in the order of memory."""
@@ -166,15 +196,41 @@ class Instance:
             if kind == "Boolean":
                 return [_TRUTHS[str(each).lower()] for each in values]
             if kind.startswith(("Float", "Real")):
-                return [float(each) for each in values]
-            items = variable.declaredType.items if variable.declaredType else []
-            named = {item.name: int(str(item.value)) for item in items}
-            return [
-                named[v] if v in named else int(v) if isinstance(v, str) else index(v)
-                for v in values
-            ]
+                found = [float(each) for each in values]
+            else:
+                items = variable.declaredType.items if variable.declaredType else []
+                named = {item.name: int(str(item.value)) for item in items}
+                found = [
+                    named[v] if v in named else int(v) if isinstance(v, str) else index(v)
+                    for v in values
+                ]
         except (ValueError, KeyError, TypeError) as error:
-            raise GraphError(f"{said} is no {kind}; mend it") from error
+            raise GraphError(f"{said} is no {kind}; correct it") from error
+        least, most = self._limits(variable)
+        if not all(least <= each <= most for each in found):  # neither holds of what is no number
+            raise GraphError(f"{said} is out of range; use {least:.17g} to {most:.17g}")
+        return found
+
+    def _limits(self, variable: ModelVariable) -> tuple[float, float]:
+        """Least and largest value of a numeric variable: of its type, and declared."""
+        kind = self.kind(variable)
+        assert kind is not None
+        dtype = np.dtype(kind.dtype)
+        least, most = -math.inf, math.inf
+        if dtype.kind != "f":
+            least, most = (int(k) for k in (np.iinfo(dtype).min, np.iinfo(dtype).max))
+        elif dtype.itemsize == 4:
+            most = float(np.finfo(dtype).max)
+            least = -most
+        read = float if dtype.kind == "f" else int
+        if variable.declaredType and variable.declaredType.items:
+            items = [int(str(item.value)) for item in variable.declaredType.items]
+            return min(items), max(items)
+        for declared in (variable, variable.declaredType):
+            if declared is not None:
+                least = max(least, least if declared.min is None else read(declared.min))
+                most = min(most, most if declared.max is None else read(declared.max))
+        return least, most
 
     def address(self, function: str) -> int:
         """Address of a C function, given without the prefix of its standard; 0 if there is none."""
@@ -182,12 +238,13 @@ class Instance:
         return 0 if found is None else function_address(found)
 
     def free_state(self, state: int) -> None:
-        """Free a saved state."""
-        self._slave.freeFMUState(ctypes.c_void_p(state))
+        """Free a saved state, unless the FMU has failed."""
+        if fault_of(self._slave) < FMI_ERROR:
+            self._slave.freeFMUState(ctypes.c_void_p(state))
 
-    def failure(self, time_s: float, what: str) -> FmuError:
+    def failure(self, time_s: float, what: str, status: int = FMI_ERROR) -> FmuError:
         """The error that tells which component failed, when, and what it said last."""
-        return self.fmu.failure(self.name, self.log, time_s, what)
+        return self.fmu.failure(self._slave, self.name, self.log, time_s, what, status)
 
     def close(self) -> None:
         """End and free it; further calls are errors."""

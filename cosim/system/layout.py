@@ -13,6 +13,7 @@ from cosim.system.graph import GraphError, Link, Node
 from cosim.system.instance import Instance
 
 WORD = 8  # bytes; what every variable begins at a multiple of
+MOST_BYTES = 2**28  # of all values: far above what systems exchange, far below what fills a machine
 TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")  # of values, by their number
 # Columns of `Tables.components`: addresses, then first and last + 1 rows of the other tables.
 (
@@ -102,6 +103,7 @@ class Layout:
 
     Attributes:
         places: of every variable that is got or set.
+        parts: arrays of whose elements some are set.
         words: of what is got, at the begin of the block.
         memory: the block.
         tables: for compiled code.
@@ -126,12 +128,18 @@ class Layout:
             checked: outputs of 64 bits whose errors matter, which are got, too.
         """
         self._instances = instances
+        self.parts = [link.target for link in links if link.target_index]
         self.places: dict[Node, Place] = {}
         self._end = 0
         got = dict.fromkeys([*(link.source for link in links), *recorded, *checked])
         gets = self._groups(list(got))
         self.words = self._end // WORD
-        sets = self._groups([link.target for link in links])
+        sets = self._groups([*dict.fromkeys(link.target for link in links)])
+        if self._end > MOST_BYTES:
+            raise GraphError(
+                f"the values of the system take {self._end >> 20} MiB, more than "
+                f"{MOST_BYTES >> 20}; choose smaller dimensions, or fewer variables to record"
+            )
         block = np.zeros(max(self._end, WORD), dtype=np.uint8)
         self.memory = Memory(*(block.view(dtype) for dtype in TYPES))
         self._references: list[np.ndarray] = []  # keeps what tables have addresses of
@@ -154,7 +162,7 @@ class Layout:
             components,
             np.array(exchanges, dtype=np.int64).reshape(-1, 5),
             np.array([self._copy(k) for k in by_target], dtype=np.int64).reshape(-1, 6),
-            np.array([link[2:] for link in by_target]).reshape(-1, 2),
+            np.array([link[2:4] for link in by_target]).reshape(-1, 2),
             np.array([(self.places[n].offset // WORD, self.places[n].number) for n in checked],
                      dtype=np.int64).reshape(-1, 2),
             np.array([self._nominal(n) for n in checked]),
@@ -220,16 +228,35 @@ class Layout:
 
     def _copy(self, link: Link) -> tuple[int, ...]:
         """Row of `Tables.copies`."""
-        source, target = self.places[link.source], self.places[link.target]
+        said = f"connection {'.'.join(link.source)} -> {'.'.join(link.target)}"
+        source, first = self._part(link.source, link.source_index, said)
+        target, second = self._part(link.target, link.target_index, said)
         if source.shape != target.shape:
             raise GraphError(
-                f"connection {'.'.join(link.source)} -> {'.'.join(link.target)}: shapes "
-                f"{source.shape} and {target.shape} do not match; connect arrays of one shape"
+                f"{said}: shapes {source.shape} and {target.shape} do not match; connect arrays of "
+                "one shape"
             )
-        places = [p.offset // np.dtype(p.dtype).itemsize for p in (source, target)]
+        places = [
+            p.offset // np.dtype(p.dtype).itemsize + k
+            for p, k in ((source, first), (target, second))
+        ]
         types = [TYPES.index(p.dtype) for p in (source, target)]
         scaled = (link.factor, link.offset) != (1.0, 0.0)
         return *places, *types, source.number, scaled
+
+    def _part(self, node: Node, index: tuple[int, ...], said: str) -> tuple[Place, int]:
+        """Place of a variable, and the number of an element, whose place is that of a scalar."""
+        place = self.places[node]
+        if not index:
+            return place, 0
+        fits = len(index) == len(place.shape)
+        if not fits or not all(1 <= k <= n for k, n in zip(index, place.shape, strict=True)):
+            raise GraphError(
+                f"{said}: {'.'.join(node)} of shape {place.shape} has no element {index}; indices "
+                "are from 1, one for each dimension"
+            )
+        within = [k - 1 for k in index]
+        return place._replace(shape=()), int(np.ravel_multi_index(within, place.shape))
 
     def _nominal(self, node: Node) -> float:
         variable = self._instances[node[0]].fmu.variables[node[1]]

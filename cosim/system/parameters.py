@@ -1,31 +1,47 @@
 """Parameter sets of SSP: values by hierarchical names, from .ssv and .ssm files or from within."""
 
+import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from fmpy.model_description import BaseUnit, ModelDescription, ModelVariable
 
-from cosim.fmi.units import EXPONENTS, base_unit, conversion, unit_of
-from cosim.system.graph import GraphError
+from cosim.fmi.units import EXPONENTS, UnitUse, base_unit, unit_use
+from cosim.system.graph import GraphError, convert
+from cosim.system.schema import local_name
 
 _SET = "application/x-ssp-parameter-set"
 _MAPPING = "application/x-ssp-parameter-mapping"
 _SCALED = ("Real", "Float64", "Float32")
+_TRUE = ("true", "1")
 
 
 class Value(NamedTuple):
     """A value of a parameter set.
 
     Attributes:
-        text: as it stands in the file.
+        text: as it stands in the file; a tuple of the elements of an array of texts.
         kind: name of its element, such as Real.
-        unit: name and definition, None if it has none.
+        unit: of the value, None if it has none.
+        level: of systems in systems at which it is given, from 0 outside; the outermost one counts.
     """
 
-    text: str
+    text: str | tuple[str, ...]
     kind: str
-    unit: tuple[str, BaseUnit | None] | None
+    unit: UnitUse | None
+    level: int = 0
+
+    def scaled(self, factor: float, offset: float, said: str) -> "Value":
+        """Return factor · value + offset; raises GraphError of what is no number to scale."""
+        if (factor, offset) == (1.0, 0.0):
+            return self
+        if self.kind not in _SCALED or not isinstance(self.text, str):
+            raise GraphError(
+                f"{said}: a value of type {self.kind} cannot be scaled; remove the transformation"
+            )
+        numbers = (factor * float(each) + offset for each in self.text.split())
+        return self._replace(text=" ".join(map(repr, numbers)))
 
 
 def children(element: Element, *path: str) -> Iterator[Element]:
@@ -33,33 +49,47 @@ def children(element: Element, *path: str) -> Iterator[Element]:
     yield from element.iterfind("/".join(f"{{*}}{name}" for name in path))
 
 
-def local_name(element: Element) -> str:
-    """Name of an element without its namespace."""
-    return element.tag.rpartition("}")[2]
+def is_true(element: Element, attribute: str) -> bool:
+    """Whether an attribute of type Boolean is true; by default it is not."""
+    return element.get(attribute, "false") in _TRUE
 
 
 def linear(element: Element, said: str) -> tuple[float, float]:
     """Factor and offset of the transformation in a connection or mapping entry.
 
     Raises:
-        GraphError: it has one of another kind.
+        GraphError: they are not finite.
     """
-    for child in element:
-        name = local_name(child)
-        if name == "LinearTransformation":
-            return float(child.get("factor", "1")), float(child.get("offset", "0"))
-        if name.endswith("Transformation"):
-            raise GraphError(f"{said}: a {name} is not supported; use a LinearTransformation")
+    for child in children(element, "LinearTransformation"):
+        found = float(child.get("factor", "1")), float(child.get("offset", "0"))
+        if not all(map(math.isfinite, found)):
+            raise GraphError(f"{said}: factor {found[0]:g} and offset {found[1]:g} must be finite")
+        return found
     return 1.0, 0.0
 
 
-def bound_values(element: Element, read: Callable[[str], Element], said: str) -> dict[str, Value]:
+def units_of(root: Element) -> dict[str, UnitUse]:
+    """Return the units that a file defines, by name."""
+    found = {}
+    for unit in children(root, "Units", "Unit"):
+        for base in children(unit, "BaseUnit"):
+            factor, offset = float(base.get("factor", "1")), float(base.get("offset", "0"))
+            exponents = {e: int(base.get(e, "0")) for e in EXPONENTS}
+            name = unit.get("name", "")
+            found[name] = UnitUse(name, BaseUnit(**exponents, factor=factor, offset=offset))
+    return found
+
+
+def bound_values(
+    element: Element, read: Callable[[str], Element], said: str, level: int
+) -> dict[str, Value]:
     """Values of an element's parameter bindings by name; later bindings go first.
 
     Args:
         element: a component or system of an SSD file.
         read: gives the root of a file by the name that the SSD file has for it.
         said: what the element is called in messages.
+        level: of the element, from 0 outside.
 
     Raises:
         GraphError: a binding is of a kind that is not supported.
@@ -67,8 +97,9 @@ def bound_values(element: Element, read: Callable[[str], Element], said: str) ->
     found: dict[str, Value] = {}
     for binding in children(element, "ParameterBindings", "ParameterBinding"):
         kind = binding.get("type", _SET)
-        if kind != _SET or binding.get("sourceBase", "SSD") != "SSD":
+        if kind != _SET:
             raise GraphError(f"{said}: parameters of type {kind} are not supported; use {_SET}")
+        _require_own_base(binding, said)
         source = binding.get("source")
         roots = [read(source)] if source else children(binding, "ParameterValues", "ParameterSet")
         values = {
@@ -78,67 +109,58 @@ def bound_values(element: Element, read: Callable[[str], Element], said: str) ->
         }
         for mapping in children(binding, "ParameterMapping"):
             values = _mapped(mapping, values, read, said)
-        found.update(values)
+        found.update({name: value._replace(level=level) for name, value in values.items()})
     return found
 
 
+def _require_own_base(element: Element, said: str) -> None:
+    if (base := element.get("sourceBase", "SSD")) != "SSD":
+        raise GraphError(f"{said}: sourceBase {base} is not supported; put the file into the .ssp")
+
+
 def _values(root: Element) -> Iterator[tuple[str, Value]]:
-    units = {}
-    for unit in children(root, "Units", "Unit"):
-        for base in children(unit, "BaseUnit"):
-            factor, offset = float(base.get("factor", "1")), float(base.get("offset", "0"))
-            exponents = {e: int(base.get(e, "0")) for e in EXPONENTS}
-            units[unit.get("name")] = BaseUnit(**exponents, factor=factor, offset=offset)
+    units = units_of(root)
     for parameter in children(root, "Parameters", "Parameter"):
         for typed in parameter:
-            text = typed.get("value")
+            items = tuple(item.get("value", "") for item in children(typed, "Value"))
+            text = items or typed.get("value")
             if text is not None:
                 name = typed.get("unit")
-                unit = (name, units.get(name)) if name else None
+                unit = units.get(name, UnitUse(name, None)) if name else None
                 yield parameter.get("name", ""), Value(text, local_name(typed), unit)
 
 
 def _mapped(
     mapping: Element, values: dict[str, Value], read: Callable[[str], Element], said: str
 ) -> dict[str, Value]:
-    """Values by the names that a mapping gives them; those it does not name keep theirs."""
+    """Values by the names that a mapping gives them; those it does not name are not applied."""
     kind, source = mapping.get("type", _MAPPING), mapping.get("source")
     if kind != _MAPPING:
         raise GraphError(f"{said}: a mapping of type {kind} is not supported; use {_MAPPING}")
+    _require_own_base(mapping, said)
     roots = [read(source)] if source else list(children(mapping, "ParameterMapping"))
-    entries = [entry for root in roots for entry in children(root, "MappingEntry")]
-    taken = {entry.get("source") for entry in entries}
-    found = {name: value for name, value in values.items() if name not in taken}
-    for entry in entries:
+    found = {}
+    for entry in (entry for root in roots for entry in children(root, "MappingEntry")):
         value = values.get(entry.get("source", ""))
         if value is not None:
-            factor, offset = linear(entry, f"{said}, mapping of {entry.get('source')}")
-            if (factor, offset) != (1.0, 0.0):
-                value = value._replace(text=_scaled(value.text, factor, offset))
-            found[entry.get("target", "")] = value
+            if is_true(entry, "suppressUnitConversion"):
+                value = value._replace(unit=None)
+            where = f"{said}, mapping of {entry.get('source')}"
+            found[entry.get("target", "")] = value.scaled(*linear(entry, where), where)
     return found
 
 
-def _scaled(text: str, factor: float, offset: float) -> str:
-    return " ".join(repr(factor * float(each) + offset) for each in text.split())
-
-
-def start_text(
+def start_value(
     value: Value, variable: ModelVariable, description: ModelDescription, said: str
-) -> str:
-    """A value as text of a variable's type, in its unit.
+) -> str | tuple[str, ...]:
+    """Return a value as text of a variable's type, in its unit.
 
     Raises:
         GraphError: the units do not match.
     """
-    unit = unit_of(variable)
+    unit = unit_use(variable, description)
     if value.unit is None or unit is None or value.kind not in _SCALED:
         return value.text
-    known = value.unit[1] or base_unit(value.unit[0], description)
-    found = conversion((value.unit[0], known), (unit, base_unit(unit, description)))
-    if found is None:
-        raise GraphError(
-            f"{said}: value of '{variable.name}' in {value.unit[0]}, which does not match "
-            f"{unit}; give it in {unit}"
-        )
-    return value.text if found == (1.0, 0.0) else _scaled(value.text, *found)
+    given = value.unit._replace(base=value.unit.base or base_unit(value.unit.name, description))
+    where = f"{said}: value of '{variable.name}'"
+    return value.scaled(*convert(where, given, unit), where).text

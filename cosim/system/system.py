@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.config import whole_ratio
 from cosim.base.progress import Progress, automatic, showing, silent
-from cosim.fmi.abi import FMI_OK
+from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.fmu import check_steps, function_address
 from cosim.fmi.isolation import calling
 from cosim.system.graph import (
@@ -25,7 +25,16 @@ from cosim.system.graph import (
     outputs,
 )
 from cosim.system.instance import Instance
-from cosim.system.kernels import ENDED, GETTING, RESTORING, SAVING, SETTING, STEPPING, STUCK, Scheme
+from cosim.system.kernels import (
+    ENDED,
+    GETTING,
+    RESTORING,
+    SAVING,
+    SETTING,
+    STEPPING,
+    STUCK,
+    Scheme,
+)
 from cosim.system.layout import Layout
 from cosim.system.loops import DONE, REJECTED, ROW, TICK, run_adaptive, run_fixed, settle
 from cosim.system.run import Share, SystemRun
@@ -137,10 +146,17 @@ class System:
         for instance in self._instances.values():
             instance.begin(self._scheme.start_s, self._scheme.tolerance or None)
         layout = self._layout
+        for component, name in layout.parts:  # what is not connected of arrays stays as it is
+            place, instance = layout.places[component, name], self._instances[component]
+            values = instance.read(instance.fmu.variables[name]).astype(place.dtype)
+            end = place.offset + place.size
+            layout.memory.u1[place.offset : end] = values.view(np.uint8)
         self._check(*settle(layout.tables, layout.memory, exchanges))
         for instance in self._instances.values():
             instance.end_initialization()
         self._check(*settle(layout.tables, layout.memory, 0))
+        self._require_numbers(self._now[[TICK]], layout.memory.i8[None])
+        self._over = any(instance.ends for instance in self._instances.values())
 
     @property
     def time_s(self) -> float:
@@ -181,8 +197,12 @@ class System:
         until = whole_ratio("time to run to", duration_s, "step", scheme.tick_s)
         if until <= self._now[TICK]:
             raise GraphError(f"the system is at {self.time_s:g} s; run it to a later time")
+        asked = [name for name, instance in self._instances.items() if instance.ends]
+        if self._finalizer.alive and asked and not self.steps:
+            row = layout.memory.i8[None, : layout.words].copy()
+            return self._result(self._now[[TICK]], row, f"{asked[0]} asked to end at the start")
         if not self._finalizer.alive or self._over:
-            raise GraphError("the system has ended, failed or been closed; make it anew")
+            raise GraphError("the system has ended, failed or been closed; make it again")
         left = -(-(until - int(self._now[TICK])) // every) + 1
         ticks = [self._now[[TICK]]]
         rows = [layout.memory.i8[None, : layout.words].copy()]
@@ -197,6 +217,8 @@ class System:
             status, component, _ = found
             self._over = status != FMI_OK
             self._check(*found)
+            self._require_numbers(*(part[: self._now[ROW]] for part in room))
+            self._require_numbers(self._now[[TICK]], layout.memory.i8[None])  # recorded or not
             ticks.append(room[0][: self._now[ROW]])
             rows.append(room[1][: self._now[ROW]])
             (progress or silent)("simulating", self.time_s - scheme.start_s, duration_s)
@@ -216,6 +238,21 @@ class System:
         time_s = self._scheme.start_s + ticks * self._scheme.tick_s
         return SystemRun(time_s, signals, ended, profile)
 
+    def _require_numbers(self, ticks: np.ndarray, rows: np.ndarray) -> None:
+        """Raise the FmuError of the first row (words of the block) with an output that is NaN."""
+        found: list[tuple[int, str, str]] = []
+        for (component, name), place in self._layout.places.items():
+            within = place.offset + place.size <= 8 * rows.shape[1]
+            if "f" in place.dtype and within and place.offset < 8 * self._layout.words:
+                wrong = np.isnan(place.read(rows.view(np.uint8))).reshape(len(rows), -1).any(axis=1)
+                if wrong.any():
+                    found.append((int(np.argmax(wrong)), component, name))
+        if found:
+            row, component, name = min(found, key=lambda each: each[0])
+            self._over = True
+            time_s = self._scheme.start_s + int(ticks[row]) * self._scheme.tick_s
+            raise self._instances[component].failure(time_s, f"puts out nan ({name})")
+
     def _check(self, status: int, component: int, phase: int) -> None:
         """Raise the FmuError of a failed call."""
         if status in (FMI_OK, ENDED):
@@ -223,7 +260,7 @@ class System:
         instance = list(self._instances.values())[component]
         said = f"{_WHAT[phase]} (fmi{instance.fmu.standard}Status {status})"
         what = "returned early for ever" if status == STUCK else said
-        raise instance.failure(self.time_s, what)
+        raise instance.failure(self.time_s, what, status if status <= FMI_FATAL else FMI_ERROR)
 
     @calling("its end")
     def close(self) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, at_end
 from cosim.base.progress import Progress
 from minirobots.options import File, IsolatedOptions
 
@@ -28,7 +28,7 @@ class SimulateSystem(IsolatedOptions):
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """The system: an archive (.ssp) or a description (.ssd) beside its FMUs."""
     until: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """SystemResult time to reach, in s; by default that of the file's default experiment."""
+    """Simulated time to reach, in s; by default that of the file's default experiment."""
     step: Seconds = 1e-3
     """Communication step in s; with a tolerance the shortest one."""
     algorithm: Literal["jacobi", "gauss-seidel"] = "jacobi"
@@ -84,8 +84,8 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
         event_mode=options.event_mode,
         profile=options.profile,
     )
-    with system:
-        simulated = system.run(until_s, every=options.every, progress=progress)
+    at_end.append(lambda _: system.close())  # whatever its FMUs do in their end, results are whole
+    simulated = system.run(until_s, every=options.every, progress=progress)
     if options.out is not None:
         write_run(options.out, simulated)
     return len(found.components), system, simulated

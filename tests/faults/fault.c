@@ -1,17 +1,25 @@
 /* A motor FMU with faults: three of its functions (renamed to sound_…) stand behind those below,
    which go wrong from FAULT_FROM seconds on as FAULT says, once there were FAULT_AFTER instances. */
+#include <fenv.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "fmi3Functions.h"
 #undef fmi3DoStep
 #undef fmi3GetFloat64
 #undef fmi3InstantiateCoSimulation
+#undef fmi3Terminate
+#undef fmi3FreeInstance
+#define fmi3Terminate sound_fmi3Terminate
+#define fmi3FreeInstance sound_fmi3FreeInstance
 #define fmi3DoStep sound_fmi3DoStep
 #define fmi3GetFloat64 sound_fmi3GetFloat64
 #define fmi3InstantiateCoSimulation sound_fmi3InstantiateCoSimulation
 #include SOUND
+#undef fmi3Terminate
+#undef fmi3FreeInstance
 #undef fmi3DoStep
 #undef fmi3GetFloat64
 #undef fmi3InstantiateCoSimulation
@@ -30,6 +38,7 @@ FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(
     fault = getenv("FAULT") ? getenv("FAULT") : "none";
     from = getenv("FAULT_FROM") ? atof(getenv("FAULT_FROM")) : 0.0;
     instances++;
+    now = 0.0;
     environment = given;
     say = log;
     return sound_fmi3InstantiateCoSimulation(name, token, path, visible, logging, events, early,
@@ -45,6 +54,12 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3F
                                   fmi3Boolean final, fmi3Boolean *event, fmi3Boolean *terminate,
                                   fmi3Boolean *early, fmi3Float64 *last) {
     now = time;
+    if (is("chdir") && chdir("/") != 0) return fmi3Error;
+    if (is("round")) fesetround(FE_UPWARD);
+    if (is("late") || is("later")) {
+        say(environment, is("late") ? fmi3Error : fmi3Fatal, "logStatusError", "the gear has broken");
+        return is("late") ? fmi3Error : fmi3Fatal;
+    }
     if (is("discard")) return fmi3Discard;
     if (is("error")) return fmi3Error;
     if (is("fatal")) return fmi3Fatal;
@@ -64,4 +79,22 @@ FMI3_Export fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueRefe
     if (is("nan")) values[1] = NAN;
     if (is("inf")) values[1] = INFINITY;
     return status;
+}
+
+/* The standards forbid to terminate after an error, and to call anything after a fatal one. */
+FMI3_Export fmi3Status fmi3Terminate(fmi3Instance instance) {
+    if (is("late") || is("later")) abort();
+    return sound_fmi3Terminate(instance);
+}
+
+FMI3_Export void fmi3FreeInstance(fmi3Instance instance) {
+    if (is("later") || is("end")) abort();
+    sound_fmi3FreeInstance(instance);
+    if (is("late")) abort();
+}
+
+__attribute__((destructor)) static void unload(void) {
+    if (!fault) return;
+    if (strcmp(fault, "unload") == 0) abort();
+    while (strcmp(fault, "linger") == 0) sleep(1);
 }

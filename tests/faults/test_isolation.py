@@ -1,5 +1,6 @@
 """What a foreign FMU does to its process ends a command in a sentence, and nothing is lost."""
 
+import contextlib
 import json
 import os
 import signal
@@ -15,9 +16,12 @@ import pytest
 from cosim.base.config import CoSimConfig
 from cosim.base.params import TIMING
 from cosim.coupling.master import NotFiniteError
+from cosim.fmi.fmu import FmuError
 from cosim.fmi.isolation import Isolation
 from cosim.navigation.cosimulation import CoSimulation
 from cosim.scenarios.scenario import Scenario
+from cosim.system.graph import Component
+from cosim.system.system import System
 from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
 from tests.faults.killing import without_progress
 
@@ -94,6 +98,9 @@ def drive(begin):
 
 
 FAULTS = {
+    "late": "(fmi3Status 3): the gear has broken",
+    "later": "(fmi3Status 4): the gear has broken",
+    "round": "an FMU changed the rounding",
     "crash": r"crashed (SIGSEGV) in the RL step from 2 s of simulated time",
     "exit": r"ended the process with status 0 in the RL step from 2 s of simulated time",
     "error": "2.5",
@@ -178,6 +185,77 @@ def test_a_system_of_faulty_fmus_ends_in_a_sentence(fault, limit_s, words, fault
     assert ended.returncode == 2
     (sentence,) = without_progress(ended.stderr).splitlines()
     assert words in sentence
+
+
+@pytest.fixture
+def simulate(faulty_fmu, tmp_path):
+    """Runs the system command with the faulty FMU."""
+
+    def run(fault: str, *options: object, fault_from: float = 0.0) -> subprocess.CompletedProcess:
+        with zipfile.ZipFile(tmp_path / "one.ssp", "w") as archive:
+            archive.write(faulty_fmu, "resources/Faulty.fmu")
+            archive.writestr("SystemStructure.ssd", SYSTEM)
+        command = [sys.executable, "-m", "cosim.system", "one.ssp", "--until", "1", *options]
+        environment = os.environ | {"FAULT": fault, "FAULT_FROM": str(fault_from)}
+        return subprocess.run(
+            list(map(str, command)), cwd=tmp_path, env=environment, capture_output=True,
+            text=True, check=False,
+        )  # fmt: skip
+
+    return run
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("fault", ["late", "later"])
+def test_what_an_fmu_does_after_its_error_does_not_hide_it(simulate, fault):
+    ended = simulate(fault, fault_from=0.5)
+    assert ended.returncode == 2
+    (sentence,) = without_progress(ended.stderr).splitlines()
+    assert "Faulty.fmu, instance motor, at 0.50000 s failed (fmi3Status " in sentence
+    assert "the gear has broken" in sentence
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("fault", "options"), [("end", ()), ("unload", ()), ("linger", ("--isolate-limit", 3))]
+)
+def test_results_that_are_whole_are_kept(simulate, tmp_path, fault, options):
+    ended = simulate(fault, *options, "--out", "run.csv")
+    assert ended.returncode == 0, ended.stderr
+    assert "1 components at 1 s, after 1000 steps" in ended.stdout
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 1002
+
+
+@pytest.mark.faults
+def test_results_are_where_they_were_asked_for(simulate, tmp_path):
+    ended = simulate("chdir", "--out", "run.csv")
+    assert ended.returncode == 0, ended.stderr
+    assert (tmp_path / "run.csv").is_file()
+
+
+def test_fmus_change_neither_folder_nor_arithmetic(faulty_fmu, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    components = [Component("motor", faulty_fmu)]
+    monkeypatch.setenv("FAULT_FROM", "0.002")
+    for fault in ("chdir", "round"):
+        monkeypatch.setenv("FAULT", fault)
+        with System(components) as system:
+            system.run(0.002)
+            changed = pytest.raises(FmuError, match=r"an FMU changed the rounding .* at 0.002 s")
+            with changed if fault == "round" else contextlib.nullcontext():
+                system.run(0.004)
+        assert Path.cwd() == tmp_path
+        assert 1.0 + 2.0**-54 * float(len(fault)) / 8.0 == 1.0
+
+
+def test_nan_is_named_with_component_variable_and_time(faulty_fmu, monkeypatch):
+    monkeypatch.setenv("FAULT", "nan")
+    monkeypatch.setenv("FAULT_FROM", "0.002")
+    with (
+        System([Component("motor", faulty_fmu)]) as system,
+        pytest.raises(FmuError, match=r"instance motor, at 0.00300 s puts out nan \(omega\)"),
+    ):
+        system.run(1.0)
 
 
 @pytest.mark.faults

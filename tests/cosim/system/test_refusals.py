@@ -1,12 +1,32 @@
 """Systems that cannot be: one sentence that names component, variable or connection."""
 
+import math
+import zipfile
+from pathlib import Path
+
 import pytest
 
 from cosim.base.config import ConfigError
 from cosim.base.errors import UserError
-from cosim.fmi.fmu import FmuError
-from cosim.system.graph import Component, Connection, GraphError
+from cosim.fmi.fmu import Fmu, FmuError
+from cosim.system.graph import Component, Connection, GraphError, find
 from cosim.system.system import System
+
+
+def changed(fmu: Fmu, folder: Path, *replaced: str) -> Path:
+    """Copy of an FMU with other words in its description: old and new ones by turns."""
+    path = folder / f"{len(list(folder.iterdir()))}.fmu"
+    with zipfile.ZipFile(fmu.path) as source, zipfile.ZipFile(path, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            if name == "modelDescription.xml":
+                text = content.decode()
+                for old, new in zip(replaced[::2], replaced[1::2], strict=True):
+                    assert old in text
+                    text = text.replace(old, new)
+                content = text.encode()
+            target.writestr(name, content)
+    return path
 
 
 @pytest.fixture
@@ -99,6 +119,82 @@ def test_start_value_is_refused(refused, small, start, words):
     assert words in refused(components=components)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("Int8_input", 300), ("UInt8_input", -1), ("Int64_input", 2**63), ("Enumeration_input", 3),
+     ("Float32_input", 1e300), ("Float64_input", float("nan")), ("Int8_input", "300")],
+)  # fmt: skip
+def test_start_value_out_of_range_is_refused(refused, small, name, value):
+    components = [Component("s", small("feedthrough"), {name: value})]
+    said = refused(components=components)
+    assert f"start value {value!r} of '{name}' is out of range; use " in said
+
+
+def test_declared_limits_hold_for_start_values(refused, small, tmp_path):
+    limited = changed(small("oscillator"), tmp_path, 'name="k"', 'name="k" min="0.5" max="2"')
+    for value in (0.25, 3.0):
+        said = refused(components=[Component("s", limited, {"k": value})])
+        assert said.endswith(f"start value {value} of 'k' is out of range; use 0.5 to 2")
+
+
+@pytest.mark.parametrize("scale", [(math.inf, 0.0), (1.0, math.nan)])
+def test_connections_scale_by_finite_numbers(refused, scale):
+    assert "must be finite" in refused(Connection("a.x", "b.Float64_input", *scale))
+
+
+def test_only_one_instance_of_what_shares_its_memory(refused, small, tmp_path):
+    word = "<CoSimulation "
+    once = changed(small("ball"), tmp_path, word, f'{word}canBeInstantiatedOnlyOncePerProcess="1" ')
+    copy, packed = tmp_path / "copy.fmu", tmp_path / "packed.fmu"
+    copy.write_bytes(once.read_bytes())
+    with zipfile.ZipFile(once) as source, zipfile.ZipFile(packed, "w") as target:
+        for name in source.namelist():  # other bytes, the same instantiation token
+            target.writestr(name, source.read(name))
+    for other in (once, copy, packed):
+        said = refused(components=[Component("a", once), Component("b", other)])
+        assert said.startswith("component b: ") and "component a is of the same FMU" in said
+
+
+def test_an_alias_is_its_input(refused, small, tmp_path):
+    named = changed(
+        small("dahlquist"),
+        tmp_path,
+        'start="0"></Float64>',
+        'start="0"><Alias name="v"/></Float64>',
+    )
+    components = [Component("a", small("oscillator")), Component("b", named)]
+    said = refused(Connection("a.x", "b.u"), Connection("a.v", "b.v"), components=components)
+    assert said == "connection a.v -> b.v: another connection sets this input; remove one"
+
+
+def test_differences_keep_their_size_and_do_not_mix(refused, small, tmp_path):
+    degrees, kelvin = (
+        changed(
+            small("feedthrough"), tmp_path, f'name="Float64_{end}"',
+            f'name="Float64_{end}" unit="{unit}" relativeQuantity="true"', "</UnitDefinitions>",
+            '<Unit name="degC"><BaseUnit K="1" offset="273.15"/></Unit><Unit name="K">'
+            '<BaseUnit K="1"/></Unit></UnitDefinitions>',
+        )
+        for end, unit in (("output", "degC"), ("input", "K"))
+    )  # fmt: skip
+    link = Connection("a.Float64_output", "b.Float64_input")
+    components = [Component("a", degrees, {"Float64_input": 5.0}), Component("b", kelvin)]
+    with System(components, [link], step_s=0.1) as system:
+        assert system.run(0.1).signals["b.Float64_output"][-1] == 5.0
+    mixed = changed(Fmu(kelvin), tmp_path, 'relativeQuantity="true"', 'relativeQuantity="false"')
+    components[1] = Component("b", mixed)
+    said = refused(link, components=components)
+    assert "one of degC and K is a difference (relativeQuantity)" in said
+
+
+def test_the_longest_name_of_a_component_counts(small):
+    fmus = {"axle": small("ball"), "axle.left": small("oscillator")}
+    assert find(fmus, "axle.left.x") == ("axle.left", "x")
+    assert find(fmus, "axle.h") == ("axle", "h")
+    with pytest.raises(GraphError, match=r"component axle\.left has no variable 'h'"):
+        find(fmus, "axle.left.h")
+
+
 def test_components_are_named_once_and_there(refused, small, tmp_path):
     twice = [Component("a", small("ball")), Component("a", small("stair"))]
     assert refused(components=twice) == "two components are named a; rename one"
@@ -124,7 +220,7 @@ def test_steps_have_to_fit(refused, small):
         system.run(0.1)
         with pytest.raises(GraphError, match=r"is at 0.1 s; run it to a later time"):
             system.run(0.1)
-    with pytest.raises(GraphError, match="been closed; make it anew"):
+    with pytest.raises(GraphError, match="been closed; make it again"):
         system.run(0.2)
 
 
