@@ -168,7 +168,7 @@ class Fmu:
             status: of the call that failed.
         """
         if slave is not None:
-            slave.fault = max(status, FMI_ERROR)
+            _fail(slave, max(status, FMI_ERROR))
         said = f": {log[-1]}" if log else ""
         message = f"FMU {self.path.name}, instance {name}, at {time_s:.5f} s {what}{said}"
         note_failure(message)
@@ -243,13 +243,20 @@ def end(slave: Any) -> None:
         try:
             slave.terminate()
         except FMICallException as error:
-            slave.fault = error.status
+            _fail(slave, error.status)
     free(slave)
+
+
+def _fail(slave: Any, status: int) -> None:
+    """Note with which status an instance has failed; a fatal error is that of all instances."""
+    slave.fault = status
+    if status >= FMI_FATAL:
+        slave.loaded.fault = status
 
 
 def fault_of(slave: Any) -> int:
     """Return the status with which an instance has failed, 0 if it has not."""
-    return getattr(slave, "fault", FMI_OK)
+    return max(getattr(slave, "fault", FMI_OK), getattr(slave.loaded, "fault", FMI_OK))
 
 
 def free(slave: Any) -> None:
