@@ -5,34 +5,52 @@
 
 `MiniRobots/SingleA-v0` and `SingleB-v0` are scenarios 1a and 1b on the grid,
 `MiniRobots/CoSim-v0` is 1a in the full co-simulation; `gymnasium.make_vec` makes many that are
-stepped together. `MiniRobots/Pair-v0` is for `make_vec` alone: scenario 2, or with `scenario=` one
-of any number of robots, every robot a row. `parallel_env` makes a PettingZoo environment for pairs
-and more, `parallel_vector_env` many of them. The version in an id rises with any change of a
-reading.
+stepped together. `MiniRobots/Pair-v0` and `MiniRobots/CoSimPair-v0` are for `make_vec` alone:
+scenario 2, or with `scenario=` one of any number of robots, every robot a row. `parallel_env` makes
+a PettingZoo environment for pairs and more, `parallel_vector_env` many of them. The version in an
+id rises with any change of a reading.
 """
 
 import gymnasium
 
-from agent.envs.single import FlattenState, NavigationEnv, parallel_env, parallel_vector_env
+from agent.envs.single import (
+    FlattenState,
+    FlattenStateVector,
+    NavigationEnv,
+    parallel_env,
+    parallel_vector_env,
+)
+from agent.moves.worlds import RANGES as ROBUST_WORLDS
+from agent.moves.worlds import Ranges as WorldRange
 
-__all__ = ["FlattenState", "NavigationEnv", "parallel_env", "parallel_vector_env"]
+__all__ = [
+    "ROBUST_WORLDS",
+    "FlattenState",
+    "FlattenStateVector",
+    "NavigationEnv",
+    "WorldRange",
+    "parallel_env",
+    "parallel_vector_env",
+]
 
-for _name, _scenario in (("SingleA", "1a"), ("SingleB", "1b")):
+_NAVIGATION = "agent.envs:NavigationEnv"
+for _name, _single, _vector, _scenario, _steps in (
+    ("SingleA", _NAVIGATION, "vector:NavigationVectorEnv", "1a", 1000),
+    ("SingleB", _NAVIGATION, "vector:NavigationVectorEnv", "1b", 1000),
+    ("Pair", _NAVIGATION, "vector:RobotsVectorEnv", "2", 1000),  # alone it is refused
+    ("CoSim", "agent.envs.single:cosim_env", "cosim_vector:CoSimVectorEnv", "1a", 300),
+    ("CoSimPair", "agent.envs.single:cosim_env", "cosim_vector:CoSimVectorEnv", "2", 300),
+):
     gymnasium.register(
         f"MiniRobots/{_name}-v0",
-        entry_point="agent.envs:NavigationEnv",
-        vector_entry_point="agent.envs.vector:NavigationVectorEnv",
+        entry_point=_single,
+        vector_entry_point=f"agent.envs.{_vector}",
         kwargs={"scenario": _scenario},
+        max_episode_steps=_steps,
     )
 gymnasium.register(
-    "MiniRobots/CoSim-v0",
-    entry_point="agent.envs.single:cosim_env",
-    vector_entry_point="agent.envs.cosim_vector:CoSimVectorEnv",
-    kwargs={"scenario": "1a"},
-)
-gymnasium.register(
-    "MiniRobots/Pair-v0",
-    entry_point="agent.envs:NavigationEnv",  # which refuses, and names `parallel_env`
-    vector_entry_point="agent.envs.vector:RobotsVectorEnv",
-    kwargs={"scenario": "2"},
+    "MiniRobots/Drive-v0",
+    entry_point="agent.envs.drive:DriveEnv",
+    vector_entry_point="agent.envs.drive:DriveVectorEnv",
+    max_episode_steps=1200,
 )

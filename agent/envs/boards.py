@@ -17,6 +17,7 @@ from agent.envs.grid_episode import (
     require_seed,
     whole_cells,
 )
+from agent.envs.state import Restorable
 from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import (
     COLUMN_COUNT,
@@ -134,7 +135,7 @@ def _step(process: Process, features: np.ndarray, arrays: Arrays, actions: np.nd
         _observe(features, arrays, m)
 
 
-class Boards:
+class Boards(Restorable):
     """K boards of a scenario; `arrays` is overwritten by every step.
 
     A robot that has ended before the others of its board stays there, inactive: its actions are
@@ -144,6 +145,8 @@ class Boards:
     Raises:
         ScenarioError: the scenario cannot be used with these readings.
     """
+
+    _mutable = ("arrays",)
 
     def __init__(self, count: int, scenario: Scenario, config: ProcessConfig) -> None:
         refuse_without_effect(config, "environments on the grid")
@@ -208,18 +211,19 @@ class Boards:
 
 
 def reset_options(
-    options: dict[str, Any] | None, shape: tuple[int, ...]
+    options: dict[str, Any] | None, shape: tuple[int, ...], *more: str
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Which boards begin anew, (K,) bool, and from which start cells, (K, N, 2), None if drawn.
 
     Args:
         options: of `reset`.
         shape: (K, N), boards and robots.
+        more: names of options that are allowed too.
 
     Raises:
         StartsError: a shape is another one, or an option is unknown.
     """
-    options = known_options(options, "starts", "reset_mask")
+    options = known_options(options, "starts", "reset_mask", *more)
     which = np.asarray(options.get("reset_mask", np.ones(shape[0], dtype=bool)))
     if which.shape != shape[:1] or which.dtype != bool:
         raise StartsError(

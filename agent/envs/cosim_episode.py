@@ -1,49 +1,102 @@
-"""One episode in the full co-simulation, as environments step it: motors, contacts, 2 s a step.
+"""One episode in the full co-simulation, as environments step it: motors and contacts.
 
-The grid's counterpart, and the interface of both, is in `agent.envs.grid_episode`. An action is
-adopted when the robot waits for one: a robot under way ignores it, and earns the
-reward of every step that its move takes.
+The grid's counterpart, and the interface of both, is in `agent.envs.grid_episode`. A robot adopts
+an action when it waits for one. A step of `CoSimEpisode` lasts until a robot does, or one RL step
+of 2 s; its rewards cover the time that passed.
 """
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.envs.grid_episode import FEATURE_COLUMNS, place_checked
+from agent.envs.grid_episode import FEATURE_COLUMNS, place_checked, whole_cells
+from agent.envs.state import Restorable
+from agent.moves.worlds import Ranges, draw_world
 from agent.process.acting import on_grid
 from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, SIGN, X, Y
-from agent.process.readings import build_process, feature_sizes
+from agent.process.readings import Process, build_process, feature_sizes
 from agent.process.rewards import failed, step_reward
+from cosim.base.arguments import ConfigError, require_one_of
 from cosim.base.config import CoSimConfig
 from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING, TIMEOUT
-from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars
-from cosim.calibration.cache import calibrated_slower
 from cosim.navigation.batch import Batch
+from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.observing import draw_starts
+from cosim.navigation.options import Driving
 from cosim.navigation.step import Step
+from cosim.scenarios.file import find_in_world
 from cosim.scenarios.scenario import Scenario
-from fmus.build import cached_fmu
 
 
-def new_batch(scenario: Scenario, places: int, config: CoSimConfig | None = None) -> Batch:
-    """Places for episodes of a scenario.
+class Setup(NamedTuple):
+    """What the episodes of an environment have in common.
 
-    Without a configuration robots have the default parameters; those of another diameter than
-    Table I's are calibrated first.
+    Attributes:
+        scenario: board, targets and start cells.
+        config: calibrated parameters.
+        motor_fmu: of every motor.
+        worlds: ranges that every episode draws its world from; None for the world of `config`.
+    """
+
+    scenario: Scenario
+    config: CoSimConfig
+    motor_fmu: Path
+    worlds: Ranges | None
+
+    def batch(self, places: int) -> Batch:
+        """Places for as many episodes."""
+        return Batch(self.motor_fmu, self.config, self.scenario.robots, places)
+
+    def drawn(self, rng: np.random.Generator, mu: float | None) -> CoSimConfig:
+        """Parameters of an episode, in a world drawn from the ranges and with a friction if given.
+
+        The steering keeps the calibration of `config`, as in training of the method `robust`.
+        """
+        config = self.config
+        if self.worlds is not None:
+            side = max(self.scenario.columns, self.scenario.rows)
+            config = config.in_world(draw_world(self.worlds, side, side // 2, rng))
+        return config if mu is None else config.having(mu)
+
+
+def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> Setup:
+    """Prepare the dynamics by the names of `cosim.simulate`.
+
+    The motor FMU is compiled and the robots calibrated the first time (some seconds).
+
+    Args:
+        scenario: name, scenario file or record.
+        options: fields of `cosim.navigation.options.Driving`, `world` as of `cosim.simulate`, and
+            `worlds`, ranges to draw a world from in every episode.
 
     Raises:
-        UserError: the motor FMU cannot be built.
+        UserError: an option is unknown or does not fit, or the scenario cannot be used.
     """
-    fmu = cached_fmu()
-    if config is None and scenario.robot_diameter_m != TABLE_I.diameter_m:
-        with progress_bars() as progress:
-            config = calibrated_slower(
-                CoSimConfig().sized(scenario.robot_diameter_m), fmu, progress
-            )
-    return Batch(fmu, config or CoSimConfig(), scenario.robots, places)
+    given = dict(options)
+    known = ["worlds", *(field.name for field in fields(Driving))]
+    for name in given:
+        if name not in known:
+            raise ConfigError(f"environments have no option {name}; choose from {', '.join(known)}")
+    world, worlds = given.pop("world", None), given.pop("worlds", None)
+    if worlds is not None and not isinstance(worlds, Ranges):
+        raise ConfigError(
+            f"worlds = {worlds!r} has no ranges; give agent.envs.WorldRange(mu=(0.1, 0.26)), or "
+            "agent.envs.ROBUST_WORLDS"
+        )
+    if worlds is not None and world is not None:
+        raise ConfigError("worlds has no effect on a given world; leave out world or worlds")
+    scenario, declared = find_in_world(scenario, world)
+    with progress_bars() as progress:
+        config, fmu = Driving(**given).prepare(scenario.robot_diameter_m, progress, declared)
+    return Setup(scenario, config, fmu, worlds)
 
 
-class CoSimPlace:
+class CoSimPlace(Restorable):
     """The episodes of an environment in one place of a batch; advancing the batch is its owner's.
 
     Attributes as of `agent.envs.grid_episode.EnvEpisode`.
@@ -52,50 +105,93 @@ class CoSimPlace:
         UserError: the scenario cannot be used.
     """
 
+    reset_options = ("starts", "mu", "targets")
+    _mutable = ("scenario", "process", "status", "rewards", "outcome", "_positions_m", "_seed")
+
     def __init__(
-        self, scenario: Scenario, process: ProcessConfig | None, batch: Batch, place: int
+        self, setup: Setup, process: ProcessConfig | None, batch: Batch, place: int
     ) -> None:
-        process = process or ProcessConfig()
-        refuse_without_effect(process, "the co-simulation")
-        self.scenario = scenario
-        self.process = build_process(scenario, process)
-        sizes = feature_sizes(scenario, process)
+        self._config = process or ProcessConfig()
+        refuse_without_effect(self._config, "the co-simulation")
+        self._setup = setup
+        self.scenario = setup.scenario
+        self.process = self._usual = build_process(setup.scenario, self._config)
+        sizes = feature_sizes(setup.scenario, self._config)
         self.sizes = tuple(sizes.values())
         self._columns = [FEATURE_COLUMNS[name] for name in sizes]
         self._batch, self._place = batch, place
-        self.status = np.full(scenario.robots, MOVING)
-        self.rewards = np.zeros(scenario.robots)
+        self.status = np.full(self.scenario.robots, MOVING)
+        self.rewards = np.zeros(self.scenario.robots)
+        self._positions_m = np.zeros((self.scenario.robots, 2))
         self.outcome = TIMEOUT  # none is running yet
         self.seed(None)
 
+    @property
+    def _running(self) -> RunningEpisode:
+        episode = self._batch.episodes[self._place]
+        assert episode is not None
+        return episode
+
+    @property
+    def active(self) -> np.ndarray:
+        """(N,) bool, robots that adopt an action in the next step."""
+        return self._running.awaiting & (self.outcome == RUNNING)
+
     def seed(self, seed: int | None) -> None:
-        """Seed start cells and speed noise; with entropy if None."""
+        """Seed start cells, worlds and speed noise; with entropy if None."""
         self._seed = np.random.SeedSequence(seed)
 
-    def check(self, starts: np.ndarray) -> np.ndarray:
-        """(N, 2) int64, start cells that a user gave.
+    def check(
+        self, starts: Any = None, mu: Any = None, targets: Any = None
+    ) -> tuple[Scenario, Process, np.ndarray | None]:
+        """Scenario, process and (N, 2) int64 start cells (None to draw them) of an episode.
+
+        Args:
+            starts, mu, targets: as of `reset`.
 
         Raises:
-            StartsError: they are off the board, blocked or in contact.
+            StartsError: start cells are off the board, blocked or in contact.
+            UserError: friction or targets cannot be used.
         """
-        world = np.zeros((self.scenario.robots, COLUMN_COUNT), dtype=np.int64)
-        place_checked(self.process, world, starts)
-        return world[:, [X, Y]]
+        scenario, process, cells = self._setup.scenario, self._usual, None
+        if targets is not None:
+            aims = whole_cells(targets, (scenario.robots, 2), "targets")
+            scenario = replace(scenario, targets=tuple((int(x), int(y)) for x, y in aims))
+            process = build_process(scenario, self._config)
+        if starts is not None:
+            world = np.zeros((scenario.robots, COLUMN_COUNT), dtype=np.int64)
+            place_checked(process, world, starts)
+            cells = world[:, [X, Y]]
+        if mu is not None:
+            self._setup.config.having(mu)
+        return scenario, process, cells
 
-    def reset(self, starts: np.ndarray | None) -> None:
+    def reset(
+        self,
+        starts: np.ndarray | None = None,
+        mu: float | None = None,
+        targets: np.ndarray | None = None,
+    ) -> None:
         """Set the robots down, motors at rest.
 
+        Args:
+            starts: (N, 2) start cells, drawn if None.
+            mu: friction coefficient of the floor in this episode.
+            targets: (N, 2) target cells of this episode, by default those of the scenario.
+
         Raises:
-            StartsError: see `check`; nothing has changed.
+            UserError: see `check`; nothing has changed.
             FmuError: the FMU cannot be instantiated.
         """
-        given = None if starts is None else self.check(starts)
+        self.scenario, self.process, given = self.check(starts, mu, targets)
         start_seed, noise_seed = self._seed.spawn(2)
+        rng = np.random.default_rng(start_seed)
         if given is None:
-            drawn = draw_starts(self.scenario, np.random.default_rng(start_seed))
-            given = self.check(np.array(drawn))
+            _, _, given = self.check(np.array(draw_starts(self.scenario, rng)), None, targets)
+            assert given is not None
         cells = tuple((int(x), int(y)) for x, y in given)
-        self._running = self._batch.begin(self._place, self.scenario, cells, noise_seed)
+        config = self._setup.drawn(rng, mu)
+        self._batch.begin(self._place, self.scenario, cells, noise_seed, config)
         self._positions_m = np.array([self.scenario.centre_m(cell) for cell in cells])
         self.status = np.full(self.scenario.robots, MOVING)
         self.rewards = np.zeros(self.scenario.robots)
@@ -130,6 +226,7 @@ class CoSimPlace:
     def close(self) -> None:
         """Free the FMU instances."""
         self._batch.close()
+        self.outcome = TIMEOUT
 
 
 class CoSimEpisode(CoSimPlace):
@@ -139,19 +236,25 @@ class CoSimEpisode(CoSimPlace):
         UserError: the scenario cannot be used, or the motor FMU cannot be built.
     """
 
+    _mutable = (*CoSimPlace._mutable, "_batch")
+
     def __init__(
-        self,
-        scenario: Scenario,
-        process: ProcessConfig | None = None,
-        config: CoSimConfig | None = None,
+        self, setup: Setup, process: ProcessConfig | None = None, decision: str = "arrival"
     ) -> None:
-        super().__init__(scenario, process, new_batch(scenario, 1, config), 0)
+        require_one_of("decision", decision, ("arrival", "period"))
+        self._until_arrival = decision == "arrival"
+        super().__init__(setup, process, setup.batch(1), 0)
 
     def step(self, actions: np.ndarray) -> None:
-        """Simulate 2 s.
+        """Simulate until a robot waits for an action, or one RL step.
 
         Raises:
             FmuError: an FMU failed.
         """
-        action = np.asarray(actions, dtype=np.int64)
-        self.take(self._batch.advance({self._place: action})[self._place])
+        action, rewards = np.asarray(actions, dtype=np.int64), np.zeros(self.scenario.robots)
+        while True:
+            self.take(self._batch.advance({self._place: action})[self._place])
+            rewards += self.rewards
+            if self.outcome != RUNNING or not self._until_arrival or self.active.any():
+                break
+        self.rewards = rewards

@@ -1,8 +1,11 @@
-"""Many one-robot environments in the full co-simulation, stepped in the lanes of one batch.
+"""Many boards in the full co-simulation, stepped in the lanes of one batch; rows are robots.
 
     gymnasium.make_vec("MiniRobots/CoSim-v0", num_envs=16)
+    gymnasium.make_vec("MiniRobots/CoSimPair-v0", num_envs=8)
 
-The same bits as a `SyncVectorEnv` of `agent.envs.NavigationEnv` with the same seeds.
+Boards advance together, 2 s of simulated time a step, in which robots under way ignore their
+actions: `infos["active"]` says whose next action counts. Boards with one robot have the same bits
+as a `SyncVectorEnv` of environments with `decision="period"` and the same seeds.
 """
 
 from collections.abc import Sequence
@@ -11,16 +14,20 @@ from typing import Any
 import numpy as np
 
 from agent.envs.boards import reset_options
-from agent.envs.cosim_episode import CoSimPlace, new_batch
+from agent.envs.cosim_episode import CoSimPlace, set_up
 from agent.envs.grid_episode import StartsError
-from agent.envs.vector import RobotRowsVectorEnv, lone
+from agent.envs.vector import Ends, RobotRowsVectorEnv
 from agent.process.config import ProcessConfig
+from agent.process.grid import MOVING
+from cosim.base.arguments import ConfigError
 from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.scenarios.scenario import Scenario
 
 
 class CoSimVectorEnv(RobotRowsVectorEnv):
-    """Environments in the co-simulation; a step is 2 s."""
+    """Boards in the co-simulation; a step is an RL step."""
+
+    _mutable = ("_batch", "_places", "_begun")
 
     def __init__(
         self,
@@ -28,20 +35,42 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
         scenario: str | Scenario = "1a",
         process: ProcessConfig | None = None,
         *,
+        decision: str = "period",
         render_mode: str | None = None,
+        ends: Ends = "together",
+        outcome_names: bool = False,
+        max_episode_steps: int | None = None,
+        **physics: Any,
     ) -> None:
-        """Make the environments.
+        """Make the boards.
+
+        Args:
+            num_envs: boards.
+            scenario: name of a built-in scenario, a scenario file, or a scenario.
+            process: readings of the decision process.
+            decision: "period" alone; boards that wait for each other would have other bits.
+            render_mode: "ansi", "rgb_array" or None; a picture per row, that of its board.
+            ends: "together" or "own", see `agent.envs.vector.RobotRowsVectorEnv`.
+            outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+            max_episode_steps: limit of RL steps, next to the physics' own `time_limit`.
+            physics: see `agent.envs.cosim_episode.set_up`.
 
         Raises:
-            UserError: the scenario cannot be used, has more than one robot, or the motor FMU cannot
-                be built.
+            UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
         """
+        if decision != "period":
+            raise ConfigError(
+                f"decision = {decision} is not possible for boards that advance together; leave "
+                'it out and look at infos["active"], or make_vec with vectorization_mode="sync"'
+            )
         process = process or ProcessConfig()
-        super().__init__(num_envs, lone(scenario, cosim=True), process, render_mode)
-        self._batch = new_batch(self.scenario, num_envs)
-        self._places = [
-            CoSimPlace(self.scenario, process, self._batch, place) for place in range(num_envs)
-        ]
+        setup = set_up(scenario, physics)
+        super().__init__(
+            num_envs, setup.scenario, process, render_mode, ends=ends, outcome_names=outcome_names
+        )
+        self._limit = max_episode_steps
+        self._batch = setup.batch(num_envs)
+        self._places = [CoSimPlace(setup, process, self._batch, k) for k in range(num_envs)]
         self._begun = False
         for m, place in enumerate(self._places):
             place.seed(int(self.np_random_seed or 0) + m)
@@ -52,65 +81,86 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin episodes; seeds and options as of `agent.envs.vector.NavigationVectorEnv`.
+        """Begin episodes; seeds and options as of `agent.envs.vector.RobotsVectorEnv`.
+
+        `options={"mu": (boards,)}` gives friction coefficients, `{"targets": (boards, robots, 2)}`
+        target cells of these episodes.
 
         Raises:
             StartsError: start cells cannot be used, or a mask leaves out an environment that has
                 never begun; the environments are as they were.
         """
-        which, starts = reset_options(options, (self.num_envs, 1))
+        more = ("mu", "targets")
+        which, starts = reset_options(options, (self.boards, self.scenario.robots), *more)
         if not (which | self._begun).all():
             raise StartsError("reset_mask leaves out environments that have not begun; reset all")
-        given = {
-            m: None if starts is None else self._places[m].check(starts[m])
-            for m in np.flatnonzero(which).tolist()
-        }
+        rows: list[dict[str, Any]] = [{} for _ in self._places]
+        for name, values in {"starts": starts, **(options or {})}.items():
+            if name == "reset_mask" or values is None:
+                continue
+            if np.shape(values)[:1] != (self.boards,):
+                raise StartsError(f"{name} = {values!r}; give one to each of the boards")
+            for row, value in zip(rows, values, strict=True):
+                row[name] = value
+        begins = np.flatnonzero(which).tolist()
+        for m in begins:
+            self._places[m].check(**rows[m])
         seeds = self._seeds(seed)
-        for m, cells in given.items():
+        for m in begins:
             if (value := seeds[m]) is not None:
                 self._places[m].seed(value)
-            self._places[m].reset(cells)
+            self._places[m].reset(**rows[m])
         self._begun = True
         return self._observations(), self._infos()
 
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all environments; one that has ended begins anew with its next step.
+        """Step all boards; one that has ended begins anew with its next step.
 
         Raises:
-            ActionError: the actions are not one direction per environment.
+            ActionError: the actions are not one direction per row.
             FmuError: an FMU failed.
         """
         actions = self._checked(actions)
-        going_on = [m for m, place in enumerate(self._places) if place.outcome == RUNNING]
-        steps = self._batch.advance({m: actions[m] for m in going_on}) if going_on else {}
+        moved = np.array([place.status == MOVING for place in self._places])
+        running = [m for m, place in enumerate(self._places) if place.outcome == RUNNING]
+        steps = self._batch.advance({m: actions[m] for m in running}) if running else {}
         for m, place in enumerate(self._places):
-            if m in steps:
-                place.take(steps[m])
-            else:
-                place.reset(None)
+            if m not in steps:
+                place.reset()
+                moved[m] = True
+                continue
+            place.take(steps[m])
+            if place.outcome == RUNNING and steps[m].number + 1 == self._limit:
+                place.outcome = TIMEOUT
         self._begun = True
+        moving = np.array([place.status == MOVING for place in self._places])
         outcomes = self._outcomes()
-        truncated = outcomes == TIMEOUT
-        terminated = (outcomes != RUNNING) & ~truncated
-        rewards = np.array([place.rewards[0] for place in self._places])
-        return self._observations(), rewards, terminated, truncated, self._infos()
+        ended = self._ended(
+            outcomes, moved & ~moving, moved & moving & (outcomes != RUNNING)[:, None]
+        )
+        rewards = np.concatenate([place.rewards for place in self._places])
+        return self._observations(), rewards, *ended, self._infos()
 
     def _outcomes(self) -> np.ndarray:
         return np.array([place.outcome for place in self._places])
 
     def _observations(self) -> np.ndarray:
-        return np.stack([place.observation()[0] for place in self._places])
+        return np.concatenate([place.observation() for place in self._places])
 
     def _infos(self) -> dict[str, Any]:
         path_cm = np.stack([place.path_length_cm() for place in self._places])
-        return self._infos_of(self._outcomes(), path_cm)
+        active = np.stack([place.active for place in self._places])
+        return self._infos_of(self._outcomes(), path_cm, active)
 
     def render(self) -> tuple[Any, ...] | None:
-        """One picture per environment."""
+        """One picture per row."""
         return self._pictures(np.stack([place.positions_m() for place in self._places]))
 
     def close_extras(self, **_: Any) -> None:
         """Free the FMU instances."""
         self._batch.close()
+        for place in self._places:
+            place.outcome = TIMEOUT
+        self._begun = False

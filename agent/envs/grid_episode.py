@@ -5,10 +5,11 @@ is `agent.envs.cosim_episode`. Spaces, agents' names and pictures are the enviro
 """
 
 import math
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from agent.envs.state import Restorable
 from agent.process.config import ProcessConfig, refuse_without_effect
 from agent.process.grid import (
     AXIS,
@@ -64,6 +65,16 @@ class EnvEpisode(Protocol):
     rewards: np.ndarray
 
     @property
+    def reset_options(self) -> tuple[str, ...]:
+        """Names of what `reset` takes."""
+        ...
+
+    @property
+    def active(self) -> np.ndarray:
+        """(N,) bool, robots whose next action counts."""
+        ...
+
+    @property
     def status(self) -> np.ndarray:
         """(N,) int64, MOVING, ARRIVED, LEFT or HIT of `agent.process.grid`."""
         ...
@@ -72,8 +83,8 @@ class EnvEpisode(Protocol):
         """Seed everything random; with entropy if None, as it is from the beginning."""
         ...
 
-    def reset(self, starts: np.ndarray | None) -> None:
-        """Begin an episode from (N, 2) start cells, drawn if None."""
+    def reset(self, starts: np.ndarray | None = None) -> None:
+        """Begin an episode from (N, 2) start cells, drawn if None; more by `reset_options`."""
         ...
 
     def step(self, actions: np.ndarray) -> None:
@@ -96,13 +107,24 @@ class EnvEpisode(Protocol):
         """Free what the episode holds."""
         ...
 
+    def get_state(self) -> dict[str, Any]:
+        """See `agent.envs.state.Restorable`."""
+        ...
 
-class GridEpisode:
+    def set_state(self, state: dict[str, Any]) -> None:
+        """See `agent.envs.state.Restorable`."""
+        ...
+
+
+class GridEpisode(Restorable):
     """An episode on the grid, see `EnvEpisode`.
 
     Raises:
         ScenarioError: the scenario cannot be used with these readings.
     """
+
+    reset_options = ("starts",)
+    _mutable = ("world", "rewards", "outcome", "_random", "_steps", "_path_cells")
 
     def __init__(self, scenario: Scenario, config: ProcessConfig | None = None) -> None:
         config = config or ProcessConfig()
@@ -118,6 +140,7 @@ class GridEpisode:
         self._cells = np.zeros((n, 2), dtype=np.int64)
         self._float_rewards = np.zeros(n, dtype=np.float32)
         self._slips = config.slip_probability > 0.0
+        self._steps, self._path_cells = 0, [0.0] * n
         self.seed(None)
 
     @property
@@ -125,11 +148,16 @@ class GridEpisode:
         """(N,) int64, status of each robot."""
         return self.world[:, STATUS]
 
+    @property
+    def active(self) -> np.ndarray:
+        """(N,) bool, robots that move."""
+        return (self.status == MOVING) & (self.outcome == RUNNING)
+
     def seed(self, seed: int | None) -> None:
         """Seed the generator of start cells and slips; with entropy if None."""
         self._random = seeded_state(seed)
 
-    def reset(self, starts: np.ndarray | None) -> None:
+    def reset(self, starts: np.ndarray | None = None) -> None:
         """Begin an episode.
 
         Raises:
@@ -224,8 +252,8 @@ def require_seed(seed: int | None) -> None:
         raise StartsError(f"seed {seed} is negative; give a whole number from 0 on")
 
 
-def whole_cells(starts: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Start cells that a user gave, int64 of a shape.
+def whole_cells(starts: Any, shape: tuple[int, ...], name: str = "starts") -> np.ndarray:
+    """Start or target cells that a user gave, int64 of a shape.
 
     Raises:
         StartsError: they have another shape, or are no whole numbers.
@@ -233,18 +261,16 @@ def whole_cells(starts: Any, shape: tuple[int, ...]) -> np.ndarray:
     try:
         cells = np.asarray(starts)
     except ValueError as error:  # rows of several lengths
-        raise StartsError(f"starts are no array; give cells of shape {shape}") from error
+        raise StartsError(f"{name} are no array; give cells of shape {shape}") from error
     if cells.shape != shape or cells.dtype.kind not in "iu":
         raise StartsError(
-            f"starts of shape {cells.shape} and type {cells.dtype}; give whole numbers, "
+            f"{name} of shape {cells.shape} and type {cells.dtype}; give whole numbers, "
             f"cells [x, y] of shape {shape}"
         )
     return cells.astype(np.int64)
 
 
-def known_options(
-    options: dict[str, Any] | None, *names: Literal["starts", "reset_mask"]
-) -> dict[str, Any]:
+def known_options(options: dict[str, Any] | None, *names: str) -> dict[str, Any]:
     """Options of a reset.
 
     Raises:

@@ -15,6 +15,7 @@ from agent.envs.grid_episode import (
     require_seed,
 )
 from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
+from agent.envs.state import Restorable
 from agent.process.grid import MOVING
 from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.navigation.features import DIRECTION_COUNT
@@ -40,13 +41,21 @@ def require_actions(actions: Collection[str], active: list[str], possible: list[
             raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
 
 
-def episode_info(episode: EnvEpisode, robot: int) -> dict[str, Any]:
-    """What environments say about an episode besides the observation."""
-    return {
-        "outcome": BY_RANK[episode.outcome],
+def episode_info(episode: EnvEpisode, robot: int, *, names: bool) -> dict[str, Any]:
+    """What environments say about an episode in addition to the observation.
+
+    Args:
+        episode: that goes on or has ended.
+        robot: whose info it is.
+        names: whether `outcome_name` is there, the text of the code `outcome`.
+    """
+    info = {
+        "outcome": int(episode.outcome),
         "is_success": episode.outcome == SUCCESS,
         "path_length": float(episode.path_length_cm()[robot]),
+        "active": bool(episode.active[robot]),
     }
+    return info | {"outcome_name": BY_RANK[episode.outcome]} if names else info
 
 
 def render_episode(episode: EnvEpisode, mode: str | None) -> Any:
@@ -58,7 +67,7 @@ def render_episode(episode: EnvEpisode, mode: str | None) -> Any:
     return draw(episode.scenario, episode.positions_m())
 
 
-class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
+class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
     """Robots that learn to reach their targets without touching each other.
 
     Agents `robot_1`, `robot_2`, … observe their features (Section III) as MultiDiscrete and choose
@@ -68,6 +77,7 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
     was never seeded comes from entropy.
     """
 
+    _mutable = ("episode", "agents", "_cycles")
     metadata = {  # noqa: RUF012
         "name": "minirobots_v0",
         "render_modes": RENDER_MODES,
@@ -75,12 +85,21 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
         "is_parallelizable": True,
     }
 
-    def __init__(self, episode: EnvEpisode, render_mode: str | None = None) -> None:
+    def __init__(
+        self,
+        episode: EnvEpisode,
+        render_mode: str | None = None,
+        *,
+        outcome_names: bool = False,
+        max_cycles: int | None = None,
+    ) -> None:
         require_render_mode(render_mode)
+        self._outcome_names, self._max_cycles, self._cycles = outcome_names, max_cycles, 0
         self.episode = episode
         self.render_mode = render_mode
         self.possible_agents = agent_names(episode.scenario)
         self.agents = []
+        self.state_space = spaces.MultiDiscrete([*episode.sizes] * len(self.possible_agents))
         self.observation_spaces: dict[str, spaces.Space] = {
             agent: spaces.MultiDiscrete(list(episode.sizes)) for agent in self.possible_agents
         }
@@ -101,6 +120,7 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
         """Begin an episode; `options={"starts": [[x, y], …]}` gives the start cells.
 
+        In the dynamics `mu` and `targets` (cells) of the episode can be given too.
         Other options are ignored, as `pettingzoo.test.parallel_api_test` asks.
 
         Raises:
@@ -109,7 +129,9 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
         require_seed(seed)
         if seed is not None:
             self.episode.seed(seed)
-        self.episode.reset((options or {}).get("starts"))
+        known = self.episode.reset_options
+        self.episode.reset(**{k: v for k, v in (options or {}).items() if k in known})
+        self.closed, self._cycles = False, 0
         self.agents = list(self.possible_agents)
         return self._observations(), self._infos()
 
@@ -127,12 +149,15 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
         Raises:
             ActionError: an agent has no action, or one that is no direction; or an unknown agent
                 has one.
+            ClosedError: the environment is closed.
         """
+        self._require_open()
         if not self.agents:
             gym.logger.warn("step() does nothing after the end of an episode")
             return {}, {}, {}, {}, {}
         self.episode.step(self._joint(actions))
-        ended = self.episode.outcome != RUNNING
+        self._cycles += 1
+        ended = self.episode.outcome != RUNNING or self._cycles == self._max_cycles
         moving = self.episode.status == MOVING
         robots = {agent: self.possible_agents.index(agent) for agent in self.agents}
         rewards = {agent: float(self.episode.rewards[i]) for agent, i in robots.items()}
@@ -158,14 +183,23 @@ class NavigationParallelEnv(ParallelEnv[str, np.ndarray, int]):
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         return {
-            agent: episode_info(self.episode, self.possible_agents.index(agent))
+            agent: episode_info(
+                self.episode, self.possible_agents.index(agent), names=self._outcome_names
+            )
             for agent in self.agents
         }
 
+    def state(self) -> np.ndarray:
+        """Return the global state, shape (robots · features,): the observations of all robots."""
+        self._require_open()
+        return self.episode.observation().reshape(-1)
+
     def render(self) -> Any:
         """The board as text or pixels."""
+        self._require_open()
         return render_episode(self.episode, self.render_mode)
 
     def close(self) -> None:
-        """Free the simulation."""
+        """Free the simulation; `reset` opens the environment again."""
         self.episode.close()
+        self.closed, self.agents = True, []

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from agent.envs.boards import Boards, board_seeds, require_boards
 from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.parallel import agent_names, require_actions
+from agent.envs.state import Restorable
 from agent.process.config import ProcessConfig
 from agent.process.readings import feature_sizes
 from cosim.base.outcome import BY_RANK, SUCCESS
@@ -24,7 +25,7 @@ from cosim.navigation.features import DIRECTION_COUNT
 from cosim.scenarios.scenario import Scenario
 
 
-class ParallelVectorEnv:
+class ParallelVectorEnv(Restorable):
     """`num_envs` boards of `agent.envs.parallel_env`, with the same bits, stepped together.
 
     Every dictionary has an array over boards for each of `possible_agents`. A board begins anew,
@@ -33,14 +34,23 @@ class ParallelVectorEnv:
     ignored. `agents` are those that are active on any board, and need actions.
     """
 
+    _mutable = ("_boards",)
     metadata = {  # noqa: RUF012
         "name": "minirobots_vector_v0",
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
-    def __init__(self, num_envs: int, scenario: Scenario, process: ProcessConfig) -> None:
+    def __init__(
+        self,
+        num_envs: int,
+        scenario: Scenario,
+        process: ProcessConfig,
+        *,
+        outcome_names: bool = False,
+    ) -> None:
         require_boards(num_envs)
         self.num_envs = num_envs
+        self._outcome_names = outcome_names
         self.possible_agents = agent_names(scenario)
         self._boards = Boards(num_envs, scenario, process)
         self._boards.seed(board_seeds(np.random.SeedSequence().entropy, num_envs))
@@ -70,6 +80,7 @@ class ParallelVectorEnv:
         Raises:
             StartsError: start cells cannot be used.
         """
+        self.closed = False
         self._boards.reset(options, board_seeds(seed, self.num_envs))
         return self._by_agent(self._boards.arrays.observations), self._infos()
 
@@ -87,7 +98,9 @@ class ParallelVectorEnv:
         Raises:
             ActionError: an agent has no actions, or some that are no directions; or an unknown
                 agent has some.
+            ClosedError: the environment is closed.
         """
+        self._require_open()
         self._boards.step(self._joint(actions))
         arrays = self._boards.arrays
         observations, rewards, terminations, truncations = (
@@ -120,17 +133,23 @@ class ParallelVectorEnv:
 
     def _infos(self) -> dict[str, dict[str, np.ndarray]]:
         arrays = self._boards.arrays
-        outcomes = np.array(BY_RANK, dtype=object)[arrays.outcomes]
+        outcomes = {"outcome": arrays.outcomes.copy()}
+        if self._outcome_names:
+            outcomes["outcome_name"] = np.array(BY_RANK, dtype=object)[arrays.outcomes]
         active, path_cm = (
             self._by_agent(arrays.active),
             self._by_agent(self._boards.path_length_cm()),
         )
         return {
-            agent: {
-                "outcome": outcomes,
+            agent: outcomes
+            | {
                 "is_success": arrays.outcomes == SUCCESS,
                 "path_length": path_cm[agent],
                 "active": active[agent],
             }
             for agent in self.possible_agents
         }
+
+    def close(self) -> None:
+        """End the environment; `reset` opens it again."""
+        self.closed = True

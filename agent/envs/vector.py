@@ -9,7 +9,8 @@ with co-simulated environments (`agent.envs.cosim_vector`) is here too.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -19,21 +20,27 @@ from gymnasium.vector.utils import batch_space
 from agent.envs.boards import Boards, board_seeds, require_boards
 from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
+from agent.envs.state import Restorable
 from agent.process.config import ProcessConfig
 from agent.process.readings import feature_sizes
+from cosim.base.arguments import require_one_of
 from cosim.base.errors import UserError
-from cosim.base.outcome import BY_RANK, SUCCESS
+from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.navigation.features import DIRECTION_COUNT
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
 
 _NAMES = np.array(BY_RANK, dtype=object)
+Ends = Literal["together", "own"]
 
 
-class RobotRowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class RobotRowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Rows are the robots of `boards` boards, those of one board one after the other.
 
-    A board whose episode has ended begins anew with its next step.
+    A board whose episode has ended begins anew with its next step. A row has one end per episode:
+    with `ends="together"` that of its board, until which a robot that has arrived stays where it
+    is, with rewards of 0; with `ends="own"` the robot's own, after which `infos["active"]` is false
+    in its row until the board begins anew.
     """
 
     metadata = {  # noqa: RUF012
@@ -43,10 +50,19 @@ class RobotRowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     }
 
     def __init__(
-        self, boards: int, scenario: Scenario, process: ProcessConfig, render_mode: str | None
+        self,
+        boards: int,
+        scenario: Scenario,
+        process: ProcessConfig,
+        render_mode: str | None,
+        *,
+        ends: Ends,
+        outcome_names: bool,
     ) -> None:
         require_render_mode(render_mode)
         require_boards(boards)
+        require_one_of("ends", ends, ("together", "own"))
+        self._together, self._outcome_names = ends == "together", outcome_names
         self.scenario = scenario
         self.boards = boards
         self.num_envs = boards * scenario.robots
@@ -60,6 +76,7 @@ class RobotRowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         """One seed of each board; `np_random_seed` becomes that of the first."""
+        self.closed = False
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
         return board_seeds(seed, self.boards)
@@ -69,7 +86,9 @@ class RobotRowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Raises:
             ActionError: the actions are not one direction per row.
+            ClosedError: the environment is closed.
         """
+        self._require_open()
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise ActionError(
@@ -81,24 +100,38 @@ class RobotRowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise direction_error(int(actions[row]), f" of environment {row}")
         return actions.astype(np.int64, copy=False).reshape(self.boards, -1)
 
+    def _ended(
+        self, outcomes: np.ndarray, terminated: np.ndarray, truncated: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Which rows end, (rows,) bool each, from (boards,) ranks and the robots' own ends."""
+        terminated, truncated = terminated.flatten(), truncated.flatten()
+        if self._together:
+            terminated = np.repeat(outcomes != RUNNING, self.scenario.robots) & ~truncated
+        return terminated, truncated
+
     def _infos_of(
-        self, outcomes: np.ndarray, path_cm: np.ndarray, **more: np.ndarray
+        self, outcomes: np.ndarray, path_cm: np.ndarray, active: np.ndarray
     ) -> dict[str, Any]:
-        """Infos from (boards,) ranks and (boards, robots) cm; `more` has a value per row."""
+        """Infos from (boards,) ranks, (boards, robots) cm and (boards, robots) bool."""
         outcomes = np.repeat(outcomes, self.scenario.robots)
         values = {
-            "outcome": _NAMES[outcomes],
+            "outcome": outcomes,
             "is_success": outcomes == SUCCESS,
             "path_length": path_cm.ravel(),
-        } | more
+            "active": active.flatten(),
+        }
+        if self._outcome_names:
+            values["outcome_name"] = _NAMES[outcomes]
         return values | {f"_{name}": self._everywhere for name in values}
 
     def _pictures(self, positions_m: np.ndarray) -> tuple[Any, ...] | None:
-        """One picture per board, of robots at (boards, robots, 2) m."""
+        """One picture per row, that of its board, of robots at (boards, robots, 2) m."""
+        self._require_open()
         if self.render_mode is None:
             return None
         draw = board_text if self.render_mode == "ansi" else board_pixels
-        return tuple(draw(self.scenario, position) for position in positions_m)
+        pictures = [draw(self.scenario, position) for position in positions_m]
+        return tuple(picture for picture in pictures for _ in range(self.scenario.robots))
 
 
 class RobotsVectorEnv(RobotRowsVectorEnv):
@@ -106,13 +139,13 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
 
     `make_vec("MiniRobots/Pair-v0", num_envs=K)` has K boards and so K·N rows, which is what
     `env.num_envs` says, as learners that share parameters expect it; the robots of a board are
-    consecutive rows. Observations, rewards and ends of a robot are those of
-    `agent.envs.parallel_env`. A robot that arrives is terminated once; from then on
-    `infos["active"]` is false in its row, its actions (any direction) are ignored and its rewards
-    0, until its board begins anew, for all its robots in one step, which is the step after the
-    board's end (next-step autoreset) and ignores actions too. `active` says whose next action
-    counts: leave what the others do out of a learner's batch.
+    consecutive rows. Observations and rewards of a robot are those of `agent.envs.parallel_env`;
+    of ends see `RobotRowsVectorEnv`. Actions (any direction) of a robot that has arrived are
+    ignored, and so are those of the step after a board's end, with which all its robots begin anew
+    (next-step autoreset). `infos["active"]` says whose next action counts.
     """
+
+    _mutable = ("_boards",)
 
     def __init__(
         self,
@@ -122,6 +155,9 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
         *,
         render_mode: str | None = None,
         copy: bool = True,
+        ends: Ends = "together",
+        outcome_names: bool = False,
+        max_episode_steps: int | None = None,
     ) -> None:
         """Make the boards.
 
@@ -129,19 +165,30 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
             num_envs: boards.
             scenario: name of a built-in scenario, a scenario file, or a scenario.
             process: readings of the decision process.
-            render_mode: "ansi", "rgb_array" or None; a picture per board.
+            render_mode: "ansi", "rgb_array" or None; a picture per row, that of its board.
             copy: whether observations are arrays of their own; or else the same memory, which
                 the next step overwrites.
+            ends: "together" or "own", see `RobotRowsVectorEnv`.
+            outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+            max_episode_steps: limit of steps, next to the process's own `step_limit`.
 
         Raises:
             UserError: the scenario cannot be used.
         """
         process = process or ProcessConfig()
-        super().__init__(num_envs, found(scenario), process, render_mode)
+        if max_episode_steps is not None:
+            process = replace(process, step_limit=min(process.step_limit, max_episode_steps))
+        super().__init__(
+            num_envs,
+            found(scenario),
+            process,
+            render_mode,
+            ends=ends,
+            outcome_names=outcome_names,
+        )
         self._boards = Boards(num_envs, self.scenario, process)
         self._boards.seed(board_seeds(int(self.np_random_seed or 0), num_envs))
-        self._observations = self._boards.arrays.observations.reshape(self.num_envs, -1)
-        self._copy = copy
+        self._copy, self._view = copy, np.empty(0)
 
     def reset(
         self,
@@ -170,18 +217,19 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
         """
         self._boards.step(self._checked(actions))
         arrays = self._boards.arrays
-        rewards, terminated, truncated = (
-            array.flatten() for array in (arrays.rewards, arrays.terminated, arrays.truncated)
-        )
-        return self._seen(), rewards, terminated, truncated, self._infos()
+        ends = self._ended(arrays.outcomes, arrays.terminated, arrays.truncated)
+        return self._seen(), arrays.rewards.flatten(), *ends, self._infos()
 
     def _seen(self) -> np.ndarray:
-        return self._observations.copy() if self._copy else self._observations
+        memory = self._boards.arrays.observations
+        if self._view.base is not memory:  # at first, and in a copy of the environment
+            self._view = memory.reshape(self.num_envs, -1)
+        return self._view.copy() if self._copy else self._view
 
     def _infos(self) -> dict[str, Any]:
         arrays = self._boards.arrays
         path_cm = self._boards.path_length_cm()
-        return self._infos_of(arrays.outcomes, path_cm, active=arrays.active.flatten())
+        return self._infos_of(arrays.outcomes, path_cm, arrays.active)
 
     def render(self) -> tuple[Any, ...] | None:
         """One picture per board."""
@@ -196,37 +244,34 @@ class NavigationVectorEnv(RobotsVectorEnv):
         num_envs: int = 1,
         scenario: str | Scenario = "1a",
         process: ProcessConfig | None = None,
-        *,
-        render_mode: str | None = None,
-        copy: bool = True,
+        **options: Any,
     ) -> None:
         """Make the environments; arguments as of `RobotsVectorEnv`.
 
         Raises:
             UserError: the scenario cannot be used, or has more than one robot.
         """
-        super().__init__(num_envs, lone(scenario), process, render_mode=render_mode, copy=copy)
-
-    def _infos(self) -> dict[str, Any]:
-        return self._infos_of(self._boards.arrays.outcomes, self._boards.path_length_cm())
+        super().__init__(num_envs, lone(found(scenario)), process, **options)
 
 
-def found(scenario: str | Scenario, *, cosim: bool = False) -> Scenario:
+def found(scenario: str | Scenario) -> Scenario:
     """A scenario by its name or file, or the scenario itself.
 
     Raises:
-        UserError: it cannot be used, or is to be co-simulated and has a world of its own.
+        UserError: it cannot be used.
     """
-    return scenario if isinstance(scenario, Scenario) else find_scenario(scenario, ideal=cosim)
+    return scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
 
 
-def lone(scenario: str | Scenario, *, cosim: bool = False) -> Scenario:
+def lone(scenario: Scenario) -> Scenario:
     """The scenario, which must be of one robot.
 
     Raises:
-        UserError: it cannot be used (see `found`), or has more than one robot.
+        UserError: it has more than one.
     """
-    scenario = found(scenario, cosim=cosim)
     if scenario.robots != 1:
-        raise UserError(f"scenario {scenario.name} has {scenario.robots} robots, not one")
+        raise UserError(
+            f"scenario {scenario.name} has {scenario.robots} robots, not one; use agent.envs."
+            "parallel_env, or gymnasium.make_vec with MiniRobots/Pair-v0 or MiniRobots/CoSimPair-v0"
+        )
     return scenario

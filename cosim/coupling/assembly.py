@@ -4,8 +4,10 @@ What episodes on a board and trials of single robots have in common; nothing her
 """
 
 import contextlib
+import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -271,6 +273,27 @@ class Motors:
             mine = by_motor if self._fmu.arrays else by_motor[:, place % 2, place // 2, None]
             yield motor, mine, int(self.calls.ticks[place])
 
+    def get_state(self) -> tuple[Any, ...]:
+        """Return what `set_state` restores the motors from, here or in another process.
+
+        Raises:
+            FmuError: the FMU cannot save its state.
+        """
+        states = [motor and motor.get_state() for motor in self._instances]
+        return states, self.calls.ticks.copy(), self._runs.copy(), copy.deepcopy(self._own)
+
+    def set_state(self, saved: tuple[Any, ...]) -> None:
+        """Restore the motors; raises FmuError if the FMU refuses."""
+        states, ticks, runs, own = saved
+        for place, state in enumerate(states):
+            if state is None:
+                self._end(place)
+                continue
+            name, count = ("motors", len(runs)) if self._fmu.arrays else (f"motor {place}", 1)
+            motor = self._instances[place] or self._put(place, name, {}, count)
+            motor.set_state(state)
+        self.calls.ticks[:], self._runs[:], self._own = ticks, runs, copy.deepcopy(own)
+
     @contextlib.contextmanager
     def rolled_back(self) -> Iterator[None]:
         """On leaving, every instance is where it was on entering; steps in between say so."""
@@ -290,7 +313,11 @@ class Motors:
     @calling("its end")
     def close(self) -> None:
         """Free the instances."""
-        for place, motor in self._running():
+        for place in range(len(self._instances)):
+            self._end(place)
+
+    def _end(self, place: int) -> None:
+        if (motor := self._instances[place]) is not None:
             motor.close()
             self._instances[place], self.calls.instances[place] = None, 0
 

@@ -6,6 +6,7 @@ Stepping is the master's.
 """
 
 import contextlib
+import ctypes
 import functools
 import weakref
 from collections.abc import Iterable, Iterator, Mapping
@@ -300,6 +301,37 @@ class Motor:
 
     def _get(self, references: np.ndarray) -> list[float]:
         return self.slave.getFloat64(references, self._motors * len(references))
+
+    def get_state(self) -> bytes:
+        """Return the state of the instance, serialised through FMI.
+
+        Raises:
+            FmuError: the FMU cannot save its state.
+        """
+        can = self.fmu.interface
+        if not (can.canGetAndSetFMUstate and can.canSerializeFMUstate):
+            raise FmuError(
+                f"motor FMU {self.fmu.path} cannot save its state, which copies and saved states "
+                "of a co-simulation need; export it with canGetAndSetFMUState and "
+                "canSerializeFMUState"
+            )
+        with self._named_errors(0.0, "does not save its state"):
+            state = self.slave.getFMUState()
+            try:
+                return self.slave.serializeFMUState(state)
+            finally:
+                self.slave.freeFMUState(state)
+
+    def set_state(self, saved: bytes) -> None:
+        """Restore a state from `get_state`, of this or of another instance of the FMU."""
+        state, slave = ctypes.c_void_p(), self.slave
+        content = (ctypes.c_uint8 * len(saved)).from_buffer_copy(saved)
+        with self._named_errors(0.0, "does not restore its state"):
+            slave.fmi3DeserializeFMUState(slave.component, content, len(saved), ctypes.byref(state))
+            try:
+                slave.setFMUState(state)
+            finally:
+                slave.freeFMUState(state)
 
     @contextlib.contextmanager
     def rolled_back(self) -> Iterator[None]:

@@ -5,16 +5,17 @@ judged. An episode that has ended leaves its place to another one at the next RL
 of an episode depends neither on who shares the batch nor on the number of lanes.
 """
 
+import copy
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.config import CoSimConfig
-from cosim.base.errors import shown
+from cosim.base.errors import UserError, shown
 from cosim.base.world import motor_phases
 from cosim.control.camera import NOISE, SIGHT, frames_in_flight, frames_within
 from cosim.coupling.adaptive import AdaptiveDriver
@@ -28,7 +29,7 @@ from cosim.coupling.assembly import (
 )
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver, Driver, NotFiniteError, ReferenceDriver
-from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
+from cosim.coupling.signals import State, new_raw_samples, new_samples, new_state, with_room
 from cosim.coupling.stepping import FmpyDriver
 from cosim.fmi.isolation import calling
 from cosim.navigation.episode import RunningEpisode
@@ -73,6 +74,14 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
     )
 
 
+class BatchState(NamedTuple):
+    """What `Batch.set_state` restores a batch from; it can be pickled."""
+
+    state: State
+    episodes: list[RunningEpisode | None]
+    motors: tuple[Any, ...]
+
+
 class Batch:
     """Places for K episodes of N robots each, advanced together in RL steps.
 
@@ -108,6 +117,7 @@ class Batch:
             lanes: bodies in a vector of a driver of IN_LANES, a power of two; by default 2 for up
                 to two robots, else what the processor has: every number is compiled by itself.
         """
+        self._arguments = motor_fmu, config, robots, places, driver, lanes
         require_one_of("driver", driver, DRIVERS)
         if lanes is not None and driver not in IN_LANES:
             raise ConfigError(
@@ -138,6 +148,7 @@ class Batch:
         starts: tuple[Cell, ...],
         seed: np.random.SeedSequence,
         config: CoSimConfig | None = None,
+        kind: type[RunningEpisode] = RunningEpisode,
     ) -> RunningEpisode:
         """Begin an episode, motors at rest; one that was there is given up.
 
@@ -148,6 +159,7 @@ class Batch:
             seed: of the speed noise, of which every motor gets a child of its own, and of the
                 world.
             config: of the episode, see `shared`; default the batch's.
+            kind: class of the episode.
 
         Raises:
             ConfigError: the configuration or the number of robots is not that of the batch, or the
@@ -179,7 +191,7 @@ class Batch:
         self._make_room_for_frames(frames_in_flight(config.world.camera))
         self._put_rectangles(place, scenario, config)
         phases = motor_phases(config.world, self.robots)
-        episode = RunningEpisode(scenario, config, self._state, columns, starts, seed)
+        episode = kind(scenario, config, self._state, columns, starts, seed)
         self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors, phases)
         state.outputs[: len(MOTOR_NAMES), columns] = np.nan_to_num(phases.T)
         self._state.running[place] = 1
@@ -215,8 +227,11 @@ class Batch:
         Raises:
             FmuError: an FMU failed; names the instance and the time.
             NotFiniteError: a signal is no finite number; names it, the robot and the time.
+            UserError: no episode goes on.
         """
         state, going_on = self._state, self.going_on()
+        if not going_on:
+            raise UserError("no episode goes on in this batch, or it is closed; begin one first")
         periods, columns = self.config.periods_per_step, state.bodies.shape[1]
         noise = np.zeros((periods, columns, len(MOTOR_NAMES)))
         step_s = self.config.timing.rl_step_s
@@ -276,9 +291,54 @@ class Batch:
         samples, raw = new_samples(0, columns), new_raw_samples(0, columns)
         self._driver.advance(self._plant, self._state, noise, samples, raw)
 
+    def get_state(self) -> BatchState:
+        """Return a copy of all that changes, for `set_state`.
+
+        Raises:
+            FmuError: the motor FMU cannot save its state.
+        """
+        episodes = [episode for episode in self.episodes if episode is not None]
+        constant = (x for e in episodes for x in (e.scenario, e.config, e.drawn))
+        return BatchState(
+            State(*(array.copy() for array in self._state)),
+            copy.deepcopy(self.episodes, {id(x): x for x in constant}),
+            self._motors.get_state(),
+        )
+
+    def set_state(self, saved: BatchState) -> None:
+        """Go back to a state of this batch, or of one made with the same arguments.
+
+        What follows has the bits that followed then.
+
+        Raises:
+            FmuError: the motor FMU refuses its state.
+        """
+        pairs = zip(self._state, saved.state, strict=True)
+        arrays = [mine if mine.shape == its.shape else its.copy() for mine, its in pairs]
+        for mine, its in zip(arrays, saved.state, strict=True):
+            mine[:] = its
+        self._state = State(*arrays)
+        constant = (x for e in saved.episodes if e for x in (e.scenario, e.config, e.drawn))
+        self.episodes = copy.deepcopy(saved.episodes, {id(x): x for x in constant})
+        for episode in self.episodes:
+            if episode is not None:
+                episode.bind(self._state)
+        self._motors.set_state(saved.motors)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles have FMU instances of their own, in the same state."""
+        return _restored, (self._arguments, self.get_state())
+
     def close(self) -> None:
-        """Free the FMU instances."""
+        """Free the FMU instances, and give up all episodes."""
+        self._state.running[:] = 0
         self._motors.close()
+
+
+def _restored(arguments: tuple[Any, ...], saved: BatchState) -> Batch:
+    batch = Batch(*arguments)
+    batch.set_state(saved)
+    return batch
 
 
 def _floor(scenario: Scenario, config: CoSimConfig) -> np.ndarray:

@@ -88,9 +88,8 @@ class RunningEpisode:
         self._board = board_of(scenario)
         self._thresholds = distance_thresholds(scenario)
         self._targets = np.array(scenario.targets)
-        self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
-        self._events, self._columns = state.events[columns], columns
-        self._estimates, self._shields = state.estimates[columns], state.shields[columns]
+        self._columns = columns
+        self.bind(state)
         sensor, period_s = config.world.camera, config.timing.control_period_s
         self._estimates[:] = 0.0
         state.cameras[columns] = camera_of(sensor, period_s)
@@ -119,6 +118,18 @@ class RunningEpisode:
         self.outcome = Outcome.RUNNING
         self.observation = self._observe()
 
+    def bind(self, state: State) -> None:
+        """Take the episode's columns of a co-simulation's state for its own."""
+        columns = self._columns
+        self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
+        self._estimates, self._shields = state.estimates[columns], state.shields[columns]
+        self._events = state.events[columns]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the columns, which `bind` gives to a copy."""
+        views = ("_bodies", "_commands", "_estimates", "_shields", "_events")
+        return {name: value for name, value in vars(self).items() if name not in views}
+
     def draw_from(self, seed: np.random.SeedSequence) -> None:
         """Draw speed noise and camera frames from a seed from now on; the world stays as drawn."""
         n = self.scenario.robots
@@ -134,6 +145,12 @@ class RunningEpisode:
     def arrived(self) -> np.ndarray:
         """Which robots have reached their targets, shape (N,), bool."""
         return self._arrived.copy()
+
+    @property
+    def awaiting(self) -> np.ndarray:
+        """(N,) bool, robots that adopt an action next: they wait for one, or are late."""
+        late = self._tick - self._moving_since >= self._move_limit
+        return ~self._arrived & (self._at_end() | late)
 
     def begin_step(self, action: Any, noise: np.ndarray, sight: np.ndarray) -> None:
         """Adopt actions, and draw the speed noise and the camera's frames of the step.
@@ -170,8 +187,7 @@ class RunningEpisode:
         self.measures.add(samples)
         completed = self._was_moving & self._at_end()
         self.observation = self._observe()
-        where = cells_of(self._bodies[:, POSITION][:, :2].copy(), self._board.cell_m)  # really
-        self._arrived |= completed & (where == self._targets).all(axis=1)
+        self._arrived |= self._arriving(completed)
         self._commands[self._arrived, MODE] = HOLD
         self._shields[:, PARKED] = self._arrived
         events = self._events.copy()
@@ -193,6 +209,11 @@ class RunningEpisode:
         self._step += 1
         return step
 
+    def _arriving(self, completed: np.ndarray) -> np.ndarray:
+        """(N,) bool, robots that ended their move on their target, wherever they think they are."""
+        where = cells_of(self._bodies[:, POSITION][:, :2].copy(), self._board.cell_m)
+        return completed & (where == self._targets).all(axis=1)
+
     def _directions(self, action: Any) -> np.ndarray:
         n = self.scenario.robots
         try:
@@ -213,8 +234,7 @@ class RunningEpisode:
     def _adopt(self, action: np.ndarray) -> np.ndarray:
         """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
         commands, cells = self._commands, self.observation.cells
-        late = self._tick - self._moving_since >= self._move_limit
-        decided = ~self._arrived & (self._at_end() | late)
+        decided = self.awaiting
         squared = nearest_squared(cells)
         for robot in np.flatnonzero(decided):
             before, direction = self._action[robot], self._permitted(int(robot), int(action[robot]))

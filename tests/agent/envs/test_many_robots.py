@@ -15,6 +15,7 @@ from agent.process.config import ProcessConfig
 from benchmarks import __main__ as benchmarks
 from benchmarks.learning import envs as benchmark
 from cosim.base.errors import UserError
+from cosim.base.outcome import OUT_OF_BOARD, RUNNING, SUCCESS, TIMEOUT
 from cosim.scenarios.scenario import Scenario
 
 FOUR = Scenario(
@@ -66,7 +67,7 @@ def test_boards_are_single_environments_bit_for_bit(scenario, slip):
     config = ProcessConfig(slip_probability=slip, step_limit=25, features=("x", "y", "d", "g", "b"))
     name = getattr(scenario, "name", scenario)
     starts = starts_of(name)
-    rows = gym.make_vec("MiniRobots/Pair-v0", num_envs=BOARDS, scenario=scenario, process=config)
+    rows = RobotsVectorEnv(BOARDS, scenario, config, ends="own")
     agents = envs.parallel_vector_env(scenario, config, num_envs=BOARDS)
     singles = Singles(scenario, config, 3, starts)
     robots = len(agents.possible_agents)
@@ -97,7 +98,7 @@ def test_boards_are_single_environments_bit_for_bit(scenario, slip):
             assert ours == (single[0].tolist(), *single[1:4])
             assert infos == single[4] | {"active": active}
             ends.add(infos["outcome"])
-    assert ends >= {"", "out_of_board", "timeout"} | ({"waits"} if starts else set())
+    assert ends >= {RUNNING, OUT_OF_BOARD, TIMEOUT} | ({"waits"} if starts else set())
 
 
 def test_rows_are_robots_as_gymnasium_expects_them():
@@ -126,7 +127,7 @@ def test_rows_are_robots_as_gymnasium_expects_them():
 
 
 def test_a_robot_that_has_arrived_waits_for_its_board():
-    env = RobotsVectorEnv(2, "2", ProcessConfig(step_limit=3))
+    env = RobotsVectorEnv(2, "2", ProcessConfig(step_limit=3), ends="own")
     starts = np.array([[[15, 19], [5, 5]], [[3, 3], [25, 25]]])
     env.reset(seed=0, options={"starts": starts})
     down_and_right = np.array([6, 0, 0, 0])
@@ -141,7 +142,7 @@ def test_a_robot_that_has_arrived_waits_for_its_board():
     *_, terminated, truncated, infos = env.step(down_and_right)
     assert truncated.tolist() == [False, True, True, True]
     assert not infos["active"].any()
-    assert set(infos["outcome"]) == {"timeout"}
+    assert set(infos["outcome"]) == {TIMEOUT}
     seen, rewards, terminated, truncated, infos = env.step(down_and_right)
     assert infos["active"].all()
     assert not (terminated | truncated).any()
@@ -199,7 +200,7 @@ def test_agents_that_have_ended_on_all_boards_need_no_action():
     assert not truncations["robot_2"].any()
     env.step({"robot_1": [-1], "robot_2": [2]})
     *_, infos = env.step({"robot_2": [2]})
-    assert infos["robot_1"]["outcome"].tolist() == ["success"]
+    assert infos["robot_1"]["outcome"].tolist() == [SUCCESS]
     assert env.agents == []
     observations, *_ = env.step({})
     assert env.agents == ["robot_1", "robot_2"]

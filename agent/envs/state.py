@@ -1,0 +1,60 @@
+"""States of environments that can be saved and restored, and environments that are closed."""
+
+import copy
+from typing import Any, ClassVar
+
+from cosim.base.errors import UserError
+
+
+class ClosedError(UserError, ValueError):
+    """A closed environment is used."""
+
+
+class Restorable:
+    """An object whose state can be saved and restored; the same bits follow.
+
+    Attributes:
+        closed: whether `close` has been called since the last `reset`.
+    """
+
+    closed: bool = False
+    _mutable: ClassVar[tuple[str, ...]]  # names of the attributes that change
+
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of everything that changes; it can be pickled.
+
+        Raises:
+            ClosedError: the environment is closed.
+            FmuError: the motor FMU cannot save its state.
+        """
+        self._require_open()
+        return {name: _saved(getattr(self, name)) for name in self._mutable}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore a state of this object, or of one that was made with the same arguments.
+
+        Raises:
+            ClosedError: the environment is closed.
+        """
+        self._require_open()
+        for name, saved in state.items():
+            mine = getattr(self, name)
+            if hasattr(mine, "set_state"):
+                mine.set_state(saved)
+            elif isinstance(mine, list) and mine and hasattr(mine[0], "set_state"):
+                for part, its in zip(mine, saved, strict=True):
+                    part.set_state(its)
+            else:
+                setattr(self, name, copy.deepcopy(saved))
+
+    def _require_open(self) -> None:
+        if self.closed:
+            raise ClosedError("the environment is closed; call reset to use it again")
+
+
+def _saved(value: Any) -> Any:
+    if hasattr(value, "get_state"):
+        return value.get_state()
+    if isinstance(value, list):
+        return [_saved(part) for part in value]
+    return copy.deepcopy(value)
