@@ -27,13 +27,12 @@ from cosim.base.progress import progress_bars
 from cosim.navigation.batch import Batch
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.observing import draw_starts
-from cosim.navigation.options import Driving
+from cosim.navigation.options import Driving, resolve
 from cosim.navigation.step import Step
-from cosim.scenarios.file import find_in_world
 from cosim.scenarios.scenario import Scenario
 
 
-class Setup(NamedTuple):
+class EnvSetup(NamedTuple):
     """What the episodes of an environment have in common.
 
     Attributes:
@@ -64,7 +63,7 @@ class Setup(NamedTuple):
         return config if mu is None else config.having(mu)
 
 
-def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> Setup:
+def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> EnvSetup:
     """Prepare the dynamics by the names of `cosim.simulate`.
 
     The motor FMU is compiled and the robots calibrated the first time (some seconds).
@@ -90,10 +89,8 @@ def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> Setup
         )
     if worlds is not None and world is not None:
         raise ConfigError("worlds has no effect on a given world; leave out world or worlds")
-    scenario, declared = find_in_world(scenario, world)
     with progress_bars() as progress:
-        config, fmu = Driving(**given).prepare(scenario.robot_diameter_m, progress, declared)
-    return Setup(scenario, config, fmu, worlds)
+        return EnvSetup(*resolve(Driving(**given), scenario, progress, world=world), worlds)
 
 
 class CoSimPlace(Restorable):
@@ -109,7 +106,7 @@ class CoSimPlace(Restorable):
     _mutable = ("scenario", "process", "status", "rewards", "outcome", "_positions_m", "_seed")
 
     def __init__(
-        self, setup: Setup, process: ProcessConfig | None, batch: Batch, place: int
+        self, setup: EnvSetup, process: ProcessConfig | None, batch: Batch, place: int
     ) -> None:
         self._config = process or ProcessConfig()
         refuse_without_effect(self._config, "the co-simulation")
@@ -239,7 +236,7 @@ class CoSimEpisode(CoSimPlace):
     _mutable = (*CoSimPlace._mutable, "_batch")
 
     def __init__(
-        self, setup: Setup, process: ProcessConfig | None = None, decision: str = "arrival"
+        self, setup: EnvSetup, process: ProcessConfig | None = None, decision: str = "arrival"
     ) -> None:
         require_one_of("decision", decision, ("arrival", "period"))
         self._until_arrival = decision == "arrival"

@@ -20,7 +20,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from agent.envs.boards import board_seeds, require_boards
-from agent.envs.cosim_episode import Setup, set_up
+from agent.envs.cosim_episode import EnvSetup, set_up
 from agent.envs.grid_episode import ActionError, StartsError, known_options
 from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
 from agent.envs.state import Restorable
@@ -141,7 +141,7 @@ class DriveBoards(Restorable):
                     "control_interval"
                 )
         options = {"time_limit": TIME_LIMIT_S, **physics, "rl_step": control_interval}
-        self.setup: Setup = set_up(scenario, options)
+        self.setup: EnvSetup = set_up(scenario, options)
         if alone:
             lone(self.setup.scenario)
         self.scenario, self.count, self.robots = (
@@ -151,11 +151,8 @@ class DriveBoards(Restorable):
         )
         self._steering = self.setup.config.steering
         self._interval_s, self._reach_m = control_interval, reach
-        self._velocity, self._dense, self._observe = (
-            action == "velocity",
-            reward == "dense",
-            observe,
-        )
+        self._velocity, self._dense = action == "velocity", reward == "dense"
+        self._observe: Observe = observe
         self._context = context
         self._batch = self.setup.batch(count)
         rows = (count, self.robots)

@@ -1,9 +1,9 @@
 """Train Stable-Baselines3's PPO to drive a robot to random targets, and evaluate it.
 
-    uv run --group clients python docs/examples/sb3_drive.py --minutes 15 --out drive.zip
-    uv run --group clients python docs/examples/sb3_drive.py --evaluate drive.zip
+    uv run --with stable-baselines3 python docs/examples/sb3_drive.py --minutes 15 --out drive.zip
+    uv run --with stable-baselines3 python docs/examples/sb3_drive.py --evaluate drive.zip
 
-A file that exists is trained further. See docs/environments.md for what this one reaches.
+A file that exists is trained further.
 """
 
 import argparse

@@ -156,7 +156,7 @@ def test_an_action_of_the_dynamics_counts_whatever_it_is():
     """A robot under way took no notice of every second action."""
     seen = {}
     for second in (6, 2):
-        env = gym.make("MiniRobots/CoSim-v0", time_limit=20.0, noise=0.0)
+        env = gym.make("MiniRobots/CoSim-v0", time_limit=20.0)
         env.reset(seed=0, options={"starts": [[15, 25]]})
         rows = [env.step(action) for action in (6, second)]
         assert all(row[4]["active"] for row in rows)
@@ -167,19 +167,18 @@ def test_an_action_of_the_dynamics_counts_whatever_it_is():
 
 
 def test_physics_are_options_of_environments():
-    physics = {"mu": 0.2, "speed": 3.0, "time_limit": 2.0}
-    env = envs.NavigationEnv("1a", cosim=True, decision="period", **physics)
+    env = envs.parallel_env("1a", cosim=True, decision="period", time_limit=2.0)
     place = env.episode
     assert isinstance(place, CoSimEpisode)
     env.reset(seed=0, options={"mu": 0.3, "targets": [[3, 3]]})
     running = place._running
     assert (running.config.robot.mu, running.scenario.targets) == (0.3, ((3, 3),))
-    *_, truncated, info = env.step(0)
-    assert (truncated, info["outcome"]) == (True, TIMEOUT)
+    *_, truncated, infos = env.step({"robot_1": 0})
+    assert (truncated["robot_1"], infos["robot_1"]["outcome"]) == (True, TIMEOUT)
     env.reset(seed=0)
-    assert place._running.config.robot.mu == 0.2
+    assert place._running.config.robot.mu == 0.15
     env.close()
-    with pytest.raises(ConfigError, match="no option friction; choose from worlds, .* mu,"):
+    with pytest.raises(ConfigError, match=r"no option friction; choose from worlds, .* mu,"):
         gym.make("MiniRobots/CoSim-v0", friction=0.2)
     with pytest.raises(ConfigError, match="mu has no effect on the grid"):
         gym.make("MiniRobots/SingleA-v0", mu=0.2)
