@@ -327,11 +327,13 @@ def test_a_check_says_what_has_changed(copied, near_policy):
     assert {name: then for name, (then, _) in report.changes.items()} == {"numpy": "1.0"}
     del certificate["case"]["parameters"]["shield"]
     certificate["code_digest"] = "other"
+    certificate["case"]["motor_fmu_digest"] = "the built-in one of then"
     path.write_bytes(msgspec.json.encode(certificate))
     report = check(path, sample=0)
     assert report.differences == ()
     assert report.changes["shield"] == ("", "False")
     assert report.changes["code_digest"][0] == "other"
+    assert report.changes["motor_fmu_digest"][0] == "the built-in one of then"
     replace(near_policy, q=near_policy.q + 1.0).save(copied / "other.npz")
     report = check(path, policy=copied / "other.npz", sample=0)
     assert "the policy is another one" in report.differences
