@@ -104,7 +104,7 @@ def check(
     case = Case(loaded, certificate.config, fmu, then.seed)
     before, now = _facts(then, certificate), _facts(case.identity)
     differences = [f"{name} is another one" for k, name in _SUBJECT.items() if before[k] != now[k]]
-    # The built-in motor FMU is compiled from this code, and harmless while bits are equal as that is.
+    # The built-in motor FMU is compiled from this code, and a change of it as harmless.
     own_motor = motor_fmu is not None or certificate.config.motor_fmu
     if own_motor and then.motor_fmu_digest != case.identity.motor_fmu_digest:
         differences.append("the motor FMU is another one")

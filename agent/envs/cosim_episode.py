@@ -27,7 +27,7 @@ from cosim.base.progress import progress_bars
 from cosim.navigation.batch import Batch
 from cosim.navigation.episode import RunningEpisode
 from cosim.navigation.observing import draw_starts
-from cosim.navigation.options import Driving, resolve
+from cosim.navigation.options import SimulationOptions, resolve
 from cosim.navigation.step import Step
 from cosim.scenarios.scenario import Scenario
 
@@ -60,7 +60,7 @@ class EnvSetup(NamedTuple):
         if self.worlds is not None:
             side = max(self.scenario.columns, self.scenario.rows)
             config = config.in_world(draw_world(self.worlds, side, side // 2, rng))
-        return config if mu is None else config.having(mu)
+        return config if mu is None else config.with_overrides(mu)
 
 
 def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> EnvSetup:
@@ -70,14 +70,14 @@ def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> EnvSe
 
     Args:
         scenario: name, scenario file or record.
-        options: fields of `cosim.navigation.options.Driving`, `world` as of `cosim.simulate`, and
+        options: fields of `cosim.navigation.options.SimulationOptions`, `world` as of `cosim.simulate`, and
             `worlds`, ranges to draw a world from in every episode.
 
     Raises:
         UserError: an option is unknown or does not fit, or the scenario cannot be used.
     """
     given = dict(options)
-    known = ["worlds", *(field.name for field in fields(Driving))]
+    known = ["worlds", *(field.name for field in fields(SimulationOptions))]
     for name in given:
         if name not in known:
             raise ConfigError(f"environments have no option {name}; choose from {', '.join(known)}")
@@ -90,7 +90,9 @@ def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> EnvSe
     if worlds is not None and world is not None:
         raise ConfigError("worlds has no effect on a given world; leave out world or worlds")
     with progress_bars() as progress:
-        return EnvSetup(*resolve(Driving(**given), scenario, progress, world=world), worlds)
+        return EnvSetup(
+            *resolve(SimulationOptions(**given), scenario, progress, world=world), worlds
+        )
 
 
 class CoSimPlace(Restorable):
@@ -160,7 +162,7 @@ class CoSimPlace(Restorable):
             place_checked(process, world, starts)
             cells = world[:, [X, Y]]
         if mu is not None:
-            self._setup.config.having(mu)
+            self._setup.config.with_overrides(mu)
         return scenario, process, cells
 
     def reset(

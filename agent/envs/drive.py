@@ -190,7 +190,7 @@ class DriveBoards(Restorable):
         scenario = self.scenario
         given = [self._checked("starts", starts, 3), self._checked("targets", targets, 2)]
         if mu is not None:
-            self.setup.config.having(mu)
+            self.setup.config.with_overrides(mu)
         start_seed, noise_seed = self._seeds[place].spawn(2)
         rng = np.random.default_rng(start_seed)
         poses, targets_m = given
