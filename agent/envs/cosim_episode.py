@@ -70,8 +70,8 @@ def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> EnvSe
 
     Args:
         scenario: name, scenario file or record.
-        options: fields of `cosim.navigation.options.SimulationOptions`, `world` as of `cosim.simulate`, and
-            `worlds`, ranges to draw a world from in every episode.
+        options: fields of `cosim.navigation.options.SimulationOptions`, `world` as of
+            `cosim.simulate`, and `worlds`, ranges to draw a world from in every episode.
 
     Raises:
         UserError: an option is unknown or does not fit, or the scenario cannot be used.
