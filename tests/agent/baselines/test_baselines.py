@@ -35,6 +35,14 @@ def board(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module", autouse=True)
+def brief():
+    """Trainings of a fifth, in all tests alike: a training of another length is another one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("agent.baselines.learners.QUICK_EPISODES", 20_000)
+        yield
+
+
 @pytest.fixture(scope="module")
 def done(board, command):
     """With one move of every kind, instead of two dozen, to say what moves take."""
@@ -42,7 +50,6 @@ def done(board, command):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(observe, "MOVES_PER_KIND", 1)
         patch.setattr(observe, "WALKS", 1)
-        patch.setattr("agent.baselines.learners.QUICK_EPISODES", 20_000)
         patch.setattr(observe, "cache_dir", lambda kind: board.parent / kind)
         ended = command("baselines", *options, "--out", board.parent / "out")
     assert ended.returncode == 0, ended.stderr
