@@ -54,8 +54,8 @@ class Run(NewFolder, IsolatedOptions):
     worlds (robust), on the grid as in Section V (paper), or on the grid with moves that go astray
     (slip). Or they are computed without learning: of one or two robots the joint paths that are
     optimal on the grid by length (shortest) or by moves (quickest), of one or two the least time
-    on observed moves (fastest; two with --through), of any number each one's own path counter-clockwise about the middle
-    of the board (roundabout, with --shield)."""
+    on observed moves (fastest; two with --through), of any number each one's own path
+    counter-clockwise about the middle of the board (roundabout, with --shield)."""
     train_episodes: Count | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves, and
     3 000 000 for robust and prompt."""
