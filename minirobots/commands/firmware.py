@@ -40,6 +40,10 @@ class Firmware(IsolatedOptions):
             if getattr(self.physics, name) != getattr(SimulationOptions, name):
                 option = name.replace("_", "-")
                 raise ConfigError(f"--{option} has no effect on firmware; leave it out")
+        if self.physics.shield:  # refused before it is measured
+            raise ConfigError(
+                "--shield needs to see all robots, and firmware sees none; leave it out"
+            )
 
 
 def run(options: Firmware, progress: Progress) -> dict[str, Any]:
