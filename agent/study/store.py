@@ -59,7 +59,8 @@ class RowFile(Generic[Row]):
     """
 
     def __init__(self, path: Path, header: Header | None, form: type[Row]) -> None:
-        self.path, self.header, self._form = path, header, form
+        # Absolute, as loading an FMU in another thread changes the working directory for a moment.
+        self.path, self.header, self._form = path.absolute(), header, form
         self.rows: list[Row] = []
         self._whole = self._size = 0
         if path.exists():

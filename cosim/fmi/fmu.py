@@ -1,6 +1,5 @@
 """FMUs for Co-Simulation of FMI 2.0 and 3.0: unpacked, checked, and loaded with fmpy."""
 
-import contextlib
 import copy
 import ctypes
 import errno
@@ -27,7 +26,7 @@ from cosim.base.config import whole_ratio
 from cosim.base.errors import UserError
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.archive import require_plain, unpack
-from cosim.fmi.isolation import note_failure, restored_arithmetic
+from cosim.fmi.isolation import note_failure, restored_arithmetic, same_folder
 
 # fmpy changes the working directory of the process while it loads a binary, and does not change it
 # back where that fails.
@@ -130,7 +129,7 @@ class Fmu:
         Raises:
             Exception: the binary does not load, or makes no instance.
         """
-        with _LOADING, contextlib.chdir("."):
+        with _LOADING, same_folder():  # fmpy changes it while it loads
             if self._loaded is None:
                 with restored_arithmetic():  # which -ffast-math changes where it is loaded
                     self._loaded = (FMU3Slave if self.standard == 3 else FMU2Slave)(

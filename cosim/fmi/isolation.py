@@ -106,7 +106,7 @@ def calling(what: str) -> Iterator[None]:
     if note is not None:
         note.write_text(what)
     try:
-        with _same_folder(), restored_arithmetic() as changed:
+        with same_folder(), restored_arithmetic() as changed:
             yield
     finally:
         if note is not None:
@@ -125,7 +125,7 @@ _folders: list[Path] = []  # in which calls under way began; the first counts
 
 
 @contextlib.contextmanager
-def _same_folder() -> Iterator[None]:
+def same_folder() -> Iterator[None]:
     """Change back to the working directory in which the first call under way began."""
     with _FOLDER_LOCK, contextlib.suppress(FileNotFoundError):  # it may be gone
         _folders.append(_folders[0] if _folders else Path.cwd())

@@ -99,7 +99,7 @@ class Physics:
         from fmus.build import cached_fmu  # noqa: PLC0415
 
         with under_way(progress, "preparing the motor FMU"):
-            return self.motor_fmu or cached_fmu()
+            return (self.motor_fmu or cached_fmu()).absolute()
 
     def prepare(
         self,

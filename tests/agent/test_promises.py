@@ -9,7 +9,6 @@ from agent.process.exact import joint_starts
 from agent.process.optimum import optimum
 from agent.process.readings import build_process
 from agent.study.evaluate import EvaluationReport
-from cosim import evaluate as cosim_evaluate
 from cosim.scenarios.file import find_scenario
 
 
@@ -22,7 +21,7 @@ def test_robots_get_there_in_time(name, method, least, longest_s, tmp_path, comm
     policy = tmp_path / "policy.npz"
     agent.train(name, method=method).save(policy)
     options = ("--starts", 200, "--through", "--shield", "--recordings", 0, "--json")
-    done = command(cosim_evaluate, policy, *options, "--out", tmp_path / "out")
+    done = command("evaluate", policy, *options, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     (row,) = msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport).policies
     assert (row.episodes, row.collision, row.out_of_board) == (200, 0.0, 0.0)

@@ -18,7 +18,6 @@ from agent.process.exact import joint_starts
 from agent.process.greedy import PolicyError
 from agent.process.readings import FREE, GOAL, build_process
 from agent.training.policy import Seed
-from cosim import evaluate as cosim_evaluate
 from cosim.base.outcome import TIMEOUT, Outcome
 from cosim.base.progress import silent
 from cosim.navigation.features import DIRECTIONS, Observation
@@ -95,7 +94,7 @@ def test_a_learner_masters_a_small_board_and_commands_take_its_policy(tiny, tmp_
     assert ran.returncode == 0, ran.stderr
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["method"] == "ddqn"
     options = ("--starts", 2, "--time-limit", 4, "--out", tmp_path / "dynamics", "--json")
-    evaluated = command(cosim_evaluate, report["policy"], *options)
+    evaluated = command("evaluate", report["policy"], *options)
     assert evaluated.returncode == 0, evaluated.stderr
     (row,) = json.loads(evaluated.stdout.splitlines()[-1])["policies"]
     assert (row["episodes"], row["out_of_board"]) == (2, 0.0)

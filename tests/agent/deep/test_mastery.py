@@ -7,7 +7,6 @@ from agent.deep.policy import NetworkConfig
 from agent.deep.world import SHAPING
 from agent.study.evaluate import EvaluationReport
 from agent.training.policy import Seed
-from cosim import evaluate as cosim_evaluate
 from cosim.base.outcome import Outcome
 from cosim.base.progress import silent
 from cosim.scenarios.file import find_scenario
@@ -27,7 +26,7 @@ def test_double_q_succeeds_from_nearly_all_starts(name, tmp_path, command):
     assert policy.evaluate().rate(Outcome.SUCCESS) >= 0.99
     policy.save(tmp_path / "policy.npz")
     options = ("--starts", 4, "--shield", "--out", tmp_path / "out", "--json")
-    done = command(cosim_evaluate, tmp_path / "policy.npz", *options)
+    done = command("evaluate", tmp_path / "policy.npz", *options)
     assert done.returncode == 0, done.stderr
     last = done.stdout.splitlines()[-1]
     (row,) = msgspec.json.decode(last, type=EvaluationReport).policies

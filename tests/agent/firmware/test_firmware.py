@@ -31,6 +31,7 @@ from cosim.navigation.cosimulation import CoSimulation
 from cosim.navigation.features import Observation, distance_thresholds
 from cosim.navigation.observing import cells_of, nearest_squared, observe
 from cosim.navigation.options import SimulationOptions, resolve
+from cosim.navigation.step import Decision
 from cosim.physics.rotation import headings
 from cosim.scenarios.file import find_scenario
 from cosim.scenarios.scenario import Scenario
@@ -156,7 +157,8 @@ def drive(simulation, policy, observation):
     """Actions, set points, voltages and positions of an episode, and how it ended."""
     steps = []
     while not simulation.outcome:
-        steps.append(simulation.advance(policy.act(observation).action))
+        decision = Decision.of(policy.act(observation))
+        steps.append(simulation.advance(decision.action))
         observation = simulation.episode.observation
     kept = ("omega_des", "position", "voltage")
     signals = {n: np.concatenate([getattr(s.samples, n) for s in steps]) for n in kept}

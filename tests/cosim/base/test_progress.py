@@ -100,7 +100,8 @@ def test_an_error_ends_the_bars():
 def test_a_command_draws_bars_on_its_terminal():
     """The filter of what is printed leaves them alone."""
     script = (
-        "import time; from cosim.base import progress; from cosim.base.errors import run_command\n"
+        "import ipywidgets, rich.progress, time\n"  # whose imports take longer than the work
+        "from cosim.base import progress; from cosim.base.errors import run_command\n"
         "progress._QUIET_S = 0.1\n"
         "def main():\n"
         "    with progress.progress_bars() as report:\n"
@@ -131,10 +132,13 @@ def _read(terminal):
 @pytest.mark.long
 def test_a_notebook_has_a_widget():
     program = (
-        "import time; from cosim.base.progress import progress_bars\n"
+        "import time\n"
+        "from ipywidgets.widgets.widget import _instances\n"
+        "from cosim.base.progress import progress_bars\n"
         "with progress_bars() as progress:\n"
         "    progress('working', 1, 2)\n"
-        "    time.sleep(4)"
+        "    while not _instances:\n"  # until the execution's timeout
+        "        time.sleep(0.1)\n"
     )
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(program)])
     root = {"metadata": {"path": Path(__file__).parents[3]}}
