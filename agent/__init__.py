@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 from cosim.base.arguments import taken, taken_seed
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, automatic, showing, silent
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
 
 if TYPE_CHECKING:
-    from agent.process.greedy import GreedyPolicy
+    from agent.mdp.greedy import GreedyPolicy
 
 __all__ = ["Policy", "UserError", "load", "methods", "train"]
 

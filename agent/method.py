@@ -17,24 +17,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from agent.mdp import optimum
+from agent.mdp.config import ProcessConfig
 from agent.moves import bound, pair
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
 from agent.moves.worlds import RANGES, Ranges
-from agent.process import optimum
-from agent.process.config import ProcessConfig
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import COMPUTED, METHODS, LearningConfig, Method
 from agent.training.store import find_or_compute, find_or_train
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.reached_code import code_digest
 from cosim.calibration.cache import calibrated_slower
-from cosim.navigation.options import DecisionOptions
-from cosim.scenarios.scenario import Scenario
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.simulation.options import DecisionOptions
 from fmus.build import cached_fmu
 
 

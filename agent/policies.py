@@ -4,12 +4,12 @@ import json
 from pathlib import Path
 
 from agent.deep.policy import NetworkPolicy
+from agent.mdp.greedy import GreedyPolicy
 from agent.method import method_of
-from agent.process.greedy import GreedyPolicy
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import FILE, Policy, PolicyConfig
 from cosim.base.reading import parsing, read_arrays
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
 
 
 def load_policy(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from cosim.base import errors as _errors  # noqa: F401 - from now on Ctrl-C ends a command quietly
 
 if TYPE_CHECKING:
-    from cosim.reading.episode import Episode
+    from cosim.recording.reader import Episode
 
 
 def open(path: "Path | str") -> "Episode":  # noqa: A001 - to be called as analysis.open
@@ -30,6 +30,6 @@ def open(path: "Path | str") -> "Episode":  # noqa: A001 - to be called as analy
         RecordingReadError: the file does not exist, cannot be read, or holds no episode.
     """
     from cosim.base.arguments import taken
-    from cosim.reading.episode import read_episode
+    from cosim.recording.reader import read_episode
 
     return read_episode(taken("path", path, Path))

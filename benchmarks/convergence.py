@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 from benchmarks.references.prescribed import Drive, MeanMotion, mean_motion
-from cosim.base.params import TABLE_I, TABLE_II
+from cosim.model.params import TABLE_I, TABLE_II
 from cosim.physics.contact import CONTACT_TOLERANCE
 
 QUARTER, HALF = math.pi / 2.0, math.pi

@@ -19,16 +19,16 @@ import numpy as np
 from benchmarks.recording import overheads
 from benchmarks.references.mjcf import robots_mjcf
 from benchmarks.references.prescribed import Drive, Rig, drive_wrench, rig, trace_body
-from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
-from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, MotorFmu
 from cosim.fmi.abi import FMI_OK, exchange_3
-from cosim.navigation.batch import ROBOTS_TOGETHER, Batch
+from cosim.model.config import CoSimConfig
+from cosim.model.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.model.scenario import MAX_SIDE_CELLS, Scenario
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
-from cosim.scenarios.scenario import MAX_SIDE_CELLS, Scenario
+from cosim.simulation.batch import ROBOTS_TOGETHER, Batch
 from fmus.build import cached_fmu
 
 SPEED = STEERING.forward_speed_rad_s
@@ -42,7 +42,7 @@ class StepTimes:
 
     Attributes:
         batch_robot_seconds_per_s: robot-seconds that one core simulates in a second, in a batch of
-            pairs as `cosim.episodes` makes them.
+            pairs as `cosim.simulation.tasks` makes them.
         ratio_batch_to_scalar: that to one pair on the scalar path: an FMU instance for every motor,
             one body after the other.
         realtime_factor: one pair as `cosim.run` simulates it, recording off.

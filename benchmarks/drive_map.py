@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.references.prescribed import Drive, mean_motion
-from cosim.base.params import TABLE_I, TABLE_II, TIMING
+from cosim.model.params import TABLE_I, TABLE_II, TIMING
 
 
 def measure(omega: Sequence[float], mu: float, phases: int, duration: float) -> dict[str, Any]:

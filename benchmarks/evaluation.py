@@ -16,10 +16,10 @@ import agent
 from agent.evaluation.cases import Case, Job, run_jobs
 from benchmarks.recording import times_s
 from cosim.base.command import workers
-from cosim.episodes import compile_kernels
-from cosim.navigation.cosimulation import CoSimulation, run_episode
-from cosim.navigation.options import SimulationOptions, resolve
-from cosim.navigation.result import EpisodeResult, result_of
+from cosim.simulation.cosimulation import CoSimulation, run_episode
+from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.result import EpisodeResult, result_of
+from cosim.simulation.tasks import compile_kernels
 from fmus.build import cached_fmu
 
 Results = dict[int, EpisodeResult]

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from cosim.base.jit import kernel
-from cosim.base.params import FIG_7, TABLE_II, TIMING, MotorParams
 from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, Motor, MotorFmu
 from cosim.fmi.abi import exchange_3
+from cosim.model.params import FIG_7, TABLE_II, TIMING, MotorParams
 from fmus.build import cached_fmu
 
 INPUT, OUTPUTS = "omega_noise", ("theta", "omega")

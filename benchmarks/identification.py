@@ -1,7 +1,7 @@
 """Whether identification finds the parameters of machines that are known: truth by co-simulation.
 
-A machine is drawn, driven by the sequence of `cosim.identification.excitation` with its motor FMUs
-and speed noise, seen by a camera, and identified from nothing but that.
+A machine is drawn, driven by the sequence of `cosim.machine.identification.excitation` with its
+motor FMUs and speed noise, seen by a camera, and identified from nothing but that.
 """
 
 from dataclasses import replace
@@ -14,28 +14,28 @@ import msgspec
 import numpy as np
 
 from cosim.base.command import workers
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.params import TABLE_II, MotorParams
 from cosim.base.progress import progress_bars
 from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
-from cosim.base.world import Sensor, World, draw_world
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.control.camera import draw_sight
-from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
-from cosim.identification.excitation import FRAME_RATE_HZ, HOLD_S, SEQUENCE
-from cosim.identification.fit import QUANTILE, fit
-from cosim.identification.parameters import PARAMETERS, machine
-from cosim.identification.simulated import Simulated, simulated
-from cosim.identification.track import SeenTrack
+from cosim.machine.identification.excitation import FRAME_RATE_HZ, HOLD_S, SEQUENCE
+from cosim.machine.identification.fit import QUANTILE, fit
+from cosim.machine.identification.parameters import PARAMETERS, machine
+from cosim.machine.identification.simulated import Simulated, simulated
+from cosim.machine.identification.track import SeenTrack
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TABLE_II, MotorParams
+from cosim.model.world import Sensor, World, draw_world
+from cosim.onboard.camera import draw_sight
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from fmus.build import cached_fmu
 
 CAMERA = Sensor(FRAME_RATE_HZ, 50.0, 0.5, 1.0)
 MOTOR_SPREAD = 0.1
-# Uniform between these, SI units; motors are drawn as in `cosim.base.world`.
+# Uniform between these, SI units; motors are drawn as in `cosim.model.world`.
 RANGES = ((0.1, 0.3), (0.01, 0.02), (-1e-3, 1e-3), (-1e-3, 1e-3), (0.02, 0.024))
 RELATIVE = ("mu", "com_height_m", "foot_radius_m", "motor_d", "motor_e")  # errors in per cent
 _KIND = Kind("result of a machine", "delete it", UserError)
@@ -45,7 +45,7 @@ class Truth(NamedTuple):
     """A machine that was drawn.
 
     Attributes:
-        values: (8,), see `cosim.identification.parameters`.
+        values: (8,), see `cosim.machine.identification.parameters`.
         motors: D and E.
     """
 

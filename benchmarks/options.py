@@ -8,7 +8,7 @@ import tyro
 
 from cosim.base.command import Jobs, Json, MotorFmuFile, require_at_least
 from cosim.base.errors import UserError
-from cosim.base.params import TABLE_I
+from cosim.model.params import TABLE_I
 
 COUNTS = {
     "boards",

@@ -15,9 +15,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from cosim.base.command import show_table
-from cosim.base.config import CoSimConfig
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.control.steering import (
+from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.onboard.steering import (
     DIRECT,
     DIRECTION,
     GOAL_X,
@@ -29,7 +30,6 @@ from cosim.control.steering import (
     START,
     TURN,
 )
-from cosim.coupling.fmu import MotorFmu
 from fmus.build import cached_fmu
 
 LIMIT_S = 40.0  # of a turn; slower robots do not turn

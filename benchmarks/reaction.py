@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import SPEED_NOISE, TABLE_II
-from cosim.navigation.cosimulation import CoSimulation
-from cosim.scenarios.scenario import Scenario
+from cosim.model.config import CoSimConfig
+from cosim.model.params import SPEED_NOISE, TABLE_II
+from cosim.model.scenario import Scenario
+from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
 
 NORTH = 2

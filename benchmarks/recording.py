@@ -17,13 +17,13 @@ import numpy as np
 from rerun.chunk import RrdReader
 
 from analysis.viewer import ViewerError, screenshot
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TIMING
-from cosim.navigation.cosimulation import CoSimulation
-from cosim.navigation.step import Decision, Step
+from cosim.coupling.rl_step import Decision, Step
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level
-from cosim.scenarios.scenario import Scenario
+from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
 
 NORTH, SOUTH = 2, 6

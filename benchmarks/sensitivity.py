@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import STEERING
-from cosim.base.world import World
 from cosim.calibration.cache import find_calibration
 from cosim.calibration.speed_map import Curve
+from cosim.model.config import CoSimConfig
+from cosim.model.params import STEERING
+from cosim.model.world import World
 from fmus.build import cached_fmu
 
 RESTITUTIONS = (0.0, 0.1, 0.2, 0.3, 0.5)

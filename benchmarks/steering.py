@@ -1,6 +1,6 @@
 """How straight and how fast controllers of the steering drive.
 
-Every controller is the kernel of `cosim.control.steering` with other parameters, so that one code
+Every controller is the kernel of `cosim.onboard.steering` with other parameters, so that one code
 is compared with itself; some go without feedback. FMUs, noise and friction are those of an episode.
 """
 
@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim.base.command import show_table
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.params import STEERING
-from cosim.base.world import World, draw_world
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.control.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.model.params import STEERING
+from cosim.model.world import World, draw_world
+from cosim.onboard.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
 from fmus.build import cached_fmu
 
 LINE_M, CELL_M = 0.2, 0.01

@@ -10,18 +10,18 @@ from cosim.base import errors as _errors  # noqa: F401 - from now on Ctrl-C ends
 
 if TYPE_CHECKING:
     from cosim.base.arguments import ConfigError
-    from cosim.base.config import CoSimConfig
     from cosim.base.errors import UserError
-    from cosim.base.outcome import Outcome
-    from cosim.base.world import Patch, Sensor, World
-    from cosim.navigation.cosimulation import CoSimulation
-    from cosim.navigation.features import Observation
-    from cosim.navigation.step import Decision
-    from cosim.presets.preset import Preset, find_preset
-    from cosim.reading.episode import Episode
-    from cosim.scenarios.file import find_scenario
-    from cosim.scenarios.scenario import Scenario
-    from cosim.simulation import simulate
+    from cosim.coupling.rl_step import Decision
+    from cosim.model.config import CoSimConfig
+    from cosim.model.outcome import Outcome
+    from cosim.model.preset import Preset, find_preset
+    from cosim.model.scenario import Scenario
+    from cosim.model.scenario_file import find_scenario
+    from cosim.model.world import Patch, Sensor, World
+    from cosim.onboard.features import Observation
+    from cosim.recording.reader import Episode
+    from cosim.simulation.cosimulation import CoSimulation
+    from cosim.simulation.simulate import simulate
 
 __all__ = [
     "CoSimConfig",
@@ -43,22 +43,22 @@ __all__ = [
 ]
 
 _MODULES = {
-    "CoSimConfig": "cosim.base.config",
-    "CoSimulation": "cosim.navigation.cosimulation",
+    "CoSimConfig": "cosim.model.config",
+    "CoSimulation": "cosim.simulation.cosimulation",
     "ConfigError": "cosim.base.arguments",
-    "Decision": "cosim.navigation.step",
-    "Episode": "cosim.reading.episode",
-    "Observation": "cosim.navigation.features",
-    "Outcome": "cosim.base.outcome",
-    "Patch": "cosim.base.world",
-    "Preset": "cosim.presets.preset",
-    "Scenario": "cosim.scenarios.scenario",
-    "Sensor": "cosim.base.world",
+    "Decision": "cosim.coupling.rl_step",
+    "Episode": "cosim.recording.reader",
+    "Observation": "cosim.onboard.features",
+    "Outcome": "cosim.model.outcome",
+    "Patch": "cosim.model.world",
+    "Preset": "cosim.model.preset",
+    "Scenario": "cosim.model.scenario",
+    "Sensor": "cosim.model.world",
     "UserError": "cosim.base.errors",
-    "World": "cosim.base.world",
-    "find_preset": "cosim.presets.preset",
-    "find_scenario": "cosim.scenarios.file",
-    "simulate": "cosim.simulation",
+    "World": "cosim.model.world",
+    "find_preset": "cosim.model.preset",
+    "find_scenario": "cosim.model.scenario_file",
+    "simulate": "cosim.simulation.simulate",
 }
 
 

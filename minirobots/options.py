@@ -13,7 +13,7 @@ import tyro
 from cosim.base.command import Json, require_at_least, workers
 from cosim.base.errors import UserError
 from cosim.fmi.isolation import Isolation
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
 
 
 class Check(NamedTuple):

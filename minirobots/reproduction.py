@@ -19,8 +19,8 @@ from analysis.report.page import write_report
 from analysis.timings import Timings
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.built_in import PAPER
+from cosim.model.built_in import PAPER
+from cosim.simulation.options import SimulationOptions
 from minirobots.runner import module_of, options_of
 
 

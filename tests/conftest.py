@@ -20,7 +20,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 from cosim.base.errors import run_command
 from cosim.base.storage import cache_dir
-from cosim.navigation.features import DIRECTION_COUNT, Observation
+from cosim.onboard.features import DIRECTION_COUNT, Observation
 from fmus.build import cached_fmu
 from minirobots.runner import execute
 

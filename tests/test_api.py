@@ -14,12 +14,12 @@ import agent
 import analysis
 import cosim
 from agent.training.policy import PolicyError
-from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.progress import silent
-from cosim.base.world import WorldError
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.scenario import ScenarioError
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.scenario import ScenarioError
+from cosim.model.world import WorldError
+from cosim.simulation.options import SimulationOptions
 from fmus.build import cached_fmu
 from minirobots.commands.run import Run, run
 

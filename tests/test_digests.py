@@ -23,29 +23,29 @@ from agent.certification.collisions import estimate_collisions
 from agent.certification.measurement import certify
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.outcomes import summary
+from agent.mdp.config import ProcessConfig
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import observe_moves
-from agent.process.config import ProcessConfig
 from agent.study.store import ResultFile
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
-from cosim.base.config import CoSimConfig
 from cosim.base.jobs import Workers
-from cosim.base.params import SHIELD
-from cosim.base.world import Patch, Sensor, World
 from cosim.calibration.cache import find_calibration
 from cosim.calibration.shielding import with_stopping_distance
-from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.batch import DRIVERS
-from cosim.navigation.episode import RunningEpisode
-from cosim.navigation.observing import draw_starts
-from cosim.navigation.result import EpisodeResult
-from cosim.navigation.step import Step, SupportsAct
-from cosim.reading.episode import read_episode
+from cosim.coupling.rl_step import Step, SupportsAct
+from cosim.model.config import CoSimConfig
+from cosim.model.params import SHIELD
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.model.world import Patch, Sensor, World
+from cosim.onboard.observing import draw_starts
 from cosim.recording.episode import EpisodeRecorder
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.recording.reader import read_episode
+from cosim.simulation.batch import DRIVERS
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.result import EpisodeResult
+from cosim.simulation.tasks import Task, simulate_tasks
 from fmus.build import cached_fmu
 
 ONE = Workers(jobs=1)

@@ -22,7 +22,7 @@ FORBIDDEN = re.compile(
 NO_PATHS = {"record_transition", "under_way"}
 # Where robots are.
 IDENTIFICATION = (
-    "cosim/identification/",
+    "cosim/machine/identification/",
     "benchmarks/identification.py",
     "minirobots/commands/identify_robot.py",
 )

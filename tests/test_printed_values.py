@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
 from agent.training.learning import EPISODES, build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
-from cosim.base.params import FIG_7, SPEED_NOISE, TABLE_I, TABLE_II, TIMING
-from cosim.scenarios.built_in import PAPER
+from cosim.model.built_in import PAPER
+from cosim.model.params import FIG_7, SPEED_NOISE, TABLE_I, TABLE_II, TIMING
 from fmus.variables import load_table
 
 TABLE_1 = {

@@ -25,7 +25,7 @@ DATA = {
     "fmus/mini_robot/variables.toml",
     "analysis/report/templates/report.html.j2",
     "analysis/report/templates/report.css",
-    "cosim/presets/icra2006.toml",
+    "cosim/model/icra2006.toml",
 }
 SESSION = """
 import hashlib, agent, analysis, cosim, minirobots

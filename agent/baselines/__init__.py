@@ -3,7 +3,7 @@
 from typing import Literal, get_args
 
 from agent.deep import Algorithm
-from agent.process.config import Objective
+from agent.mdp.config import Objective
 
 Table = Literal["paper", "double_q", "moves", "prompt", Objective]
 Learner = Literal[Table, Algorithm]

@@ -14,10 +14,10 @@ import numpy as np
 from agent.baselines import NETWORKS, Learner
 from agent.deep.policy import NetworkConfig
 from agent.deep.world import SHAPING
+from agent.mdp.exact import Milestone
+from agent.mdp.greedy import GreedyPolicy
+from agent.mdp.readings import build_process
 from agent.method import method_config, method_policy
-from agent.process.exact import Milestone
-from agent.process.greedy import GreedyPolicy
-from agent.process.readings import build_process
 from agent.training.learning import initial_state
 from agent.training.loop import TrainingProgress, run_training
 from agent.training.policy import Policy, PolicyConfig, Seed
@@ -25,7 +25,7 @@ from agent.training.settings import COMPUTED
 from cosim.base.progress import Progress
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
 
 # Moves of all robots after which a network is given up, by the number of robots.
 NETWORK_STEPS = {1: 300_000, 2: 800_000, 4: 1_000_000}

@@ -17,13 +17,13 @@ from agent.baselines import LEARNERS, Learner
 from agent.baselines.learners import Config, config_of, digest, train
 from agent.baselines.table import BaselinesReport, Drive, LearnerRun, markdown, report_of
 from agent.evaluation.grid import PolicyMeasures, measure
+from agent.mdp.config import ProcessConfig
+from agent.mdp.exact import Milestone, joint_starts
+from agent.mdp.optimum import optimum
+from agent.mdp.readings import build_process
 from agent.method import ON_MOVES, method_config
 from agent.moves.bound import least_times_of_starts
 from agent.policies import load_policy
-from agent.process.config import ProcessConfig
-from agent.process.exact import Milestone, joint_starts
-from agent.process.optimum import optimum
-from agent.process.readings import build_process
 from agent.study.episodes import StudyLine, case_of, simulate
 from agent.study.store import EpisodeStore
 from agent.training.settings import COMPUTED
@@ -33,9 +33,9 @@ from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 from cosim.base.table import write_report
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.simulation.options import SimulationOptions
 
 _FILE = Kind("file of a training", "remove it", UserError)
 

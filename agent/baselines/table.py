@@ -5,10 +5,10 @@ import numpy as np
 
 from agent.evaluation.grid import PolicyMeasures
 from agent.evaluation.statistics import Interval, Rate, Statistics, interval_text, rate, summarise
-from agent.process.exact import Milestone
-from cosim.base.outcome import Outcome
+from agent.mdp.exact import Milestone
 from cosim.base.table import Column, field
 from cosim.base.table import markdown as table_text
+from cosim.model.outcome import Outcome
 
 ENOUGH = 0.99  # success that learners are timed to
 
@@ -69,7 +69,7 @@ class BaselineRow(msgspec.Struct, frozen=True, kw_only=True):
         left_out: why it is not, if so.
         seeds: trainings that are there.
         success: on the grid, from all starts or a sample of them.
-        path_ratio, moves_ratio: over the optimum (`agent.process.optimum.ratios`), of successes.
+        path_ratio, moves_ratio: over the optimum (`agent.mdp.optimum.ratios`), of successes.
         reached: trainings that had a success of ENOUGH at some evaluation.
         steps_to_enough, seconds_to_enough: moves of all robots and time until then.
         episodes: in the dynamics, of all seeds.

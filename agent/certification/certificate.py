@@ -15,15 +15,15 @@ from agent.certification.claims import LEAST_CONFIDENCE, Claim, complement
 from agent.certification.sequential import ClaimDecision, SequentialTest, Verdict
 from agent.evaluation.cases import Case, CaseIdentity
 from agent.evaluation.statistics import CONFIDENCE
+from agent.mdp.exact import enumerable
 from agent.policies import method_name
-from agent.process.exact import enumerable
 from agent.study.store import ResultFile, beginning
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of, versions
 from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
-from cosim.navigation.result import EpisodeResult
+from cosim.model.config import CoSimConfig
+from cosim.simulation.result import EpisodeResult
 
 _CERTIFICATE = Kind("certificate", "move it away and make it again with --claim", UserError)
 CERTIFICATE_FILE, POLICY_FILE = "certificate.json", "policy.npz"

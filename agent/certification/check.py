@@ -31,8 +31,8 @@ from cosim.base.jobs import Workers, run
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import versions
 from cosim.base.reading import Kind, require_file
-from cosim.navigation.options import Physics
-from cosim.navigation.result import EpisodeResult
+from cosim.simulation.options import Physics
+from cosim.simulation.result import EpisodeResult
 
 _RESULTS = Kind("file of the certificate's results", "keep both in one folder", UserError)
 # What a certificate is about: with another one it says nothing.

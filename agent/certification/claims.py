@@ -5,7 +5,7 @@ from decimal import Decimal
 from typing import NamedTuple
 
 from cosim.base.errors import UserError
-from cosim.base.outcome import ENDS, Outcome
+from cosim.model.outcome import ENDS, Outcome
 
 RATES: dict[str, frozenset[Outcome]] = {
     **{str(outcome): frozenset({outcome}) for outcome in ENDS},

@@ -20,17 +20,17 @@ from agent.evaluation.statistics import CONFIDENCE, rate_of_weights
 from agent.study.store import Header, RowFile
 from cosim.base.errors import UserError
 from cosim.base.jobs import JobKind, Workers, run
-from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
 from cosim.base.storage import write_json
-from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.episode import RunningEpisode
-from cosim.navigation.step import Step
+from cosim.coupling.rl_step import Step
+from cosim.model.outcome import Outcome
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.tasks import Task, simulate_tasks
 
 SPLITTING_FILE = "splitting.json"
-_FORKS = 4_000_000  # child of an episode's seed, beside those of `cosim.base.world`
+_FORKS = 4_000_000  # child of an episode's seed, beside those of `cosim.model.world`
 
 
 class BranchRow(msgspec.Struct, frozen=True):

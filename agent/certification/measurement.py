@@ -26,9 +26,9 @@ from cosim.base.errors import UserError
 from cosim.base.jobs import Workers, run, until
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
-from cosim.base.world import IDEAL
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.file import read_world
+from cosim.model.scenario_file import read_world
+from cosim.model.world import IDEAL
+from cosim.simulation.options import SimulationOptions
 
 _AT_ONCE = 10_000  # episodes that are planned
 

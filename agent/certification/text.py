@@ -6,7 +6,7 @@ from agent.certification.certificate import Certificate, said
 from agent.certification.check import ALTERED, CheckReport
 from agent.certification.collisions import SplittingReport
 from cosim.base.command import show_table
-from cosim.base.world import IDEAL
+from cosim.model.world import IDEAL
 
 
 def show_certificate(certificate: Certificate) -> None:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.process.joint import cells_after
-from agent.process.readings import Process
+from agent.mdp.joint import cells_after
+from agent.mdp.readings import Process
 from cosim.base.jit import inlined, kernel
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 
 REACH = 10  # cells; robots touch at 5
 _NEAR = 2  # cells; of the nearest other robot's offset from its target: whether it has arrived

@@ -10,10 +10,10 @@ from agent.deep.ddqn import DoubleQ
 from agent.deep.policy import NetworkConfig, NetworkPolicy
 from agent.deep.ppo import Ppo
 from agent.deep.world import SHAPING, LearningGrid
-from agent.process.exact import Milestone, some_starts
-from agent.process.readings import build_process
-from cosim.base.outcome import Outcome
+from agent.mdp.exact import Milestone, some_starts
+from agent.mdp.readings import build_process
 from cosim.base.progress import Progress
+from cosim.model.outcome import Outcome
 
 BOARDS = 256
 ROUND = 40_000  # rows stepped between two evaluations, at least

@@ -13,7 +13,7 @@ from skrl.models.jax import CategoricalMixin, DeterministicMixin, Model
 
 from agent.deep.inputs import GROUPS
 from agent.deep.policy import Network
-from cosim.navigation.features import DIRECTION_COUNT
+from cosim.onboard.features import DIRECTION_COUNT
 
 HIDDEN = 128
 _IMPOSSIBLE = -1e9  # value and logit of a move that cannot be chosen

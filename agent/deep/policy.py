@@ -16,18 +16,18 @@ import numpy as np
 from agent.deep import Algorithm
 from agent.deep.inputs import GROUPS, Inputs, look
 from agent.envs.boards import Boards
-from agent.process.config import ProcessConfig
-from agent.process.exact import Evaluation, joint_starts
-from agent.process.greedy import GreedyPolicy, PolicyError
-from agent.process.grid import STATUS, X, Y
+from agent.mdp.config import ProcessConfig
+from agent.mdp.exact import Evaluation, joint_starts
+from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.mdp.grid import STATUS, X, Y
 from agent.training.policy import Seed
 from cosim.base.jit import inlined, kernel
-from cosim.base.outcome import RUNNING, TIMEOUT
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, parsing, read_arrays
-from cosim.navigation.features import DIRECTION_COUNT, Observation
+from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
-from cosim.scenarios.scenario import Scenario
 
 SCHEMA_VERSION = 1
 _WHERE = [X, Y, STATUS]
@@ -151,7 +151,7 @@ class NetworkPolicy(GreedyPolicy):
         return self._values(cells[None])[0]
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """Greedy episodes on the grid, see `agent.process.exact.evaluate`.
+        """Greedy episodes on the grid, see `agent.mdp.exact.evaluate`.
 
         Of moves that are worth exactly the same, the first is chosen, not that of the least
         rotation: here nobody faces anywhere. Robots that come back to where they all were circle

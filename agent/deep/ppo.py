@@ -20,8 +20,8 @@ from agent.deep.inputs import GROUPS, NOTHING
 from agent.deep.models import Actor, Critic, network_of
 from agent.deep.policy import Network
 from agent.deep.world import SHAPING, WIDTH, LearningGrid
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 
 _STEPS = 32  # steps between two updates
 _CONFIG = {

@@ -9,12 +9,12 @@ import numpy as np
 from agent.deep import Algorithm
 from agent.deep.inputs import GROUPS, NOTHING, Inputs, look_at_boards
 from agent.envs.boards import Boards
-from agent.process.config import ProcessConfig
-from agent.process.grid import X, Y
-from agent.process.optimum import distances_alone, steps_alone
-from agent.process.readings import FREE, Process, build_process
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.scenario import Scenario
+from agent.mdp.config import ProcessConfig
+from agent.mdp.grid import X, Y
+from agent.mdp.optimum import distances_alone, steps_alone
+from agent.mdp.readings import FREE, Process, build_process
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 
 WIDTH = GROUPS + DIRECTION_COUNT  # of an observation: rows of the first layer, possible moves
 _SCALE = 0.1  # of rewards

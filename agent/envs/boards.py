@@ -18,8 +18,8 @@ from agent.envs.grid_episode import (
     whole_cells,
 )
 from agent.envs.state import Restorable
-from agent.process.config import ProcessConfig, refuse_without_effect
-from agent.process.grid import (
+from agent.mdp.config import ProcessConfig, refuse_without_effect
+from agent.mdp.grid import (
     COLUMN_COUNT,
     MOVING,
     STATUS,
@@ -31,22 +31,22 @@ from agent.process.grid import (
     place_randomly,
     slipped,
 )
-from agent.process.readings import Process, build_process
-from agent.process.rng import seeded_state
+from agent.mdp.readings import Process, build_process
+from agent.mdp.rng import seeded_state
 from cosim.base.errors import UserError
 from cosim.base.jit import inlined, kernel
-from cosim.base.outcome import RUNNING, TIMEOUT
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.model.scenario import Scenario
 
 
 class Arrays(NamedTuple):
     """State of K boards with N robots each, and what their last step gave.
 
     Attributes:
-        worlds: (K, N, COLUMN_COUNT) int64, see `agent.process.grid`.
+        worlds: (K, N, COLUMN_COUNT) int64, see `agent.mdp.grid`.
         random: (K, 1) uint64, generator states.
         steps: (K,) int64, of the episode.
-        outcomes: (K,) int64, ranks of `cosim.base.outcome`.
+        outcomes: (K,) int64, ranks of `cosim.model.outcome`.
         path_cells: (K, N) float64, path since the start in cells.
         observations: (K, N, F) int64, features counted from 0; a robot that left the board seems to
             be at its edge.

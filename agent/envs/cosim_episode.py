@@ -14,22 +14,22 @@ import numpy as np
 
 from agent.envs.grid_episode import FEATURE_COLUMNS, place_checked, whole_cells
 from agent.envs.state import Restorable
+from agent.mdp.acting import on_grid
+from agent.mdp.config import ProcessConfig, refuse_without_effect
+from agent.mdp.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, SIGN, X, Y
+from agent.mdp.readings import Process, build_process, feature_sizes
+from agent.mdp.rewards import failed, step_reward
 from agent.moves.worlds import Ranges, draw_world
-from agent.process.acting import on_grid
-from agent.process.config import ProcessConfig, refuse_without_effect
-from agent.process.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, SIGN, X, Y
-from agent.process.readings import Process, build_process, feature_sizes
-from agent.process.rewards import failed, step_reward
 from cosim.base.arguments import ConfigError, require_one_of
-from cosim.base.config import CoSimConfig
-from cosim.base.outcome import BY_RANK, OUT_OF_BOARD, RUNNING, TIMEOUT
 from cosim.base.progress import progress_bars
-from cosim.navigation.batch import Batch
-from cosim.navigation.episode import RunningEpisode
-from cosim.navigation.observing import draw_starts
-from cosim.navigation.options import SimulationOptions, resolve
-from cosim.navigation.step import Step
-from cosim.scenarios.scenario import Scenario
+from cosim.coupling.rl_step import Step
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import BY_RANK, OUT_OF_BOARD, RUNNING, TIMEOUT
+from cosim.model.scenario import Scenario
+from cosim.onboard.observing import draw_starts
+from cosim.simulation.batch import Batch
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.options import SimulationOptions, resolve
 
 
 class EnvSetup(NamedTuple):
@@ -70,7 +70,7 @@ def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> EnvSe
 
     Args:
         scenario: name, scenario file or record.
-        options: fields of `cosim.navigation.options.SimulationOptions`, `world` as of
+        options: fields of `cosim.simulation.options.SimulationOptions`, `world` as of
             `cosim.simulate`, and `worlds`, ranges to draw a world from in every episode.
 
     Raises:

@@ -17,11 +17,11 @@ from agent.envs.boards import reset_options
 from agent.envs.cosim_episode import CoSimPlace, set_up
 from agent.envs.grid_episode import StartsError
 from agent.envs.vector import Ends, RobotRowsVectorEnv
-from agent.process.config import ProcessConfig
-from agent.process.grid import MOVING
+from agent.mdp.config import ProcessConfig
+from agent.mdp.grid import MOVING
 from cosim.base.arguments import ConfigError
-from cosim.base.outcome import RUNNING, TIMEOUT
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.model.scenario import Scenario
 
 
 class CoSimVectorEnv(RobotRowsVectorEnv):

@@ -26,15 +26,15 @@ from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require
 from agent.envs.state import Restorable
 from agent.envs.vector import lone
 from cosim.base.arguments import ConfigError, require_one_of
-from cosim.base.config import CoSimConfig
-from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
-from cosim.control.estimation import POSE
-from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.signals import MOTORS, State
-from cosim.navigation.episode import RunningEpisode
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
+from cosim.model.scenario import Scenario, touches_obstacle
+from cosim.onboard.estimation import POSE
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import standing_state
 from cosim.physics.rotation import heading
-from cosim.scenarios.scenario import Scenario, touches_obstacle
+from cosim.simulation.episode import RunningEpisode
 
 TIME_LIMIT_S = 120.0
 REACH_M = 0.2
@@ -97,7 +97,7 @@ class DriveBoards(Restorable):
 
     Attributes:
         count, robots: K and N.
-        outcomes: (K,) ranks of `cosim.base.outcome`.
+        outcomes: (K,) ranks of `cosim.model.outcome`.
         rewards: (K, N).
         arrived: (K, N) bool.
     """
@@ -302,7 +302,7 @@ class DriveBoards(Restorable):
         """(K, N, 2) speeds of motors D and E in rad/s.
 
         The calibrated speeds realise an action of 1. The dither alternates once per interval, like
-        that of `cosim.control.steering`.
+        that of `cosim.onboard.steering`.
         """
         most = self._steering.max_speed_rad_s
         if not self._velocity:

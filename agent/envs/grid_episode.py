@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from agent.envs.state import Restorable
-from agent.process.config import ProcessConfig, refuse_without_effect
-from agent.process.grid import (
+from agent.mdp.config import ProcessConfig, refuse_without_effect
+from agent.mdp.grid import (
     AXIS,
     BEARING,
     CLASS,
@@ -29,12 +29,12 @@ from agent.process.grid import (
     place_randomly,
     slipped,
 )
-from agent.process.readings import Process, build_process, feature_sizes
-from agent.process.rng import seeded_state
+from agent.mdp.readings import Process, build_process, feature_sizes
+from agent.mdp.rng import seeded_state
 from cosim.base.errors import UserError
-from cosim.base.outcome import RUNNING, TIMEOUT
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
 
@@ -55,7 +55,7 @@ class EnvEpisode(Protocol):
     Attributes:
         scenario: board, targets and start cells.
         sizes: number of values of each feature that a robot observes.
-        outcome: RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD or TIMEOUT of `agent.process.grid`.
+        outcome: RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD or TIMEOUT of `agent.mdp.grid`.
         rewards: (N,) float64, rewards of the last step.
     """
 
@@ -76,7 +76,7 @@ class EnvEpisode(Protocol):
 
     @property
     def status(self) -> np.ndarray:
-        """(N,) int64, MOVING, ARRIVED, LEFT or HIT of `agent.process.grid`."""
+        """(N,) int64, MOVING, ARRIVED, LEFT or HIT of `agent.mdp.grid`."""
         ...
 
     def seed(self, seed: int | None) -> None:

@@ -16,10 +16,10 @@ from agent.envs.grid_episode import (
 )
 from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
 from agent.envs.state import Restorable
-from agent.process.grid import MOVING
-from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.scenario import Scenario
+from agent.mdp.grid import MOVING
+from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 
 
 def agent_names(scenario: Scenario) -> list[str]:

@@ -18,11 +18,11 @@ from agent.envs.boards import Boards, board_seeds, require_boards
 from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.parallel import agent_names, require_actions
 from agent.envs.state import Restorable
-from agent.process.config import ProcessConfig
-from agent.process.readings import feature_sizes
-from cosim.base.outcome import BY_RANK, SUCCESS
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.scenario import Scenario
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import feature_sizes
+from cosim.model.outcome import BY_RANK, SUCCESS
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 
 
 class ParallelVectorEnv(Restorable):

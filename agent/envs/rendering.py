@@ -3,7 +3,7 @@
 import numpy as np
 
 from cosim.base.errors import UserError
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
 
 PIXELS_PER_CELL = 12
 RENDER_MODES = ["ansi", "rgb_array"]

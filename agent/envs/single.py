@@ -20,11 +20,11 @@ from agent.envs.parallel_vector import ParallelVectorEnv
 from agent.envs.rendering import RENDER_MODES, require_render_mode
 from agent.envs.state import Restorable
 from agent.envs.vector import found, lone
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError
-from cosim.base.outcome import RUNNING, TIMEOUT
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 
 Decision = Literal["arrival", "period"]
 
@@ -35,7 +35,7 @@ class NavigationEnv(Restorable, gym.Env[np.ndarray, np.int64]):
     Observations are the features of Section III as MultiDiscrete (a lone robot: column and row),
     actions the eight directions, rewards Eq. (8). An episode that reaches the step limit is
     truncated, every other end terminates it. `info` has `outcome` (a rank of
-    `cosim.base.outcome`), `is_success`, `path_length` in cm, and `active`: whether the next action
+    `cosim.model.outcome`), `is_success`, `path_length` in cm, and `active`: whether the next action
     counts. What is random in an environment that was never seeded comes from entropy, which
     `np_random_seed` tells.
     """

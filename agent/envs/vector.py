@@ -21,14 +21,14 @@ from agent.envs.boards import Boards, board_seeds, require_boards
 from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
 from agent.envs.state import Restorable
-from agent.process.config import ProcessConfig
-from agent.process.readings import feature_sizes
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import feature_sizes
 from cosim.base.arguments import require_one_of
 from cosim.base.errors import UserError
-from cosim.base.outcome import BY_RANK, RUNNING, SUCCESS
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import DIRECTION_COUNT
 
 _NAMES = np.array(BY_RANK, dtype=object)
 Ends = Literal["together", "own"]

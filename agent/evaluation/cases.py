@@ -14,23 +14,23 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from agent.mdp.exact import joint_starts
+from agent.mdp.greedy import GreedyPolicy
 from agent.policies import method_name
-from agent.process.exact import joint_starts
-from agent.process.greedy import GreedyPolicy
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
-from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.episode import RunningEpisode
-from cosim.navigation.result import EpisodeResult
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Cell
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import with_bursts
-from cosim.scenarios.scenario import Cell
-from cosim.simulation import episode_facts
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.result import EpisodeResult
+from cosim.simulation.simulate import episode_facts
+from cosim.simulation.tasks import Task, simulate_tasks
 
 # What is recorded of an episode does not change it.
-RECORDS = ("cosim.recording.episode", "cosim.reading.episode", "agent.policies")
+RECORDS = ("cosim.recording.episode", "cosim.recording.reader", "agent.policies")
 # What is drawn from the seed: the order of the starts, and the noise of every one.
 _ORDER, _NOISE = 0, 1
 
@@ -65,7 +65,7 @@ class Case:
 
     @cached_property
     def starts(self) -> np.ndarray:
-        """(K, N, 2) int64, see `agent.process.exact.joint_starts`."""
+        """(K, N, 2) int64, see `agent.mdp.exact.joint_starts`."""
         return joint_starts(self.policy.process)
 
     def sample(self, count: int | None) -> list[int]:
@@ -182,7 +182,7 @@ class Job:
 def run_jobs(
     jobs: Sequence[Job], threads: int, may_begin: Callable[[], bool] = lambda: True
 ) -> Iterator[tuple[Job, EpisodeResult]]:
-    """Simulate episodes; results in the order in which they end, see `cosim.episodes`."""
+    """Simulate episodes; results in the order in which they end, see `cosim.simulation.tasks`."""
     for number, result in simulate_tasks([job.task() for job in jobs], threads, may_begin):
         job = jobs[number]
         name = None if job.recording is None else job.recording.name

@@ -12,13 +12,13 @@ import msgspec
 import numpy as np
 
 from agent.evaluation.statistics import Statistics, rate, summarise
-from agent.process.exact import enumerable
-from agent.process.greedy import GreedyPolicy
-from agent.process.optimum import ratios
+from agent.mdp.exact import enumerable
+from agent.mdp.greedy import GreedyPolicy
+from agent.mdp.optimum import ratios
 from agent.training.runs import policy_paths
 from cosim.base.command import show_table
 from cosim.base.errors import UserError
-from cosim.base.outcome import BY_RANK, ENDS, SUCCESS, Outcome
+from cosim.model.outcome import BY_RANK, ENDS, SUCCESS, Outcome
 
 MAX_FAILURES = 1000  # in the report
 
@@ -27,7 +27,7 @@ _MEASURES = (*ENDS, "path_length_cm", "steps", "ratio_to_bound", "steps_ratio_to
 
 
 class PolicyMeasures(msgspec.Struct, frozen=True, kw_only=True):
-    """What a policy achieves from its `agent.process.exact.joint_starts`.
+    """What a policy achieves from its `agent.mdp.exact.joint_starts`.
 
     Attributes:
         policy: its name.
@@ -39,7 +39,7 @@ class PolicyMeasures(msgspec.Struct, frozen=True, kw_only=True):
         path_length_cm: mean over robots and successful starts; None without a success.
         steps: moves, the same mean.
         ratio_to_bound, steps_ratio_to_bound: these over the exact optimum
-            (`agent.process.optimum.ratios`).
+            (`agent.mdp.optimum.ratios`).
         failing_starts: how many do not end in success.
     """
 

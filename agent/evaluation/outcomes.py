@@ -10,10 +10,10 @@ import numpy as np
 
 from agent.evaluation.cases import Case
 from agent.evaluation.statistics import rate, summarise
-from agent.process.greedy import GreedyPolicy
-from cosim.base.outcome import ENDS, SUCCESS, Outcome
-from cosim.navigation.result import EpisodeResult
-from cosim.scenarios.scenario import Cell
+from agent.mdp.greedy import GreedyPolicy
+from cosim.model.outcome import ENDS, SUCCESS, Outcome
+from cosim.model.scenario import Cell
+from cosim.simulation.result import EpisodeResult
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):

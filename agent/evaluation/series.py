@@ -7,18 +7,18 @@ from typing import Any, Literal
 
 import msgspec
 
-from agent.process.greedy import GreedyPolicy
-from cosim.base.config import CoSimConfig
+from agent.mdp.greedy import GreedyPolicy
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
-from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.episode import RunningEpisode
-from cosim.navigation.result import EpisodeResult
-from cosim.navigation.step import Step
+from cosim.coupling.rl_step import Step
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import Level
-from cosim.scenarios.scenario import Scenario
-from cosim.simulation import draw_episode
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.result import EpisodeResult
+from cosim.simulation.simulate import draw_episode
+from cosim.simulation.tasks import Task, simulate_tasks
 
 
 class RunFacts(msgspec.Struct, frozen=True, kw_only=True):

@@ -26,7 +26,7 @@ from agent.training.worker import run_name
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
 
 
 def new_folder(name: str) -> Path:

@@ -4,9 +4,9 @@ import itertools
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
-from agent.process.config import Feature, ProcessConfig
+from agent.mdp.config import Feature, ProcessConfig
 from agent.training.settings import Algorithm, LearningConfig
-from cosim.scenarios.built_in import IN_GROUPS, PAPER, RESTRICTED
+from cosim.model.built_in import IN_GROUPS, PAPER, RESTRICTED
 
 Name = Literal["fig08", "fig10", "fig11", "features", "readings", "zone", "factorial", "sequel"]
 

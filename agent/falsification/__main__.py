@@ -8,11 +8,11 @@ from typing import Annotated, Literal
 import tyro
 
 from cosim.base.command import Jobs, Json, parse, print_json, require_at_least, workers
-from cosim.base.config import ConfigError
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars, resumable_bars
 from cosim.fmi.isolation import Isolation
-from cosim.navigation.options import SimulationOptions
+from cosim.model.config import ConfigError
+from cosim.simulation.options import SimulationOptions
 
 FAILS_STATUS = 1
 

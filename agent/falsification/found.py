@@ -7,16 +7,16 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from agent.process.greedy import GreedyPolicy
-from cosim.base.config import CoSimConfig
+from agent.mdp.greedy import GreedyPolicy
 from cosim.base.errors import UserError
-from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
-from cosim.base.world import World
-from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.result import EpisodeResult
-from cosim.scenarios.scenario import Cell, Scenario
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import Outcome
+from cosim.model.scenario import Cell, Scenario
+from cosim.model.world import World
+from cosim.simulation.result import EpisodeResult
+from cosim.simulation.tasks import Task, simulate_tasks
 
 Sought = Literal["gap", "time"]
 
@@ -52,7 +52,7 @@ class FoundCase(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         number: of the episode in its search, from 0.
         starts, seed, world: see `agent.falsification.ranges.ChosenEpisode`.
-        outcome, sim_time_s: see `cosim.navigation.result.EpisodeResult`.
+        outcome, sim_time_s: see `cosim.simulation.result.EpisodeResult`.
         gap_cm: see `gap_cm`; None for a robot alone.
         fails: whether it is what the search is after.
         recording: its file, if it is recorded.

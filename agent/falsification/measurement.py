@@ -20,16 +20,16 @@ from agent.falsification.surrogate import surrogate_search
 from agent.policies import load_policy
 from agent.study.episodes import EPISODES, case_of, record
 from agent.study.store import EpisodeStore, ResultFileError
-from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.jobs import Workers, run
 from cosim.base.progress import Progress, silent
 from cosim.base.reached_code import code_digest
 from cosim.base.storage import write_json
-from cosim.base.world import IDEAL
-from cosim.navigation.options import SimulationOptions
-from cosim.navigation.result import EpisodeResult
-from cosim.scenarios.file import read_world
-from cosim.scenarios.scenario import Cell
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.scenario import Cell
+from cosim.model.scenario_file import read_world
+from cosim.model.world import IDEAL
+from cosim.simulation.options import SimulationOptions
+from cosim.simulation.result import EpisodeResult
 
 REPORT_FILE, CASES_FILE = "falsification.json", "cases.json"
 

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
-from cosim.base.world import Sensor, World
 from cosim.coupling.assembly import MOTOR_NAMES
-from cosim.scenarios.scenario import Cell, Scenario
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Cell, Scenario
+from cosim.model.world import Sensor, World
 
 START, PHASE, SEED = "start", "motor_phase_deg", "seed"
 OF_SENSOR = tuple(f"sensor.{name}" for name in Sensor.__struct_fields__)

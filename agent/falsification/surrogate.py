@@ -12,14 +12,14 @@ import numpy as np
 from agent.falsification.found import Sought
 from agent.falsification.ranges import START, RangeError, Space
 from agent.falsification.search import GENERATION
+from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.mdp.rng import seeded_state
 from agent.moves.foresight import foresee
 from agent.moves.model import MoveModel, build_model
 from agent.moves.observe import cached_moves
-from agent.process.greedy import GreedyPolicy, PolicyError
-from agent.process.rng import seeded_state
 from agent.training.policy import Policy
 from cosim.base.progress import Progress, silent
-from cosim.scenarios.scenario import Cell
+from cosim.model.scenario import Cell
 
 _POOL = 4096  # vectors drawn at once, of which the first one from every start is kept
 _NEAREST = 16  # starts that come again

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from agent.mdp.greedy import PolicyError
+from agent.mdp.readings import Process
 from agent.policies import load_policy, method_name
-from agent.process.greedy import PolicyError
-from agent.process.readings import Process
 from agent.training.policy import Policy
-from cosim.base.config import ConfigError, CoSimConfig
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.scenarios.scenario import Scenario
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 
 _FEATURES = "XYDGBHP"  # in the order of the strides of a process
 _STEERING = (
@@ -49,7 +49,7 @@ def load_table(path: Path) -> Policy:
 def best_directions(values: np.ndarray) -> np.ndarray:
     """All directions of largest value: a bit each, bit k for direction k.
 
-    They are all that acting needs of the values (`agent.process.grid.least_rotation_argmax`).
+    They are all that acting needs of the values (`agent.mdp.grid.least_rotation_argmax`).
 
     Args:
         values: (N, states, 8) of a policy.

@@ -11,12 +11,12 @@ import math
 
 import numpy as np
 
+from agent.mdp.grid import STARTING_AXIS
+from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after
+from agent.mdp.readings import Process
 from agent.moves.model import KINDS, MovesError, ObservedMoves, move_kind
-from agent.process.grid import STARTING_AXIS
-from agent.process.joint import BLOCKED, IMPOSSIBLE, cells_after
-from agent.process.readings import Process
 from cosim.base.jit import kernel
-from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
 _ROUNDING = 1e-9  # of times, in RL steps
 _MOST_OFF = 0.5  # cells; a robot that stops further off the centre is in another cell
@@ -27,7 +27,7 @@ def _iterate(after: np.ndarray, seconds: np.ndarray, value: np.ndarray) -> None:
     """Value iteration of one robot to the fixed point.
 
     Args:
-        after: (cells, 8) int64, see `agent.process.joint.cells_after`.
+        after: (cells, 8) int64, see `agent.mdp.joint.cells_after`.
         seconds: (KINDS,) float64, mean time of moves.
         value: (cells, AXIS_COUNT) float64, 0 at the target, inf elsewhere; updated.
     """

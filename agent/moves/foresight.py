@@ -8,9 +8,7 @@ import math
 
 import numpy as np
 
-from agent.moves.kernels import AT_X, AT_Y, PLAN_SIZE, begin_move, stand, step, waits
-from agent.moves.model import MoveModel
-from agent.process.grid import (
+from agent.mdp.grid import (
     AXIS,
     COLUMN_COUNT,
     MOVING,
@@ -19,9 +17,11 @@ from agent.process.grid import (
     place,
     state_index,
 )
-from agent.process.readings import Process
+from agent.mdp.readings import Process
+from agent.moves.kernels import AT_X, AT_Y, PLAN_SIZE, begin_move, stand, step, waits
+from agent.moves.model import MoveModel
 from cosim.base.jit import inlined, kernel
-from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, TIMEOUT
+from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING, TIMEOUT
 
 
 @inlined
@@ -57,7 +57,7 @@ def foresee(
         values: (N, states, 8) float32, action values; ties go to the least rotation of the axis.
         starts: (K, N, 2) int64 cells, out of contact.
         repeats: episodes from each.
-        random: generator state, see `agent.process.rng`; advanced.
+        random: generator state, see `agent.mdp.rng`; advanced.
 
     Returns:
         (K,) float64, mean over the episodes of the smallest gap between two robots in cells, 0

@@ -4,7 +4,7 @@ Robots are asked every RL step; where these are short, those in which nobody wai
 to 2 s. One that waits begins a move, drawn from the moves observed in
 co-simulation; the others are under way. Positions are continuous: a cell belongs to the robot
 whose centre is in it, contact is a distance of centres, or of a centre and an obstacle. The
-features are those of `agent.process.grid`, seen between cells as `cosim.navigation.observing` sees
+features are those of `agent.mdp.grid`, seen between cells as `cosim.onboard.observing` sees
 them. No learning here.
 """
 
@@ -12,9 +12,8 @@ import math
 
 import numpy as np
 
-from agent.moves.model import MoveModel, move_kind
-from agent.process.config import REWARDS_PER
-from agent.process.grid import (
+from agent.mdp.config import REWARDS_PER
+from agent.mdp.grid import (
     ARRIVED,
     AXIS,
     BEARING,
@@ -32,12 +31,13 @@ from agent.process.grid import (
     Y,
     nearest_other,
 )
-from agent.process.readings import FORBIDDEN, FREE, GOAL, OUTSIDE, Process
-from agent.process.rng import next_index
+from agent.mdp.readings import FORBIDDEN, FREE, GOAL, OUTSIDE, Process
+from agent.mdp.rng import next_index
+from agent.moves.model import MoveModel, move_kind
 from cosim.base.jit import inlined
-from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
-from cosim.base.params import TIMING
-from cosim.navigation.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
+from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
+from cosim.model.params import TIMING
+from cosim.onboard.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
 from cosim.physics.collision import touches_obstacle
 
 # Columns of a robot's plan and how far it is along it, float64.
@@ -195,7 +195,7 @@ def step(
     Args:
         process: the decision process.
         model: for the length of the step and the distance of contact.
-        world: columns of `agent.process.grid`, updated; CLASS, SIGN, BEARING and PARTNER are what
+        world: columns of `agent.mdp.grid`, updated; CLASS, SIGN, BEARING and PARTNER are what
             each robot sees now, SQUARED stays that of its last decision.
         plans: (N, PLAN_SIZE), updated.
         rewards: (N,) float32, written with Eq. (8) or (11) for every robot that was moving.

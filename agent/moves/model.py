@@ -17,10 +17,10 @@ import numpy as np
 
 from cosim.base.errors import UserError
 from cosim.base.jit import inlined
-from cosim.base.params import TIMING
 from cosim.base.reading import Kind, parsing, read_json
 from cosim.base.storage import replacing
-from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
+from cosim.model.params import TIMING
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
 SCHEMA_VERSION = 1
 NO_DIRECTION = -1  # before the first move

@@ -17,16 +17,16 @@ import numpy as np
 
 from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
 from agent.moves.worlds import Ranges, draw_world
-from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
 from cosim.base.storage import cache_dir, cached
-from cosim.control.steering import DRIVE, HOLD, PAST
-from cosim.navigation.batch import Batch
-from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
-from cosim.navigation.step import Step
-from cosim.scenarios.scenario import Scenario
+from cosim.coupling.rl_step import Step
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
+from cosim.onboard.steering import DRIVE, HOLD, PAST
+from cosim.simulation.batch import Batch
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
 # Each has a world of its own where worlds are drawn.

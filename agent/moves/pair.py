@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.mdp.exact import Evaluation, count_moves
+from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, least_rotation_argmax, move, place
+from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, joint_states
+from agent.mdp.readings import Process
 from agent.moves.bound import least_times, mean_seconds
 from agent.moves.model import ObservedMoves, move_kind
-from agent.process.exact import Evaluation, count_moves
-from agent.process.grid import AXIS, COLUMN_COUNT, X, Y, least_rotation_argmax, move, place
-from agent.process.joint import BLOCKED, IMPOSSIBLE, cells_after, joint_states
-from agent.process.readings import Process
 from cosim.base.jit import inlined, kernel
-from cosim.base.outcome import RUNNING, TIMEOUT
-from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT
+from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
 KEPT_CELLS = 34.0  # cells², assumed: contact is at 25, and moves overlap in time
 GRAIN_S = 2.0**-4  # of delays
@@ -33,7 +33,7 @@ class PairTimes(NamedTuple):
     """What two robots choose their moves by.
 
     Attributes:
-        after: (2, cells, 8) int64, see `agent.process.joint.cells_after`.
+        after: (2, cells, 8) int64, see `agent.mdp.joint.cells_after`.
         seconds: (8, AXIS_COUNT) float64, mean time in s of a move by direction and axis before.
         alone: (2, cells, AXIS_COUNT) float64, least time in s of each robot as if alone.
         delay: (cells, AXIS_COUNT, cells, AXIS_COUNT) uint16, by cell and axis of the first robot
@@ -271,7 +271,7 @@ def _evaluate(
 
 
 def evaluate_pair(process: Process, times: PairTimes, starts: np.ndarray) -> Evaluation:
-    """Return greedy episodes on the grid from starts (K, 2, 2), see `agent.process.exact`."""
+    """Return greedy episodes on the grid from starts (K, 2, 2), see `agent.mdp.exact`."""
     outcome, steps = np.empty(len(starts), np.int8), np.zeros(starts.shape[:2], np.int64)
     found = Evaluation(starts, outcome, np.zeros(starts.shape[:2]), steps)
     _evaluate(process, times, *found)

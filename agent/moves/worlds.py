@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.world import Patch, Sensor, World
+from cosim.model.world import Patch, Sensor, World
 
 Range = tuple[float, float]
 
 
 class Ranges(NamedTuple):
-    """What a walk draws uniformly; names and units as of `cosim.base.world.World`."""
+    """What a walk draws uniformly; names and units as of `cosim.model.world.World`."""
 
     mu: Range = (0.1, 0.26)  # of the floor, and of every patch
     patches: int = 6

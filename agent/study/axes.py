@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from typing import Literal, NamedTuple, get_args
 
-from cosim.base.world import IDEAL, Patch, Sensor, World
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
+from cosim.model.world import IDEAL, Patch, Sensor, World
 
 Axis = Literal[
     "everything",
@@ -59,7 +59,7 @@ def _camera(
     heading_noise_deg: float = 1.0,
     dropout: float = 0.0,
 ) -> World:
-    """By default the camera of `cosim.scenarios.file.ROUGH`."""
+    """By default the camera of `cosim.model.scenario_file.ROUGH`."""
     sensor = Sensor(rate_hz, delay_ms, position_noise_mm, heading_noise_deg, dropout)
     return World(sensor=sensor)
 

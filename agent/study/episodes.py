@@ -10,19 +10,19 @@ import msgspec
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.outcomes import Failure, Measured, failures, summary
 from agent.evaluation.statistics import Interval, interval_text
-from agent.process.greedy import GreedyPolicy
+from agent.mdp.greedy import GreedyPolicy
 from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
 from cosim.base.jobs import JobKind, Workers, always, run
-from cosim.base.outcome import Outcome
 from cosim.base.progress import Progress, silent
 from cosim.base.table import Column
 from cosim.base.table import field as column
-from cosim.base.world import IDEAL, World
-from cosim.episodes import compile_kernels
-from cosim.navigation.options import SimulationOptions
-from cosim.navigation.result import EpisodeResult
-from cosim.scenarios.file import in_world
+from cosim.model.outcome import Outcome
+from cosim.model.scenario_file import in_world
+from cosim.model.world import IDEAL, World
+from cosim.simulation.options import SimulationOptions
+from cosim.simulation.result import EpisodeResult
+from cosim.simulation.tasks import compile_kernels
 
 
 def _batch(job: Job) -> object:

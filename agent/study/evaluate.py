@@ -26,13 +26,13 @@ from agent.study.episodes import (
 from agent.study.policies import name_of, policy_of
 from agent.study.store import EpisodeStore
 from cosim.base.jobs import Workers
-from cosim.base.outcome import ENDS, Outcome
 from cosim.base.progress import Progress, silent
 from cosim.base.table import Column, field
 from cosim.base.table import show as show_table
-from cosim.base.world import World
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.file import find_in_world, read_world
+from cosim.model.outcome import ENDS, Outcome
+from cosim.model.scenario_file import find_in_world, read_world
+from cosim.model.world import World
+from cosim.simulation.options import SimulationOptions
 
 STARTS = 50
 Starts = int | Literal["all"] | None

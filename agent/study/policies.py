@@ -11,17 +11,17 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from agent.mdp.config import ProcessConfig
+from agent.mdp.greedy import GreedyPolicy
+from agent.mdp.readings import Process, build_process
 from agent.method import method_policy
 from agent.policies import load_policy
-from agent.process.config import ProcessConfig
-from agent.process.greedy import GreedyPolicy
-from agent.process.readings import Process, build_process
 from agent.training.settings import METHODS
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import shown
 from cosim.base.progress import Progress, silent
-from cosim.navigation.step import SupportsAct
-from cosim.scenarios.scenario import Scenario
+from cosim.coupling.rl_step import SupportsAct
+from cosim.model.scenario import Scenario
 
 
 class ObjectPolicy:

@@ -28,9 +28,9 @@ from cosim.base.jobs import Workers, until
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing
 from cosim.base.table import field, markdown, write_report
-from cosim.base.world import World
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.model.world import World
+from cosim.simulation.options import SimulationOptions
 
 EPISODES, QUICK_EPISODES = 50, 2
 COLUMNS = (

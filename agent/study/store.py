@@ -20,7 +20,7 @@ from cosim.base.errors import UserError
 from cosim.base.reading import Kind, require_file
 from cosim.base.storage import temporary_folder
 from cosim.base.table import write_parquet
-from cosim.navigation.result import EpisodeResult
+from cosim.simulation.result import EpisodeResult
 
 SCHEMA_VERSION = 1
 Row = TypeVar("Row", bound=msgspec.Struct)

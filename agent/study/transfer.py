@@ -32,16 +32,16 @@ from agent.study.store import EpisodeStore
 from agent.training.settings import BEST, COMPARED, METHODS
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers, run, until
-from cosim.base.params import TABLE_I
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 from cosim.base.table import markdown as table_text
 from cosim.base.table import show as show_table
 from cosim.base.table import write_report
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.built_in import PAPER
-from cosim.scenarios.file import find_scenario
+from cosim.model.built_in import PAPER
+from cosim.model.params import TABLE_I
+from cosim.model.scenario_file import find_scenario
+from cosim.simulation.options import SimulationOptions
 
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 # Episodes of a pair in rows of the best method at the default friction, and of all other rows.

@@ -35,11 +35,11 @@ from cosim.base.reading import Kind, read_toml
 from cosim.base.storage import replacing, write_json
 from cosim.base.table import Column, Columns, arrow_of, field, markdown, write_parquet
 from cosim.base.table import show as show_table
-from cosim.base.world import World
-from cosim.navigation.options import SimulationOptions
-from cosim.navigation.result import EpisodeResult
-from cosim.scenarios.file import find_in_world
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_in_world
+from cosim.model.world import World
+from cosim.simulation.options import SimulationOptions
+from cosim.simulation.result import EpisodeResult
 
 _LOGGER = logging.getLogger(__name__)
 _FILE = Kind("study", "see docs/studies.md", ConfigError)

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.process.readings import Process
-from agent.process.rng import probability_threshold, seeded_state
+from agent.mdp.readings import Process
+from agent.mdp.rng import probability_threshold, seeded_state
 from agent.training.settings import LearningConfig
-from cosim.navigation.features import DIRECTION_COUNT
+from cosim.onboard.features import DIRECTION_COUNT
 
 # Maps are kept of boards with up to this many cells times robots: 10 MB.
 MAX_MAPPED_CELLS = 100_000

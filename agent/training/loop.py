@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.mdp.exact import cell_map, evaluate, some_starts
+from agent.mdp.readings import build_process
 from agent.moves.model import MoveModel, build_model
-from agent.process.exact import cell_map, evaluate, some_starts
-from agent.process.readings import build_process
 from agent.training.learning import (
     EPISODES,
     PATH_CELLS,
@@ -29,9 +29,9 @@ from agent.training.policy import PolicyConfig
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
-from cosim.base.outcome import Outcome
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
+from cosim.model.outcome import Outcome
 
 # Learning curves evaluate up to this many of the `joint_starts`, evenly spaced if there are more.
 MAX_CURVE_STARTS = 5_000

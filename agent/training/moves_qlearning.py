@@ -9,10 +9,8 @@ once: other draws in another order, hence other bits, and a slower grid.
 
 import numpy as np
 
-from agent.moves.kernels import PLAN_SIZE, begin_move, stand, step, waits
-from agent.moves.model import MoveModel
-from agent.process.config import REWARDS_PER
-from agent.process.grid import (
+from agent.mdp.config import REWARDS_PER
+from agent.mdp.grid import (
     ARRIVED,
     COLUMN_COUNT,
     MOVING,
@@ -21,13 +19,15 @@ from agent.process.grid import (
     place_randomly,
     state_index,
 )
-from agent.process.readings import Process
-from agent.process.rng import PROBABILITY_SHIFT, next_word
+from agent.mdp.readings import Process
+from agent.mdp.rng import PROBABILITY_SHIFT, next_word
+from agent.moves.kernels import PLAN_SIZE, begin_move, stand, step, waits
+from agent.moves.model import MoveModel
 from agent.training.learning import Learning, TrainingState
 from agent.training.qlearning import ACTION_BITS, best_of_sum, book, largest
 from cosim.base.jit import inlined, kernel
-from cosim.base.outcome import RUNNING, SUCCESS, TIMEOUT
-from cosim.base.params import TIMING
+from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
+from cosim.model.params import TIMING
 
 
 @inlined

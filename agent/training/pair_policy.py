@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+from agent.mdp.exact import Evaluation, joint_starts
+from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.mdp.grid import STARTING_AXIS
+from agent.mdp.joint import BLOCKED
+from agent.mdp.readings import build_process
 from agent.moves.pair import PairTimes, evaluate_pair, moves_of_pair, pair_values, solve_pair
-from agent.process.exact import Evaluation, joint_starts
-from agent.process.greedy import GreedyPolicy, PolicyError
-from agent.process.grid import STARTING_AXIS
-from agent.process.joint import BLOCKED
-from agent.process.readings import build_process
 from agent.training.policy import PolicyConfig, read_policy
 from cosim.base.provenance import digest_of
-from cosim.navigation.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
-from cosim.scenarios.scenario import Scenario
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,7 +69,7 @@ class PairPolicy(GreedyPolicy):
         return values
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """Episodes on the grid, see `agent.process.exact.evaluate`."""
+        """Episodes on the grid, see `agent.mdp.exact.evaluate`."""
         starts = joint_starts(self.process) if starts is None else starts
         return evaluate_pair(self.process, self.times, starts)
 

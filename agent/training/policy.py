@@ -13,20 +13,20 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from agent.mdp.acting import on_grid
+from agent.mdp.config import Computed, ProcessConfig, refuse_without_effect
+from agent.mdp.exact import Evaluation, cell_map, evaluate
+from agent.mdp.greedy import GreedyPolicy, PolicyError
 from agent.moves.model import ObservedMoves
-from agent.process.acting import on_grid
-from agent.process.config import Computed, ProcessConfig, refuse_without_effect
-from agent.process.exact import Evaluation, cell_map, evaluate
-from agent.process.greedy import GreedyPolicy, PolicyError
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
-from cosim.base.params import TIMING
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, parsing, read_arrays
-from cosim.navigation.features import DIRECTION_COUNT, Observation
+from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario, ScenarioError
+from cosim.onboard.features import DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
-from cosim.scenarios.scenario import Scenario, ScenarioError
 
 SCHEMA_VERSION = 1
 
@@ -155,7 +155,7 @@ class Policy(GreedyPolicy):
         return self.values[np.arange(len(self.values)), self.states(observation)]
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """Greedy episodes on the grid, see `agent.process.exact.evaluate`."""
+        """Greedy episodes on the grid, see `agent.mdp.exact.evaluate`."""
         return evaluate(self.process, self.values, starts)
 
     def digest(self) -> str:

@@ -7,7 +7,7 @@ Configuration and state are `agent.training.learning`.
 
 import numpy as np
 
-from agent.process.grid import (
+from agent.mdp.grid import (
     COLUMN_COUNT,
     MOVING,
     SQRT_2,
@@ -19,8 +19,8 @@ from agent.process.grid import (
     slipped,
     state_index,
 )
-from agent.process.readings import Process
-from agent.process.rng import PROBABILITY_SHIFT, next_word
+from agent.mdp.readings import Process
+from agent.mdp.rng import PROBABILITY_SHIFT, next_word
 from agent.training.learning import (
     EPISODES,
     PATH_CELLS,
@@ -31,8 +31,8 @@ from agent.training.learning import (
     TrainingState,
 )
 from cosim.base.jit import inlined, kernel
-from cosim.base.outcome import RUNNING, SUCCESS, TIMEOUT
-from cosim.navigation.features import DIRECTION_COUNT
+from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
+from cosim.onboard.features import DIRECTION_COUNT
 
 ACTION_BITS = np.uint64(DIRECTION_COUNT - 1)
 _ONE = np.uint64(1)

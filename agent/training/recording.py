@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from agent.process.greedy import GreedyPolicy
+from agent.mdp.greedy import GreedyPolicy
 from agent.training.loop import TrainingLog
 from cosim.recording.blueprint import robot_names, training_blueprint
 from cosim.recording.file import Recording, properties, scalars

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.recording import write_training
@@ -42,7 +42,7 @@ from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
 
 EXPERIMENT_FILE = "experiment.json"
 RECORDING_FILE = "training.rrd"

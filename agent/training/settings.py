@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar, get_args
 
 import msgspec
 
-from agent.process.config import Computed, ProcessConfig, require
+from agent.mdp.config import Computed, ProcessConfig, require
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 

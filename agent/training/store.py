@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.mdp.optimum import computed_tables
+from agent.mdp.readings import build_process
 from agent.moves.bound import fastest_tables
-from agent.process.greedy import GreedyPolicy, PolicyError
-from agent.process.optimum import computed_tables
-from agent.process.readings import build_process
 from agent.training.learning import initial_state
 from agent.training.loop import (
     ProgressCallback,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.process.readings import build_process
+from agent.mdp.readings import build_process
 from agent.training.learning import TrainingState, initial_state
 from agent.training.loop import TrainingLog, TrainingProgress, run_training, training_log
 from agent.training.policy import Policy, PolicyConfig

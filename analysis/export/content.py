@@ -10,8 +10,8 @@ import numpy as np
 from cosim.base.errors import UserError
 
 if TYPE_CHECKING:
-    from cosim.reading.episode import Episode
-    from cosim.reading.rrd import Signal
+    from cosim.recording.reader import Episode
+    from cosim.recording.rrd import Signal
 
 Format = Literal["parquet", "csv", "mcap", "mat"]
 
@@ -35,7 +35,7 @@ def chosen(
     Raises:
         ExportError: the rate is not positive, or the recording has nothing of a name.
     """
-    from cosim.reading.episode import PREFIXES, Signals
+    from cosim.recording.reader import PREFIXES, Signals
 
     if rate_hz is not None and not 0.0 < rate_hz < 1e9:
         raise ExportError(f"--rate {rate_hz:g} is invalid; give samples per second above 0")

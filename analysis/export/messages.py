@@ -15,7 +15,7 @@ import numpy as np
 
 from analysis.export.content import ExportError, components_of, facts_of
 from cosim.base.progress import Progress
-from cosim.reading.episode import Episode
+from cosim.recording.reader import Episode
 
 _TOLD_EVERY = 20_000  # messages
 _encode = msgspec.json.encode

@@ -20,7 +20,7 @@ from analysis.export.content import Format, components_of, facts_of
 from analysis.export.messages import write_messages
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing
-from cosim.reading.episode import Episode
+from cosim.recording.reader import Episode
 
 METADATA_KEY = "minirobots"
 _NAME = pa.dictionary(pa.int32(), pa.string())

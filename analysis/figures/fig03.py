@@ -18,7 +18,7 @@ from analysis.figures.style import (
     Drawing,
 )
 from analysis.reading.results import FIGURES, RESULTS
-from cosim.platform.result import Motion, PlatformResult
+from cosim.machine.platform.result import Motion, PlatformResult
 
 TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}
 

@@ -20,8 +20,8 @@ from analysis.figures.style import (
     Caption,
     Drawing,
 )
-from cosim.scenarios.built_in import AMONG_OBSTACLES, IN_GROUPS, PAPER
-from cosim.scenarios.scenario import Scenario
+from cosim.model.built_in import AMONG_OBSTACLES, IN_GROUPS, PAPER
+from cosim.model.scenario import Scenario
 
 ROBOT_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 

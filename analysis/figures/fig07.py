@@ -12,7 +12,7 @@ from analysis.figures.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, Capti
 from analysis.reading.findings import intervals
 from analysis.reading.motor_test import LOOPS, Response, read, rise
 from analysis.reading.results import FIGURES, RESULTS
-from cosim.base.params import TABLE_II
+from cosim.model.params import TABLE_II
 
 COLOURS = {"open_loop": VERMILION, "closed_loop": BLUE}
 # What the right column shows larger: the start, in which the closed loop is at its limit.

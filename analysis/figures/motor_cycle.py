@@ -28,7 +28,7 @@ from analysis.figures.style import (
 from analysis.reading.findings import sliding
 from analysis.reading.results import FIGURES, episodes_of
 from cosim.physics.forces import MotorMount, motor_force
-from cosim.reading.episode import Episode, read_episode
+from cosim.recording.reader import Episode, read_episode
 
 # A robot drives straight where its motors turn against each other, each within this share of the
 # forward speed; it turns on the spot where they turn alike.

@@ -13,9 +13,9 @@ from analysis.figures.fig05 import draw_board, robot_colour
 from analysis.figures.style import BLACK, VERMILION, WIDTH_IN, Caption, Drawing, FigureError
 from analysis.reading.inspection import path_length_m
 from analysis.reading.results import DRIVEN_BY, FIGURES, RESULTS, episodes_of, recordings
-from cosim.reading.episode import read_episode
-from cosim.scenarios.built_in import PAPER
-from cosim.scenarios.scenario import Scenario
+from cosim.model.built_in import PAPER
+from cosim.model.scenario import Scenario
+from cosim.recording.reader import read_episode
 
 SINGLE, PAIRS = ("1a", "1b"), ("2", "3", "4")
 MARK_S = 10.0  # simulated time between two marks on a path

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
 from analysis.figures.style import BLACK, BLUE, GREEN, GREY, VERMILION, WIDTH_IN, Caption, Drawing
-from cosim.base.params import TABLE_I, TABLE_II, RobotParams
+from cosim.model.params import TABLE_I, TABLE_II, RobotParams
 from cosim.physics.contact import foot_positions
 from cosim.physics.forces import motor_mounts
 

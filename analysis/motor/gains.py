@@ -10,9 +10,9 @@ import numpy as np
 
 from analysis.motor.instance import running
 from analysis.reading.motor_test import Rise, rise
-from cosim.base.params import FIG_7, TABLE_II, motor_time_constant
 from cosim.base.progress import Progress, silent
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.params import FIG_7, TABLE_II, motor_time_constant
 
 DURATION_S, SAMPLE_S = 2.0, 1e-3
 STEP_S = 1e-5  # of the FMU

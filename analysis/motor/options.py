@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from cosim.base.command import MotorParameters
-from cosim.base.params import FIG_7
+from cosim.model.params import FIG_7
 
 
 @dataclass(frozen=True, kw_only=True)

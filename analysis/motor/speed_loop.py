@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN
 from analysis.motor.instance import running
-from cosim.base.params import TABLE_II, MotorParams, motor_gain, motor_time_constant
 from cosim.base.progress import Progress, silent
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.params import TABLE_II, MotorParams, motor_gain, motor_time_constant
 
 # A sine in steps: holding each value takes 4e-5 off its amplitude, and half a step of time. The
 # steps themselves, sampled at their ends, look like the sine: they must be too fast for the loop.

@@ -1,6 +1,6 @@
 """Where an episode looks wrong: saturation, slipping, lift-offs, near misses, moves given up.
 
-Works on what a recording holds (`cosim.reading.episode`); a finding whose signals a recording
+Works on what a recording holds (`cosim.recording.reader`); a finding whose signals a recording
 lacks is left out. Nothing is printed here.
 """
 
@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cosim.reading.episode import Episode
-from cosim.reading.rrd import Signal
+from cosim.recording.reader import Episode
+from cosim.recording.rrd import Signal
 from cosim.recording.series import IN_ZONE, NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE, ON_TARGET
 
 # Eq. (9) calls robots near up to 6 cm for robots of 5 cm: a fifth of a diameter between them.

@@ -6,9 +6,9 @@ import msgspec
 import numpy as np
 
 from analysis.reading.findings import Finding, find
-from cosim.navigation.measures import PATH_SAMPLING_S
-from cosim.reading.episode import Episode
-from cosim.reading.rrd import Signal
+from cosim.recording.reader import Episode
+from cosim.recording.rrd import Signal
+from cosim.simulation.measures import PATH_SAMPLING_S
 
 SCHEMA_VERSION = 1
 

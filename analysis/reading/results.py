@@ -8,7 +8,7 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.scenarios.built_in import PAPER
+from cosim.model.built_in import PAPER
 
 # Episodes of a scenario whose paths Fig. 9 or 12 shows: the paper draws many of one robot on one
 # board, and few of a pair.

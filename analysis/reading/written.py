@@ -11,7 +11,7 @@ from agent.study.transfer import TransferReport
 from analysis.reading.results import RESULTS
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json
-from cosim.navigation.result import EpisodeResult
+from cosim.simulation.result import EpisodeResult
 
 
 class ResultError(UserError):

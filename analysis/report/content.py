@@ -15,7 +15,7 @@ from analysis.reading.written import read_run
 from analysis.timings import TimingsFile
 from cosim.base.errors import UserError
 from cosim.base.storage import replacing
-from cosim.scenarios.built_in import PAPER
+from cosim.model.built_in import PAPER
 
 
 class Picture(NamedTuple):

@@ -27,10 +27,10 @@ from analysis.report.tables import (
 )
 from analysis.report.web_viewer import web_viewer_files
 from analysis.timings import read_timings
-from cosim.base.params import SPEED_NOISE, TABLE_I, TIMING
 from cosim.base.provenance import versions
 from cosim.base.storage import replacing
-from cosim.scenarios.built_in import PAPER
+from cosim.model.built_in import PAPER
+from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
 
 
 def write_report(

@@ -13,10 +13,10 @@ from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
 from analysis.reading.written import read_experiment, read_transfer
 from analysis.timings import TimingsFile
-from cosim.base.config import CoSimConfig
-from cosim.base.outcome import ENDS
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import ENDS
 
-# Column, measure of `agent.process.exact`, factor, digits, unit.
+# Column, measure of `agent.mdp.exact`, factor, digits, unit.
 _MEASURES = (
     ("success", "success", 100.0, 1, " %"),
     ("path length, cm", "path_length_cm", 1.0, 2, ""),
@@ -158,10 +158,10 @@ def timing_table(timings: TimingsFile) -> ReportTable:
 
 
 def parameter_table() -> ReportTable:
-    """Parameters of the co-simulation as `cosim.base.params` has them."""
+    """Parameters of the co-simulation as `cosim.model.params` has them."""
     rows = []
     for name, row in CoSimConfig().table().items():
         value = f"{row['value']:.6g}" if isinstance(row["value"], float) else str(row["value"])
         rows.append((name, f"{value} {row['unit']}".strip(), row["description"], row["source"]))
     header = ("name", "value", "meaning", "source")
-    return ReportTable("Parameters", "SI units.", "cosim/base/params.py", header, rows)
+    return ReportTable("Parameters", "SI units.", "cosim/model/params.py", header, rows)

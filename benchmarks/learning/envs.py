@@ -11,7 +11,7 @@ import numpy as np
 
 import agent.envs
 from agent.envs.parallel import NavigationParallelEnv
-from cosim.navigation.features import DIRECTION_COUNT
+from cosim.onboard.features import DIRECTION_COUNT
 
 STEPS = 200  # of every board, in each repeat
 PARALLEL_BOARDS = 20  # that PettingZoo's environment takes one after the other

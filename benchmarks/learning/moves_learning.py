@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from agent.mdp.config import Feature, ProcessConfig
+from agent.mdp.readings import build_process
 from agent.method import method_config
-from agent.process.config import Feature, ProcessConfig
-from agent.process.readings import build_process
 from agent.training.learning import (
     EPISODES,
     PATH_CELLS,
@@ -26,7 +26,7 @@ from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
 from agent.training.settings import LearningConfig
 from cosim.base.command import show_table
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
 
 PAPER: tuple[Feature, ...] = ("x", "y", "d", "g")
 WITH_BEARING: tuple[Feature, ...] = (*PAPER, "b")

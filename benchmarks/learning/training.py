@@ -13,16 +13,16 @@ import gymnasium as gym
 import numpy as np
 
 import agent.envs.single
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
 from agent.training.learning import TrainingState, build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig
 from benchmarks.references.qlearning_c import build_reference, reference_state, train_reference
 from cosim.base.jobs import Workers
-from cosim.scenarios.built_in import PAPER
-from cosim.scenarios.file import find_scenario
+from cosim.model.built_in import PAPER
+from cosim.model.scenario_file import find_scenario
 
 PAPER_S = 600.0  # "execution time about 10 min", Section V
 GYMNASIUM_STEPS = 50_000

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from benchmarks.options import Benchmark, Seconds
-from cosim.base.config import whole_ratio
-from cosim.base.params import TIMING
+from cosim.model.config import whole_ratio
+from cosim.model.params import TIMING
 
 
 @dataclass(frozen=True, kw_only=True)

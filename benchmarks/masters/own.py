@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from cosim.base.config import CoSimConfig, Order
-from cosim.base.params import TIMING
-from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.assembly import Motors, new_plant, robot_properties
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state
+from cosim.model.config import CoSimConfig, Order
+from cosim.model.params import TIMING
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import POSITION, QUATERNION, standing_state
 from cosim.physics.trig import sine_cosine
 from fmus.build import cached_fmu

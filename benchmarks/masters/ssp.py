@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.masters.containers import pack_with_fmpy, pack_with_toolbox, simulate
 from benchmarks.masters.importers import relabelled, run
 from benchmarks.masters.own import PERIOD_S, drive
-from cosim.base.config import Order
+from cosim.model.config import Order
 from fmus.ssp.archive import build_ssp
 
 Poses = np.ndarray  # (n, robots, 7) after every millisecond

@@ -7,7 +7,7 @@ to write the text. Its contacts are soft: the settings below keep them stiff and
 
 from collections.abc import Sequence
 
-from cosim.base.params import MotorParams, RobotParams, cylinder_inertia
+from cosim.model.params import MotorParams, RobotParams, cylinder_inertia
 from cosim.physics.contact import foot_positions
 
 # A foot is a ball so small that its rolling does not count (0.1 mm; feet stand 23 mm apart).

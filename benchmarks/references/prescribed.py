@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined, kernel
-from cosim.base.params import MotorParams, RobotParams
+from cosim.model.params import MotorParams, RobotParams
 from cosim.physics.body import stepped
 from cosim.physics.body_state import STATE_SIZE, read_body, standing_state, write_body
 from cosim.physics.contact import CONTACT_TOLERANCE

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from agent.training.learning import Learning, TrainingState
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
 from fmus.compiler import compiler_command
 
 SOURCE = Path(__file__).with_name("qlearning.c")

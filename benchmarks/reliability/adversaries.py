@@ -21,20 +21,20 @@ from benchmarks.reliability import colliding
 from benchmarks.reliability.colliding import REACH, Greedy, Learnt, Random
 from benchmarks.reliability.options import Adversary
 from cosim.base.command import show_table, workers
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.outcome import Outcome
-from cosim.base.params import TABLE_I
 from cosim.base.progress import progress_bars, under_way
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
-from cosim.episodes import Task, simulate_tasks
-from cosim.navigation.episode import RunningEpisode
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.navigation.options import SimulationOptions, resolve
-from cosim.navigation.result import EpisodeResult
-from cosim.navigation.step import Step, SupportsAct
-from cosim.scenarios.scenario import Cell, Scenario, touches_obstacle
+from cosim.coupling.rl_step import Step, SupportsAct
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import Outcome
+from cosim.model.params import TABLE_I
+from cosim.model.scenario import Cell, Scenario, touches_obstacle
+from cosim.onboard.features import DIRECTION_COUNT
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.result import EpisodeResult
+from cosim.simulation.tasks import Task, simulate_tasks
 
 SIDE, CELL_M = 16, 0.01
 NEAR_CELLS = 7.0  # farthest distance of robots at the start

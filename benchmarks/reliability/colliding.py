@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from cosim.navigation.features import DIRECTION_COUNT, Observation
-from cosim.navigation.step import Step
+from cosim.coupling.rl_step import Step
+from cosim.onboard.features import DIRECTION_COUNT, Observation
 
 WANDERING = 0.1  # share of decisions that the greedy and the learnt leave to chance
 REACH, _RATE, _DISCOUNT = 9, 0.3, 0.8  # of the learnt: cells that it tells apart, Q-learning

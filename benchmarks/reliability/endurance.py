@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.recording import NORTH, NOTHING, SOUTH
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TIMING
-from cosim.navigation.cosimulation import CoSimulation
-from cosim.navigation.step import Decision
+from cosim.coupling.rl_step import Decision
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import with_bursts
-from cosim.scenarios.scenario import Scenario
+from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
 
 # The first robot never gets to its target, which is not in its column.

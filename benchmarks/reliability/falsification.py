@@ -12,8 +12,8 @@ from agent.method import method_policy
 from cosim.base.command import show_table, workers
 from cosim.base.progress import progress_bars
 from cosim.base.storage import write_json
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.simulation.options import SimulationOptions
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ from agent.study.episodes import StudyLine, simulate
 from agent.study.store import EpisodeStore
 from cosim.base.command import show_table
 from cosim.base.jobs import Workers
-from cosim.base.outcome import Outcome
 from cosim.base.progress import progress_bars
-from cosim.navigation.options import SimulationOptions, resolve
-from cosim.navigation.result import EpisodeResult
+from cosim.model.outcome import Outcome
+from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.result import EpisodeResult
 
 
 @dataclass(frozen=True)

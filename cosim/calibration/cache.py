@@ -6,7 +6,6 @@ The trials are `cosim.calibration.measuring`; the command line is `cosim.calibra
 from dataclasses import replace
 from pathlib import Path
 
-from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
@@ -15,6 +14,7 @@ from cosim.calibration.measuring import measure
 from cosim.calibration.speed_map import DRIVES, Calibration, load_calibration
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
+from cosim.model.config import CoSimConfig
 
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:

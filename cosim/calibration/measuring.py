@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.config import CoSimConfig
 from cosim.base.progress import Progress, silent
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 
 # Motor speeds of the trials as shares of the lift-off speed, closest where robots drive.
 SPEEDS = (0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.955, 0.97)

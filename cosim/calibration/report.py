@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import STEERING
 from cosim.calibration.cache import digest
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
+from cosim.model.config import CoSimConfig
+from cosim.model.params import STEERING
 
 # Colours told apart in any kind of colour vision (Okabe and Ito).
 _COLOURS = {

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import msgspec
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import SHIELD, TIMING
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
 from cosim.base.storage import cache_dir, cached, write_json
-from cosim.base.world import World
 from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.stopping import RESERVE, SLIDES, stopping_distance
 from cosim.calibration.straying import best_filter
-from cosim.control.shield import stopping_gap
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.model.params import SHIELD, TIMING
+from cosim.model.world import World
+from cosim.onboard.shield import stopping_gap
 
 MOST_GAP = 0.5  # assumed: of the robots' diameter; with more there is no way past each other
 _FLOOR = ("motor_spread", "restitution", "floor_tilt_deg", "payload_g", "payload_offset_mm")

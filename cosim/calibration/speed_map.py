@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
+from cosim.model.config import CoSimConfig
 
 # Signs of (ω_D, ω_E), Eq. (3).
 MANOEUVRES = {

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from cosim.base.config import CoSimConfig
-from cosim.base.world import draw_world, gravity
 from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.trial import Trial
-from cosim.control.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.model.world import draw_world, gravity
+from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 
 ROBOTS, TRIALS, ROUNDS = 64, 4, 8  # 2048 stops
 EXCEEDED, CONFIDENCE = 1e-5, 0.99  # share of the stops that come further, and how sure that is

@@ -13,13 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
-from cosim.base.params import ESTIMATOR, EstimatorParams
-from cosim.base.world import CAMERA_CHILD, draw_world, generator, gravity
 from cosim.calibration.stopping import corners
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.control.camera import (
+from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.model.params import ESTIMATOR, EstimatorParams
+from cosim.model.world import CAMERA_CHILD, draw_world, generator, gravity
+from cosim.onboard.camera import (
     FRAME_SIZE,
     NOISE,
     camera_of,
@@ -28,10 +29,9 @@ from cosim.control.camera import (
     frames_within,
     look,
 )
-from cosim.control.estimation import ESTIMATE_SIZE, ODOMETRY, POSE
-from cosim.control.shield import variance_of
-from cosim.control.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START, THROUGH
-from cosim.coupling.fmu import MotorFmu
+from cosim.onboard.estimation import ESTIMATE_SIZE, ODOMETRY, POSE
+from cosim.onboard.shield import variance_of
+from cosim.onboard.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START, THROUGH
 
 ROBOTS, LENGTH_S = 48, 12.0
 RESERVE = 1.25  # assumed: over the largest bias that was measured
@@ -50,7 +50,7 @@ class Tracks(NamedTuple):
 
     Attributes:
         poses: (T, N, 3) at the start of each period, m and rad.
-        commanded: (T, N, 4) until then, see `cosim.control.estimation.odometry`.
+        commanded: (T, N, 4) until then, see `cosim.onboard.estimation.odometry`.
         found: (M, N, NOISE) frames of the camera without noise.
     """
 

@@ -1,7 +1,7 @@
 """Robots far apart on an endless floor: what one robot does, without board, agent or episode.
 
 For calibration and for trials of the steering. Commands are written straight into their
-array (layout in `cosim.control.steering`); the dynamics, the FMUs and the noise are those of an
+array (layout in `cosim.onboard.steering`); the dynamics, the FMUs and the noise are those of an
 episode.
 """
 
@@ -9,9 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import MotorParams
-from cosim.control.camera import FRAME_SIZE, NOISE, camera_of, frames_in_flight
 from cosim.coupling.assembly import (
     Motors,
     check_motors,
@@ -31,6 +28,9 @@ from cosim.coupling.signals import (
     with_room,
 )
 from cosim.fmi.isolation import calling
+from cosim.model.config import CoSimConfig
+from cosim.model.params import MotorParams
+from cosim.onboard.camera import FRAME_SIZE, NOISE, camera_of, frames_in_flight
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
 from cosim.physics.rotation import Vector, headings
@@ -45,8 +45,8 @@ class Trial:
 
     Attributes:
         bodies: (STATE_SIZE, N), layout in `cosim.physics.body_state`.
-        commands: (N, COMMAND_SIZE), layout in `cosim.control.steering`.
-        estimates: (N, ESTIMATE_SIZE), layout in `cosim.control.estimation`.
+        commands: (N, COMMAND_SIZE), layout in `cosim.onboard.steering`.
+        estimates: (N, ESTIMATE_SIZE), layout in `cosim.onboard.estimation`.
         origins_m: (N, 2) where each robot was put.
         time_s: simulated time.
     """
@@ -70,7 +70,7 @@ class Trial:
             seed: of the speed noise; every motor gets a child of its own.
             motors: (N,) D and E of each robot; default the configuration's.
             gravity: in the frame of the floor, m/s²; default that of a level one.
-            sight: (M, N, NOISE) frames of the world's camera, see `cosim.control.camera`; default
+            sight: (M, N, NOISE) frames of the world's camera, see `cosim.onboard.camera`; default
                 no camera, so that poses are known exactly.
 
         Raises:

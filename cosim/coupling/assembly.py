@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import SHIELD, TABLE_II, MotorParams, open_loop_voltage
-from cosim.base.world import generator
 from cosim.coupling.calls import Calls
 from cosim.coupling.fmu import FmuError, Motor, MotorFmu, Sampling
 from cosim.coupling.interface import INPUTS, OUTPUTS, PHASE, SAMPLED, check_use
 from cosim.coupling.plant import Plant
 from cosim.fmi.abi import FMI_ERROR
 from cosim.fmi.isolation import calling
+from cosim.model.config import CoSimConfig
+from cosim.model.params import SHIELD, TABLE_II, MotorParams, open_loop_voltage
+from cosim.model.world import generator
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts
 from cosim.physics.properties import body_params, properties_of

@@ -3,10 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-from cosim.base.config import UNKNOWN, ConfigError, CoSimConfig
-from cosim.base.params import TABLE_II, MotorParams, lift_off_speed
 from cosim.base.provenance import digest_of
 from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.model.config import UNKNOWN, ConfigError, CoSimConfig
+from cosim.model.params import TABLE_II, MotorParams, lift_off_speed
 from fmus.build import is_built_in
 
 _OF_BODY = ("m", "r", "J", "g")  # also in Eq. (3)

@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.control.camera import INTERVAL, look
-from cosim.control.estimation import POSE, take_command
-from cosim.control.shield import guard
-from cosim.control.steering import SPEED, YAW_RATE, steer
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import LANDING, MOTORS, State
+from cosim.onboard.camera import INTERVAL, look
+from cosim.onboard.estimation import POSE, take_command
+from cosim.onboard.shield import guard
+from cosim.onboard.steering import SPEED, YAW_RATE, steer
 from cosim.physics.collision import find_near_obstacles, find_near_pairs
 from cosim.physics.properties import feel_patches
 from cosim.physics.rotation import heading

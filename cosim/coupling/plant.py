@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.base.params import EstimatorParams, ShieldParams, SteeringParams
 from cosim.coupling.signals import (
     AIRBORNE,
     FRICTION,
@@ -24,6 +23,7 @@ from cosim.coupling.signals import (
     SLIPPING,
     State,
 )
+from cosim.model.params import EstimatorParams, ShieldParams, SteeringParams
 from cosim.physics.body import at_axis, stepped
 from cosim.physics.body_state import read_body, write_body
 from cosim.physics.collision import (
@@ -64,7 +64,7 @@ class Plant(NamedTuple):
             end (interpolated).
         reaction: whether the motors feel the acceleration of the body.
         open_loop: whether the motors' input is a voltage instead of a set point.
-        volts_per_speed, friction_volts: that voltage, see `cosim.base.params.open_loop_voltage`.
+        volts_per_speed, friction_volts: that voltage, see `cosim.model.params.open_loop_voltage`.
         exchange_tolerance: bound on the error of interpolated motor angles in rad, for drivers
             that choose the communication step.
     """

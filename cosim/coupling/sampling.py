@@ -5,10 +5,6 @@ import math
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
-from cosim.control.camera import INTERVAL
-from cosim.control.estimation import COVARIANCE, POSE
-from cosim.control.steering import HEADING_ERROR, MODE
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import (
     AIRBORNE,
@@ -23,6 +19,10 @@ from cosim.coupling.signals import (
     Samples,
     State,
 )
+from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
+from cosim.onboard.camera import INTERVAL
+from cosim.onboard.estimation import COVARIANCE, POSE
+from cosim.onboard.steering import HEADING_ERROR, MODE
 from cosim.physics.rotation import heading
 
 

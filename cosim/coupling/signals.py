@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.control.camera import CAMERA_SIZE, FRAME_SIZE, NOISE
-from cosim.control.estimation import ESTIMATE_SIZE
-from cosim.control.shield import SHIELD_SIZE
-from cosim.control.steering import COMMAND_SIZE
+from cosim.onboard.camera import CAMERA_SIZE, FRAME_SIZE, NOISE
+from cosim.onboard.estimation import ESTIMATE_SIZE
+from cosim.onboard.shield import SHIELD_SIZE
+from cosim.onboard.steering import COMMAND_SIZE
 from cosim.physics.body_state import BODY_SIGNALS, QUATERNION, STATE_SIZE
 from cosim.physics.properties import PROPERTIES
 
@@ -44,14 +44,14 @@ class State(NamedTuple):
 
     Attributes:
         estimates: (B, ESTIMATE_SIZE) where robots think they are, layout in
-            cosim.control.estimation.
-        cameras: (B, CAMERA_SIZE), layout in cosim.control.camera.
+            cosim.onboard.estimation.
+        cameras: (B, CAMERA_SIZE), layout in cosim.onboard.camera.
         frames: (B, F, FRAME_SIZE) of the camera, under way.
         sight: (M, B, NOISE) what the camera makes of the robots in the next frames.
         bodies: (STATE_SIZE, B), layout in cosim.physics.body_state.
         properties: (PROPERTIES, B), layout in cosim.physics.properties.
-        commands: (B, COMMAND_SIZE), layout in cosim.control.steering.
-        shields: (B, SHIELD_SIZE), layout in cosim.control.shield.
+        commands: (B, COMMAND_SIZE), layout in cosim.onboard.steering.
+        shields: (B, SHIELD_SIZE), layout in cosim.onboard.shield.
         set_points: (2, B) motor speeds that the steering asks for.
         inputs: (6, B) omega_des (or V_in where motors are in open loop), omega_noise, d.
         outputs: (6, B) theta, omega, omega_dot.

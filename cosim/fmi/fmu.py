@@ -22,11 +22,11 @@ from fmpy.fmi2 import (
 from fmpy.fmi3 import FMU3Slave
 from fmpy.model_description import CoSimulation, ModelDescription
 
-from cosim.base.config import whole_ratio
 from cosim.base.errors import UserError
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.archive import require_plain, unpack
 from cosim.fmi.isolation import note_failure, restored_arithmetic, same_folder
+from cosim.model.config import whole_ratio
 
 # fmpy changes the working directory of the process while it loads a binary, and does not change it
 # back where that fails.

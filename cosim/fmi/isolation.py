@@ -21,9 +21,9 @@ from typing import Annotated, NoReturn
 
 import tyro
 
-from cosim.base.config import ConfigError
 from cosim.base.errors import Terminated, at_end
 from cosim.base.storage import temporary_folder
+from cosim.model.config import ConfigError
 
 _NOTES = "MINIROBOTS_NOTES"  # folder of the notes, in the environment of a child
 _ENDED = "ended"  # note of a child whose results are whole, with its exit status

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.base.params import RobotParams
+from cosim.model.params import RobotParams
 from cosim.physics.contact import Impulse
 from cosim.physics.lanes import Width, load, store
 from cosim.physics.rotation import Quaternion, Vector

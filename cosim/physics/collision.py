@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
+from cosim.model.scenario import touches_obstacle as definition
 from cosim.physics.contact import allowed_approach
 from cosim.physics.properties import INVERSE_INERTIA, INVERSE_MASS
-from cosim.scenarios.scenario import touches_obstacle as definition
 
 touches_obstacle = inlined(definition)  # whether a robot touches an obstacle, for kernels
 

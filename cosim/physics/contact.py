@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.base.params import RobotParams
+from cosim.model.params import RobotParams
 from cosim.physics.lanes import select
 from cosim.physics.mass import Mass, mass_of
 from cosim.physics.rotation import Vector, dot, plus

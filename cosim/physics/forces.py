@@ -6,7 +6,7 @@ Angles θ grow from the hanging position. Kernels are stateless and take scalars
 from typing import NamedTuple
 
 from cosim.base.jit import inlined
-from cosim.base.params import MotorParams, RobotParams
+from cosim.model.params import MotorParams, RobotParams
 from cosim.physics.trig import sine_cosine
 
 

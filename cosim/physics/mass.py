@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.params import RobotParams, cylinder_inertia
-from cosim.base.world import IDEAL, World
+from cosim.model.params import RobotParams, cylinder_inertia
+from cosim.model.world import IDEAL, World
 from cosim.physics.rotation import Vector
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.base.params import MotorParams, RobotParams
-from cosim.base.world import IDEAL, World
+from cosim.model.params import MotorParams, RobotParams
+from cosim.model.world import IDEAL, World
 from cosim.physics.contact import CONTACT_TOLERANCE, ContactParams, contact_params
 from cosim.physics.forces import MotorMount
 from cosim.physics.lanes import Width, any_lane, load

@@ -4,7 +4,7 @@ The motor turns at constant speed, α = atan μ, and s = (ω_c/ω)² is the slip
 u ω √(1+μ²)/M for speed and u √(1+μ²)/M for distance, with u = m r of all motors, Eq. (1) reads
     sliding forwards   dv/dθ = sin(θ − α) − s
     sliding backwards  dv/dθ = sin(θ + α) + s
-What those units are in metres, and sequences of strokes, belong to `cosim.platform.motion`.
+What those units are in metres, and sequences of strokes, belong to `cosim.machine.platform.motion`.
 """
 
 import math

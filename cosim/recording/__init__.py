@@ -1,1 +1,1 @@
-"""Recordings of episodes for the Rerun viewer."""
+"""Recordings of episodes for the Rerun viewer, written and read."""

@@ -13,17 +13,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import rerun as rr
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TIMING
-from cosim.base.world import Drawn
-from cosim.control.steering import MODE_NAMES
+from cosim.coupling.rl_step import Decision, Step
 from cosim.coupling.signals import RawSamples, Samples
-from cosim.navigation.features import (
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario
+from cosim.model.world import Drawn
+from cosim.onboard.features import (
     DISTANCE_CLASSES,
     GRADIENT_SIGNS,
     Observation,
 )
-from cosim.navigation.step import Decision, Step
+from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint, robot_names
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
 from cosim.recording.episode_scene import EpisodeScene
@@ -40,7 +41,6 @@ from cosim.recording.series import (
     signals_of,
     write_styles,
 )
-from cosim.scenarios.scenario import Scenario
 
 _BATCH_S = 10.0  # simulated time whose rows are made together
 _GATHERED_S = 60.0  # simulated time that is sent together: what a killed process can lose

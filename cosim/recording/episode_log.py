@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import rerun as rr
 
-from cosim.base.config import CoSimConfig
-from cosim.base.outcome import COLLISION
-from cosim.navigation.step import Step
+from cosim.coupling.rl_step import Step
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import COLLISION
+from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording, simulated
 from cosim.recording.series import (
@@ -26,7 +27,6 @@ from cosim.recording.series import (
     ON_TARGET,
     OUTCOME,
 )
-from cosim.scenarios.scenario import Scenario, touches_obstacle
 
 # Vibrating robots part and meet many times a second; that is one contact.
 NEW_CONTACT_S = 0.5

@@ -6,16 +6,16 @@ What stands still is `cosim.recording.scene`; signals over time are `cosim.recor
 import numpy as np
 import rerun as rr
 
-from cosim.base.config import CoSimConfig
+from cosim.coupling.rl_step import Step
 from cosim.coupling.signals import Samples
-from cosim.navigation.features import DIRECTION_COUNT
-from cosim.navigation.step import Step
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 from cosim.physics.forces import motor_mounts
 from cosim.recording.file import Recording, simulated
 from cosim.recording.levels import Detail, periods
 from cosim.recording.scene import shaft_end_m
 from cosim.recording.series import block_ends, reduce
-from cosim.scenarios.scenario import Scenario
 
 TRAIL_PERIOD_S = 0.5
 LONGEST_TRAIL_S = 600.0  # every RL step records all of it

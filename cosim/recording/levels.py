@@ -8,8 +8,8 @@ import math
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
-from cosim.base.config import CoSimConfig
 from cosim.coupling.signals import RawSamples
+from cosim.model.config import CoSimConfig
 
 Level = Literal["summary", "default", "full"]
 

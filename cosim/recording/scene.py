@@ -7,13 +7,13 @@ import numpy as np
 import rerun as rr
 from matplotlib import colormaps
 
-from cosim.base.params import RobotParams
-from cosim.navigation.features import DIRECTIONS
+from cosim.model.params import RobotParams
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTIONS
 from cosim.physics.contact import foot_positions
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording
 from cosim.recording.policy_map import PolicyMap
-from cosim.scenarios.scenario import Scenario
 
 # Okabe–Ito, safe for colour-blind readers; one per robot.
 ROBOT_COLOURS = np.array(

@@ -6,10 +6,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 import rerun as rr
 
-from cosim.base.outcome import ENDS
-from cosim.control.steering import MODE_NAMES
 from cosim.coupling.signals import Samples
-from cosim.navigation.features import DIRECTION_COUNT, DISTANCE_CLASSES, GRADIENT_SIGNS
+from cosim.model.outcome import ENDS
+from cosim.onboard.features import DIRECTION_COUNT, DISTANCE_CLASSES, GRADIENT_SIGNS
+from cosim.onboard.steering import MODE_NAMES
 from cosim.physics.rotation import headings
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Recording, simulated

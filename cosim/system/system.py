@@ -9,11 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from cosim.base.config import whole_ratio
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.fmu import check_steps, function_address
 from cosim.fmi.isolation import calling
+from cosim.model.config import whole_ratio
 from cosim.system.graph import (
     Component,
     Connection,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
 from minirobots.options import CommandOptions, ScenarioName
@@ -34,10 +34,10 @@ class BoundOptions(CommandOptions):
 
 def run(options: BoundOptions, _: Progress) -> dict[str, Any]:
     """Find or compute the bound."""
-    from agent.process.exact import enumerable, joint_starts
-    from agent.process.optimum import optimum, require_paths
-    from agent.process.readings import build_process
-    from cosim.scenarios.file import find_scenario
+    from agent.mdp.exact import enumerable, joint_starts
+    from agent.mdp.optimum import optimum, require_paths
+    from agent.mdp.readings import build_process
+    from cosim.model.scenario_file import find_scenario
 
     scenario = find_scenario(options.scenario)
     process = build_process(scenario, options.process)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cosim.base.progress import Progress
-from cosim.navigation.options import Physics
+from cosim.simulation.options import Physics
 from minirobots.options import Folder, IsolatedOptions, Jobs
 
 if TYPE_CHECKING:

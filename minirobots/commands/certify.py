@@ -11,7 +11,7 @@ from cosim.base.command import require_falling
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
-from cosim.navigation.options import SimulationOptions
+from cosim.simulation.options import SimulationOptions
 from minirobots.options import (
     BudgetMinutes,
     Count,

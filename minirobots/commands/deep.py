@@ -71,7 +71,7 @@ class DeepReport(msgspec.Struct, frozen=True, kw_only=True):
 def run(options: Deep, progress: Progress) -> DeepReport:
     """Train, and write `policy.npz` and `deep.json`."""
     from cosim.base.storage import write_json
-    from cosim.scenarios.file import find_scenario
+    from cosim.model.scenario_file import find_scenario
 
     scenario = find_scenario(options.scenario)
     require_learners()

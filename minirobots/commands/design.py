@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cosim.base.progress import Progress
-from cosim.presets.preset import PAPER, find_preset
+from cosim.model.preset import PAPER, find_preset
 from minirobots.options import CommandOptions, Friction, Positive, PresetName
 
 if TYPE_CHECKING:
-    from cosim.base.params import RobotParams
-    from cosim.platform.design import Design
+    from cosim.machine.platform.design import Design
+    from cosim.model.params import RobotParams
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class DesignRobot(CommandOptions):
 
 def run(options: DesignRobot, _: Progress) -> "Design":
     """Work out the design."""
-    from cosim.platform.design import design
+    from cosim.machine.platform.design import design
 
     config = find_preset(options.preset).config().with_overrides(options.mu)
     return design(config.robot, config.motor, 1e-3 * options.speed)

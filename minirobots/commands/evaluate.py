@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from cosim.base.config import ConfigError
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
-from cosim.navigation.options import SimulationOptions
+from cosim.model.config import ConfigError
+from cosim.simulation.options import SimulationOptions
 from minirobots.options import Folder, IsolatedOptions, NotNegative, Resumable, Seed
 
 if TYPE_CHECKING:

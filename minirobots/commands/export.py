@@ -37,7 +37,7 @@ def run(options: Export, progress: Progress) -> dict[str, Any]:
     """Read the recording and write what is chosen of it."""
     from analysis.export.content import chosen
     from analysis.export.writing import export
-    from cosim.reading.episode import read_episode
+    from cosim.recording.reader import read_episode
 
     out = options.out or options.recording.with_suffix(f".{options.to}")
     with under_way(progress, "reading"):

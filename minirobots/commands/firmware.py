@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from cosim.base.config import ConfigError
 from cosim.base.progress import Progress, under_way
-from cosim.navigation.options import SimulationOptions, resolve
+from cosim.model.config import ConfigError
+from cosim.simulation.options import SimulationOptions, resolve
 from minirobots.options import File, Folder, IsolatedOptions
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ import tyro
 from cosim.base.command import MotorFmuFile
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, under_way
-from cosim.presets.preset import PAPER
+from cosim.model.preset import PAPER
 from minirobots.options import Folder, IsolatedOptions
 
 if TYPE_CHECKING:
-    from cosim.identification.result import Identified
+    from cosim.machine.identification.result import Identified
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,14 +47,14 @@ class IdentifyRobot(IsolatedOptions):
 def run(options: IdentifyRobot, progress: Progress) -> "Identified | None":
     """Identify the robot; or write the motor speeds to drive it with."""
     if options.track is None:
-        from cosim.identification.excitation import write_excitation
+        from cosim.machine.identification.excitation import write_excitation
 
         assert options.excite is not None
         write_excitation(options.excite)
         return None
-    from cosim.identification.result import identify, write
-    from cosim.identification.track import read_track
-    from cosim.presets.preset import find_preset
+    from cosim.machine.identification.result import identify, write
+    from cosim.machine.identification.track import read_track
+    from cosim.model.preset import find_preset
     from fmus.build import cached_fmu
 
     track, preset = read_track(options.track, options.board), find_preset(options.preset)
@@ -68,12 +68,12 @@ def run(options: IdentifyRobot, progress: Progress) -> "Identified | None":
 def show(options: IdentifyRobot, identified: "Identified | None") -> Any:
     """Print every parameter with its interval, and what the track leaves open."""
     if identified is None:
-        from cosim.identification.excitation import HOLD_S, SEQUENCE
+        from cosim.machine.identification.excitation import HOLD_S, SEQUENCE
 
         print(f"motor speeds for {len(SEQUENCE) * HOLD_S:g} s in {options.excite}")
         return {"excitation": str(options.excite), "duration_s": len(SEQUENCE) * HOLD_S}
     from cosim.base.command import show_table
-    from cosim.identification.page import rows
+    from cosim.machine.identification.page import rows
 
     header = ("parameter", "what it is", "value", "95 % interval", "rises")
     show_table(None, header, rows(identified), names=2)

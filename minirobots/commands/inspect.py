@@ -35,7 +35,7 @@ class Inspect(CommandOptions):
 def run(options: Inspect, _: Progress) -> "Inspection":
     """Read the recording and look through it."""
     from analysis.reading.inspection import inspect_episode
-    from cosim.reading.episode import read_episode
+    from cosim.recording.reader import read_episode
 
     return inspect_episode(read_episode(options.recording))
 

@@ -30,10 +30,10 @@ def run(options: MotorLoop, progress: Progress) -> dict[str, Any]:
     from analysis.figures.style import save, use_style
     from analysis.motor.gains import compare_gains
     from analysis.motor.speed_loop import draw, figures_of_merit, measured_response, speed_loop
-    from cosim.base.config import CoSimConfig
-    from cosim.base.params import motor_time_constant
     from cosim.coupling.fmu import MotorFmu
     from cosim.coupling.parameters import with_motor
+    from cosim.model.config import CoSimConfig
+    from cosim.model.params import motor_time_constant
     from fmus.build import cached_fmu
 
     use_style()

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from cosim.base.config import ConfigError
 from cosim.base.progress import Progress
-from cosim.navigation.options import DecisionOptions, Physics
+from cosim.model.config import ConfigError
+from cosim.simulation.options import DecisionOptions, Physics
 from minirobots.options import Count, File, IsolatedOptions, Jobs, Seed
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ import tyro
 
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
-from cosim.presets.preset import PAPER, find_preset
+from cosim.model.preset import PAPER, find_preset
 from minirobots.options import CommandOptions, File, Friction, PresetName
 
 if TYPE_CHECKING:
-    from cosim.platform.result import PlatformResult
+    from cosim.machine.platform.result import PlatformResult
 
 MAX_CYCLES = 100
 
@@ -42,7 +42,7 @@ class MovePlatform(CommandOptions):
 
 def run(options: MovePlatform, _: Progress) -> "PlatformResult":
     """Move the platforms and write what they do."""
-    from cosim.platform.result import move_platforms
+    from cosim.machine.platform.result import move_platforms
 
     preset = find_preset(options.preset)
     robot = preset.robot if options.mu is None else preset.robot._replace(mu=options.mu)

@@ -15,7 +15,7 @@ from cosim.base.storage import temporary_folder
 from minirobots.options import File, IsolatedOptions
 
 if TYPE_CHECKING:
-    from cosim.reading.rrd import RecordingData
+    from cosim.recording.rrd import RecordingData
 
 _NONE = (np.empty(0), np.empty(0))
 
@@ -78,12 +78,12 @@ def run(options: Replay, progress: Progress) -> Comparison:
     from agent.policies import load_policy
     from cosim.base.provenance import versions
     from cosim.base.reading import parsing
-    from cosim.episodes import EpisodeOrigin, Task, simulate_tasks
-    from cosim.navigation.episode import RunningEpisode
-    from cosim.navigation.options import Physics
-    from cosim.reading.episode import EPISODE
-    from cosim.reading.rrd import read_rrd
     from cosim.recording.episode import EpisodeRecorder
+    from cosim.recording.reader import EPISODE
+    from cosim.recording.rrd import read_rrd
+    from cosim.simulation.episode import RunningEpisode
+    from cosim.simulation.options import Physics
+    from cosim.simulation.tasks import EpisodeOrigin, Task, simulate_tasks
 
     data = read_rrd(options.recording)
     with parsing(options.recording, EPISODE):

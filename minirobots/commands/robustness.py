@@ -8,10 +8,10 @@ import tyro
 
 from agent.study.axes import AXES, Axis
 from agent.training.settings import IN_WORLDS, Method
-from cosim.base.config import ConfigError, require_one_of
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
-from cosim.scenarios.file import ROUGH, find_scenario, read_world
+from cosim.model.config import ConfigError, require_one_of
+from cosim.model.scenario_file import ROUGH, find_scenario, read_world
 from minirobots.options import BudgetMinutes, Count, File, Folder, Resumable, Seed
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ import tyro
 
 from agent.training.settings import COMPUTED, Method
 from cosim.base.command import workers
-from cosim.base.config import ConfigError
 from cosim.base.progress import Progress, under_way
-from cosim.navigation.options import SimulationOptions, resolve
+from cosim.model.config import ConfigError
 from cosim.recording.live import DEFAULT_VIEWER
+from cosim.simulation.options import SimulationOptions, resolve
 from minirobots.options import (
     Count,
     File,
@@ -25,10 +25,10 @@ from minirobots.options import (
 
 if TYPE_CHECKING:
     from agent.evaluation.series import RunFacts
-    from agent.process.greedy import GreedyPolicy
+    from agent.mdp.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
-    from cosim.navigation.result import EpisodeResult
-    from cosim.scenarios.scenario import Scenario
+    from cosim.model.scenario import Scenario
+    from cosim.simulation.result import EpisodeResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,9 +129,9 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     """Train or load, co-simulate, record, and keep `summary.json` up to date."""
     from agent.evaluation.series import Series
     from agent.training.recording import write_training
-    from cosim.episodes import compile_kernels
     from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
+    from cosim.simulation.tasks import compile_kernels
 
     scenario, config, fmu = resolve(options.physics, options.scenario, progress)
     viewer = None

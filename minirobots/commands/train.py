@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Self
 
 import tyro
 
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from agent.training.settings import LearningConfig, read_settings
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress
@@ -66,7 +66,7 @@ def run(options: Train, progress: Progress) -> "GridReport":
     from agent.experiments.run import train_and_evaluate
     from agent.moves.model import ObservedMoves
     from agent.training.runs import Experiment
-    from cosim.scenarios.file import find_scenario
+    from cosim.model.scenario_file import find_scenario
 
     moves = options.moves and ObservedMoves.load(options.moves)
     experiment = Experiment(

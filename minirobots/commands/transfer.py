@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from agent.training.settings import COMPARED, Method
-from cosim.base.config import ConfigError
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
-from cosim.scenarios.built_in import PAPER
-from cosim.scenarios.file import find_scenario
+from cosim.model.built_in import PAPER
+from cosim.model.config import ConfigError
+from cosim.model.scenario_file import find_scenario
 from minirobots.options import BudgetMinutes, Folder, Resumable, Seed
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from cosim.base.progress import Progress
 from minirobots.options import Folder, IsolatedOptions, Resumable, Seed
 
 if TYPE_CHECKING:
-    from cosim.validation.report import ValidationReport
+    from cosim.machine.validation.report import ValidationReport
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,10 +40,10 @@ class Validate(IsolatedOptions, Resumable):
 def run(options: Validate, progress: Progress) -> "ValidationReport":
     """Measure what is missing and write the tables."""
     from cosim.base.table import write_report
-    from cosim.navigation.options import Physics
-    from cosim.validation.measurement import QUICK, Effort, validate
-    from cosim.validation.report import report_of
-    from cosim.validation.tables import text_of
+    from cosim.machine.validation.measurement import QUICK, Effort, validate
+    from cosim.machine.validation.report import report_of
+    from cosim.machine.validation.tables import text_of
+    from cosim.simulation.options import Physics
 
     effort = QUICK if options.quick else Effort()
     fmu = Physics(motor_fmu=options.motor_fmu).fmu(progress)
@@ -56,7 +56,7 @@ def run(options: Validate, progress: Progress) -> "ValidationReport":
 def show(options: Validate, report: "ValidationReport") -> "ValidationReport":
     """Print the tables."""
     from cosim.base.table import show as show_table
-    from cosim.validation.tables import tables
+    from cosim.machine.validation.tables import tables
 
     for title, columns, rows in tables(report):
         show_table(columns, rows, names=3, title=title)

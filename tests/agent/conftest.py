@@ -2,11 +2,11 @@ from pathlib import Path
 
 import pytest
 
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
 
 # Targets one cell away, straight ahead: an episode takes some simulated seconds.
 NEAR = Scenario(

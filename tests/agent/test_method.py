@@ -11,8 +11,8 @@ from agent.moves.model import Move, ObservedMoves
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
 from agent.training.settings import COMPUTED, METHODS
-from cosim.navigation.features import DIRECTIONS
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import DIRECTIONS
 from minirobots.runner import execute
 
 

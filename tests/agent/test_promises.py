@@ -4,12 +4,12 @@ import msgspec
 import pytest
 
 import agent
-from agent.process.config import ProcessConfig
-from agent.process.exact import joint_starts
-from agent.process.optimum import optimum
-from agent.process.readings import build_process
+from agent.mdp.config import ProcessConfig
+from agent.mdp.exact import joint_starts
+from agent.mdp.optimum import optimum
+from agent.mdp.readings import build_process
 from agent.study.evaluate import EvaluationReport
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
 
 
 @pytest.mark.slow

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from agent.certification.certificate import issue, read_certificate
 from agent.certification.claims import parse_claim
 from agent.evaluation.cases import Case
+from agent.mdp.config import ProcessConfig
+from agent.mdp.optimum import optimum
+from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves, build_model
-from agent.process.config import ProcessConfig
-from agent.process.optimum import optimum
-from agent.process.readings import build_process
 from agent.study.store import Header, ResultFile
 from agent.training.learning import initial_state
 from agent.training.loop import TrainingLog
@@ -28,12 +28,12 @@ from agent.training.settings import LearningConfig, read_settings
 from agent.training.store import LOG_FILE, find_or_train
 from agent.training.worker import load_checkpoint, save_checkpoint
 from analysis.figures.style import Caption, read_caption, write_caption
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import write_json
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
 from fmus.build import cached_fmu
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "four_crossing.toml"

@@ -12,11 +12,11 @@ from rerun.catalog import CatalogClient
 
 from analysis.browse import catalog
 from analysis.browse.catalog import COLUMNS, serving
-from cosim.base.config import CoSimConfig
-from cosim.episodes import Task, simulate_tasks
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario_file import find_scenario
 from cosim.recording.episode import EpisodeRecorder
-from cosim.scenarios.file import find_scenario
-from cosim.simulation import draw_episode
+from cosim.simulation.simulate import draw_episode
+from cosim.simulation.tasks import Task, simulate_tasks
 
 EPISODES = 3
 

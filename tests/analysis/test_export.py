@@ -15,8 +15,8 @@ from mcap.reader import make_reader
 import analysis
 from analysis.export import messages, writing
 from analysis.export.content import Format
-from cosim.reading.episode import Episode, Signals
-from cosim.reading.rrd import Signal, Texts
+from cosim.recording.reader import Episode, Signals
+from cosim.recording.rrd import Signal, Texts
 
 MADE_UP = Path("made_up.rrd")
 Values = dict[tuple[str, str], tuple[str, list[float], list]]

@@ -6,21 +6,21 @@ from collections.abc import Callable
 import pytest
 
 from agent.evaluation.cases import Case
+from agent.mdp.config import ProcessConfig
+from agent.mdp.optimum import optimum
+from agent.mdp.readings import build_process
 from agent.moves.observe import moves_path
-from agent.process.config import ProcessConfig
-from agent.process.optimum import optimum
-from agent.process.readings import build_process
 from agent.training.learning import initial_state
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from analysis.timings import Timings, code_of
 from cosim.base import reached_code
-from cosim.base.config import CoSimConfig
 from cosim.base.reached_code import ROOT
 from cosim.base.storage import cache_dir
 from cosim.calibration.cache import digest
-from cosim.scenarios.scenario import Scenario
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
 from fmus.build import cached_fmu
 
 SMALL = Scenario("small", "", ((4, 4),), (((0, 0),),), columns=6, rows=6, zone=(0, 0, 0, 0))
@@ -58,65 +58,65 @@ IDENTITIES = {
 # Modules that matter, and modules that do not.
 MATTER = {
     "bound": """
-        agent.process.exact agent.process.grid agent.process.joint
-        agent.process.optimum agent.process.readings agent.process.rng
-        cosim.navigation.features
+        agent.mdp.exact agent.mdp.grid agent.mdp.joint
+        agent.mdp.optimum agent.mdp.readings agent.mdp.rng
+        cosim.onboard.features
     """,
     "calibration": """
-        cosim.base.config cosim.base.params cosim.coupling.fmu cosim.coupling.master
-        cosim.coupling.plant cosim.coupling.signals cosim.control.steering
+        cosim.model.config cosim.model.params cosim.coupling.fmu cosim.coupling.master
+        cosim.coupling.plant cosim.coupling.signals cosim.onboard.steering
         cosim.calibration.speed_map cosim.calibration.measuring
         cosim.calibration.trial cosim.physics.body cosim.physics.collision
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "evaluation": """
-        agent.evaluation.cases agent.process.acting agent.process.config agent.process.exact
-        agent.process.grid
-        agent.process.readings agent.process.rng agent.training.policy cosim.base.config
-        cosim.base.params cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master
-        cosim.coupling.plant cosim.coupling.signals cosim.control.steering
-        cosim.navigation.episode cosim.navigation.features cosim.navigation.measures
-        cosim.navigation.observing cosim.navigation.yielding cosim.physics.body
+        agent.evaluation.cases agent.mdp.acting agent.mdp.config agent.mdp.exact
+        agent.mdp.grid
+        agent.mdp.readings agent.mdp.rng agent.training.policy cosim.model.config
+        cosim.model.params cosim.model.scenario cosim.coupling.fmu cosim.coupling.master
+        cosim.coupling.plant cosim.coupling.signals cosim.onboard.steering
+        cosim.simulation.episode cosim.onboard.features cosim.simulation.measures
+        cosim.onboard.observing cosim.onboard.yielding cosim.physics.body
         cosim.physics.collision cosim.physics.contact cosim.physics.forces
         cosim.physics.rotation
     """,
     "moves": """
-        agent.moves.model agent.moves.observe cosim.base.config cosim.base.params
-        cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
-        cosim.coupling.signals cosim.control.steering cosim.navigation.episode
-        cosim.navigation.features cosim.navigation.measures cosim.navigation.observing
-        cosim.navigation.yielding cosim.physics.body cosim.physics.collision
+        agent.moves.model agent.moves.observe cosim.model.config cosim.model.params
+        cosim.model.scenario cosim.coupling.fmu cosim.coupling.master cosim.coupling.plant
+        cosim.coupling.signals cosim.onboard.steering cosim.simulation.episode
+        cosim.onboard.features cosim.simulation.measures cosim.onboard.observing
+        cosim.onboard.yielding cosim.physics.body cosim.physics.collision
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation fmus.variables
     """,
     "policy": """
-        agent.moves.kernels agent.moves.model agent.process.config agent.process.exact
-        agent.process.grid agent.process.readings agent.process.rng
+        agent.moves.kernels agent.moves.model agent.mdp.config agent.mdp.exact
+        agent.mdp.grid agent.mdp.readings agent.mdp.rng
         agent.training.learning agent.training.loop agent.training.moves_qlearning
-        agent.training.qlearning agent.training.settings cosim.base.params
-        cosim.scenarios.scenario cosim.navigation.features
+        agent.training.qlearning agent.training.settings cosim.model.params
+        cosim.model.scenario cosim.onboard.features
     """,
     "reproduced experiment": """
         agent.experiments.results agent.experiments.run agent.experiments.variants
-        agent.moves.kernels agent.moves.model agent.process.config agent.process.exact
-        agent.process.grid agent.process.optimum agent.process.readings
-        agent.process.rng agent.training.learning agent.training.loop
+        agent.moves.kernels agent.moves.model agent.mdp.config agent.mdp.exact
+        agent.mdp.grid agent.mdp.optimum agent.mdp.readings
+        agent.mdp.rng agent.training.learning agent.training.loop
         agent.training.moves_qlearning agent.training.qlearning agent.training.settings
-        cosim.scenarios.scenario
+        cosim.model.scenario
     """,
     "reproduced motor test": """
-        analysis.motor.step_test cosim.base.params cosim.recording.file
+        analysis.motor.step_test cosim.model.params cosim.recording.file
     """,
     "reproduced transfer": """
         agent.evaluation.outcomes agent.study.episodes
         agent.study.transfer agent.method agent.moves.kernels
-        agent.moves.model agent.moves.observe agent.process.config agent.process.exact
-        agent.process.grid agent.process.readings agent.process.rng
+        agent.moves.model agent.moves.observe agent.mdp.config agent.mdp.exact
+        agent.mdp.grid agent.mdp.readings agent.mdp.rng
         agent.training.learning agent.training.loop agent.training.moves_qlearning
-        agent.training.qlearning agent.training.settings cosim.base.config
-        cosim.base.params cosim.scenarios.scenario cosim.coupling.fmu cosim.coupling.master
-        cosim.coupling.plant cosim.coupling.signals cosim.control.steering
-        cosim.calibration.speed_map cosim.navigation.episode cosim.navigation.features
-        cosim.navigation.measures cosim.navigation.observing cosim.navigation.yielding
+        agent.training.qlearning agent.training.settings cosim.model.config
+        cosim.model.params cosim.model.scenario cosim.coupling.fmu cosim.coupling.master
+        cosim.coupling.plant cosim.coupling.signals cosim.onboard.steering
+        cosim.calibration.speed_map cosim.simulation.episode cosim.onboard.features
+        cosim.simulation.measures cosim.onboard.observing cosim.onboard.yielding
         cosim.physics.body cosim.physics.collision cosim.physics.contact
         cosim.physics.forces cosim.physics.rotation fmus.build fmus.variables
     """,
@@ -127,7 +127,7 @@ ELSEWHERE = {
         cosim.physics.body
     """,
     "calibration": """
-        agent.process.grid analysis.figures.style cosim.navigation.episode
+        agent.mdp.grid analysis.figures.style cosim.simulation.episode
         cosim.recording.file minirobots.commands.run
     """,
     "evaluation": """
@@ -136,19 +136,19 @@ ELSEWHERE = {
         cosim.recording.episode cosim.recording.file minirobots.commands.run
     """,
     "moves": """
-        agent.process.grid agent.training.qlearning analysis.figures.style
+        agent.mdp.grid agent.training.qlearning analysis.figures.style
         cosim.recording.blueprint minirobots.commands.run
     """,
     "policy": """
         minirobots.commands.train agent.training.store analysis.figures.style
-        cosim.navigation.episode cosim.physics.body minirobots.commands.run
+        cosim.simulation.episode cosim.physics.body minirobots.commands.run
     """,
     "reproduced experiment": """
         agent.moves.observe analysis.figures.draw analysis.figures.style
         cosim.physics.body minirobots.commands.run
     """,
     "reproduced motor test": """
-        agent.process.grid analysis.figures.draw minirobots.commands.run
+        agent.mdp.grid analysis.figures.draw minirobots.commands.run
     """,
     "reproduced transfer": """
         agent.experiments.run analysis.figures.style minirobots.commands.run

@@ -16,8 +16,8 @@ from analysis.motor.options import StepTest
 from analysis.motor.speed_loop import figures_of_merit, measured_response, speed_loop
 from analysis.motor.step_test import record, simulate
 from analysis.reading.motor_test import MotorTestError, read, rise
-from cosim.base.params import FIG_7, TABLE_II
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.params import FIG_7, TABLE_II
 
 # The held sine is 4e-5 smaller than the sine it stands for, and the FMU integrates with RK4.
 SAME_AMPLITUDE, SAME_PHASE_DEG = 1e-4, 0.05

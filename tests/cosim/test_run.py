@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from agent.mdp.config import ProcessConfig
 from agent.moves import observe
 from agent.moves.model import ObservedMoves
-from agent.process.config import ProcessConfig
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from cosim.base.storage import cache_dir
-from cosim.reading.episode import read_episode
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.recording.reader import read_episode
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.__main__ import COMMANDS as ELSEWHERE
-from cosim.navigation.options import Physics
+from cosim.simulation.options import Physics
 from minirobots import runner
 from minirobots.__main__ import main, purposes
 from tests.faults.fuzzing import examples

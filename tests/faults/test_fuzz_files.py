@@ -18,24 +18,24 @@ from hypothesis import strategies as st
 
 from agent.falsification.found import FoundCase, FoundCases, read_cases
 from agent.falsification.ranges import OF_SENSOR, OF_WORLD, PHASE, SEED, START, Space, read_ranges
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
 from agent.training.learning import build_learning
 from agent.training.settings import LearningConfig, read_settings
 from analysis.timings import read_timings
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.outcome import Outcome
-from cosim.base.params import MotorParams, RobotParams
-from cosim.base.world import IDEAL, Sensor, World
 from cosim.coupling.fmu import MotorFmu
-from cosim.identification.track import COLUMNS, read_track
-from cosim.presets.preset import WORLD_FIELDS, find_preset
-from cosim.reading.rrd import read_rrd
+from cosim.machine.identification.track import COLUMNS, read_track
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import Outcome
+from cosim.model.params import MotorParams, RobotParams
+from cosim.model.preset import WORLD_FIELDS, find_preset
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_in_world, in_world, read_world
+from cosim.model.world import IDEAL, Sensor, World
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
-from cosim.scenarios.file import find_in_world, in_world, read_world
-from cosim.scenarios.scenario import Scenario
+from cosim.recording.rrd import read_rrd
 from tests.faults.fuzzing import examples
 
 SMALL = Scenario(

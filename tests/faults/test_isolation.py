@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TIMING
 from cosim.coupling.master import NotFiniteError
 from cosim.fmi.fmu import FmuError
 from cosim.fmi.isolation import Isolation
-from cosim.navigation.cosimulation import CoSimulation
-from cosim.scenarios.scenario import Scenario
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario
+from cosim.simulation.cosimulation import CoSimulation
 from cosim.system.graph import Component
 from cosim.system.system import System
 from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
@@ -294,7 +294,7 @@ def test_an_interrupt_reaches_the_child(sent, status, drive):
     ],
 )
 def test_what_has_no_effect_is_refused(options, message):
-    from cosim.base.config import ConfigError
+    from cosim.model.config import ConfigError
 
     with pytest.raises(ConfigError, match=message):
         Isolation(**options).enter("cosim.run", None)

@@ -10,13 +10,13 @@ from agent.baselines.learners import config_of, digest
 from agent.baselines.table import Drive, LearnerRun, markdown, report_of
 from agent.deep.policy import NetworkConfig
 from agent.evaluation.grid import PolicyMeasures
+from agent.mdp.exact import Milestone
 from agent.moves import observe
-from agent.process.exact import Milestone
 from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
-from cosim.base.outcome import Outcome
 from cosim.base.progress import silent
-from cosim.scenarios.file import find_scenario
+from cosim.model.outcome import Outcome
+from cosim.model.scenario_file import find_scenario
 from minirobots.commands.baselines import Baselines
 
 BOARD = """

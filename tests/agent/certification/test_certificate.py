@@ -29,13 +29,13 @@ from agent.study.episodes import EPISODES
 from agent.study.store import IndexedResult, ResultFile, RowFile
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
-from cosim.base.outcome import Outcome
-from cosim.base.params import SHIELD
 from cosim.base.storage import write_json
-from cosim.base.world import Sensor, World
-from cosim.episodes import simulate_tasks
-from cosim.navigation.options import SimulationOptions
-from cosim.navigation.result import EpisodeResult
+from cosim.model.outcome import Outcome
+from cosim.model.params import SHIELD
+from cosim.model.world import Sensor, World
+from cosim.simulation.options import SimulationOptions
+from cosim.simulation.result import EpisodeResult
+from cosim.simulation.tasks import simulate_tasks
 from minirobots.commands.certify import Certify
 
 RESULT = EpisodeResult(

@@ -12,7 +12,7 @@ from scipy.stats import beta, binom
 from agent.certification.claims import complement, parse_claim
 from agent.certification.sequential import SequentialTest
 from cosim.base.errors import UserError
-from cosim.base.outcome import ENDS, Outcome
+from cosim.model.outcome import ENDS, Outcome
 
 
 def chances(test: SequentialTest, rates: list[float], most: int) -> tuple[float, float]:

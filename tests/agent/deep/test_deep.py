@@ -13,16 +13,16 @@ from agent.deep.inputs import GROUPS, NOTHING, REACH, Inputs, look_at_boards
 from agent.deep.policy import Network, NetworkConfig, NetworkPolicy
 from agent.deep.world import SHAPING, LearningGrid, values_alone
 from agent.envs import parallel_env
-from agent.process.config import ProcessConfig
-from agent.process.exact import joint_starts
-from agent.process.greedy import PolicyError
-from agent.process.readings import FREE, GOAL, build_process
+from agent.mdp.config import ProcessConfig
+from agent.mdp.exact import joint_starts
+from agent.mdp.greedy import PolicyError
+from agent.mdp.readings import FREE, GOAL, build_process
 from agent.training.policy import Seed
-from cosim.base.outcome import TIMEOUT, Outcome
 from cosim.base.progress import silent
-from cosim.navigation.features import DIRECTIONS, Observation
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import TIMEOUT, Outcome
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import DIRECTIONS, Observation
 
 TINY = """
 title = "two robots on a small board"

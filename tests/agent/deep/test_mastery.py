@@ -7,9 +7,9 @@ from agent.deep.policy import NetworkConfig
 from agent.deep.world import SHAPING
 from agent.study.evaluate import EvaluationReport
 from agent.training.policy import Seed
-from cosim.base.outcome import Outcome
 from cosim.base.progress import silent
-from cosim.scenarios.file import find_scenario
+from cosim.model.outcome import Outcome
+from cosim.model.scenario_file import find_scenario
 
 STEPS = 800_000  # some minutes of a core
 

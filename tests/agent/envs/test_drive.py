@@ -11,7 +11,7 @@ import agent.envs
 from agent.envs.drive import DriveEnv, DriveVectorEnv
 from agent.envs.grid_episode import ActionError, StartsError
 from cosim.base.arguments import ConfigError
-from cosim.base.outcome import OUT_OF_BOARD, SUCCESS, TIMEOUT
+from cosim.model.outcome import OUT_OF_BOARD, SUCCESS, TIMEOUT
 
 AHEAD = np.array([1.0, 0.0])
 

@@ -12,17 +12,17 @@ from agent.envs.cosim_vector import CoSimVectorEnv
 from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.parallel import NavigationParallelEnv
 from agent.envs.vector import NavigationVectorEnv, RobotsVectorEnv
-from agent.process import grid
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
-from agent.process.rng import seeded_state
+from agent.mdp import grid
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
+from agent.mdp.rng import seeded_state
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
 from cosim.base.errors import UserError
-from cosim.base.outcome import BY_RANK, COLLISION, OUT_OF_BOARD, RUNNING, TIMEOUT
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario, ScenarioError
+from cosim.model.outcome import BY_RANK, COLLISION, OUT_OF_BOARD, RUNNING, TIMEOUT
+from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario_file import find_scenario
 
 IDS = ("MiniRobots/SingleA-v0", "MiniRobots/SingleB-v0")
 

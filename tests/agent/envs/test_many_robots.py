@@ -11,12 +11,12 @@ from gymnasium.vector import AutoresetMode
 from agent import envs
 from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.vector import RobotsVectorEnv
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from benchmarks import __main__ as benchmarks
 from benchmarks.learning import envs as benchmark
 from cosim.base.errors import UserError
-from cosim.base.outcome import OUT_OF_BOARD, RUNNING, SUCCESS, TIMEOUT
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import OUT_OF_BOARD, RUNNING, SUCCESS, TIMEOUT
+from cosim.model.scenario import Scenario
 
 FOUR = Scenario(
     "four",

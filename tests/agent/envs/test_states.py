@@ -18,12 +18,12 @@ from agent.envs.cosim_vector import CoSimVectorEnv
 from agent.envs.grid_episode import StartsError
 from agent.envs.state import ClosedError
 from agent.envs.vector import RobotRowsVectorEnv
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
-from cosim.base.outcome import TIMEOUT
 from cosim.coupling import fmu
-from cosim.scenarios.scenario import Scenario, ScenarioError
+from cosim.model.outcome import TIMEOUT
+from cosim.model.scenario import Scenario, ScenarioError
 
 MAKERS = {
     "single grid": lambda: envs.NavigationEnv("1a", ProcessConfig(slip_probability=0.3)),

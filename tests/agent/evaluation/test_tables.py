@@ -11,8 +11,8 @@ from agent.experiments import results as experiments
 from agent.study import evaluate as evaluation
 from agent.study import transfer
 from cosim.base.command import show_table
-from cosim.base.outcome import Outcome
-from cosim.base.world import IDEAL
+from cosim.model.outcome import Outcome
+from cosim.model.world import IDEAL
 
 SHARES = {
     "success": 0.9876,

@@ -14,10 +14,10 @@ from agent.method import method_policy
 from agent.moves import observe
 from agent.study.store import ResultFileError
 from cosim.base.errors import UserError
-from cosim.base.outcome import Outcome
-from cosim.navigation.options import SimulationOptions
-from cosim.navigation.result import EpisodeResult
-from cosim.scenarios.file import find_scenario
+from cosim.model.outcome import Outcome
+from cosim.model.scenario_file import find_scenario
+from cosim.simulation.options import SimulationOptions
+from cosim.simulation.result import EpisodeResult
 
 BOARD = """
 columns = 20

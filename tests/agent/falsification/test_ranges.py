@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from agent.falsification.ranges import RangeError, Space, chained, folded, read_ranges
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.world import IDEAL, Sensor, World
-from cosim.scenarios.built_in import sides
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.model.built_in import sides
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.model.world import IDEAL, Sensor, World
 
 CONFIG = CoSimConfig()
 QUIET = replace(CONFIG, noise=CONFIG.noise._replace(relative_amplitude=0.0))

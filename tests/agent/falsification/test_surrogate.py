@@ -6,15 +6,15 @@ import pytest
 from agent.falsification.ranges import RangeError, Space
 from agent.falsification.search import GENERATION
 from agent.falsification.surrogate import SurrogateSearch, surrogate_search
+from agent.mdp.config import ProcessConfig
+from agent.mdp.rng import seeded_state
 from agent.moves.foresight import foresee
 from agent.moves.model import build_model
-from agent.process.config import ProcessConfig
-from agent.process.rng import seeded_state
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
-from cosim.base.config import CoSimConfig
-from cosim.scenarios.scenario import Scenario
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
 from tests.agent.moves.test_moves import ideal_moves
 
 # Robots that swap sides.

@@ -19,30 +19,30 @@ import agent
 from agent.deep.policy import NetworkPolicy
 from agent.firmware.build import FLAGS, LIBRARY, MICROCONTROLLER, compile_library, write_sources
 from agent.firmware.tables import render_constants
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from cosim.base.config import CoSimConfig
-from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.rl_step import Decision
 from cosim.coupling.signals import new_raw_samples, new_samples
-from cosim.navigation.cosimulation import CoSimulation
-from cosim.navigation.features import Observation, distance_thresholds
-from cosim.navigation.observing import cells_of, nearest_squared, observe
-from cosim.navigation.options import SimulationOptions, resolve
-from cosim.navigation.step import Decision
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import Observation, distance_thresholds
+from cosim.onboard.observing import cells_of, nearest_squared, observe
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.rotation import headings
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
-from cosim.simulation import draw_episode
+from cosim.simulation.cosimulation import CoSimulation
+from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.simulate import draw_episode
 
 # The library's arctangent in place of our own: the kernels call it, and it may differ by an ulp.
 LIBRARY_ARCTANGENT = """
 double (*library)(double);
 double arctangent(double x) { return library(x); }
 """
-MODES = (0.0, 1.0, 2.0, 3.0, 5.0)  # of cosim.control.steering, by those of the firmware
+MODES = (0.0, 1.0, 2.0, 3.0, 5.0)  # of cosim.onboard.steering, by those of the firmware
 MOST_RAM = 64_000
 # Own arctangent against the library's: an ulp of a course of some rad, times the heading gain.
 NEAR_RAD_S = 1e-10

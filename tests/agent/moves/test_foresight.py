@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from agent.mdp.config import ProcessConfig
+from agent.mdp.exact import evaluate
+from agent.mdp.readings import build_process
+from agent.mdp.rng import seeded_state
 from agent.moves.foresight import foresee
 from agent.moves.model import build_model
-from agent.process.config import ProcessConfig
-from agent.process.exact import evaluate
-from agent.process.readings import build_process
-from agent.process.rng import seeded_state
-from cosim.base.outcome import SUCCESS
-from cosim.base.params import TIMING
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import SUCCESS
+from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario
 from tests.agent.moves.test_moves import ideal_moves
 
 EAST, NORTH = 0, 2

@@ -7,6 +7,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from agent.mdp import grid
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
+from agent.mdp.rng import seeded_state
 from agent.moves import kernels
 from agent.moves.bound import fastest_tables, least_times, least_times_of_starts, mean_seconds
 from agent.moves.model import (
@@ -18,16 +22,12 @@ from agent.moves.model import (
     build_model,
     move_kind,
 )
-from agent.process import grid
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
-from agent.process.rng import seeded_state
 from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_compute
-from cosim.base.outcome import RUNNING, SUCCESS
-from cosim.navigation.features import DIRECTIONS
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import RUNNING, SUCCESS
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTIONS
 
 BOARD = Scenario(
     "board", "", ((1, 4),), (((5, 0), (4, 1)),), columns=6, rows=6, zone=(0, 0, 0, 0),

@@ -8,6 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from agent.mdp import grid
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
+from agent.mdp.rng import next_word, seeded_state
 from agent.moves import kernels
 from agent.moves import observe as observe_module
 from agent.moves.model import (
@@ -19,20 +23,16 @@ from agent.moves.model import (
     move_kind,
 )
 from agent.moves.observe import KINDS, observe_moves
-from agent.process import grid
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
-from agent.process.rng import next_word, seeded_state
 from agent.training.moves_qlearning import _discounts
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
-from cosim.base.config import CoSimConfig
-from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
-from cosim.base.params import TIMING
-from cosim.navigation.features import DIRECTIONS
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario, ScenarioError
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
+from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import DIRECTIONS
 from fmus.build import cached_fmu
 
 RL_STEP_S = TIMING.rl_step_s

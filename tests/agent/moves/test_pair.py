@@ -7,21 +7,21 @@ from functools import cache
 import numpy as np
 import pytest
 
+from agent.mdp.config import ProcessConfig
+from agent.mdp.greedy import PolicyError
+from agent.mdp.readings import build_process
 from agent.method import method_of, moves_of
 from agent.moves import pair
 from agent.moves.bound import mean_seconds
 from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, move_kind
 from agent.policies import load_policy
-from agent.process.config import ProcessConfig
-from agent.process.greedy import PolicyError
-from agent.process.readings import build_process
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from cosim.base.outcome import Outcome
-from cosim.navigation.features import DIRECTIONS, Observation
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import Outcome
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import DIRECTIONS, Observation
 
 SIDE = 9  # cells: room for two robots that keep six cells apart
 BOARD = Scenario(

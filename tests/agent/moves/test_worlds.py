@@ -6,8 +6,8 @@ import numpy as np
 
 from agent.moves import observe
 from agent.moves.worlds import RANGES, draw_world
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TIMING
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TIMING
 from fmus.build import cached_fmu
 
 SIDE, REACH = 400, 14

@@ -17,10 +17,10 @@ from agent.study.robustness import robustness
 from agent.study.transfer import transfer
 from agent.study.user import study
 from cosim.base.jobs import Workers
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.file import ROUGH, read_world
-from cosim.validation import measurement
-from cosim.validation.published import SPEEDS
+from cosim.machine.validation import measurement
+from cosim.machine.validation.published import SPEEDS
+from cosim.model.scenario_file import ROUGH, read_world
+from cosim.simulation.options import SimulationOptions
 from tests.agent.study.test_transfer import BOARD
 from tests.faults.killing import timeless
 

@@ -14,13 +14,13 @@ from agent.evaluation.outcomes import summary
 from agent.evaluation.statistics import rate
 from agent.study.evaluate import EvaluationReport, evaluate
 from agent.study.store import IndexedResult, ResultFile, ResultFileError, RowFile, export
-from cosim.base.config import CoSimConfig
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
-from cosim.base.outcome import Outcome
-from cosim.base.params import TABLE_I
-from cosim.navigation.options import SimulationOptions
-from cosim.navigation.result import EpisodeResult
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import Outcome
+from cosim.model.params import TABLE_I
+from cosim.simulation.options import SimulationOptions
+from cosim.simulation.result import EpisodeResult
 from minirobots.commands.evaluate import Evaluate
 
 RESULT = EpisodeResult(

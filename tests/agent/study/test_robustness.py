@@ -11,8 +11,8 @@ from agent.study.robustness import COLUMNS, RobustnessReport, robustness
 from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
 from cosim.base.table import markdown
-from cosim.base.world import IDEAL, World
-from cosim.scenarios.file import find_scenario, in_world, read_world
+from cosim.model.scenario_file import find_scenario, in_world, read_world
+from cosim.model.world import IDEAL, World
 from minirobots.commands.robustness import Robustness
 
 ROUGH = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"

@@ -6,17 +6,17 @@ import msgspec
 import pytest
 
 from agent.evaluation.cases import Case
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from agent.study.store import ResultFile
 from agent.study.transfer import TransferReport, goals, markdown, transfer
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
-from cosim.base.config import ConfigError, CoSimConfig
 from cosim.base.errors import UserError
-from cosim.base.outcome import Outcome
-from cosim.navigation.result import EpisodeResult
-from cosim.scenarios.scenario import Scenario, ScenarioError
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.outcome import Outcome
+from cosim.model.scenario import Scenario, ScenarioError
+from cosim.simulation.result import EpisodeResult
 from minirobots.commands.transfer import Transfer
 
 BOARD = """

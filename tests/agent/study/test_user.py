@@ -12,7 +12,7 @@ from agent.study.policies import ObjectPolicy, policy_of
 from agent.study.store import EpisodeStore
 from agent.study.user import StudyTable, evaluate, read_study, study
 from cosim.base.errors import UserError
-from cosim.base.world import World
+from cosim.model.world import World
 from tests.agent.conftest import NEAR
 
 LIMIT_S = 4.0

@@ -10,14 +10,14 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from agent.training.runs import Experiment
 from agent.training.settings import LearningConfig
 from agent.training.worker import RunTask, train_run
 from cosim.base import backends
 from cosim.base.backends import sweep
 from cosim.base.jobs import BackendError, Workers
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
 
 EXPERIMENT = Experiment(
     find_scenario("2"), ProcessConfig(), LearningConfig(episodes=2000, greedy_points=1), 3, 4

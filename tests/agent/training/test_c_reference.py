@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
 from agent.training.learning import build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
 from benchmarks.references.qlearning_c import build_reference, reference_state, train_reference
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
 
 EPISODES = 100_000
 

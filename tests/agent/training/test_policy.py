@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from agent.process import grid
-from agent.process.config import ProcessConfig
-from agent.process.exact import evaluate
+from agent.mdp import grid
+from agent.mdp.config import ProcessConfig
+from agent.mdp.exact import evaluate
 from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
-from cosim.base.outcome import RUNNING, TIMEOUT, Outcome
-from cosim.navigation.features import Observation
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.model.outcome import RUNNING, TIMEOUT, Outcome
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import Observation
 
 pytestmark = pytest.mark.usefixtures("fresh_cache")
 

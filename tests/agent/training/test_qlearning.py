@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.process.config import ProcessConfig
-from agent.process.readings import build_process
-from agent.process.rng import next_word
+from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import build_process
+from agent.mdp.rng import next_word
 from agent.training.learning import (
     PATH_CELLS,
     STEPS,
@@ -19,8 +19,8 @@ from agent.training.learning import (
 )
 from agent.training.qlearning import advance, largest
 from agent.training.settings import LearningConfig, LearningError
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
 
 
 def train(process, config, seed=0, stops=None):

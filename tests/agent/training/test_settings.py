@@ -2,7 +2,7 @@
 
 import pytest
 
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from agent.training.settings import LearningConfig, SettingsError, read_settings
 
 

@@ -4,13 +4,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.process.config import ProcessConfig
-from agent.process.exact import evaluate
+from agent.mdp.config import ProcessConfig
+from agent.mdp.exact import evaluate
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import LOG_FILE, find_or_train
-from cosim.base.outcome import Outcome
-from cosim.scenarios.file import find_scenario
+from cosim.model.outcome import Outcome
+from cosim.model.scenario_file import find_scenario
 
 pytestmark = pytest.mark.usefixtures("fresh_cache")
 
@@ -73,7 +73,7 @@ def test_scenario_2_reaches_100_percent_of_all_900_starts():
     result = evaluate(policy.process, policy.values)
     assert result.outcome.shape == (900,)
     assert result.rate(Outcome.SUCCESS) == 1.0
-    # the exact optimum is 14.85 cm and 11.917 moves (agent.process.bound)
+    # the exact optimum is 14.85 cm and 11.917 moves (agent.mdp.bound)
     assert 14.85 <= result.mean_path_cells() < 17.0
     assert 11.91 <= result.mean_steps() < 12.5
     assert log.success[-100:].min() == 1.0

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from agent.training.learning import map_points
 from agent.training.loop import TrainingLog
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.recording import joined, write_runs, write_training
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
+from cosim.model.scenario_file import find_scenario
 from cosim.recording.blueprint import training_blueprint
-from cosim.scenarios.file import find_scenario
 
 LEARNING = LearningConfig(episodes=4000, epsilon_episodes=10, greedy_points=5)
 

@@ -6,8 +6,8 @@ import pytest
 from analysis.figures import fig03
 from analysis.figures.style import FigureError, save
 from analysis.reading.results import RESULTS
-from cosim.platform.motion import PlatformError
-from cosim.platform.result import PlatformResult
+from cosim.machine.platform.motion import PlatformError
+from cosim.machine.platform.result import PlatformResult
 
 
 def test_curves_are_those_of_the_file(results):

@@ -27,7 +27,7 @@ from analysis.figures.learning_figures import fig10, path_ratio
 from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
 from analysis.reading.written import ResultError, read_experiment
-from cosim.scenarios.built_in import BUILT_IN
+from cosim.model.built_in import BUILT_IN
 
 
 @pytest.fixture(autouse=True)

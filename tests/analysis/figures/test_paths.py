@@ -10,8 +10,8 @@ from analysis.figures import motor_cycle, paths
 from analysis.figures.fig05 import ROBOT_COLOURS
 from analysis.figures.style import FigureError
 from analysis.reading.results import recordings
-from cosim.base.params import STEERING, TABLE_I, TABLE_II
-from cosim.reading.episode import read_episode
+from cosim.model.params import STEERING, TABLE_I, TABLE_II
+from cosim.recording.reader import read_episode
 
 
 @pytest.fixture(autouse=True)

@@ -10,11 +10,11 @@ import pytest
 
 import analysis
 from analysis.reading.findings import find, intervals, sliding
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TABLE_II, TIMING
 from cosim.base.storage import StorageError
-from cosim.reading.episode import DrivenMove, _moves, read_episode
-from cosim.reading.rrd import RecordingReadError, Signal, Texts, read_rrd
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TABLE_II, TIMING
+from cosim.recording.reader import DrivenMove, _moves, read_episode
+from cosim.recording.rrd import RecordingReadError, Signal, Texts, read_rrd
 
 
 @pytest.fixture(scope="module")

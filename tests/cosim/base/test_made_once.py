@@ -9,12 +9,12 @@ SCRIPT = """
 import os
 import sys
 
-from agent.process.config import ProcessConfig
+from agent.mdp.config import ProcessConfig
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
 from cosim.base.jit import kernel
-from cosim.scenarios.file import find_scenario
+from cosim.model.scenario_file import find_scenario
 from fmus import build
 
 os.environ["MINIROBOTS_CACHE"] = sys.argv[1]  # but for the kernels

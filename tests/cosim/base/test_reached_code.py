@@ -46,8 +46,8 @@ def test_a_copy_has_the_same_identity(project):
 def test_renamed_modules_keep_the_identity(project):
     before = code_digest(*EVALUATION)
     for package, old, new in (
-        ("cosim.coupling", "master", "ticking"), ("cosim.control", "steering", "driving"),
-        ("cosim.base", "params", "parameters"),
+        ("cosim.coupling", "master", "ticking"), ("cosim.onboard", "steering", "driving"),
+        ("cosim.model", "params", "parameters"),
     ):  # fmt: skip
         folder = project.joinpath(*package.split("."))
         (folder / f"{old}.py").rename(folder / f"{new}.py")
@@ -62,10 +62,10 @@ def test_renamed_modules_keep_the_identity(project):
 @pytest.mark.parametrize(
     ("module", "old", "new"),
     [
-        ("cosim/base/world.py", "raise WorldError(", "raise WorldError('Sorry: ' + "),
-        ("cosim/base/config.py", "Everything but", "All but"),
+        ("cosim/model/world.py", "raise WorldError(", "raise WorldError('Sorry: ' + "),
+        ("cosim/model/config.py", "Everything but", "All but"),
         ("cosim/coupling/master.py", "import numpy as np\n", "import numpy as np  # arrays\n"),
-        ("cosim/base/world.py", "mu: float", "mu: int"),
+        ("cosim/model/world.py", "mu: float", "mu: int"),
         ("cosim/coupling/fmu.py", "# ", "# Note: "),
     ],
 )
@@ -78,10 +78,10 @@ def test_prose_keeps_the_identity(project, module, old, new):
 @pytest.mark.parametrize(
     ("module", "old", "new"),
     [
-        ("cosim/base/params.py", "0.00177", "0.00178"),
+        ("cosim/model/params.py", "0.00177", "0.00178"),
         ("cosim/physics/rotation.py", " - ", " + "),
-        ("cosim/navigation/result.py", "is not None", "is None"),
-        ("cosim/base/outcome.py", "COLLISION", "CRASH"),
+        ("cosim/simulation/result.py", "is not None", "is None"),
+        ("cosim/model/outcome.py", "COLLISION", "CRASH"),
     ],
 )
 def test_code_gives_another_identity(project, module, old, new):
@@ -177,7 +177,7 @@ def test_a_policy_of_a_user_is_part_of_it(project, monkeypatch):
 
 
 def test_modules_are_left_out_with_what_only_they_reach():
-    simulation, recording = "cosim.simulation", "cosim.recording.episode"
+    simulation, recording = "cosim.simulation.simulate", "cosim.recording.episode"
     assert code_digest(simulation) != code_digest(simulation, but=[recording])
 
 

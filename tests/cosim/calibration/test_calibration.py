@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.calibration.cache import calibrated, digest, find_calibration
 from cosim.calibration.speed_map import MANOEUVRES, Calibration, CalibrationError, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.control.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.model.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 
 
 @pytest.fixture(scope="module")

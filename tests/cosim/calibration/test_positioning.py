@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from benchmarks.positioning import measure
-from cosim.base.params import STEERING
+from cosim.model.params import STEERING
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ import pytest
 from benchmarks import __main__ as benchmarks
 from benchmarks import steering
 from benchmarks.steering import drive_line
-from cosim.base.config import CoSimConfig
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
 
 
 def check(runs, speed_m_s, length_m):

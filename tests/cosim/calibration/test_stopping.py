@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import SHIELD
-from cosim.base.world import Patch, Sensor, World
 from cosim.calibration import stopping
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.stopping import RESERVE, bound_of, corners, path_diameter, stopping_paths
 from cosim.coupling.fmu import MotorFmu
-from cosim.navigation.options import SimulationOptions
+from cosim.model.config import CoSimConfig
+from cosim.model.params import SHIELD
+from cosim.model.world import Patch, Sensor, World
+from cosim.simulation.options import SimulationOptions
 
 
 def stopping_m(config):

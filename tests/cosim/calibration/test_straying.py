@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import ESTIMATOR
-from cosim.base.world import Patch, Sensor, World
 from cosim.calibration import straying
 from cosim.calibration.straying import NOISE_DEVIATIONS, bias_of, drive_about
 from cosim.coupling.fmu import MotorFmu
-from cosim.navigation.options import SimulationOptions
+from cosim.model.config import CoSimConfig
+from cosim.model.params import ESTIMATOR
+from cosim.model.world import Patch, Sensor, World
+from cosim.simulation.options import SimulationOptions
 
 CAMERA = Sensor(rate_hz=10.0, delay_ms=200.0, position_noise_mm=3.0, heading_noise_deg=4.0)
 SLOPE = World(mu=0.15, floor_tilt_deg=4.0, sensor=CAMERA)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.config import CoSimConfig
 from cosim.coupling.assembly import draw_noise, noise_generators
+from cosim.model.config import CoSimConfig
 
 
 @pytest.mark.parametrize("hold", [1, 3])

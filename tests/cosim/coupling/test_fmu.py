@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.params import TABLE_II, TIMING
 from cosim.calibration.trial import Trial
 from cosim.coupling import assembly
 from cosim.coupling.assembly import Motors, check_motors
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.navigation.cosimulation import CoSimulation
-from cosim.scenarios.file import find_scenario
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.params import TABLE_II, TIMING
+from cosim.model.scenario_file import find_scenario
+from cosim.simulation.cosimulation import CoSimulation
 
 EQUAL = ((TABLE_II, TABLE_II),) * 2  # motors of two robots
 

@@ -10,10 +10,17 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.base.config import CoSimConfig
-from cosim.base.outcome import COLLISION, OUT_OF_BOARD, RUNNING
-from cosim.base.params import ESTIMATOR, SHIELD, STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.control.steering import (
+from cosim.coupling.adaptive import AdaptiveDriver
+from cosim.coupling.assembly import Motors, robot_properties
+from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.coupling.master import CompiledDriver, ReferenceDriver
+from cosim.coupling.plant import Plant
+from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
+from cosim.coupling.stepping import FmpyDriver
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
+from cosim.model.params import ESTIMATOR, SHIELD, STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.onboard.steering import (
     DIRECT,
     DIRECTION,
     GOAL_X,
@@ -22,13 +29,6 @@ from cosim.control.steering import (
     OMEGA_E,
     START,
 )
-from cosim.coupling.adaptive import AdaptiveDriver
-from cosim.coupling.assembly import Motors, robot_properties
-from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.coupling.master import CompiledDriver, ReferenceDriver
-from cosim.coupling.plant import Plant
-from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
-from cosim.coupling.stepping import FmpyDriver
 from cosim.physics.body_state import standing_state
 from cosim.physics.collision import PairParams
 from cosim.physics.forces import motor_mounts

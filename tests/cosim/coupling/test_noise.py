@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TABLE_II
 from cosim.calibration.trial import Trial
-from cosim.control.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TABLE_II
+from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 
 
 @pytest.fixture(scope="module")

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.config import ConfigError, CoSimConfig
-from cosim.base.params import TABLE_II, MotorParams
 from cosim.base.provenance import digest_of
-from cosim.base.world import World
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.parameters import with_motor
-from cosim.navigation.batch import DRIVERS
-from cosim.navigation.cosimulation import CoSimulation
-from cosim.navigation.options import SimulationOptions
-from cosim.scenarios.scenario import Scenario
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.params import TABLE_II, MotorParams
+from cosim.model.scenario import Scenario
+from cosim.model.world import World
+from cosim.simulation.batch import DRIVERS
+from cosim.simulation.cosimulation import CoSimulation
+from cosim.simulation.options import SimulationOptions
 from fmus import build
 from fmus.build import build_fmu, is_built_in
 from fmus.variables import load_table

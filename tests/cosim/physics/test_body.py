@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from benchmarks.references.prescribed import coast, step_body
 from cosim.base.jit import kernel
-from cosim.base.params import TABLE_I, TABLE_II, TIMING, cylinder_inertia
+from cosim.model.params import TABLE_I, TABLE_II, TIMING, cylinder_inertia
 from cosim.physics.body_state import (
     ANGULAR_VELOCITY,
     NORMAL_IMPULSE,

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
-from cosim.base.params import TABLE_I, TABLE_II, TIMING
-from cosim.navigation.cosimulation import CoSimulation, run_episode
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TABLE_I, TABLE_II, TIMING
+from cosim.model.scenario import Scenario
 from cosim.physics.body_state import ANGULAR_VELOCITY, VELOCITY, standing_state
 from cosim.physics.collision import (
     NEAR_M,
@@ -19,7 +19,7 @@ from cosim.physics.collision import (
 )
 from cosim.physics.forces import motor_mounts
 from cosim.physics.properties import body_params, properties_of
-from cosim.scenarios.scenario import Scenario
+from cosim.simulation.cosimulation import CoSimulation, run_episode
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots)
 BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)

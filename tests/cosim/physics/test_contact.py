@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.references.prescribed import step_body
-from cosim.base.params import TABLE_I, TABLE_II, TIMING
+from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.physics import body_state, contact, properties
 
 PARAMS, MU = contact.contact_params(TABLE_I, 0.0), TABLE_I.mu

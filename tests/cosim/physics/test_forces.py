@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.base.params import TABLE_I, TABLE_II
+from cosim.model.params import TABLE_I, TABLE_II
 from cosim.physics.forces import motor_force, motor_mounts, motor_wrench, platform_force
 
 D, E = motor_mounts(TABLE_I, TABLE_II)

@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
-from cosim.base.outcome import COLLISION, RUNNING
-from cosim.base.params import SHIELD, TABLE_I, TIMING
-from cosim.navigation.cosimulation import CoSimulation, run_episode
-from cosim.navigation.features import DIRECTIONS
-from cosim.navigation.yielding import NEAREST_FIRST, WAIT, board_of, permitted
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import COLLISION, RUNNING
+from cosim.model.params import SHIELD, TABLE_I, TIMING
+from cosim.model.scenario import Scenario, ScenarioError, touches_obstacle
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import DIRECTIONS
+from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics import collision as solid
 from cosim.recording.episode_log import EpisodeLog
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario, ScenarioError, touches_obstacle
+from cosim.simulation.cosimulation import CoSimulation, run_episode
 
 E, NE, N, W, S = 0, 1, 2, 4, 6
 RADIUS_M = TABLE_I.diameter_m / 2.0

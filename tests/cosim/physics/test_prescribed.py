@@ -16,7 +16,9 @@ from benchmarks.references.prescribed import (
     rig,
     trace_body,
 )
-from cosim.base.params import (
+from cosim.machine.platform import motion as platform
+from cosim.machine.platform.feet import least_foot_force
+from cosim.model.params import (
     TABLE_I,
     TABLE_II,
     TIMING,
@@ -25,8 +27,6 @@ from cosim.base.params import (
     lift_off_speed,
 )
 from cosim.physics.body_state import NORMAL_IMPULSE, STATE_SIZE, standing_state
-from cosim.platform import motion as platform
-from cosim.platform.feet import least_foot_force
 
 DT = TIMING.dt_s
 RIG = rig(TABLE_I, TABLE_II, DT)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from benchmarks.references.prescribed import coast, step_body
 from cosim.base.jit import kernel
-from cosim.base.params import TABLE_I, TABLE_II, TIMING
-from cosim.base.world import World
+from cosim.model.params import TABLE_I, TABLE_II, TIMING
+from cosim.model.world import World
 from cosim.physics.body import about_centre, at_axis
 from cosim.physics.body_state import (
     ANGULAR_VELOCITY,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim import simulate
-from cosim.reading.episode import Episode
+from cosim.recording.reader import Episode
 
 WORLD = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from cosim.base.config import CoSimConfig
-from cosim.base.outcome import Outcome
-from cosim.base.params import TIMING
+from cosim.coupling.rl_step import Step
 from cosim.coupling.signals import RawSamples, new_raw_samples, new_samples
-from cosim.navigation.features import Observation
-from cosim.navigation.step import Step
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import Outcome
+from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import Observation
 from cosim.recording.episode_log import EpisodeLog
-from cosim.scenarios.scenario import Scenario
 
 SCENARIO = Scenario("pair", "", ((3, 27), (27, 2)), (((3, 2),), ((27, 27),)))
 CONFIG = CoSimConfig(timing=TIMING._replace(rl_step_s=0.01))

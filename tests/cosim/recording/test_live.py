@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from cosim.base.config import ConfigError
 from cosim.base.progress import silent
+from cosim.model.config import ConfigError
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.live import DEFAULT_VIEWER, LiveError, find_viewer, spawn_viewer

@@ -11,25 +11,25 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TIMING
-from cosim.control.steering import MODE_NAMES
 from cosim.coupling.fmu import FmuError
+from cosim.coupling.rl_step import Decision
 from cosim.coupling.signals import RawSamples
-from cosim.navigation.cosimulation import CoSimulation
-from cosim.navigation.options import DecisionOptions
-from cosim.navigation.step import Decision
-from cosim.reading.episode import read_episode
-from cosim.reading.rrd import read_rrd
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Recording, RecordingError, properties, scalars, simulated
 from cosim.recording.levels import DETAILS, with_bursts
 from cosim.recording.policy_map import PolicyMap
+from cosim.recording.reader import read_episode
+from cosim.recording.rrd import read_rrd
 from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
 from cosim.recording.series import OUTCOME, reduce
-from cosim.scenarios.file import find_scenario
-from cosim.scenarios.scenario import Scenario
+from cosim.simulation.cosimulation import CoSimulation
+from cosim.simulation.options import DecisionOptions
 
 SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 SOUTH, NORTH = 6, 2
@@ -267,7 +267,7 @@ def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatc
         step = system.advance(np.array([SOUTH, NORTH]))
         recorder.write(step, Decision(step.action, np.zeros((2, 8))))
         broken = lambda *arguments: np.full((arguments[-1], 2, 2), np.nan)  # noqa: E731
-        monkeypatch.setattr("cosim.navigation.episode.draw_noise", broken)
+        monkeypatch.setattr("cosim.simulation.episode.draw_noise", broken)
         system.advance(np.array([SOUTH, NORTH]))
     assert verified(path)
     assert len(rows(path, "/sim/r1/motors/omega")[0]) == 2000

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base.config import ConfigError
 from cosim.base.errors import UserError
 from cosim.fmi.fmu import Fmu, FmuError
+from cosim.model.config import ConfigError
 from cosim.system.graph import Component, Connection, GraphError, find
 from cosim.system.system import System
 

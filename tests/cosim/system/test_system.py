@@ -16,11 +16,11 @@ import pytest
 
 from benchmarks.coupled.system import PythonLoop
 from benchmarks.coupled.two_masses import CONNECTIONS, PLACES, error, simulated, two_masses
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TABLE_II
 from cosim.coupling.assembly import Motors
 from cosim.coupling.fmu import MotorFmu
 from cosim.fmi.fmu import Fmu, FmuError
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TABLE_II
 from cosim.system.graph import Component, Connection, GraphError
 from cosim.system.instance import Instance
 from cosim.system.system import System

@@ -17,7 +17,7 @@ from fmpy.fmi2 import _FMU2
 from fmpy.fmi3 import _FMU3
 from fmpy.validation import validate_fmu
 
-from cosim.base.params import TABLE_II, TIMING, describe
+from cosim.model.params import TABLE_II, TIMING, describe
 from fmus import build, compiler, models
 from fmus.variables import load_table, render_header
 

@@ -8,7 +8,7 @@ import pytest
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
-from cosim.base.params import FIG_7, TABLE_II, describe
+from cosim.model.params import FIG_7, TABLE_II, describe
 
 
 def test_validator_has_no_complaint(array_fmu):

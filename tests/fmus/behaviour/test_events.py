@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fmpy.sundials import CVodeSolver
 
-from cosim.base.params import TABLE_II
+from cosim.model.params import TABLE_II
 
 OUTPUTS = ("theta", "omega", "omega_dot", "V_s", "i")
 # One internal step of 1e-5 s at the largest acceleration that occurs (about 40 000 rad/s²).

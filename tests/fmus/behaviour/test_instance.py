@@ -7,7 +7,7 @@ import pytest
 from fmpy.fmi2 import _FMU2
 from fmpy.fmi3 import _FMU3
 
-from cosim.base.params import TABLE_II
+from cosim.model.params import TABLE_II
 from fmus.variables import load_table
 
 OK, ERROR = 0, 3

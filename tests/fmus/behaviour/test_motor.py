@@ -6,7 +6,7 @@ import control
 import numpy as np
 import pytest
 
-from cosim.base.params import FIG_7, TABLE_II, motor_gain, motor_time_constant
+from cosim.model.params import FIG_7, TABLE_II, motor_gain, motor_time_constant
 
 BREAKAWAY_V = TABLE_II.c * TABLE_II.R / TABLE_II.K_T  # overcomes Coulomb friction at θ = 0
 TAU_S = motor_time_constant(TABLE_II)

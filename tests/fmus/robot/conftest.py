@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.base.config import CoSimConfig
 from cosim.base.jit import kernel
 from cosim.coupling.assembly import new_plant, robot_properties
 from cosim.coupling.plant import Plant, begin_step, exchanged, react, step_robots
 from cosim.coupling.signals import State, new_state
+from cosim.model.config import CoSimConfig
 from cosim.physics.body import stepped
 from cosim.physics.body_state import read_body, standing_state, write_body
 from cosim.physics.forces import motor_wrench

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
-from cosim.base.params import TABLE_I, TABLE_II, TIMING, describe
+from cosim.model.params import TABLE_I, TABLE_II, TIMING, describe
 from fmus.compiler import fmi_headers
 from fmus.variables import load_table
 

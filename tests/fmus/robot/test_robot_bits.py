@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.config import CoSimConfig
-from cosim.base.params import TABLE_I, TABLE_II, TIMING
-from cosim.base.world import World
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TABLE_I, TABLE_II, TIMING
+from cosim.model.world import World
 from cosim.physics.body_state import QUATERNION
 
 from .conftest import BODY, INPUTS, REACTIONS, Kernels, push

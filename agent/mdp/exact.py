@@ -1,0 +1,207 @@
+"""Exact greedy evaluation: a policy's outcome, path length and moves from every start.
+
+Deterministic: the process without slip, the greedy action with ties broken by the least rotation.
+Exhaustive up to `MAX_STARTS` combinations of start cells, a sample of them beyond. And what a table
+says of each cell, for pictures. Statistics over several policies are in
+`agent.evaluation.statistics`.
+"""
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.mdp.grid import (
+    COLUMN_COUNT,
+    MOVING,
+    SQRT_2,
+    STATUS,
+    VX,
+    VY,
+    least_rotation_argmax,
+    move,
+    place,
+    place_randomly,
+    state_index,
+)
+from agent.mdp.readings import Process
+from agent.mdp.rng import seeded_state
+from cosim.base.jit import inlined, kernel
+from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
+from cosim.recording.policy_map import PolicyMap
+
+MAX_STARTS = 10_000
+UP, DOWN = 2, 6  # directions
+
+
+class Evaluation(NamedTuple):
+    """Greedy episodes from K combinations of start cells in which no robots touch.
+
+    Attributes:
+        starts: (K, N, 2) int64, start cells.
+        outcome: (K,) int8, rank of `cosim.model.outcome.Outcome`.
+        path_cells: (K, N) float64, path length of each robot in cells.
+        steps: (K, N) int64, moves of each robot.
+    """
+
+    starts: np.ndarray
+    outcome: np.ndarray
+    path_cells: np.ndarray
+    steps: np.ndarray
+
+    def rate(self, outcome: Outcome) -> float:
+        """Share of the starts with an outcome."""
+        return float(np.mean(self.outcome == BY_RANK.index(outcome)))
+
+    def mean_path_cells(self) -> float:
+        """Mean over robots and successful starts, in cells; NaN without a success."""
+        return _mean(self.path_cells[self.outcome == SUCCESS])
+
+    def mean_steps(self) -> float:
+        """Mean moves over robots and successful starts; NaN without a success."""
+        return _mean(self.steps[self.outcome == SUCCESS])
+
+
+class Milestone(NamedTuple):
+    """What greedy robots achieve on the grid after so much training.
+
+    Attributes:
+        agent_steps: moves of all robots so far.
+        seconds: since training began.
+        success: share of all starts.
+    """
+
+    agent_steps: int
+    seconds: float
+    success: float
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if values.size else float("nan")
+
+
+@inlined
+def count_moves(world: np.ndarray, path_cells: np.ndarray, steps: np.ndarray) -> None:
+    """Add the last moves of all robots to their paths (N,) in cells and their steps (N,)."""
+    for i in range(len(world)):
+        if world[i, VX] != 0 or world[i, VY] != 0:
+            steps[i] += 1
+            path_cells[i] += SQRT_2 if world[i, VX] != 0 and world[i, VY] != 0 else 1.0
+
+
+@kernel
+def _evaluate(
+    process: Process,
+    values: np.ndarray,
+    starts: np.ndarray,
+    outcomes: np.ndarray,
+    path_cells: np.ndarray,
+    steps: np.ndarray,
+) -> None:
+    """Run a greedy episode from each of the starts; see `Evaluation` for the arrays written."""
+    n = values.shape[0]
+    world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
+    facing = np.empty(n, dtype=np.int64)
+    rewards = np.empty(n, dtype=np.float32)
+    rows = process.terrain.shape[2] - 2
+    for row in range(starts.shape[0]):
+        place(process, world, starts[row])
+        for i in range(n):
+            # assumed, as in the co-simulation: set down facing the middle; matters for ties only
+            facing[i] = UP if 2 * starts[row, i, 1] < rows else DOWN
+        path_cells[row] = 0.0
+        steps[row] = 0
+        outcome = RUNNING
+        step = 0
+        while outcome == RUNNING:
+            step += 1
+            for i in range(n):
+                if world[i, STATUS] == MOVING:
+                    greedy = values[i, state_index(process, world, i)]
+                    facing[i] = least_rotation_argmax(greedy, facing[i])
+            outcome = move(process, world, facing, rewards)
+            count_moves(world, path_cells[row], steps[row])
+            if outcome == RUNNING and step == process.step_limit:
+                outcome = TIMEOUT
+        outcomes[row] = outcome
+
+
+@kernel
+def _draw_starts(process: Process, starts: np.ndarray, random: np.ndarray) -> None:
+    """Fill (K, N, 2) `starts` with cells drawn as in training; `random` is advanced."""
+    world = np.zeros((starts.shape[1], COLUMN_COUNT), dtype=np.int64)
+    for k in range(len(starts)):
+        place_randomly(process, world, starts[k], random)
+
+
+def enumerable(process: Process) -> bool:
+    """Whether a process has few enough combinations of start cells to evaluate all of them."""
+    return math.prod(np.diff(process.start_offsets).tolist()) <= MAX_STARTS
+
+
+def joint_starts(process: Process) -> np.ndarray:
+    """(K, N, 2) int64, combinations of start cells, free of contact, that evaluations begin from.
+
+    All of them, or if the process is not `enumerable` `MAX_STARTS` independent draws, always the
+    same ones.
+    """
+    counts = np.diff(process.start_offsets)
+    if not enumerable(process):
+        drawn = np.empty((MAX_STARTS, len(counts), 2), dtype=np.int64)
+        _draw_starts(process, drawn, seeded_state(0))
+        return drawn
+    index = np.indices(tuple(counts.tolist())).reshape(len(counts), -1).T
+    starts = process.start_cells[index + process.start_offsets[:-1]]
+    apart = np.full(len(starts), fill_value=True)
+    for i, j in itertools.combinations(range(len(counts)), 2):
+        squared = ((starts[:, i] - starts[:, j]) ** 2).sum(axis=1)
+        apart &= squared > process.thresholds.contact
+    return starts[apart]
+
+
+def some_starts(process: Process, most: int) -> np.ndarray:
+    """(K, N, 2) int64, every so many of `joint_starts`, so that there are at most so many."""
+    starts = joint_starts(process)
+    return starts[:: -(-len(starts) // most)]
+
+
+def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = None) -> Evaluation:
+    """Greedy episodes from the `joint_starts` of a process, or from those given.
+
+    Args:
+        process: the decision process; its slip probability is ignored.
+        values: (N, states, 8) float32, `Policy.values`.
+        starts: (K, N, 2) int64, out of contact; by default `joint_starts`.
+    """
+    if starts is None:
+        starts = joint_starts(process)
+    outcome = np.empty(len(starts), dtype=np.int8)
+    path_cells = np.empty(starts.shape[:2])
+    steps = np.empty(starts.shape[:2], dtype=np.int64)
+    _evaluate(process, values, starts, outcome, path_cells, steps)
+    return Evaluation(starts, outcome, path_cells, steps)
+
+
+def cell_map(process: Process, values: np.ndarray, visits: np.ndarray) -> PolicyMap:
+    """A robot's table over cells, over the other features weighted by visits.
+
+    Args:
+        process: the decision process, for the layout of the table.
+        values: (states, 8) action values.
+        visits: (states,) decisions made in each state.
+    """
+    columns, rows = (size - 2 for size in process.terrain.shape[1:])
+    strides, cells = process.strides, columns * rows
+    x, y = np.divmod(np.arange(cells), rows)
+    base = x * strides[0] + y * strides[1]
+    # The other features have the smallest strides: a cell's states follow one another.
+    told_apart = (columns if strides[0] else 1) * (rows if strides[1] else 1)
+    states = base[:, None] + np.arange(process.state_count // told_apart)
+    weights = visits[states].astype(np.float64)
+    total = weights.sum(axis=1)
+    value = (values.max(axis=1)[states] * weights).sum(axis=1) / np.maximum(total, 1.0)
+    usual = states[np.arange(cells), weights.argmax(axis=1)]
+    action = values[usual].argmax(axis=1)
+    shape = (columns, rows)
+    return PolicyMap(value.reshape(shape), action.reshape(shape), total.reshape(shape))

@@ -1,0 +1,122 @@
+"""What all trained policies have in common: they act greedily, on the process that they know."""
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from agent.mdp.acting import greedy
+from agent.mdp.exact import Evaluation
+from agent.mdp.readings import Process, build_process
+from agent.mdp.rewards import DrivenStep, reward_parts
+from cosim.base.errors import UserError
+from cosim.base.storage import json_text, named, replacing, write_json
+from cosim.coupling.rl_step import Decision
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import Observation
+from cosim.recording.policy_map import PolicyMap
+
+
+class PolicyError(UserError):
+    """A policy file that cannot be used; the message says what to do instead."""
+
+
+class GreedyPolicy(ABC):
+    """Robots choose the largest of their action values.
+
+    Attributes:
+        config: what it was trained with; has `scenario`, `process` and `seed`.
+        episodes: episodes trained.
+    """
+
+    config: Any
+    episodes: int
+
+    @cached_property
+    def process(self) -> Process:
+        """The decision process that it was trained on."""
+        return build_process(self.config.scenario, self.config.process)
+
+    @abstractmethod
+    def q_values(self, observation: Observation) -> np.ndarray:
+        """(N, 8) float32, action values of each robot.
+
+        Raises:
+            ValueError: a cell is off the board, or the number of robots differs.
+        """
+
+    @abstractmethod
+    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+        """Greedy episodes on the grid, see `agent.mdp.exact.evaluate`."""
+
+    @abstractmethod
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the readings of the process and of all that decides actions."""
+
+    @abstractmethod
+    def maps(self) -> list[PolicyMap]:
+        """What each robot thinks of the cells of the board, for pictures."""
+
+    @abstractmethod
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What its file holds beside the configuration, by name."""
+
+    def save(self, path: Path | str) -> None:
+        """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
+
+        Raises:
+            StorageError: its name does not end in .npz.
+            OSError: the folder cannot be written.
+        """
+        path = named(path, ".npz")
+        facts = {"scenario_digest": self.config.scenario.digest(), "episodes": self.episodes}
+        description = msgspec.to_builtins(self.config) | facts
+        write_json(path.with_suffix(".json"), description)
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            arrays: dict[str, Any] = self.arrays()
+            np.savez_compressed(
+                file, **arrays, config=np.frombuffer(json_text(description), dtype=np.uint8)
+            )
+
+    def act(self, observation: Observation) -> Decision:
+        """Return the greedy directions, int64, with their values; ties go to the least rotation.
+
+        Raises:
+            ValueError: see `q_values`.
+        """
+        facing = np.ascontiguousarray(observation.direction, np.int64)
+        values = self.q_values(observation)
+        return Decision(greedy(values, facing), values)
+
+    def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
+        """(N, 3) float64, reward of a co-simulated step by parts, see `agent.mdp.rewards`."""
+        return reward_parts(self.process, step, arrived)
+
+    def seen(self, observation: Observation) -> Observation:
+        """An observation as kernels take it: int64, C-contiguous.
+
+        Raises:
+            ValueError: the number of robots differs from that of training.
+        """
+        robots = self.config.scenario.robots
+        seen = Observation(*(np.ascontiguousarray(part, np.int64) for part in observation))
+        if seen.cells.shape != (robots, 2):
+            raise ValueError(f"observation of shape {seen.cells.shape} for {robots} robots")
+        return seen
+
+    def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:
+        """Refuse any geometry but that of training.
+
+        Raises:
+            PolicyError: the policy was trained on another scenario.
+        """
+        trained = self.config.scenario
+        if scenario.digest() != trained.digest():
+            raise PolicyError(
+                f"{name} was trained on scenario {trained.name} (digest {trained.digest()}), not "
+                f"on scenario {scenario.name} (digest {scenario.digest()}); choose that scenario "
+                "or train a new policy"
+            )

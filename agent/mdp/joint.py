@@ -1,0 +1,202 @@
+"""The joint process of two robots, solved: least costs, and tables of the best.
+
+Also that of one robot. Cells are counted x·rows + y; costs are those of both robots together. Which
+costs, and where the results are kept, is `agent.mdp.optimum`.
+"""
+
+import numpy as np
+
+from agent.mdp.grid import COLUMN_COUNT, VX, VY, X, Y, touched_between
+from agent.mdp.readings import FREE, GOAL, Process
+from cosim.base.jit import inlined, kernel
+from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
+
+BLOCKED = -1
+IMPOSSIBLE = -1.0e6  # value of a move that fails, or from where no path leads on
+# Tables have whole multiples of this, which compress well; path lengths that differ do so by more.
+GRAIN = 2.0**-10
+
+
+@inlined
+def _set_move(world: np.ndarray, i: int, cell: int, after: int, rows: int) -> None:
+    world[i, X] = after // rows
+    world[i, Y] = after % rows
+    world[i, VX] = after // rows - cell // rows
+    world[i, VY] = after % rows - cell % rows
+
+
+@inlined
+def _cost(
+    process: Process,
+    after: np.ndarray,
+    costs: np.ndarray,
+    value: np.ndarray,
+    world: np.ndarray,
+    p: int,
+    q: int,
+    a: int,
+    b: int,
+) -> float:
+    """Least cost from a joint state (p, q) through moves (a, b); inf if they cannot be made."""
+    p_after, q_after = after[0, p, a], after[1, q, b]
+    if min(p_after, q_after) == BLOCKED:
+        return np.inf
+    p_cost = 0.0 if p_after == p else costs[a]
+    q_cost = 0.0 if q_after == q else costs[b]
+    cost = float(p_cost + q_cost + value[p_after, q_after])
+    if process.swept and cost < np.inf:
+        rows = process.terrain.shape[2] - 2
+        _set_move(world, 0, p, p_after, rows)
+        _set_move(world, 1, q, q_after, rows)
+        if touched_between(world, 0, 1, process.thresholds.contact):
+            return np.inf
+    return cost
+
+
+@inlined
+def _choices(after: np.ndarray, i: int, cell: int) -> int:
+    """How many moves robot i has to choose from in a cell: one, to stay, where it is parked."""
+    return 1 if after[i, cell, 0] == cell else DIRECTION_COUNT
+
+
+@kernel
+def solve(
+    process: Process, after: np.ndarray, costs: np.ndarray, free: np.ndarray, value: np.ndarray
+) -> None:
+    """Least costs of two robots, in rising order: Dijkstra's algorithm with buckets of width 1.
+
+    No move costs less than 1, so that states of a bucket do not lead to one another.
+
+    Args:
+        process: for contact along the moves.
+        after: (2, cells, 8) int64, see `cells_after`.
+        costs: (8,) float64, cost of a move, at least 1; a parked robot pays nothing.
+        free: (cells, cells) bool, joint states in which robots may be and go on.
+        value: (cells, cells) float64, 0 at the end, inf elsewhere; updated.
+    """
+    cells, rows = after.shape[1], process.terrain.shape[2] - 2
+    world = np.zeros((2, COLUMN_COUNT), dtype=np.int64)
+    # the cell that each move comes from, and as one more of a parked robot that it stays
+    before = np.full((2, cells, DIRECTION_COUNT + 1), BLOCKED)
+    paid = np.zeros(DIRECTION_COUNT + 1)
+    paid[:DIRECTION_COUNT] = costs
+    for i in range(2):
+        for cell in range(cells):
+            for a in range(DIRECTION_COUNT):
+                if after[i, cell, a] == cell:
+                    before[i, cell, DIRECTION_COUNT] = cell
+                elif after[i, cell, a] != BLOCKED:
+                    before[i, after[i, cell, a], a] = cell
+    bucket, reached = 0, 0.0
+    while bucket <= reached:
+        for state in range(cells * cells):
+            p, q = state // cells, state % cells
+            known = value[p, q]
+            if not bucket <= known < bucket + 1:
+                continue
+            for a in range(DIRECTION_COUNT + 1):
+                for b in range(DIRECTION_COUNT + 1):
+                    p_before, q_before = before[0, p, a], before[1, q, b]
+                    if min(p_before, q_before) == BLOCKED or not free[p_before, q_before]:
+                        continue
+                    cost = paid[a] + paid[b] + known
+                    if cost >= value[p_before, q_before]:
+                        continue
+                    if process.swept:
+                        _set_move(world, 0, p_before, p, rows)
+                        _set_move(world, 1, q_before, q, rows)
+                        if touched_between(world, 0, 1, process.thresholds.contact):
+                            continue
+                    value[p_before, q_before] = cost
+                    reached = max(reached, cost)
+        bucket += 1
+
+
+@kernel
+def iterate_alone(after: np.ndarray, costs: np.ndarray, value: np.ndarray) -> None:
+    """The same for one robot: `after` and `costs` (cells, 8), `value` (cells,)."""
+    changed = True
+    while changed:
+        changed = False
+        for p in range(after.shape[0]):
+            for a in range(DIRECTION_COUNT):
+                p_after = after[p, a]
+                if p_after not in (BLOCKED, p):
+                    cost = costs[p, a] + value[p_after]
+                    if cost < value[p]:
+                        value[p] = cost
+                        changed = True
+
+
+@kernel
+def tabulate(
+    process: Process,
+    after: np.ndarray,
+    costs: np.ndarray,
+    free: np.ndarray,
+    value: np.ndarray,
+    table: np.ndarray,
+) -> None:
+    """Action values of each robot of a pair if the other one does what is best for both.
+
+    Robots choose alone, and halves of two equally good joint moves may collide. So one joint move
+    of every state is preferred, by a grain: of the best the one after which the robots are
+    furthest apart, the first of several.
+
+    Args:
+        process, after, costs, free: see `solve`.
+        value: (cells, cells) float64, solved.
+        table: (2, cells, cells, 8) float32 by robot, own cell, the other's and move; updated.
+    """
+    cells = after.shape[1]
+    rows = process.terrain.shape[2] - 2
+    world = np.zeros((2, COLUMN_COUNT), dtype=np.int64)
+    for p in range(cells):
+        for q in range(cells):
+            if not free[p, q] or value[p, q] == np.inf:
+                continue
+            first, second = table[0, p, q], table[1, q, p]
+            best_a = best_b = farthest = -1
+            for a in range(_choices(after, 0, p)):
+                for b in range(_choices(after, 1, q)):
+                    cost = _cost(process, after, costs, value, world, p, q, a, b)
+                    if cost == np.inf:
+                        continue
+                    worth = np.float32(-GRAIN * np.rint(cost / GRAIN))
+                    first[a] = max(first[a], worth)
+                    second[b] = max(second[b], worth)
+                    if cost > value[p, q] + GRAIN:
+                        continue
+                    p_after, q_after = after[0, p, a], after[1, q, b]
+                    dx, dy = p_after // rows - q_after // rows, p_after % rows - q_after % rows
+                    if dx * dx + dy * dy > farthest:
+                        best_a, best_b, farthest = a, b, dx * dx + dy * dy
+            first[best_a] += np.float32(GRAIN)
+            second[best_b] += np.float32(GRAIN)
+
+
+def cells_after(process: Process, robot: int) -> np.ndarray:
+    """(cells, 8) int64, cell after each move; BLOCKED where it fails, itself at the target."""
+    columns, rows = (size - 2 for size in process.terrain.shape[1:])
+    x, y = np.divmod(np.arange(columns * rows), rows)
+    after_x, after_y = x[:, None] + DIRECTIONS[:, 0], y[:, None] + DIRECTIONS[:, 1]
+    terrain = process.terrain[robot]
+    possible = np.isin(terrain[after_x + 1, after_y + 1], (FREE, GOAL))
+    if process.swept:  # as `agent.mdp.grid.grazed_a_corner`
+        middle = np.maximum(x[:, None], after_x), np.maximum(y[:, None], after_y)
+        possible &= ~(process.corners[middle] & (DIRECTIONS != 0).all(axis=1))
+    after = np.where(possible, after_x * rows + after_y, BLOCKED)
+    after[terrain[x + 1, y + 1] == GOAL] = np.flatnonzero(terrain[x + 1, y + 1] == GOAL)[:, None]
+    return after
+
+
+def joint_states(process: Process) -> tuple[np.ndarray, np.ndarray]:
+    """Joint states of two robots, (cells, cells) bool: those to go on from, and the end."""
+    rows = process.terrain.shape[2] - 2
+    terrain = process.terrain[:, 1:-1, 1:-1].reshape(2, -1)
+    x, y = np.divmod(np.arange(terrain.shape[1]), rows)
+    squared = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
+    usable = np.isin(terrain, (FREE, GOAL))
+    apart = usable[0][:, None] & usable[1] & (squared > process.thresholds.contact)
+    end = apart & (terrain[0] == GOAL)[:, None] & (terrain[1] == GOAL)
+    return apart & ~end, end

@@ -1,0 +1,236 @@
+"""Exact optimum of a scenario: the shortest collision-free paths that any policy could take.
+
+Dijkstra's algorithm over the joint process of one or two robots (`agent.mdp.joint`), for path
+length and for moves separately; no learning. Where the joint process is too large (three robots and
+more, two on a large board), each robot's own optimum, as if it were alone, is a lower bound: marked
+as relaxed.
+
+And the tables of policies that are computed: the optimum of one or two robots, and for any number a
+rule of the road, which is no optimum.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.mdp.config import Computed
+from agent.mdp.exact import Evaluation, joint_starts
+from agent.mdp.grid import SQRT_2
+from agent.mdp.joint import (
+    BLOCKED,
+    IMPOSSIBLE,
+    cells_after,
+    iterate_alone,
+    joint_states,
+    solve,
+    tabulate,
+)
+from agent.mdp.readings import MAX_JOINT_STATES, Process
+from cosim.base.errors import UserError
+from cosim.base.provenance import digest_of
+from cosim.base.reached_code import code_digest
+from cosim.base.reading import Kind, read_arrays
+from cosim.base.storage import cache_dir, cached, replacing
+from cosim.model.outcome import SUCCESS
+from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
+
+_PATH_COSTS = np.array([1.0, SQRT_2] * (DIRECTION_COUNT // 2))
+_STEP_COSTS = np.ones(DIRECTION_COUNT)
+_CLOCKWISE_COST = 3.0  # assumed: of a cell's way clockwise in a roundabout, beside its length
+
+
+class Bound(NamedTuple):
+    """Optimal costs from every joint state.
+
+    Attributes:
+        path_cells: (cells,) or (cells, cells) float64, least path length of all robots together,
+            in cells; cell (x, y) has index x·rows + y; inf where there is no path. If relaxed
+            (robots, cells), each robot alone.
+        steps: the same for moves.
+        relaxed: whether robots were taken alone.
+    """
+
+    path_cells: np.ndarray
+    steps: np.ndarray
+    relaxed: bool
+
+    def of_starts(self, starts: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over robots of path length in cells and of moves.
+
+        Args:
+            starts: (K, N, 2) int64 cells.
+            rows: of the board.
+
+        Returns:
+            Two arrays (K,) float64.
+        """
+        index = starts[..., 0] * rows + starts[..., 1]
+        robots = index.shape[1]
+        if self.relaxed:
+            alone = np.arange(robots)
+            return (
+                self.path_cells[alone, index].mean(axis=1),
+                self.steps[alone, index].mean(axis=1),
+            )
+        joint = tuple(index.T)
+        return self.path_cells[joint] / robots, self.steps[joint] / robots
+
+
+def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
+    """Least costs, in the layout of `Bound`."""
+    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
+    robots, cells = after.shape[:2]
+    if relaxed or robots == 1:
+        value = _alone(after, np.tile(costs, (cells, 1)))
+        return value if relaxed else value[0]
+    free, end = joint_states(process)
+    value = np.where(end, 0.0, np.inf)
+    solve(process, after, costs, free, value)
+    return value
+
+
+def _alone(after: np.ndarray, costs: np.ndarray) -> np.ndarray:
+    """(N, cells) float64, least cost of each robot alone, by the cost of moves (cells, 8)."""
+    value = np.where(after[:, :, 0] == np.arange(len(costs)), 0.0, np.inf)
+    for i in range(len(after)):
+        iterate_alone(after[i], costs, value[i])
+    return value
+
+
+def distances_alone(process: Process) -> np.ndarray:
+    """(N, columns · rows) float64, each robot's least path to its target in cells, as if alone."""
+    return _optimum(process, _PATH_COSTS, relaxed=True)
+
+
+def steps_alone(process: Process) -> np.ndarray:
+    """(N, columns · rows) float64, each robot's fewest moves to its target as if alone, or inf."""
+    return _optimum(process, _STEP_COSTS, relaxed=True)
+
+
+def optimum(process: Process) -> Bound:
+    """Exact optimum of a process without slip, computed or found in the cache."""
+    robots, columns, rows = process.terrain.shape
+    too_large = ((columns - 2) * (rows - 2)) ** robots > MAX_JOINT_STATES
+    relaxed = robots > 2 or (robots == 2 and too_large)
+    code = code_digest(__name__)
+    facts = (code, process.thresholds.contact, process.swept, relaxed)
+    path = cache_dir("bounds") / f"{digest_of(facts, process.terrain, process.corners)}.npz"
+
+    def make() -> Bound:
+        path_cells = _optimum(process, _PATH_COSTS, relaxed)
+        return Bound(path_cells, _optimum(process, _STEP_COSTS, relaxed), relaxed)
+
+    return cached(path, _load, make, _save)
+
+
+def require_paths(process: Process, bound: Bound) -> None:
+    """Refuse starts from which the targets cannot be reached.
+
+    Raises:
+        UserError: it names the first of them.
+    """
+    starts = joint_starts(process)
+    without = starts[~np.isfinite(bound.of_starts(starts, process.terrain.shape[2] - 2)[0])]
+    if len(without):
+        raise UserError(
+            f"from start cells {without[0].tolist()} there is no path to the targets, and from "
+            f"{len(without) - 1} other starts; move obstacles, starts or targets"
+        )
+
+
+def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, np.ndarray]:
+    """Tables by which robots move, from wherever they are, without having learnt.
+
+    Args:
+        process: of one robot with features x and y, or of two with x, y and p; for "roundabout" of
+            any number with x and y, and with the others' targets as disks.
+        objective: the optimum of one robot, or of two together, by path length or by moves; or the
+            shortest paths of robots as if each were alone, in a roundabout.
+
+    Returns:
+        Action values (N, states, 8) float32, minus the least cost that a move leads to, and (N,
+        states) bool, whether there is anything to decide and a path to the end.
+
+    Raises:
+        UserError: the joint process is too large, or has starts without a path to the end.
+    """
+    if objective == "roundabout":
+        alone = distances_alone(process)
+        require_paths(process, Bound(alone, alone, relaxed=True))
+        return _roundabout(process)
+    bound = optimum(process)
+    require_paths(process, bound)
+    robots, columns, rows = process.terrain.shape
+    if bound.relaxed:
+        cells = (columns - 2) * (rows - 2)
+        raise UserError(
+            f"{objective} joint paths of {robots} robots on {cells} cells are not computed, but "
+            f"those of one robot, and of two with at most {MAX_JOINT_STATES:,} joint states (here "
+            f"{cells**robots:,}); choose another method, or a smaller scenario"
+        )
+    value = bound.path_cells if objective == "shortest" else bound.steps
+    costs = _PATH_COSTS if objective == "shortest" else _STEP_COSTS
+    after = np.stack([cells_after(process, i) for i in range(robots)])
+    if robots == 1:
+        return _tables_alone(after, costs, value[None])
+    free, _ = joint_states(process)
+    table = np.full((2, *free.shape, DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
+    tabulate(process, after, costs, free, value, table)
+    free &= value < np.inf
+    decided = np.stack([free, free.T]).reshape(2, -1)
+    return table.reshape(2, -1, DIRECTION_COUNT), decided
+
+
+def _roundabout(process: Process) -> tuple[np.ndarray, np.ndarray]:
+    """Shortest paths of robots alone, where clockwise about the middle of the board costs more.
+
+    Robots that all turn one way follow each other, where straight paths meet head on.
+    """
+    robots, columns, rows = process.terrain.shape
+    sides = np.array([columns - 2, rows - 2])
+    cells = np.stack(np.divmod(np.arange(sides.prod()), sides[1]), axis=1)
+    x, y = np.moveaxis(cells[:, None] + 0.5 * DIRECTIONS - 0.5 * (sides - 1), 2, 0)
+    turn = x * DIRECTIONS[:, 1] - y * DIRECTIONS[:, 0]  # along the move, times the lever
+    lever = np.maximum(np.hypot(x, y), np.finfo(float).tiny)
+    costs = _PATH_COSTS + _CLOCKWISE_COST * np.maximum(0.0, -turn / lever)
+    after = np.stack([cells_after(process, i) for i in range(robots)])
+    return _tables_alone(after, costs, _alone(after, costs))
+
+
+def _tables_alone(
+    after: np.ndarray, costs: np.ndarray, value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What `computed_tables` returns, of robots alone."""
+    free = (value > 0.0) & (value < np.inf)
+    reached = costs + np.take_along_axis(value[:, None], after, axis=2)
+    possible = free[..., None] & (after != BLOCKED) & (reached < np.inf)
+    return np.where(possible, -reached, IMPOSSIBLE).astype(np.float32), free
+
+
+def _load(path: Path) -> Bound:
+    arrays = read_arrays(path, Kind("optimum", "remove it", UserError), Bound._fields)
+    return Bound(arrays["path_cells"], arrays["steps"], bool(arrays["relaxed"]))
+
+
+def _save(bound: Bound, path: Path) -> None:
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **bound._asdict())
+
+
+def ratios(process: Process, evaluation: Evaluation) -> tuple[float, float]:
+    """Path length and moves of a policy over the optimum, on the starts where it succeeds.
+
+    Returns:
+        Two ratios of means, at least 1; NaN without a success.
+    """
+    succeeded = evaluation.outcome == SUCCESS
+    path, steps = optimum(process).of_starts(
+        evaluation.starts[succeeded], process.terrain.shape[2] - 2
+    )
+    if not succeeded.any():
+        return float("nan"), float("nan")
+    return (
+        float(evaluation.path_cells[succeeded].mean() / path.mean()),
+        float(evaluation.steps[succeeded].mean() / steps.mean()),
+    )

@@ -1,0 +1,255 @@
+"""The decision process of Sections III and V as data: terrain, reward and state tables.
+
+`build_process` turns a scenario and a `ProcessConfig`, which names the readings that the paper
+leaves open, into the arrays that the kernels of `agent.mdp.grid` walk on. No dynamics here.
+"""
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.mdp.config import FEATURES, PARTNER_UPDATES, REWARDS_PER, ProcessConfig
+from agent.mdp.rng import probability_threshold
+from cosim.model.scenario import MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
+from cosim.onboard.features import (
+    AXIS_COUNT,
+    DIRECTION_COUNT,
+    DISTANCE_CLASSES,
+    GRADIENT_SIGNS,
+    DistanceThresholds,
+    distance_thresholds,
+)
+from cosim.onboard.observing import DRAWS
+
+FREE, GOAL, OUTSIDE, OBSTACLE, FORBIDDEN = range(5)  # terrain of a cell, as one robot sees it
+
+MAX_JOINT_STATES = 4_000_000  # of two robots on some 45 x 45 cells: 128 MB a table, some seconds
+MAX_STATES = 2**25  # of all robots together: 1 GB of tables
+
+
+class Process(NamedTuple):
+    """The decision process of one scenario, for the kernels.
+
+    Attributes:
+        terrain: (N, columns + 2, rows + 2) uint8, FREE, GOAL, OUTSIDE, OBSTACLE or FORBIDDEN as
+            robot i sees cell (x, y) at [i, x + 1, y + 1]; the rim is OUTSIDE. In the middle of an
+            OBSTACLE cell a robot would touch an obstacle; no centre of a robot may be anywhere in a
+            FORBIDDEN one: another robot's target, or the zone if that is an obstacle.
+        corners: (columns + 1, rows + 1) bool, whether a robot over the lower left corner of a cell
+            touches an obstacle: the middle of a diagonal move, looked at if contact is swept.
+        walls: (M, 4) float64, obstacles as rectangles left, bottom, right, top in cells.
+        squared_radius: of a robot, in cells².
+        cell_m: edge of a cell.
+        start_cells: (K, 2) int64, start cells of all robots, one robot after the other.
+        start_offsets: N + 1 integers, robot i starts in rows start_offsets[i] to [i + 1]; a tuple,
+            so that the number of robots is a constant for the compiler.
+        thresholds: squared distances of Eq. (9) in cells².
+        move_reward: (2, 2, D² + 1) float32, Eq. (11): reward of a move that ends nothing, at
+            [diagonal, approaching, squared distance in cells², at most D²].
+        goal_reward: float32, L.
+        strides: seven integers, state index = x·s₀ + y·s₁ + d·s₂ + (g + 1)·s₃ + b·s₄ + h·s₅ + p·s₆.
+        state_count: number of states of one robot's table.
+        bearings: (2 columns + 3, 2 rows + 3) uint8, direction of another robot at offset (dx, dy),
+            negative offsets counting from the end.
+        swept: whether contact is checked along the moves.
+        slip_threshold: `agent.mdp.rng.probability_threshold` of the slip probability.
+        step_limit: moves after which an episode is cut.
+        partner_update: index into `PARTNER_UPDATES`.
+        reward_per: index into `REWARDS_PER`.
+    """
+
+    terrain: np.ndarray
+    corners: np.ndarray
+    walls: np.ndarray
+    squared_radius: float
+    cell_m: float
+    start_cells: np.ndarray
+    start_offsets: tuple[int, ...]
+    thresholds: DistanceThresholds
+    move_reward: np.ndarray
+    goal_reward: np.float32
+    strides: tuple[int, ...]
+    state_count: int
+    bearings: np.ndarray
+    swept: bool
+    slip_threshold: np.uint64
+    step_limit: int
+    partner_update: int
+    reward_per: int
+
+
+def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
+    """Tables of the decision process of a scenario under the given readings.
+
+    Raises:
+        ScenarioError: a start cell cannot be used, hardly a combination of starts is free of
+            contact, D is larger than any board, or the tables are too large.
+    """
+    thresholds = distance_thresholds(scenario)
+    terrain = np.stack([_terrain(scenario, config, thresholds, i) for i in range(scenario.robots)])
+    near = ", or too near another's target" if config.target_obstacle == "disk" else ""
+    for robot, cells in enumerate(scenario.starts):
+        for x, y in cells:
+            if terrain[robot, x + 1, y + 1] != FREE:
+                raise ScenarioError(
+                    f"scenario {scenario.name}: starts[{robot}] has cell ({x}, {y}), which is "
+                    f"the robot's target or an obstacle to it{near}; choose a free cell"
+                )
+    if not _has_free_starts(scenario, thresholds.contact):
+        raise ScenarioError(
+            f"scenario {scenario.name}: starts leave hardly a combination in which the robots do "
+            "not touch; move the start cells further apart"
+        )
+    if config.distance_limit_m > MAX_SIDE_CELLS * scenario.cell_m:
+        raise ScenarioError(
+            f"scenario {scenario.name}: distance_limit_m = {config.distance_limit_m:g} is more "
+            f"than {MAX_SIDE_CELLS} cells; make it smaller"
+        )
+    strides, state_count = _strides(scenario, config)
+    if scenario.robots * state_count > MAX_STATES:
+        raise ScenarioError(
+            f"scenario {scenario.name}: the robots' tables have {scenario.robots * state_count:,} "
+            f"states, more than {MAX_STATES:,}; choose fewer features, robots or cells"
+        )
+    if strides[FEATURES.index("p")] and state_count > MAX_JOINT_STATES:
+        raise ScenarioError(
+            f"scenario {scenario.name}: feature p makes a robot's table {state_count:,} states "
+            f"large, more than {MAX_JOINT_STATES:,}; leave p out or choose a smaller board"
+        )
+    return Process(
+        terrain=terrain,
+        corners=_blocked(scenario, 0),
+        walls=scenario.walls.astype(float),
+        cell_m=scenario.cell_m,
+        squared_radius=(scenario.robot_diameter_m / scenario.cell_m / 2.0) ** 2,
+        start_cells=np.array([c for cells in scenario.starts for c in cells], dtype=np.int64),
+        start_offsets=tuple(int(v) for v in np.cumsum([0, *(len(c) for c in scenario.starts)])),
+        thresholds=thresholds,
+        move_reward=_move_reward(scenario, config),
+        goal_reward=np.float32(config.goal_reward),
+        strides=strides,
+        state_count=state_count,
+        bearings=_bearings(scenario),
+        swept=config.collision == "swept",
+        slip_threshold=probability_threshold(config.slip_probability),
+        step_limit=config.step_limit,
+        partner_update=PARTNER_UPDATES.index(config.partner_of_failed),
+        reward_per=REWARDS_PER.index(config.reward_per),
+    )
+
+
+def _blocked(scenario: Scenario, shift: int) -> np.ndarray:
+    """Where a robot touches an obstacle: over the corners of cells (shift 0) or in cells (1)."""
+    sizes = (2 * scenario.columns + 1 - shift, 2 * scenario.rows + 1 - shift)  # in half cells
+    x, y = np.ogrid[shift : sizes[0] + shift : 2, shift : sizes[1] + shift : 2]
+    return np.zeros(np.broadcast(x, y).shape, dtype=bool) | scenario.blocks(x, y)
+
+
+def _disk(centre: Cell, squared_radius: int, scenario: Scenario) -> list[Cell]:
+    radius = math.isqrt(squared_radius)
+    columns, rows = (
+        range(max(0, middle - radius), min(size, middle + radius + 1))
+        for middle, size in zip(centre, (scenario.columns, scenario.rows), strict=True)
+    )
+    return [
+        (x, y)
+        for x in columns
+        for y in rows
+        if (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= squared_radius
+    ]
+
+
+def _terrain(
+    scenario: Scenario, config: ProcessConfig, thresholds: DistanceThresholds, robot: int
+) -> np.ndarray:
+    """Terrain as one robot sees it, uint8 of shape (columns + 2, rows + 2)."""
+    terrain = np.full((scenario.columns + 2, scenario.rows + 2), OUTSIDE, dtype=np.uint8)
+    terrain[1:-1, 1:-1] = FREE
+    terrain[1:-1, 1:-1][_blocked(scenario, 1)] = OBSTACLE
+    rectangles = scenario.forbidden[robot]
+    for left, bottom, right, top in rectangles[np.isfinite(rectangles[:, 0])].astype(int):
+        terrain[left + 1 : right + 1, bottom + 1 : top + 1] = FORBIDDEN
+    others = [t for other, t in enumerate(scenario.targets) if other != robot]
+    for target in others if config.target_obstacle == "disk" else []:
+        for x, y in _disk(target, thresholds.contact, scenario):
+            terrain[x + 1, y + 1] = FORBIDDEN
+    goal_x, goal_y = scenario.targets[robot]
+    terrain[goal_x + 1, goal_y + 1] = GOAL
+    return terrain
+
+
+def _has_free_starts(scenario: Scenario, contact: int) -> bool:
+    """Whether some of many draws of start cells, which episodes begin with, have no contact."""
+    rng = np.random.default_rng(0)
+    drawn = [np.array(cells)[rng.integers(len(cells), size=DRAWS)] for cells in scenario.starts]
+    free = np.full(DRAWS, fill_value=True)
+    for a, b in itertools.combinations(drawn, 2):
+        free &= ((a - b) ** 2).sum(axis=1) > contact
+    return bool(free.any())
+
+
+def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
+    """Eq. (11) and (12) tabulated over the squared distance, see `Process.move_reward`."""
+    limit_cells = config.distance_limit_m / scenario.cell_m  # D, in cells
+    largest = math.ceil(limit_cells**2 - 1e-9)
+    reward = np.empty((2, 2, largest + 1), dtype=np.float32)
+    for diagonal in range(2):
+        cost = config.step_cost * (config.diagonal_cost if diagonal else 1.0)
+        for approaching in range(2):
+            # Eq. (12)
+            b = config.approach_coefficient if approaching else 1.0
+            for squared in range(largest + 1):
+                distance = min(math.sqrt(squared), limit_cells)
+                # Eq. (11)
+                reward[diagonal, approaching, squared] = -b * (1.0 - distance / limit_cells) - cost
+    return reward
+
+
+def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
+    """Number of values of each feature in use, in the order of the state index.
+
+    A lone robot sees nobody: it has x, y and h only.
+
+    Raises:
+        ScenarioError: of the features in use nothing is left to it.
+    """
+    sizes = {
+        "x": scenario.columns,
+        "y": scenario.rows,
+        "d": len(DISTANCE_CLASSES),
+        "g": len(GRADIENT_SIGNS),
+        "b": DIRECTION_COUNT,
+        "h": AXIS_COUNT,
+        "p": scenario.columns * scenario.rows,
+    }
+    seen = {"x", "y", "h"} if scenario.robots == 1 else set(sizes)
+    used = {name: sizes[name] for name in sizes if name in config.features and name in seen}
+    if not used:
+        raise ScenarioError(
+            f"process: features = {', '.join(config.features)} have no effect: a lone robot sees "
+            "nobody; name x, y or h as well"
+        )
+    return used
+
+
+def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...], int]:
+    """Strides of the state index and the number of states; a feature not used has stride 0."""
+    strides: dict[str, int] = dict.fromkeys(FEATURES, 0)
+    states = 1
+    for name, size in reversed(feature_sizes(scenario, config).items()):
+        strides[name] = states
+        states *= size
+    return tuple(strides.values()), states
+
+
+def _bearings(scenario: Scenario) -> np.ndarray:
+    """Sector of 45° around a direction in which each offset lies, see `Process.bearings`."""
+    # offsets reach one cell beyond the board, where a robot that just left it is
+    dx, dy = (
+        np.concatenate([np.arange(size + 2), np.arange(-size - 1, 0)])
+        for size in (scenario.columns, scenario.rows)
+    )
+    turns = np.arctan2(dy[None, :], dx[:, None]) / (2.0 * np.pi / DIRECTION_COUNT)
+    return np.rint(turns).astype(np.int64).astype(np.uint8) % DIRECTION_COUNT

@@ -1,1 +1,0 @@
-"""What runs on a robot every control period: where it thinks it is, and how it steers."""

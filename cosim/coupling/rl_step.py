@@ -1,0 +1,73 @@
+"""One RL step of the co-simulation: what a policy is asked, and what came of it."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from cosim.coupling.signals import RawSamples, Samples
+from cosim.model.outcome import Outcome
+from cosim.onboard.features import Observation
+
+
+class Decision(NamedTuple):
+    """What a policy decides, with what it knows about the alternatives.
+
+    Attributes:
+        action: (N,) direction index of each robot.
+        values: (N, 8) action values that the action was chosen by; None if the policy has none.
+    """
+
+    action: np.ndarray
+    values: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, decided: "np.ndarray | Decision") -> "Decision":
+        """Return what a policy returned as a decision."""
+        return decided if isinstance(decided, Decision) else cls(decided)
+
+
+class SupportsAct(Protocol):
+    """What the co-simulation needs of an agent."""
+
+    def act(self, observation: Observation) -> np.ndarray | Decision:
+        """Return the direction index of each robot, shape (N,), or a decision."""
+        ...
+
+
+class Step(NamedTuple):
+    """One RL step of the co-simulation.
+
+    Attributes:
+        number: of the step, from 0.
+        first_tick: ticks of dt before the step.
+        before, after: observations at its start and end.
+        action: (N,) direction index in force during the step, −1 for a robot that arrived before
+            or that the shield lets wait.
+        decided: (N,) whether the action was adopted at the start of this step.
+        completed: (N,) whether the robot ended its move within this step.
+        samples: signals at every control period that was simulated.
+        raw: signals at every tick of the burst at the start of the step.
+        events: (N,) what became of each robot: RUNNING, COLLISION or OUT_OF_BOARD of
+            `cosim.model.outcome`.
+        outcome: of the episode, RUNNING while it goes on.
+        duration_s: simulated time.
+    """
+
+    number: int
+    first_tick: int
+    before: Observation
+    after: Observation
+    action: np.ndarray
+    decided: np.ndarray
+    completed: np.ndarray
+    samples: Samples
+    raw: RawSamples
+    events: np.ndarray
+    outcome: Outcome
+    duration_s: float
+
+    @property
+    def moved_m(self) -> np.ndarray:
+        """(N,) distance of each robot's centre from where it was at the start."""
+        path = self.samples.position[[0, -1], :, :2]
+        return np.hypot(*(path[1] - path[0]).T)

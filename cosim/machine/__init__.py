@@ -1,0 +1,1 @@
+"""Machines: the closed-form platform, parameters from tracks, and published measurements."""

@@ -1,0 +1,128 @@
+"""What gives a robot a wanted speed: motor speed, eccentric masses or feet, by closed forms.
+
+The robot is the 1-DOF platform (`cosim.machine.platform.motion`) on three feet
+(`cosim.machine.platform.feet`), both motors in phase. In the dynamics, where phases differ, robots
+are somewhat faster and feet lift somewhat earlier (docs/physics.md).
+"""
+
+from collections.abc import Callable
+
+import msgspec
+from scipy.optimize import root_scalar
+
+from cosim.machine.platform.feet import foot_lift_speed
+from cosim.machine.platform.gradient import speed_gradient
+from cosim.machine.platform.motion import (
+    drift_speed,
+    lift_off_speed,
+    net_speed,
+    robot_platform,
+)
+from cosim.model.params import MotorParams, RobotParams
+
+_UNDER = 1.0 - 1e-6  # just below a bound
+# Where answers are looked for: m r as a multiple, and lengths in m.
+_FACTORS, _LENGTHS_M = (1e-2, 1e2), (1e-3, 0.2)
+
+
+class Design(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of `--json`; units in the names, None for what cannot be.
+
+    Attributes:
+        speed_m_s: wanted.
+        lift_off_rad_s: motor speed at which the whole robot leaves the floor.
+        foot_lift_rad_s: motor speed above which a foot lifts.
+        feet_down_m_s: largest speed of which no foot lifts.
+        motor_speed_rad_s: for the wanted speed.
+        feet_stay_down: whether no foot lifts at it.
+        unbalance_kg_m: m r of one motor as it is.
+        least_unbalance_kg_m: m r of one motor from which on no foot lifts at the wanted speed.
+        unbalance_motor_speed_rad_s: for the wanted speed, with that.
+        foot_radius_m: circle of the feet from which on no foot lifts at the wanted speed.
+        com_height_m: height of the centre of mass up to which no foot does.
+        percent_per_percent: change of the speed in per cent for 1 % more of a parameter.
+    """
+
+    schema_version: int = 1
+    speed_m_s: float
+    lift_off_rad_s: float
+    foot_lift_rad_s: float
+    feet_down_m_s: float
+    motor_speed_rad_s: float | None
+    feet_stay_down: bool
+    unbalance_kg_m: float
+    least_unbalance_kg_m: float | None
+    unbalance_motor_speed_rad_s: float | None
+    foot_radius_m: float | None
+    com_height_m: float | None
+    percent_per_percent: dict[str, float]
+
+
+def design(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> Design:
+    """What a robot needs for a speed.
+
+    Args:
+        robot, motor: as they are.
+        speed_m_s: wanted, positive.
+    """
+    platform = robot_platform(robot, motor)
+    foot_lift = foot_lift_speed(robot, motor)
+    omega = motor_speed(robot, motor, speed_m_s)
+
+    def feet_down(factor: float) -> float:
+        stronger = motor._replace(r=factor * motor.r)
+        return _speed(robot, stronger, foot_lift_speed(robot, stronger)) - speed_m_s
+
+    # Speed at the bound grows with the root of m r: the same force, in fewer and longer steps.
+    factor = _root(feet_down, *_FACTORS)
+    stronger = None if factor is None else motor._replace(r=factor * motor.r)
+    point = omega or _UNDER * lift_off_speed(platform)
+    gradient = speed_gradient(platform, point)
+    now = {
+        "unbalance": platform.m * platform.r,
+        "mu": platform.mu,
+        "mass": platform.mass,
+        "omega": point,
+    }
+    return Design(
+        speed_m_s=speed_m_s,
+        lift_off_rad_s=lift_off_speed(platform),
+        foot_lift_rad_s=foot_lift,
+        feet_down_m_s=_speed(robot, motor, foot_lift),
+        motor_speed_rad_s=omega,
+        feet_stay_down=omega is not None and omega <= foot_lift,
+        unbalance_kg_m=motor.m * motor.r,
+        least_unbalance_kg_m=stronger and stronger.m * stronger.r,
+        unbalance_motor_speed_rad_s=stronger and motor_speed(robot, stronger, speed_m_s),
+        foot_radius_m=omega and _layout(robot, motor, omega, "foot_radius_m"),
+        com_height_m=omega and _layout(robot, motor, omega, "com_height_m"),
+        percent_per_percent={
+            name: value * getattr(gradient, name) / gradient.value for name, value in now.items()
+        },
+    )
+
+
+def motor_speed(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> float | None:
+    """Motor speed in rad/s for a speed, None if the robot would leave the floor."""
+    platform = robot_platform(robot, motor)
+    bounds = drift_speed(platform), _UNDER * lift_off_speed(platform)
+    return _root(lambda omega: net_speed(platform, omega) - speed_m_s, *bounds)
+
+
+def _speed(robot: RobotParams, motor: MotorParams, omega_rad_s: float) -> float:
+    return net_speed(robot_platform(robot, motor), omega_rad_s)
+
+
+def _layout(robot: RobotParams, motor: MotorParams, omega_rad_s: float, name: str) -> float | None:
+    """Value of a length of the robot at which a foot begins to lift at a motor speed."""
+
+    def spare(value: float) -> float:
+        return foot_lift_speed(robot._replace(**{name: value}), motor) - omega_rad_s
+
+    return _root(spare, *_LENGTHS_M)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float | None:
+    if function(low) * function(high) > 0.0:
+        return None
+    return root_scalar(function, bracket=(low, high), method="brentq", rtol=1e-7).root

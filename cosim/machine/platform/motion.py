@@ -1,0 +1,181 @@
+"""Motion of the 1-DOF platform of Eq. (1), in closed form between slip, stop and reversal.
+
+Positions and net speeds are exact up to the root that ends a stroke. Not the robot: that is
+`cosim.physics.body`, which this module predicts wherever all feet slide alike.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import root_scalar
+
+from cosim.base.errors import UserError
+from cosim.model.params import FIG_3, TABLE_I, TABLE_II, Fig3Params, MotorParams, RobotParams
+from cosim.physics.forces import platform_force
+from cosim.physics.stroke import Stroke, distance, next_stroke
+
+# Two angles a turn apart by this much in rad are the same: each cycle shrinks the difference.
+REPEAT_TOLERANCE = 1e-12
+# More strokes than a turn can hold: one in each direction.
+CYCLE_STROKES = 4
+
+
+class PlatformError(UserError):
+    """A platform or motor speed for which Eq. (1) with a steady floor contact does not hold."""
+
+
+class Platform(NamedTuple):
+    """1-DOF platform.
+
+    Attributes:
+        mass: what moves, M in kg.
+        m: eccentric mass of all motors (turning in phase) in kg; the weight is (M + m) g.
+        r: eccentricity in m.
+        mu: Coulomb friction coefficient.
+        g: gravitational acceleration in m/s².
+    """
+
+    mass: float
+    m: float
+    r: float
+    mu: float
+    g: float
+
+
+def fig_3_platform(preset: Fig3Params = FIG_3, g: float = TABLE_II.g) -> Platform:
+    """The platform whose motion looks like the printed Fig. 3."""
+    return Platform(preset.M, preset.m, preset.r, preset.mu, g)
+
+
+def robot_platform(robot: RobotParams = TABLE_I, motor: MotorParams = TABLE_II) -> Platform:
+    """The platform equivalent to the robot with both motors in phase."""
+    return Platform(robot.mass_kg, 2.0 * motor.m, motor.r, robot.mu, motor.g)
+
+
+def slip_speed(platform: Platform) -> float:
+    """Motor speed ω_c in rad/s above which the platform slips: ω_c² = μW/(u √(1+μ²))."""
+    weight = (platform.mass + platform.m) * platform.g
+    unbalance = platform.m * platform.r
+    return math.sqrt(platform.mu * weight / (unbalance * math.hypot(1.0, platform.mu)))
+
+
+def lift_off_speed(platform: Platform) -> float:
+    """Motor speed in rad/s at which the platform leaves the floor: u ω² = W."""
+    return math.sqrt((platform.mass + platform.m) * platform.g / (platform.m * platform.r))
+
+
+def drift_speed(platform: Platform) -> float:
+    """Motor speed ω_net in rad/s above which there is a net displacement.
+
+    Below, the forward stroke ends before the backward one begins and both are mirror images. The
+    limit s solves cos(asin s) − cos(asin s + Δ) − s Δ = 0 with Δ = π − 2 atan μ.
+    """
+    delta = math.pi - 2.0 * math.atan(platform.mu)
+
+    def left_over(s: float) -> float:
+        return math.cos(math.asin(s)) - math.cos(math.asin(s) + delta) - s * delta
+
+    return slip_speed(platform) / math.sqrt(
+        root_scalar(left_over, bracket=(0.0, 1.0), method="brentq").root
+    )
+
+
+def slip_ratio(platform: Platform, omega_rad_s: float) -> float:
+    """The ratio s = (ω_c/ω)².
+
+    Raises:
+        PlatformError: the platform would leave the floor, or the motor stands still.
+    """
+    if not 0.0 < omega_rad_s < lift_off_speed(platform):
+        raise PlatformError(
+            f"motor speed {omega_rad_s:g} rad/s: choose one between 0 and "
+            f"{lift_off_speed(platform):.0f} rad/s, where the platform leaves the floor"
+        )
+    return (slip_speed(platform) / omega_rad_s) ** 2
+
+
+def dimensionless_strokes(alpha: float, s: float) -> Iterator[Stroke]:
+    """Strokes from rest at θ = 0, without end unless nothing slips."""
+    theta = 0.0
+    while s < 1.0:
+        stroke = next_stroke(alpha, s, theta)
+        yield stroke
+        theta = stroke.stop
+
+
+def strokes(platform: Platform, omega_rad_s: float, cycles: int) -> list[Stroke]:
+    """Strokes that begin in the first turns of the motor, from rest at θ = 0.
+
+    Raises:
+        PlatformError: see `net_speed`.
+    """
+    s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
+    end = 2.0 * math.pi * cycles
+    return list(
+        itertools.takewhile(lambda stroke: stroke.start < end, dimensionless_strokes(alpha, s))
+    )
+
+
+def length_unit(platform: Platform) -> float:
+    """Unit of distance u √(1+μ²)/M in m."""
+    return platform.m * platform.r * math.hypot(1.0, platform.mu) / platform.mass
+
+
+def trajectory(platform: Platform, omega_rad_s: float, theta: np.ndarray) -> np.ndarray:
+    """Position in m at increasing angles θ ≥ 0 in rad, from rest at θ = 0; same shape.
+
+    Raises:
+        PlatformError: see `net_speed`.
+    """
+    s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
+    position = np.zeros_like(theta)
+    for stroke in strokes(platform, omega_rad_s, math.ceil(theta[-1] / (2.0 * math.pi))):
+        for i in np.flatnonzero(theta > stroke.start):
+            end = min(theta[i], stroke.stop)
+            position[i] += distance(stroke.direction, alpha, s, stroke.start, end)
+    return position * length_unit(platform)
+
+
+def net_displacement(platform: Platform, omega_rad_s: float) -> float:
+    """Displacement in m along +Y per turn of the motor, once the motion repeats itself.
+
+    Raises:
+        PlatformError: see `net_speed`.
+    """
+    s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
+    turn = 2.0 * math.pi
+    found: list[Stroke] = []
+    for stroke in dimensionless_strokes(alpha, s):
+        # A stroke that begins a turn after another closes the cycle of those between.
+        for i, before in enumerate(found):
+            if abs(stroke.start - turn - before.start) < REPEAT_TOLERANCE:
+                return length_unit(platform) * sum(
+                    distance(one.direction, alpha, s, one.start, one.stop) for one in found[i:]
+                )
+        found = [*found[-CYCLE_STROKES:], stroke]
+    return 0.0
+
+
+def net_speed(platform: Platform, omega_rad_s: float) -> float:
+    """Mean speed in m/s along +Y.
+
+    Args:
+        platform: masses and friction.
+        omega_rad_s: motor speed, positive (a negative one moves the platform along −Y).
+
+    Raises:
+        PlatformError: the platform would leave the floor, or the motor stands still.
+    """
+    return net_displacement(platform, omega_rad_s) * omega_rad_s / (2.0 * math.pi)
+
+
+def forces(
+    platform: Platform, omega_rad_s: float, theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """SimulationOptions force and greatest friction force in N at angles θ in rad; shapes of θ."""
+    pairs = [platform_force(platform.m, platform.r, platform.g, t, omega_rad_s) for t in theta]
+    driving, vertical = np.array(pairs).T
+    return driving, platform.mu * (platform.mass * platform.g - vertical)

@@ -1,0 +1,147 @@
+"""What robots do whose set points nobody corrects: speeds, and paths by the clock alone."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.calibration.measuring import Point, measure_batch
+from cosim.calibration.speed_map import DRIVES, MANOEUVRES
+from cosim.calibration.trial import Trial, heading_angles
+from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
+
+_PHASE_S = 0.5  # in which motors come to their speed and to the phase between them
+_REST_S = 0.5  # in which robots come to rest
+
+
+class Leg(NamedTuple):
+    """A part of a path: a manoeuvre of `MANOEUVRES`, and how far, in m or rad."""
+
+    manoeuvre: str
+    amount: float
+
+
+class MeasuredSpeed(NamedTuple):
+    """One manoeuvre at one motor speed, over phases between the motors that nobody controls.
+
+    Attributes:
+        mean, least, largest: speed in m/s or yaw rate in rad/s, positive towards the manoeuvre.
+        airborne_share: mean share of the time in which no foot touched the floor.
+    """
+
+    mean: float
+    least: float
+    largest: float
+    airborne_share: float
+
+
+def measured_speed(
+    config: CoSimConfig, fmu: MotorFmu, manoeuvre: str, omega_rad_s: float, phases: int
+) -> MeasuredSpeed:
+    """Co-simulate robots at constant set points, without the steering's dither.
+
+    Args:
+        config: of the co-simulation.
+        fmu: of every motor.
+        manoeuvre: one of `MANOEUVRES`.
+        omega_rad_s: of both motors.
+        phases: between the motors, evenly over a turn.
+
+    Raises:
+        FmuError: the FMU failed.
+    """
+    d, e = MANOEUVRES[manoeuvre]
+    points = [
+        Point(d * omega_rad_s, e * omega_rad_s, phase, dithered=False)
+        for phase in 2.0 * math.pi * np.arange(phases) / phases
+    ]
+    table = measure_batch(config, fmu, points, np.random.SeedSequence(0))
+    motion = e * table[:, 2 if manoeuvre in DRIVES else 4]
+    shares = float(table[:, 5].mean())
+    return MeasuredSpeed(float(motion.mean()), float(motion.min()), float(motion.max()), shares)
+
+
+def polygon(sides: int, side_m: float) -> list[Leg]:
+    """A closed path back to its start, and to its first heading."""
+    return [Leg("forwards", side_m), Leg("left", 2.0 * math.pi / sides)] * sides
+
+
+def sideways(steps: int, leg_m: float, half_angle_rad: float) -> list[Leg]:
+    """Steps to the left in the shape of a V: forwards and back again, at an angle to each other.
+
+    Each is meant to displace by 2 leg sin(half angle), and to end with the heading it began with.
+    """
+    return [
+        Leg("left", half_angle_rad),
+        Leg("forwards", leg_m),
+        Leg("right", 2.0 * half_angle_rad),
+        Leg("backwards", leg_m),
+        Leg("left", half_angle_rad),
+    ] * steps
+
+
+def drive_by_the_clock(
+    config: CoSimConfig,
+    fmu: MotorFmu,
+    path: Sequence[Leg],
+    robots: int,
+    seed: int,
+    *,
+    dithered: bool,
+) -> np.ndarray:
+    """Robots that drive a path by the time that its parts take, blind for where they are.
+
+    Args:
+        config: calibrated.
+        fmu: of every motor.
+        path: to be driven from heading 0, along +x.
+        robots: each with noise of its own, and a phase between its motors at the start.
+        seed: of noise and phases.
+        dithered: whether motors have the dither of the steering.
+
+    Returns:
+        (robots, 3): displacement in m, x along the first heading, and turned angle in rad.
+
+    Raises:
+        FmuError: the FMU failed.
+    """
+    steering, period_s = config.steering, config.timing.control_period_s
+    speeds = {
+        "forwards": (steering.forward_speed_rad_s, steering.drive_speed_m_s),
+        "backwards": (steering.backward_speed_rad_s, steering.drive_speed_m_s),
+        "left": (steering.turn_speed_rad_s, steering.turn_rate_rad_s),
+        "right": (steering.turn_speed_rad_s, steering.turn_rate_rad_s),
+    }
+    noise, phases = np.random.SeedSequence(seed).spawn(2)
+    phase_rad = np.random.default_rng(phases).uniform(-math.pi, math.pi, robots)
+    # The dither changes its sign whenever the phase has gone once around, as the steering's does.
+    dither = steering.dither_rad_s if dithered else 0.0
+    half = round(math.pi / (steering.dither_rad_s * period_s))
+    with Trial(fmu, config, np.zeros(robots), noise) as trial:
+        angles = [trial.bodies[3:7].T.copy()]
+
+        def advance(set_points: np.ndarray, periods: int) -> None:
+            trial.commands[:, [OMEGA_D, OMEGA_E]] = set_points
+            trial.advance(periods)
+            angles.append(trial.bodies[3:7].T.copy())
+
+        trial.commands[:, MODE] = DIRECT
+        ahead = np.outer(phase_rad / _PHASE_S, (0.0, 1.0))
+        ahead_periods, side = round(_PHASE_S / period_s), 1.0
+        for manoeuvre, amount in path:
+            signs, (speed, rate) = np.array(MANOEUVRES[manoeuvre]), speeds[manoeuvre]
+            left = round(amount / rate / period_s)
+            while left:
+                change = side * dither * np.array((-signs[0] * signs[1], 1.0)) + ahead
+                periods = min(left, half, ahead_periods or half)
+                advance(signs * speed + change, periods)
+                ahead_periods, left, side = max(0, ahead_periods - periods), left - periods, -side
+                if not ahead_periods:
+                    ahead = np.zeros((robots, 2))
+        advance(np.zeros(2), round(_REST_S / period_s))
+        turned = heading_angles(np.array(angles))
+        moved = trial.bodies[:2].T - trial.origins_m
+    return np.column_stack([moved, turned[-1] - turned[0]])

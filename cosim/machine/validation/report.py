@@ -1,0 +1,198 @@
+"""The rows of docs/validation.md, simulated and published; `tables` has the text."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import msgspec
+import numpy as np
+
+from cosim.machine.validation.driving import MeasuredSpeed
+from cosim.machine.validation.measurement import (
+    DrivenPath,
+    Effort,
+    Sensitivity,
+    Validation,
+    v_meant_m,
+)
+from cosim.machine.validation.published import PublishedSpeed, step_um
+from cosim.machine.validation.sensitivity import PARAMETERS, value_of
+from cosim.model.preset import find_preset
+
+# A parameter explains a difference if no more than this factor of it does, at first order.
+_MOST_FACTOR = 2.0
+
+
+class SpeedRow(msgspec.Struct, frozen=True, kw_only=True):
+    """A speed in mm/s or a yaw rate in °/s, over phases between the motors; None: not published."""
+
+    preset: str
+    manoeuvre: str
+    motor_speed_rad_s: float
+    unit: str
+    ours: float
+    least: float
+    largest: float
+    airborne_share: float
+    theirs: float | None
+    ratio: float | None
+    step_um: float | None
+    their_step_um: float | None
+    sure: str
+    source: str
+
+
+class ReversalRow(msgspec.Struct, frozen=True, kw_only=True):
+    """Speed backwards over that forwards at one motor speed; theirs is derived from two speeds."""
+
+    preset: str
+    motor_speed_rad_s: float
+    ours: float
+    theirs: float | None
+    ratio: float | None
+    source: str
+
+
+class SensitivityRow(msgspec.Struct, frozen=True, kw_only=True):
+    """A derivative d ln v / d ln p; `explains` is the value of p that gives theirs, first order."""
+
+    preset: str
+    motor_speed_rad_s: float
+    parameter: str
+    value: float
+    dynamics: float | None
+    platform: float | None
+    explains: float | None
+
+
+class PathRow(msgspec.Struct, frozen=True, kw_only=True):
+    """Ends of a path driven by the clock: distance and angle off where it should have ended."""
+
+    path: str
+    dithered: bool
+    robots: int
+    off_mm: float
+    off_largest_mm: float
+    sideways_mm: float
+    turned_deg: float
+    turned_scatter_deg: float
+    theirs_mm: tuple[float, ...]
+    ratio: float | None
+    theirs_deg: float | None
+    source: str
+
+
+class ValidationReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of validation.json."""
+
+    schema_version: int = 1
+    phases: int
+    seed: int
+    speeds: tuple[SpeedRow, ...]
+    reversals: tuple[ReversalRow, ...]
+    sensitivities: tuple[SensitivityRow, ...]
+    paths: tuple[PathRow, ...]
+
+
+def report_of(found: Validation, effort: Effort, seed: int) -> ValidationReport:
+    """What was measured, beside what was published."""
+    speeds = tuple(_speed_row(*pair) for pair in found.speeds)
+    return ValidationReport(
+        phases=effort.phases,
+        seed=seed,
+        speeds=speeds,
+        reversals=tuple(_reversals(speeds)),
+        sensitivities=tuple(
+            row
+            for each in found.sensitivities
+            for row in _sensitivity_rows(each, dict(found.speeds)[each.point])
+        ),
+        paths=tuple(map(_path_row, found.paths)),
+    )
+
+
+def _speed_row(point: PublishedSpeed, measured: MeasuredSpeed) -> SpeedRow:
+    turning = point.manoeuvre == "left"
+    factor = math.degrees(1.0) if turning else 1e3
+    ours, omega = factor * measured.mean, point.omega_rad_s
+    return SpeedRow(
+        preset=point.preset,
+        manoeuvre=point.manoeuvre,
+        motor_speed_rad_s=omega,
+        unit="°/s" if turning else "mm/s",
+        ours=ours,
+        least=factor * measured.least,
+        largest=factor * measured.largest,
+        airborne_share=measured.airborne_share,
+        theirs=point.value,
+        ratio=None if point.value is None else ours / point.value,
+        step_um=None if turning else step_um(ours, omega),
+        their_step_um=None if turning or point.value is None else step_um(point.value, omega),
+        sure=point.sure,
+        source=point.source,
+    )
+
+
+def _reversals(speeds: Sequence[SpeedRow]) -> Iterator[ReversalRow]:
+    """Of every machine and motor speed with both directions."""
+    rows = {(row.preset, row.motor_speed_rad_s, row.manoeuvre): row for row in speeds}
+    for (preset, omega, manoeuvre), back in rows.items():
+        ahead = rows.get((preset, omega, "forwards"))
+        if manoeuvre == "backwards" and ahead is not None:
+            ours, theirs = back.ours / ahead.ours, None
+            if back.theirs is not None and ahead.theirs is not None:
+                theirs = back.theirs / ahead.theirs
+            yield ReversalRow(
+                preset=preset,
+                motor_speed_rad_s=omega,
+                ours=ours,
+                theirs=theirs,
+                ratio=None if theirs is None else ours / theirs,
+                source=back.source,
+            )
+
+
+def _sensitivity_rows(found: Sensitivity, measured: MeasuredSpeed) -> list[SensitivityRow]:
+    config, point = find_preset(found.point.preset).config(), found.point
+    assert point.value is not None
+    wanted = math.log(1e-3 * point.value / measured.mean) if measured.mean > 0.0 else math.nan
+    rows = []
+    for name, slope in found.dynamics.items():
+        value = value_of(config, name) if name in PARAMETERS else point.omega_rad_s
+        change = wanted / slope if slope else math.nan
+        explains = abs(change) <= math.log(_MOST_FACTOR)
+        rows.append(
+            SensitivityRow(
+                preset=point.preset,
+                motor_speed_rad_s=point.omega_rad_s,
+                parameter=name,
+                value=value,
+                dynamics=slope,
+                platform=found.platform.get(name),
+                explains=value * math.exp(change) if explains else None,
+            )
+        )
+    return rows
+
+
+def _path_row(driven: DrivenPath) -> PathRow:
+    ends, path = np.array(driven.ends), driven.path
+    off_mm = 1e3 * np.hypot(ends[:, 0], ends[:, 1])
+    turned = np.degrees(ends[:, 2])
+    if path is None:
+        name = f"V-shaped steps, {1e3 * v_meant_m():.1f} mm to the left"
+    else:
+        name = f"{'triangle' if path.sides == 3 else 'square'} of {path.side_mm / 10.0:g} cm"
+    return PathRow(
+        path=name,
+        dithered=driven.dithered,
+        robots=len(ends),
+        off_mm=float(off_mm.mean()),
+        off_largest_mm=float(off_mm.max()),
+        sideways_mm=float(1e3 * ends[:, 1].mean()),
+        turned_deg=float(turned.mean()),
+        turned_scatter_deg=float(turned.std()),
+        theirs_mm=() if path is None else path.off_mm,
+        ratio=None if path is None else float(off_mm.mean() / np.mean(path.off_mm)),
+        theirs_deg=None if path is None else path.turned_deg,
+        source="not at hand" if path is None else path.source,
+    )

@@ -1,0 +1,93 @@
+"""Which parameter would explain a speed: relative derivatives in the dynamics."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from cosim.coupling.fmu import MotorFmu
+from cosim.machine.platform.gradient import speed_gradient
+from cosim.machine.platform.motion import drift_speed, lift_off_speed, robot_platform
+from cosim.machine.validation.driving import measured_speed
+from cosim.model.config import CoSimConfig
+
+STEP = 0.05  # of central differences, relative
+
+
+def _robot(name: str) -> Callable[[CoSimConfig, float], CoSimConfig]:
+    def changed(config: CoSimConfig, factor: float) -> CoSimConfig:
+        value = factor * getattr(config.robot, name)
+        return replace(config, robot=config.robot._replace(**{name: value}))
+
+    return changed
+
+
+def _eccentricity(config: CoSimConfig, factor: float) -> CoSimConfig:
+    return replace(config, motor=config.motor._replace(r=factor * config.motor.r))
+
+
+# What changes a configuration by a factor.
+PARAMETERS: dict[str, Callable[[CoSimConfig, float], CoSimConfig]] = {
+    "mu": _robot("mu"),
+    "m r": _eccentricity,
+    "mass_kg": _robot("mass_kg"),
+    "com_height_m": _robot("com_height_m"),
+    "foot_radius_m": _robot("foot_radius_m"),
+    "motor_radius_m": _robot("motor_radius_m"),
+}
+
+
+def value_of(config: CoSimConfig, parameter: str) -> float:
+    """Value of one of `PARAMETERS`, in SI units."""
+    if parameter == "m r":
+        return config.motor.m * config.motor.r
+    return getattr(config.robot, parameter)
+
+
+def sensitivities(
+    config: CoSimConfig, fmu: MotorFmu, omega_rad_s: float, phases: int
+) -> dict[str, float | None]:
+    """Derivatives d ln v / d ln p of the speed forwards, by central differences of 5 %.
+
+    Args:
+        config: of the machine.
+        fmu: of every motor.
+        omega_rad_s: of both motors.
+        phases: between them, see `measured_speed`; noise and phases are the same on both sides.
+
+    Returns:
+        By the names of `PARAMETERS`, and `motor speed`; None where the robot does not move
+        forwards.
+
+    Raises:
+        FmuError: the FMU failed.
+    """
+
+    def speed(changed: CoSimConfig, omega: float) -> float:
+        return measured_speed(changed, fmu, "forwards", omega, phases).mean
+
+    def slope(at: Callable[[float], float]) -> float | None:
+        high, low = at(1.0 + STEP), at(1.0 - STEP)
+        if min(high, low) <= 0.0:
+            return None
+        return math.log(high / low) / math.log((1.0 + STEP) / (1.0 - STEP))
+
+    found = {
+        name: slope(lambda factor, change=change: speed(change(config, factor), omega_rad_s))
+        for name, change in PARAMETERS.items()
+    }
+    return found | {"motor speed": slope(lambda factor: speed(config, factor * omega_rad_s))}
+
+
+def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
+    """The same of the 1-DOF platform, where it has the parameter, moves on, and on the floor."""
+    platform = robot_platform(config.robot, config.motor)
+    if not drift_speed(platform) < omega_rad_s < lift_off_speed(platform):
+        return {}
+    gradient = speed_gradient(platform, omega_rad_s)
+    values = {
+        "mu": (platform.mu, gradient.mu),
+        "m r": (platform.m * platform.r, gradient.unbalance),
+        "mass_kg": (platform.mass, gradient.mass),
+        "motor speed": (omega_rad_s, gradient.omega),
+    }
+    return {name: value * slope / gradient.value for name, (value, slope) in values.items()}

@@ -1,0 +1,1 @@
+"""Data alone: parameters, configurations, worlds, scenarios, and machines (presets) by name."""

@@ -1,0 +1,323 @@
+"""Tables I and II of the paper and everything assumed: the only physical literals of the project.
+
+Every field carries its unit, its source and a description as a `Quantity`; `describe` lists them
+for help texts, recordings and the FMU's variable table. Derived quantities are functions.
+SI units and radians throughout. Records are NamedTuples because numba kernels read them.
+"""
+
+import math
+from typing import Annotated, Any, NamedTuple, get_type_hints
+
+
+class Quantity(NamedTuple):
+    """Unit, source and meaning of a parameter."""
+
+    unit: str
+    source: str
+    description: str
+
+
+class MotorParams(NamedTuple):
+    """Vibration motor and its PI speed loop (Table II, Eq. 13 and 14), in the paper's symbols."""
+
+    m: Annotated[float, Quantity("kg", "Table II", "motor eccentric mass")] = 0.00021
+    r: Annotated[float, Quantity("m", "Table II", "eccentricity of the rotating mass")] = 0.00177
+    K_T: Annotated[float, Quantity("N.m/A", "Table II", "torque constant")] = 3.64e-4
+    J: Annotated[float, Quantity("kg.m2", "Table II", "eccentric load's moment of inertia")] = (
+        2.67e-9
+    )
+    R: Annotated[float, Quantity("Ohm", "Table II", "motor electrical resistance")] = 10.7
+    b: Annotated[
+        float,
+        Quantity("N.m.s/rad", "Table II (printed Ns/m, read as rotational)", "viscous friction"),
+    ] = 2.94e-9
+    c: Annotated[float, Quantity("N.m", "Table II", "Coulomb friction torque")] = 1.34e-5
+    g: Annotated[float, Quantity("m/s2", "Table II", "gravitational acceleration")] = 9.81
+    K_p: Annotated[float, Quantity("V.s/rad", "Table II", "proportional gain")] = 0.015
+    K_i: Annotated[float, Quantity("V/rad", "Table II", "integral gain")] = 0.025
+    V_s_max: Annotated[float, Quantity("V", "Table II", "maximum input voltage")] = 3.0
+
+
+class RobotParams(NamedTuple):
+    """Rigid body, feet, motor mounts and floor friction of one robot (Table I and assumed)."""
+
+    mass_kg: Annotated[float, Quantity("kg", "Table I", "mini-robot mass")] = 0.1
+    diameter_m: Annotated[float, Quantity("m", "Table I", "mini-robot diameter")] = 0.05
+    height_m: Annotated[float, Quantity("m", "Table I", "mini-robot height")] = 0.045
+    motor_axis_height_m: Annotated[
+        float, Quantity("m", "Table I", "vibration motor axis above the floor")
+    ] = 0.003
+    motor_diameter_m: Annotated[
+        float, Quantity("m", "Table I", "vibration motor body diameter")
+    ] = 0.0044
+    motor_length_m: Annotated[float, Quantity("m", "Table I", "vibration motor body length")] = (
+        0.0102
+    )
+    com_height_m: Annotated[
+        float,
+        Quantity("m", "assumed: battery and motors sit low", "centre of mass above the floor"),
+    ] = 0.015
+    com_x_m: Annotated[
+        float, Quantity("m", "assumed", "centre of mass before the robot's axis, without payload")
+    ] = 0.0
+    com_y_m: Annotated[
+        float, Quantity("m", "assumed", "centre of mass to the left of it, likewise")
+    ] = 0.0
+    foot_radius_m: Annotated[
+        float,
+        Quantity("m", "assumed: just inside the rim", "circle of the three contacts A, B, C"),
+    ] = 0.023
+    motor_radius_m: Annotated[
+        float,
+        Quantity("m", "assumed: just inside the rim", "distance of motors D, E from the centre"),
+    ] = 0.0225
+    mu: Annotated[
+        float,
+        Quantity("1", "assumed: 0.1 to 0.4 in the literature", "Coulomb friction of the feet"),
+    ] = 0.15
+    mu_robots: Annotated[
+        float,
+        Quantity("1", "assumed: as for the feet", "Coulomb friction between robots that touch"),
+    ] = 0.15
+
+
+class NoiseParams(NamedTuple):
+    """White noise on each measured motor speed (Section V: ±5 % of the nominal speed).
+
+    The nominal speed is the set point of Eq. (14): a motor that stands has no noise.
+    """
+
+    relative_amplitude: Annotated[
+        float,
+        Quantity("1", "Section V", "half width of the uniform noise over the set point"),
+    ] = 0.05
+    hold_s: Annotated[
+        float,
+        Quantity("s", "assumed: the paper gives no band width", "time one noise value holds"),
+    ] = 1e-3
+
+
+class TimingParams(NamedTuple):
+    """Clock of the co-simulation; every slower period is an integer multiple of `dt_s`."""
+
+    dt_s: Annotated[float, Quantity("s", "Section V", "integration and communication step")] = 1e-5
+    communication_step_s: Annotated[
+        float,
+        Quantity("s", "assumed: every integration step", "time between exchanges with the FMUs"),
+    ] = 1e-5
+    exchange_tolerance_rad: Annotated[
+        float,
+        Quantity("rad", "assumed: 1e-3 of the force", "bound on the interpolation of motor angles"),
+    ] = 1e-3
+    control_period_s: Annotated[
+        float, Quantity("s", "assumed: 1 kHz on-board controller", "steering period")
+    ] = 1e-3
+    rl_step_s: Annotated[float, Quantity("s", "Section V", "time between two decisions")] = 2.0
+    move_limit_s: Annotated[
+        float,
+        Quantity("s", "assumed: several times a turn and a cell", "time after which a move ends"),
+    ] = 40.0
+    episode_limit_s: Annotated[
+        float, Quantity("s", "assumed: none in the paper", "simulated time that ends an episode")
+    ] = 600.0
+    burst_s: Annotated[
+        float,
+        Quantity("s", "a recording's level", "start of an RL step sampled at every tick"),
+    ] = 0.0
+
+
+class SteeringParams(NamedTuple):
+    """Heading and line control that turn a commanded direction into motor set points.
+
+    The motor speeds realise the desired ones: `cosim.calibration.cache` finds them for
+    the parameters at hand, the values here are its result for the defaults. See docs/steering.md.
+    """
+
+    drive_speed_m_s: Annotated[
+        float,
+        Quantity(
+            "m/s", "assumed: a diagonal move in 4 s, no hop up to μ = 0.2", "desired velocity"
+        ),
+    ] = 0.0039
+    turn_rate_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed: no hop up to μ = 0.2", "desired yaw rate on the spot, at most"),
+    ] = 0.2
+    forward_speed_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "calibrated: drive_speed_m_s", "motor speed while driving forwards"),
+    ] = 992.1
+    backward_speed_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "calibrated: drive_speed_m_s", "motor speed while driving backwards"),
+    ] = 1023.5
+    turn_speed_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "calibrated: turn_rate_rad_s", "motor speed while turning"),
+    ] = 1015.4
+    max_speed_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "calibrated: no hop", "bound on motor speeds while driving"),
+    ] = 1082.6
+    dither_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed", "alternating speed difference that averages motor phases"),
+    ] = 20.0
+    turned_rad: Annotated[
+        float, Quantity("rad", "assumed", "heading error below which turning ends")
+    ] = 0.15
+    turn_again_rad: Annotated[
+        float, Quantity("rad", "assumed", "heading error above which driving becomes turning")
+    ] = 0.35
+    heading_gain_1_s: Annotated[
+        float,
+        Quantity("1/s", "assumed", "speed difference of the motors per heading error"),
+    ] = 4000.0
+    max_difference_rad_s: Annotated[
+        float,
+        Quantity("rad/s", "assumed: half of it is free of loss", "bound on that difference"),
+    ] = 100.0
+    yaw_gain: Annotated[
+        float,
+        Quantity("1", "calibration: 0.05 rad/s at 100 rad/s", "yaw rate of that difference"),
+    ] = 5e-4
+    lookahead_m: Annotated[
+        float, Quantity("m", "assumed: one cell", "distance over which a lateral error is closed")
+    ] = 0.01
+    least_lookahead_m: Annotated[
+        float, Quantity("m", "assumed", "the same close to the end of the line")
+    ] = 0.004
+
+
+class EstimatorParams(NamedTuple):
+    """What a robot's filter takes for granted of its motion; see `cosim.onboard.estimation`."""
+
+    position_drift_m2_s: Annotated[
+        float,
+        Quantity("m2/s", "assumed: 0.6 mm in 1 s", "growth of the variance of a driven position"),
+    ] = 3.6e-7
+    heading_drift_rad2_s: Annotated[
+        float,
+        Quantity("rad2/s", "assumed: 1.7° in 1 s", "growth of the variance of a driven heading"),
+    ] = 9e-4
+    settle_s: Annotated[
+        float,
+        Quantity("s", "measured: at rest after 0.03 s", "time after a stop that counts as driven"),
+    ] = 0.1
+
+
+class ShieldParams(NamedTuple):
+    """What the shield keeps, see `cosim.onboard.shield` and docs/shield.md."""
+
+    stopping_m: Annotated[
+        float,
+        Quantity("m", "measured: 1 stop in 1e5, and 1/4", "from a look at a robot until it rests"),
+    ] = 1.1e-4
+    room_m: Annotated[
+        float, Quantity("m", "assumed: several retreats that fail", "room below which robots stop")
+    ] = 6e-4
+    loss_m: Annotated[
+        float, Quantity("m", "assumed: more than the vibration", "room that a retreat may cost")
+    ] = 1e-4
+    stray_m: Annotated[
+        float, Quantity("m", "benchmarks steering: driving", "gap of plans beyond that of stopping")
+    ] = 1e-3
+    retreat_m: Annotated[float, Quantity("m", "assumed: one cell", "length of a retreat")] = 0.01
+    deviations: Annotated[
+        float,
+        Quantity("1", "measured with a camera: 5 and the bias", "bound on an estimate's error, σ"),
+    ] = 5.0
+    jitter: Annotated[
+        float, Quantity("1", "assumed", "standard deviations that room_m and loss_m grow by")
+    ] = 1.5
+
+
+class Fig3Params(NamedTuple):
+    """1-DOF platform that gives the motion printed in Fig. 3; the paper states none of these."""
+
+    M: Annotated[float, Quantity("kg", "Table I", "platform mass")] = 0.1
+    m: Annotated[
+        float,
+        Quantity("kg", "assumed: its weight keeps the platform on the floor", "eccentric mass"),
+    ] = 0.002
+    r: Annotated[
+        float, Quantity("m", "assumed: 9.9 m/s² on the platform at that speed", "eccentricity")
+    ] = 0.0109
+    mu: Annotated[float, Quantity("1", "assumed: read off Fig. 3", "Coulomb friction")] = 0.5
+    omega: Annotated[
+        float, Quantity("rad/s", "assumed: read off Fig. 3, 29.5 ms per turn", "motor speed")
+    ] = 213.0
+
+
+class Fig7Params(NamedTuple):
+    """Operating point of Fig. 7 (open- and closed-loop response of one motor)."""
+
+    omega_des: Annotated[float, Quantity("rad/s", "Table II", "desired rotational speed")] = 700.0
+    d: Annotated[float, Quantity("N.m", "Table II", "disturbance torque")] = 1e-6
+    open_loop_V: Annotated[
+        float, Quantity("V", "assumed: gives 700 rad/s without d", "open-loop voltage")
+    ] = 0.709
+
+
+TABLE_II = MotorParams()
+TABLE_I = RobotParams()
+SPEED_NOISE = NoiseParams()
+TIMING = TimingParams()
+STEERING = SteeringParams()
+ESTIMATOR = EstimatorParams()
+SHIELD = ShieldParams()
+FIG_3 = Fig3Params()
+FIG_7 = Fig7Params()
+
+
+def describe(record: Any) -> dict[str, tuple[Any, Quantity]]:
+    """Value and `Quantity` of every field of a record that has one, in declaration order."""
+    hints = get_type_hints(type(record), include_extras=True)
+    quantities = {
+        name: next(m for m in hint.__metadata__ if isinstance(m, Quantity))
+        for name, hint in hints.items()
+        if hasattr(hint, "__metadata__")
+    }
+    return {name: (getattr(record, name), quantity) for name, quantity in quantities.items()}
+
+
+def cylinder_inertia(robot: RobotParams) -> tuple[float, float, float]:
+    """Principal moments (Ixx, Iyy, Izz) in kg m² of a uniform cylinder, computed from Table I."""
+    radius = robot.diameter_m / 2.0
+    i_zz = robot.mass_kg * radius**2 / 2.0
+    i_xx = robot.mass_kg * (3.0 * radius**2 + robot.height_m**2) / 12.0
+    return i_xx, i_xx, i_zz
+
+
+def resized(robot: RobotParams, diameter_m: float) -> RobotParams:
+    """The robot with another diameter; feet and motors, just inside its rim, move with the rim."""
+    scale = diameter_m / robot.diameter_m
+    return robot._replace(
+        diameter_m=diameter_m,
+        foot_radius_m=scale * robot.foot_radius_m,
+        motor_radius_m=scale * robot.motor_radius_m,
+    )
+
+
+def motor_gain(motor: MotorParams) -> float:
+    """DC gain K = K_T/(bR + K_T²) of Eq. (13) without Coulomb friction, in rad/s per V."""
+    return motor.K_T / (motor.b * motor.R + motor.K_T**2)
+
+
+def open_loop_voltage(motor: MotorParams) -> tuple[float, float]:
+    """Voltage that keeps a speed in the mean (Eq. 13): V per rad/s, and V against Coulomb friction.
+
+    The torque of the eccentric mass's weight is left out: it averages to zero over a turn.
+    """
+    return 1.0 / motor_gain(motor), motor.c * motor.R / motor.K_T
+
+
+def motor_time_constant(motor: MotorParams) -> float:
+    """Time constant τ = JR/(bR + K_T²) of Eq. (13) without Coulomb friction, in s."""
+    return motor.J * motor.R / (motor.b * motor.R + motor.K_T**2)
+
+
+def lift_off_speed(robot: RobotParams, motor: MotorParams) -> float:
+    """Motor speed in rad/s at which both motors in phase lift the robot: 2 m r ω² = (M + 2m) g."""
+    weight = (robot.mass_kg + 2.0 * motor.m) * motor.g
+    return math.sqrt(weight / (2.0 * motor.m * motor.r))

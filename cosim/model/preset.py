@@ -1,0 +1,242 @@
+"""Presets: the parameters of a machine as a TOML file, checked, found by name, and written.
+
+A file says what differs from Tables I and II in the tables `[robot]` (`RobotParams`), `[motor]`
+(`MotorParams`), `[world]` (those of `World` that belong to a machine) and `[world.sensor]`. In
+each, `source` says where its values are from: a text, or a table with a text for each of them; at
+the top of the file it says so of the machine.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, read_toml
+from cosim.base.storage import named, replacing
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.params import (
+    STEERING,
+    TABLE_I,
+    TABLE_II,
+    MotorParams,
+    RobotParams,
+    SteeringParams,
+    lift_off_speed,
+)
+from cosim.model.world import IDEAL, Sensor, World, WorldError
+
+PAPER = "paper"
+# Fields of a world that a machine brings along; the others are of the table that it stands on.
+WORLD_FIELDS = ("restitution", "motor_spread", "motor_speed_noise")
+# Parameters of a configuration that have another name in a world.
+_NAMES = {"motor_speed_noise": "relative_amplitude"}
+_FOLDER = Path(__file__).parent
+
+
+class PresetError(UserError):
+    """A preset that cannot be used; the message names the table, the field and the mend."""
+
+
+_FILE = Kind("preset file", "check the path", PresetError)
+
+
+class Preset(NamedTuple):
+    """A machine.
+
+    Attributes:
+        name: what `--preset` calls it, or the file's name without its ending.
+        source: of the machine, for people.
+        robot: body, feet and friction.
+        motor: nominal parameters of every motor.
+        world: what the machine brings along of it: `WORLD_FIELDS` and the camera.
+        sources: of parameters, by the names of `CoSimConfig.table`.
+    """
+
+    name: str = PAPER
+    source: str = ""
+    robot: RobotParams = TABLE_I
+    motor: MotorParams = TABLE_II
+    world: World = IDEAL
+    sources: Mapping[str, str] = {}
+
+    def config(self, world: World = IDEAL) -> CoSimConfig:
+        """Parameters of a co-simulation of the machine in a world, not yet calibrated.
+
+        Motor speeds of the steering are those of the paper's robot, as shares of lift-off.
+
+        Args:
+            world: what it says overrides what the machine brings along; by default the machine's
+                own table.
+
+        Raises:
+            ConfigError: they do not fit together.
+        """
+        said = [_parameter("world", n) for n in WORLD_FIELDS if getattr(world, n) is not None]
+        if world.sensor is not None:
+            said += [_parameter("world.sensor", name) for name in Sensor.__struct_fields__]
+        machine = CoSimConfig(
+            robot=self.robot,
+            motor=self.motor,
+            steering=_steering(0.0),
+            preset=self.name,
+            sources=tuple((n, text) for n, text in self.sources.items() if n not in said),
+        )
+        share = machine.lift_off_rad_s / lift_off_speed(TABLE_I, TABLE_II)
+        return replace(machine, steering=_steering(share)).in_world(self.in_world(world))
+
+    def in_world(self, world: World) -> World:
+        """A world with what the machine brings along; where the world says something, it holds."""
+        brought = {
+            name: getattr(self.world, name)
+            for name in (*WORLD_FIELDS, "sensor")
+            if getattr(world, name) is None
+        }
+        return msgspec.structs.replace(world, **brought)
+
+    def save(self, path: str | Path) -> None:
+        """Write a file that `find_preset` reads: what differs from Tables I and II, with sources.
+
+        Raises:
+            StorageError, OSError: it cannot be written.
+        """
+        with replacing(named(path, ".toml")) as temporary:
+            temporary.write_text("\n".join(self._lines()) + "\n", encoding="utf-8")
+
+    def _lines(self) -> Iterator[str]:
+        yield f"source = {_text(self.source)}"
+        for table, (record, usual, names) in _TABLES.items():
+            mine = record(self)
+            values = {
+                name: getattr(mine, name)
+                for name in names
+                if getattr(mine, name) != getattr(usual, name)
+            }
+            if values:
+                yield from ("", f"[{table}]")
+                yield from (f"{name} = {float(value)!r}" for name, value in values.items())
+            said = {name: self.sources.get(_parameter(table, name)) for name in values}
+            if any(said.values()):
+                yield from ("", f"[{table}.source]")
+                yield from (f"{name} = {_text(text)}" for name, text in said.items() if text)
+
+
+_TABLES = {
+    "robot": (lambda preset: preset.robot, TABLE_I, RobotParams._fields),
+    "motor": (lambda preset: preset.motor, TABLE_II, MotorParams._fields),
+    "world": (lambda preset: preset.world, IDEAL, WORLD_FIELDS),
+    "world.sensor": (lambda preset: preset.world.camera, Sensor(), Sensor.__struct_fields__),
+}
+
+
+def built_in() -> list[str]:
+    """Names of the built-in presets, the paper's first."""
+    return sorted((path.stem for path in _FOLDER.glob("*.toml")), key=lambda n: (n != PAPER, n))
+
+
+def find_preset(name_or_path: str | Path | Preset) -> Preset:
+    """Built-in preset of that name, or the one in a TOML file.
+
+    Args:
+        name_or_path: `paper`, `icra2006`, `thesis`, or a file (.toml); a record is returned as it
+            is.
+
+    Raises:
+        PresetError: there is none, it is no TOML, or no such machine can be; the message names the
+            field.
+    """
+    if isinstance(name_or_path, Preset):
+        return name_or_path
+    name = str(name_or_path)
+    if name in built_in():
+        path = _FOLDER / f"{name}.toml"
+    elif name.endswith(".toml"):
+        path = Path(name)
+    else:
+        raise PresetError(
+            f"unknown preset '{name}'; choose one of {', '.join(built_in())} or name a .toml file"
+        )
+    try:
+        preset = _preset(path.stem, read_toml(path, _FILE))
+        preset.config()
+    except (ConfigError, WorldError, _FieldError) as error:
+        raise PresetError(f"{path}: {error}") from None
+    return preset
+
+
+def _steering(share: float) -> SteeringParams:
+    """The paper's steering with a share of its motor speeds."""
+    speeds = [name for name in STEERING._fields if name.endswith("_speed_rad_s")]
+    return STEERING._replace(**{name: share * getattr(STEERING, name) for name in speeds})
+
+
+class _FieldError(ValueError):
+    """A field that no preset has, or not with such a value."""
+
+
+def _preset(name: str, file: dict[str, Any]) -> Preset:
+    rest = dict(file)
+    source = rest.pop("source", "")
+    if not isinstance(source, str):
+        raise _FieldError("source: give a text")
+    tables = {table: _taken(rest, table) for table in ("robot", "motor", "world")}
+    _refuse_unknown("", rest, ("source", "robot", "motor", "world"))
+    tables["world.sensor"] = _taken(tables["world"], "sensor", "world.")
+    values: dict[str, dict[str, float]] = {}
+    sources: dict[str, str] = {}
+    for table, content in tables.items():
+        said = content.pop("source", {})
+        _refuse_unknown(f"{table}.", content, _TABLES[table][2])
+        texts = dict.fromkeys(content, said) if isinstance(said, str) else said
+        if not isinstance(texts, dict) or not all(isinstance(t, str) for t in texts.values()):
+            raise _FieldError(f"{table}.source: give a text, or a table with a text for each value")
+        _refuse_unknown(f"{table}.source.", texts, tuple(content))
+        values[table] = {name: _number(f"{table}.{name}", v) for name, v in content.items()}
+        sources |= {_parameter(table, name): text for name, text in texts.items()}
+    brought: dict[str, Any] = values["world"]
+    return Preset(
+        name,
+        source,
+        TABLE_I._replace(**values["robot"]),
+        TABLE_II._replace(**values["motor"]),
+        World(sensor=Sensor(**camera) if (camera := values["world.sensor"]) else None, **brought),
+        sources,
+    )
+
+
+def _taken(content: dict[str, Any], table: str, where: str = "") -> dict[str, Any]:
+    """A table that is taken out of another one."""
+    taken = content.pop(table, {})
+    if not isinstance(taken, dict):
+        raise _FieldError(f"{where}{table}: give a table [{where}{table}]")
+    return dict(taken)
+
+
+def _refuse_unknown(where: str, content: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    for name in content:
+        if name not in known:
+            raise _FieldError(
+                f"{where}{name} is unknown to presets; choose from {', '.join(known) or 'nothing'}"
+            )
+
+
+def _number(field: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _FieldError(f"{field} = {value!r} is no number; give one")
+    try:
+        return float(value)
+    except OverflowError:
+        raise _FieldError(f"{field} is beyond all floats; give another number") from None
+
+
+def _parameter(table: str, name: str) -> str:
+    """Name of a parameter in `CoSimConfig.table`."""
+    return f"sensor_{name}" if table == "world.sensor" else _NAMES.get(name, name)
+
+
+def _text(text: str) -> str:
+    """A text as TOML has it, which is as JSON has it."""
+    return json.dumps(text, ensure_ascii=False)

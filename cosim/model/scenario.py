@@ -1,0 +1,241 @@
+"""Scenarios: a board of cells, one target and one set of start cells per robot.
+
+A scenario is geometry only; how robots learn on it is the agent's, how they move the
+co-simulation's. Scenarios of the paper are built in, others are read from TOML files. Cells are
+addressed (column, row) = (x, y) from the lower left corner; the board's frame has its origin at
+that corner, x to the right, y up.
+"""
+
+import math
+import re
+from dataclasses import asdict, dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from cosim.base.arguments import take_fields
+from cosim.base.errors import UserError
+from cosim.base.provenance import digest_of
+from cosim.model.params import TABLE_I
+from cosim.model.world import Rectangle
+
+Cell = tuple[int, int]
+
+MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
+MAX_CELL_M = 1.0
+MAX_ROBOTS = 64  # kernels are compiled for their number
+MAX_WALLS = 1000  # rectangles that the dynamics look at one by one
+
+
+class ScenarioError(UserError):
+    """A scenario that cannot be used; the message names the field and the mend."""
+
+
+def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:
+    """Whether a disc touches an obstacle: its centre is no further from it than its radius.
+
+    The one definition, for the grid (exact, in half cells), for moves that last and for the
+    dynamics; kernels compile it with `cosim.base.jit.inlined`.
+
+    Args:
+        x, y: centre of the disc, in any unit; numbers, or arrays that broadcast.
+        squared_radius: of the disc.
+        obstacles: (M, 4) rectangles left, bottom, right, top.
+
+    Returns:
+        bool, or an array of them; False if there is no obstacle.
+    """
+    touched = False
+    for k in range(len(obstacles)):
+        dx = np.maximum(np.maximum(obstacles[k, 0] - x, x - obstacles[k, 2]), 0)
+        dy = np.maximum(np.maximum(obstacles[k, 1] - y, y - obstacles[k, 3]), 0)
+        touched = touched | (dx * dx + dy * dy <= squared_radius)
+    return touched
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Board, targets and start cells of N robots, as drawn in Fig. 5.
+
+    >>> import minirobots as mr
+    >>> mr.Scenario("near", "one robot", targets=[(15, 15)], starts=[[(5, 15), (25, 15)]]).robots
+    1
+
+    Attributes:
+        name: what `--scenario` calls it.
+        title: one line for people.
+        targets: target cell of each robot, length N.
+        starts: start cells of each robot, N tuples of cells.
+        columns: board width in cells (30, Section V).
+        rows: board height in cells (30, Section V).
+        cell_m: edge of a cell in m (assumed: 1 cm, so that a target "occupies a single cell").
+        zone: central zone as (first column, first row, last column, last row), inclusive
+            (7 x 7 cells, Section V).
+        zone_is_obstacle: whether no robot's centre may enter the zone, except its own target
+            (assumed: no, the zone only places targets).
+        obstacles: cells that no robot may touch (none in the paper).
+        robot_diameter_m: diameter of every robot (Table I), on the grid and in the dynamics.
+
+    Raises:
+        ScenarioError: a size is not positive, a cell is off the board, a robot would touch an
+            obstacle at its start or target, or targets are closer than one diameter.
+    """
+
+    name: str
+    title: str
+    targets: tuple[Cell, ...]
+    starts: tuple[tuple[Cell, ...], ...]
+    columns: int = 30
+    rows: int = 30
+    cell_m: float = 0.01
+    zone: Rectangle = (12, 12, 18, 18)
+    obstacles: tuple[Cell, ...] = ()
+    robot_diameter_m: float = TABLE_I.diameter_m
+    zone_is_obstacle: bool = False
+
+    def __post_init__(self) -> None:
+        take_fields(self, ScenarioError)
+        self._check_sizes()
+        if len(self.targets) != len(self.starts) or not 1 <= self.robots <= MAX_ROBOTS:
+            raise ScenarioError(
+                f"scenario {self.name}: targets and starts need one entry per robot, of 1 to "
+                f"{MAX_ROBOTS}, got {len(self.targets)} and {len(self.starts)}"
+            )
+        fields = {"targets": self.targets, "obstacles": self.obstacles} | {
+            f"starts[{robot}]": cells for robot, cells in enumerate(self.starts)
+        }
+        for field, cells in fields.items():
+            for x, y in cells:
+                if not (0 <= x < self.columns and 0 <= y < self.rows):
+                    raise ScenarioError(
+                        f"scenario {self.name}: {field} has cell ({x}, {y}), which is off the "
+                        f"{self.columns} x {self.rows} board; use 0 to {self.columns - 1} and "
+                        f"0 to {self.rows - 1}"
+                    )
+            if not cells and field.startswith("starts"):
+                raise ScenarioError(f"scenario {self.name}: {field} is empty; give a start cell")
+        self._check_obstacles(fields)
+        for i, a in enumerate(self.targets):
+            for j, b in enumerate(self.targets[:i]):
+                if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= self.squared_contact:
+                    raise ScenarioError(
+                        f"scenario {self.name}: targets {b} and {a} of robots {j + 1} and {i + 1} "
+                        f"are {100 * math.dist(a, b) * self.cell_m:.1f} cm apart; robots of "
+                        f"{100 * self.robot_diameter_m:.1f} cm cannot both park there: move them "
+                        "further apart"
+                    )
+
+    def _check_sizes(self) -> None:
+        left, bottom, right, top = self.zone
+        checks = {
+            "name": (re.fullmatch(r"[\w.-]+", self.name), "letters, digits, '.', '-' and '_'"),
+            "columns": (1 <= self.columns <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
+            "rows": (1 <= self.rows <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
+            "cell_m": (0 < self.cell_m <= MAX_CELL_M, f"a length in m up to {MAX_CELL_M:g}"),
+            "robot_diameter_m": (
+                0 < self.robot_diameter_m <= MAX_SIDE_CELLS * self.cell_m,
+                f"a length in m up to that of {MAX_SIDE_CELLS} cells",
+            ),
+            "zone": (
+                0 <= left <= right < self.columns and 0 <= bottom <= top < self.rows,
+                "[first column, first row, last column, last row] on the board",
+            ),
+        }
+        for field, (valid, expected) in checks.items():
+            if not valid:
+                raise ScenarioError(
+                    f"scenario {self.name}: {field} = {getattr(self, field)} is not usable; "
+                    f"give {expected}"
+                )
+
+    def _check_obstacles(self, fields: dict[str, tuple[Cell, ...]]) -> None:
+        if len(self.walls) > MAX_WALLS:
+            raise ScenarioError(
+                f"scenario {self.name}: obstacles make {len(self.walls)} rectangles, more than "
+                f"{MAX_WALLS}; join or leave out some"
+            )
+        for field, cells in fields.items():
+            middles = 2 * np.array(cells).reshape(-1, 2) + 1
+            touching = np.flatnonzero(self.blocks(middles[:, 0], middles[:, 1]))
+            if field != "obstacles" and len(touching):
+                raise ScenarioError(
+                    f"scenario {self.name}: {field} has cell {cells[touching[0]]}, where a robot "
+                    f"of {100 * self.robot_diameter_m:.1f} cm touches an obstacle; move one of them"
+                )
+
+    @property
+    def robots(self) -> int:
+        """Number of robots N."""
+        return len(self.targets)
+
+    @property
+    def squared_contact(self) -> int:
+        """Largest squared distance in cells² of the cells of two robots that touch.
+
+        Also the square of a robot's radius in half cells, in which centres and corners of cells
+        have whole coordinates.
+        """
+        # 1e-9: robots of 7 cm on cells of 1 cm touch at 7 cells, whatever 0.07 / 0.01 rounds to
+        return math.floor((self.robot_diameter_m / self.cell_m) ** 2 + 1e-9)
+
+    @property
+    def walls(self) -> np.ndarray:
+        """(M, 4) int64, the obstacles as few rectangles left, bottom, right, top, in cells."""
+        return _rectangles(set(self.obstacles))
+
+    @property
+    def forbidden(self) -> np.ndarray:
+        """(N, F, 4) float64, rectangles as of `walls` that each robot's centre may not enter.
+
+        They are the other robots' targets: static obstacles of Section III-A, although nothing
+        stands there; and if `zone_is_obstacle` the zone but for the robot's own target. Rectangles
+        are infinitely far where a robot has fewer.
+        """
+        left, bottom, right, top = self.zone
+        columns, rows = range(left, right + 1), range(bottom, top + 1)
+        cells = {*self.targets, *(product(columns, rows) if self.zone_is_obstacle else ())}
+        of_robots = [_rectangles(cells - {target}) for target in self.targets]
+        padded = np.full((self.robots, max(map(len, of_robots)), 4), np.inf)
+        for robot, rectangles in enumerate(of_robots):
+            padded[robot, : len(rectangles)] = rectangles
+        return padded
+
+    def blocks(self, x: Any, y: Any) -> Any:
+        """Whether a robot at (x, y), in half cells, touches an obstacle; numbers or arrays."""
+        return touches_obstacle(x, y, self.squared_contact, 2 * self.walls)
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width and height of the board in m."""
+        return self.columns * self.cell_m, self.rows * self.cell_m
+
+    def centre_m(self, cell: Cell) -> tuple[float, float]:
+        """Centre of a cell in the board's frame, in m."""
+        return (cell[0] + 0.5) * self.cell_m, (cell[1] + 0.5) * self.cell_m
+
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the geometry, whatever name and title are."""
+        geometry = {k: v for k, v in asdict(self).items() if k not in {"name", "title"}}
+        if not self.zone_is_obstacle:
+            del geometry["zone_is_obstacle"]  # as before there was this field
+        return digest_of(geometry)
+
+
+def _rectangles(cells: set[Cell]) -> np.ndarray:
+    """Cells as few rectangles left, bottom, right, top, (M, 4) int64."""
+    single = [[x, y, x + 1, y + 1] for x, y in cells]
+    return np.array(_joined(_joined(single, 0), 1), dtype=np.int64).reshape(-1, 4)
+
+
+def _joined(rectangles: list[list[int]], axis: int) -> list[list[int]]:
+    """Rectangles left, bottom, right, top, those of one extent joined along x (0) or y (1)."""
+    low, high, across = axis, axis + 2, slice(1 - axis, None, 2)
+    joined: list[list[int]] = []
+    for rectangle in sorted(rectangles, key=lambda r: (r[across], r[low])):
+        last = joined[-1] if joined else None
+        if last and last[across] == rectangle[across] and last[high] == rectangle[low]:
+            last[high] = rectangle[high]
+        else:
+            joined.append(rectangle)
+    return joined

@@ -1,0 +1,207 @@
+"""Scenario and world files (TOML), and scenarios found by name."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from cosim.base.arguments import taken
+from cosim.base.reading import Kind, read_toml
+from cosim.model.built_in import BUILT_IN, filled, sides
+from cosim.model.params import TABLE_I
+from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
+from cosim.model.world import IDEAL, Rectangle, World, WorldError
+
+ROUGH = Path(__file__).parent / "worlds" / "rough.toml"  # a world in which nothing is ideal
+MAX_CELLS = MAX_SIDE_CELLS**2  # of a list, before those that stand there twice are left out
+
+_FILE = Kind("scenario file", "check the path", ScenarioError)
+_WORLD_FILE = Kind("world file", "check the path", WorldError)
+
+
+def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -> Scenario:
+    """Built-in scenario of that name, or the one in a TOML file.
+
+    Args:
+        name_or_path: of a built-in scenario, or a scenario file; a record is returned as it is.
+        ideal: refuse a world of its own, of which only obstacles would have an effect.
+
+    Raises:
+        ScenarioError: there is no such scenario, or the file does not describe one.
+        WorldError: the world cannot be, or is refused.
+    """
+    scenario, world = find_in_world(name_or_path)
+    if ideal and msgspec.structs.replace(world, obstacles=()) != IDEAL:
+        raise WorldError(
+            f"{name_or_path}: its table [world] has no effect here, but for obstacles; leave it out"
+        )
+    return scenario
+
+
+def find_in_world(
+    scenario: str | Path | Scenario, world: str | Path | World | Mapping[str, Any] | None = None
+) -> tuple[Scenario, World]:
+    """A scenario, with the obstacles of its world, and the world it is in.
+
+    Args:
+        scenario: name of a built-in scenario, scenario file (.toml) or record.
+        world: world file, record, or dict of its fields; by default the table `[world]` of the
+            scenario file, or the paper's.
+
+    Raises:
+        ScenarioError: there is no such scenario, or the file does not describe one.
+        WorldError: the world cannot be, or both files have one.
+    """
+    name, own, declared = str(scenario), IDEAL, world
+    if isinstance(declared, str | Path):
+        declared = read_world(Path(declared))
+    declared = taken("world", declared, World | None, WorldError)
+    if isinstance(scenario, Scenario):
+        pass
+    elif name in BUILT_IN:
+        scenario = BUILT_IN[name]
+    elif name.endswith(".toml"):
+        scenario, own = _read(Path(name))
+    else:
+        raise ScenarioError(
+            f"unknown scenario '{name}'; choose one of {', '.join(BUILT_IN)} or name a .toml file"
+        )
+    if declared is None:
+        declared = own
+    elif own != IDEAL:
+        raise WorldError(f"{name} has a world of its own beside that of {world}; remove one")
+    return in_world(scenario, declared), declared
+
+
+def in_world(scenario: Scenario, world: World) -> Scenario:
+    """A scenario with the obstacles of a world too.
+
+    Raises:
+        ScenarioError: an obstacle is off the board, or stands where a robot starts or parks.
+        WorldError: a patch is not on the board.
+    """
+    for patch in world.mu_patches:
+        left, bottom, right, top = patch.cells
+        if not (0 <= left <= right < scenario.columns and 0 <= bottom <= top < scenario.rows):
+            raise WorldError(
+                f"world.mu_patches has {list(patch.cells)}, which is no rectangle [first column, "
+                f"first row, last column, last row] of the {scenario.columns} x {scenario.rows} "
+                "board; give one on it"
+            )
+    more = _cells("world.obstacles", world.obstacles)
+    obstacles = tuple(dict.fromkeys((*scenario.obstacles, *more)))
+    return replace(scenario, obstacles=obstacles) if more else scenario
+
+
+class _WorldFile(msgspec.Struct, forbid_unknown_fields=True):
+    world: World
+
+
+def read_world(path: Path) -> World:
+    """The world of a file that has nothing else.
+
+    Raises:
+        WorldError: the file is missing, no TOML, or a field is wrong; the message names it.
+    """
+    try:
+        return msgspec.convert(read_toml(path, _WORLD_FILE), _WorldFile).world
+    except msgspec.ValidationError as error:
+        raise WorldError(f"{path}: {_field_message(str(error))}") from error
+    except WorldError as error:
+        raise WorldError(f"{path}: {error}") from None
+
+
+_Index = Annotated[int, msgspec.Meta(ge=0, lt=MAX_SIDE_CELLS)]
+_Size = Annotated[int, msgspec.Meta(ge=1, le=MAX_SIDE_CELLS)]
+Side = Literal["top", "bottom", "left", "right", "border"]
+
+
+class _RobotTable(msgspec.Struct, forbid_unknown_fields=True):
+    target: Cell
+    starts: Side | list[list[_Index]]
+
+
+class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
+    robots: Annotated[list[_RobotTable], msgspec.Meta(max_length=MAX_ROBOTS)]
+    name: str | None = None
+    title: str = ""
+    columns: _Size = 30
+    rows: _Size = 30
+    cell_m: float = 0.01
+    zone: Rectangle | None = None
+    zone_is_obstacle: bool = False
+    obstacles: list[list[_Index]] = []
+    robot_diameter_m: float = TABLE_I.diameter_m
+    world: World = IDEAL
+
+
+def _read(path: Path) -> tuple[Scenario, World]:
+    """Scenario and world of a TOML file, see docs/scenarios.md for its fields.
+
+    Start cells are a side of the board or a list, obstacles a list; a list has cells `[x, y]` and
+    rectangles `[first column, first row, last column, last row]`. The zone is by default the
+    7 x 7 cells in the middle, as in Section V.
+
+    Raises:
+        ScenarioError: the file is missing, no TOML, or a field is wrong; the message names it.
+        WorldError: the world cannot be.
+    """
+    try:
+        file = msgspec.convert(read_toml(path, _FILE), _ScenarioFile)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{path}: {_field_message(str(error))}") from error
+    except WorldError as error:
+        raise WorldError(f"{path}: {error}") from None
+    by_side = sides(file.columns, file.rows)
+    starts = tuple(
+        by_side[robot.starts]
+        if isinstance(robot.starts, str)
+        else _cells(f"{path}: robots[{i}].starts", robot.starts)
+        for i, robot in enumerate(file.robots)
+    )
+    scenario = Scenario(
+        name=file.name or path.stem,
+        title=file.title or path.name,
+        targets=tuple(robot.target for robot in file.robots),
+        starts=starts,
+        columns=file.columns,
+        rows=file.rows,
+        cell_m=file.cell_m,
+        zone=file.zone or _central_zone(file.columns, file.rows),
+        obstacles=_cells(f"{path}: obstacles", file.obstacles),
+        robot_diameter_m=file.robot_diameter_m,
+        zone_is_obstacle=file.zone_is_obstacle,
+    )
+    return scenario, file.world
+
+
+def _field_message(message: str) -> str:
+    """Msgspec's "Expected `int`, got `str` - at `$.zone[0]`" with the field first."""
+    problem, _, where = message.partition(" - at ")
+    field = where.strip("`").removeprefix("$").removeprefix(".")
+    problem = (problem[0].lower() + problem[1:]).replace("`", "'")
+    return f"{field or 'file'}: {problem}; mend this field (see docs/scenarios.md)"
+
+
+def _cells(field: str, items: Sequence[Sequence[int]]) -> tuple[Cell, ...]:
+    rectangles: list[Rectangle] = []
+    for k, item in enumerate(items):
+        if len(item) not in {2, 4}:
+            raise ScenarioError(
+                f"{field}[{k}]: {item} is neither a cell [x, y] nor a rectangle "
+                "[first column, first row, last column, last row]"
+            )
+        left, bottom, right, top = (*item, *item)[:4]
+        rectangles.append((left, bottom, right, top))
+    cells = sum(max(r[2] - r[0] + 1, 0) * max(r[3] - r[1] + 1, 0) for r in rectangles)
+    if cells > MAX_CELLS:
+        raise ScenarioError(f"{field} lists {cells} cells, more than {MAX_CELLS}; leave out some")
+    return filled(*rectangles)
+
+
+def _central_zone(columns: int, rows: int) -> Rectangle:
+    width, height = min(7, columns), min(7, rows)
+    left, bottom = (columns - width + 1) // 2, (rows - height + 1) // 2
+    return left, bottom, left + width - 1, bottom + height - 1

@@ -1,0 +1,274 @@
+"""Worlds that are not ideal: floor, motors, load and camera as they are on a real table.
+
+A `World` is what the table `[world]` of a file declares; the default is the paper's. What differs
+from episode to episode is drawn from it with the episode's seed.
+"""
+
+import math
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from cosim.base.arguments import take_fields
+from cosim.base.errors import UserError
+from cosim.model.params import MotorParams, Quantity
+
+Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
+
+_MOST_PHASE_DEG = 360.0
+_MAX_PATCHES = 1000  # the dynamics look at one by one
+# Drawn factors stay within so many standard deviations of 1.
+_MOST_DEVIATIONS = 3.0
+# Children of an episode's seed: motors' noise has the first ones.
+_WORLD_CHILD, CAMERA_CHILD = 1_000_000, 2_000_000  # of the camera's noise, the first robot's
+DETOUR_CHILD = 3_000_000
+
+
+class WorldError(UserError):
+    """A world that cannot be; the message names the field and the mend."""
+
+
+class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    def _require(self, where: str, **ranges: tuple[float, float]) -> None:
+        for name, (low, high) in ranges.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise WorldError(
+                    f"{where}.{name} = {value:g} is not usable; give {low:g} to {high:g}"
+                )
+
+
+class Patch(_Record, frozen=True, forbid_unknown_fields=True):
+    """Cells of the floor with a friction coefficient of their own; later patches cover earlier."""
+
+    cells: Rectangle
+    mu: float
+
+    def __post_init__(self) -> None:
+        take_fields(self, WorldError)
+        self._require("world.mu_patches", mu=(0.0, 10.0))
+
+
+class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
+    """The camera over the board; at a rate of 0 poses are known exactly, every control period."""
+
+    rate_hz: Annotated[
+        float, Quantity("Hz", "world", "frames of the camera per second, 0: exact poses")
+    ] = 0.0
+    delay_ms: Annotated[float, Quantity("ms", "world", "from a frame to its poses")] = 0.0
+    position_noise_mm: Annotated[
+        float, Quantity("mm", "world", "standard deviation of x and of y in a frame")
+    ] = 0.0
+    heading_noise_deg: Annotated[
+        float, Quantity("deg", "world", "standard deviation of the heading in a frame")
+    ] = 0.0
+    dropout: Annotated[
+        float, Quantity("1", "world", "share of the frames in which a robot is not found")
+    ] = 0.0
+
+    def __post_init__(self) -> None:
+        take_fields(self, WorldError)
+        self._require(
+            "world.sensor",
+            rate_hz=(0.0, 1000.0),
+            delay_ms=(0.0, 2000.0),
+            position_noise_mm=(0.0, 100.0),
+            heading_noise_deg=(0.0, 90.0),
+            dropout=(0.0, 0.99),
+        )
+        for name in self.__struct_fields__:
+            if self.rate_hz == 0.0 and getattr(self, name):
+                raise WorldError(
+                    f"world.sensor.{name} has no effect without a camera; give its rate_hz"
+                )
+
+
+class World(_Record, frozen=True, forbid_unknown_fields=True):
+    """A world as declared; None where nothing is said and the machine's value holds.
+
+    >>> import minirobots as mr
+    >>> mr.World(mu=0.2, mu_patches=[{"cells": (10, 0, 19, 29), "mu": 0.3}]).mu_patches[0].mu
+    0.3
+
+    Attributes:
+        mu: Coulomb friction coefficient of the floor.
+        mu_patches: cells with another one.
+        motor_spread: relative standard deviation of K_T, R, J and m r, of every motor by itself.
+        motor_speed_noise: half width of the uniform noise on measured speeds over the set point.
+        restitution: of the feet (Newton's impact law).
+        floor_tilt_deg: slope of the floor; every episode draws where it falls.
+        payload_g: on every robot, at the height of its centre of mass.
+        payload_offset_mm: of the payload, forwards and to the left of the robot's axis.
+        motor_phases_deg: angles at which the motors begin, r1.D, r1.E, r2.D and so on; 0, and by
+            default all, with the eccentric mass straight down.
+        sensor: the camera.
+        obstacles: cells [x, y] and rectangles that stand on the floor as well.
+        edge: whether the floor ends where the board does. By default the board is a part of a
+            larger floor, and feet beyond it stand.
+    """
+
+    mu: float | None = None
+    mu_patches: tuple[Patch, ...] = ()
+    motor_spread: Annotated[
+        float | None, Quantity("1", "world", "relative standard deviation of K_T, R, J and m r")
+    ] = None
+    motor_speed_noise: float | None = None
+    restitution: Annotated[
+        float | None, Quantity("1", "world", "Newton's impact law at the feet")
+    ] = None
+    floor_tilt_deg: Annotated[float, Quantity("deg", "world", "slope of the floor")] = 0.0
+    payload_g: Annotated[
+        float, Quantity("g", "world", "on every robot, at the height of its centre of mass")
+    ] = 0.0
+    payload_offset_mm: tuple[float, float] = (0.0, 0.0)
+    motor_phases_deg: tuple[float, ...] = ()
+    sensor: Sensor | None = None
+    obstacles: tuple[tuple[int, ...], ...] = ()
+    edge: Annotated[bool, Quantity("", "world", "whether there is no floor beyond the board")] = (
+        False
+    )
+
+    def __post_init__(self) -> None:
+        take_fields(self, WorldError)
+        self._require(
+            "world",
+            mu=(0.0, 10.0),
+            motor_spread=(0.0, 0.3),
+            motor_speed_noise=(0.0, 1.0),
+            restitution=(0.0, 1.0),
+            floor_tilt_deg=(0.0, 20.0),
+            payload_g=(0.0, 1000.0),
+        )
+        if len(self.mu_patches) > _MAX_PATCHES:
+            raise WorldError(
+                f"world.mu_patches has {len(self.mu_patches)} patches, more than {_MAX_PATCHES}; "
+                "join or leave out some"
+            )
+        for phase_deg in self.motor_phases_deg:
+            if not -_MOST_PHASE_DEG <= phase_deg <= _MOST_PHASE_DEG:
+                raise WorldError(
+                    f"world.motor_phases_deg has {phase_deg:g}, which is not usable; give "
+                    f"{-_MOST_PHASE_DEG:g} to {_MOST_PHASE_DEG:g}"
+                )
+        if any(self.payload_offset_mm) and not self.payload_g:
+            raise WorldError(
+                "world.payload_offset_mm has no effect without a payload; give payload_g"
+            )
+
+    @property
+    def draws(self) -> bool:
+        """Whether episodes draw anything."""
+        return bool(self.motor_spread) or self.floor_tilt_deg > 0.0
+
+    @property
+    def camera(self) -> Sensor:
+        """The camera; exact poses where nothing is said of one."""
+        return self.sensor or Sensor()
+
+    def filled(self) -> "World":
+        """Return this world with ideal values for what a machine could have brought along."""
+        return msgspec.structs.replace(
+            self,
+            motor_spread=self.motor_spread or 0.0,
+            restitution=self.restitution or 0.0,
+            sensor=self.camera,
+        )
+
+
+IDEAL = World()  # the paper's
+
+
+class Drawn(msgspec.Struct, frozen=True):
+    """What an episode has drawn from its world.
+
+    Attributes:
+        motors: of every robot motors D and E, with their own K_T, R, J and r.
+        tilt_direction_deg: where the floor falls, counter-clockwise from +x.
+    """
+
+    motors: tuple[tuple[MotorParams, MotorParams], ...]
+    tilt_direction_deg: float
+
+    def table(self) -> dict[str, dict[str, float]]:
+        """What summaries and recordings list: K_T, R, J and r of every motor, and the slope."""
+        return {
+            f"r{robot + 1}.{name}": {key: getattr(motor, key) for key in ("K_T", "R", "J", "r")}
+            for robot, pair in enumerate(self.motors)
+            for name, motor in zip("DE", pair, strict=True)
+        } | {"floor": {"tilt_direction_deg": self.tilt_direction_deg}}
+
+
+def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
+    """Generator of a child of a seed.
+
+    The seed stays as it is: unlike with `seed.spawn`, a second call gives the same generator.
+    """
+    return np.random.default_rng(
+        np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, child))
+    )
+
+
+def draw_world(
+    world: World, motor: MotorParams, robots: int, seed: np.random.SeedSequence
+) -> Drawn:
+    """What an episode draws.
+
+    Args:
+        world: as declared.
+        motor: nominal parameters.
+        robots: N.
+        seed: of the episode; it is not changed.
+    """
+    rng = generator(seed, _WORLD_CHILD)
+    normal = rng.standard_normal((robots, 2, 4))
+    factors = 1.0 + (world.motor_spread or 0.0) * np.clip(
+        normal, -_MOST_DEVIATIONS, _MOST_DEVIATIONS
+    )
+    direction_deg = round(rng.uniform(0.0, 360.0), 6) if world.floor_tilt_deg else 0.0
+
+    def own(row: np.ndarray) -> MotorParams:
+        if not world.motor_spread:
+            return motor
+        k_t, r, j, mr = row.tolist()
+        return motor._replace(K_T=motor.K_T * k_t, R=motor.R * r, J=motor.J * j, r=motor.r * mr)
+
+    return Drawn(tuple((own(d), own(e)) for d, e in factors), direction_deg)
+
+
+def gravity(world: World, drawn: Drawn, g: float) -> tuple[float, float, float]:
+    """Gravitational acceleration in m/s² in the frame of the floor, z away from it.
+
+    Args:
+        world: with the slope.
+        drawn: with its direction.
+        g: its amount.
+    """
+    slope, direction = math.radians(world.floor_tilt_deg), math.radians(drawn.tilt_direction_deg)
+    along = g * math.sin(slope)
+    return along * math.cos(direction), along * math.sin(direction), -g * math.cos(slope)
+
+
+def motor_phases(world: World, robots: int) -> np.ndarray:
+    """Angles at which the motors of an episode begin.
+
+    Args:
+        world: as declared.
+        robots: N.
+
+    Returns:
+        (N, 2) rad of motors D and E, 0 where the mass hangs straight down; NaN where the world says
+        nothing.
+
+    Raises:
+        WorldError: the world has phases of another number of motors.
+    """
+    phases_deg, motors = world.motor_phases_deg, 2 * robots
+    if not phases_deg:
+        return np.full((robots, 2), np.nan)
+    if len(phases_deg) != motors:
+        raise WorldError(
+            f"world.motor_phases_deg has {len(phases_deg)} angles, but the robots have {motors} "
+            "motors; give one for each of r1.D, r1.E, r2.D, ..."
+        )
+    return np.radians(phases_deg).reshape(robots, 2)

@@ -1,1 +1,0 @@
-"""Episodes of RL steps on the master, many together: what is seen, permitted and measured."""

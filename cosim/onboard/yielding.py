@@ -1,0 +1,168 @@
+"""Who yields where the shield is on: no move begins that comes too close to another robot's plan.
+
+That gets robots past each other; that they never touch is the monitor's part
+(`cosim.onboard.shield`).
+
+A plan is the line from where a robot is to where it is going; a robot that stands has a point. A
+move whose plan is blocked by a robot that is moving waits for it; one blocked by a robot that
+stands, by an obstacle or by the board's edge yields to the nearest direction that is free. Policies
+know nothing of this, and it knows nothing of policies.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.base.jit import inlined, kernel
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
+from cosim.onboard.observing import cell_of
+
+WAIT = -1
+# nearest direction first, and of two equally near the one to the left
+NEAREST_FIRST = np.array([0, 1, -1, 2, -2, 3, -3, 4])
+_ROUNDING_M = 1e-9
+
+Point = tuple[float, float]
+Line = tuple[Point, Point]  # both ends
+
+
+class Board(NamedTuple):
+    """What is known of a scenario; lengths in m.
+
+    Attributes:
+        columns, rows: number of cells.
+        cell_m: edge of a cell.
+        diameter_m: of every robot.
+        obstacles: (M, 4) float64, rectangles left, bottom, right, top.
+        forbidden: (N, F, 4) float64, such rectangles that each robot's centre may not enter;
+            infinitely far where a robot has fewer.
+    """
+
+    columns: int
+    rows: int
+    cell_m: float
+    diameter_m: float
+    obstacles: np.ndarray
+    forbidden: np.ndarray
+
+
+def board_of(scenario: Scenario) -> Board:
+    """The board of a scenario."""
+    return Board(
+        scenario.columns,
+        scenario.rows,
+        scenario.cell_m,
+        scenario.robot_diameter_m,
+        scenario.walls * scenario.cell_m,
+        scenario.forbidden * scenario.cell_m,
+    )
+
+
+@inlined
+def point_to_line(point: Point, line: Line) -> float:
+    """Distance of a point from a line, in their unit."""
+    (x, y), (end_x, end_y) = line
+    along_x, along_y = end_x - x, end_y - y
+    length = along_x * along_x + along_y * along_y
+    if length > 0.0:
+        share = ((point[0] - x) * along_x + (point[1] - y) * along_y) / length
+        share = min(max(share, 0.0), 1.0)
+        x += share * along_x
+        y += share * along_y
+    return math.sqrt((point[0] - x) ** 2 + (point[1] - y) ** 2)
+
+
+@kernel
+def line_to_line(a: Line, b: Line) -> float:
+    """Distance of two lines in their unit. Zero if they cross."""
+    if _cross(a, b) and _cross(b, a):
+        return 0.0
+    return min(
+        point_to_line(a[0], b),
+        point_to_line(a[1], b),
+        point_to_line(b[0], a),
+        point_to_line(b[1], a),
+    )
+
+
+@inlined
+def _cross(a: Line, b: Line) -> bool:
+    """Whether the ends of b lie on both sides of the line through a."""
+    (x, y), (end_x, end_y) = a
+    first = (end_x - x) * (b[0][1] - y) - (end_y - y) * (b[0][0] - x)
+    second = (end_x - x) * (b[1][1] - y) - (end_y - y) * (b[1][0] - x)
+    return first * second < 0.0
+
+
+@kernel
+def permitted(
+    board: Board,
+    positions: np.ndarray,
+    goals: np.ndarray,
+    robot: int,
+    direction: int,
+    margin_m: float,
+    turns: np.ndarray,
+) -> int:
+    """The direction that a robot may take when it wants another.
+
+    Args:
+        board: cells, obstacles and diameter of the robots.
+        positions: (N, 2) centres of the robots in m.
+        goals: (N, 2) end of each robot's move in m, NaN for a robot that stands.
+        robot: that decides; it stands.
+        direction: index of the direction that it wants.
+        margin_m: least gap to the other robots' plans, to obstacles and to forbidden cells.
+        turns: (8,) int64, from the wanted direction to those that are tried, 0 the first.
+
+    Returns:
+        The direction itself if it is free, WAIT if a moving robot blocks it or nothing is free,
+        else the first free direction.
+    """
+    here = (positions[robot, 0], positions[robot, 1])
+    for turn in turns:
+        candidate = (direction + turn) % DIRECTION_COUNT
+        column = cell_of(here[0], board.cell_m) + DIRECTIONS[candidate, 0]
+        row = cell_of(here[1], board.cell_m) + DIRECTIONS[candidate, 1]
+        if not (0 <= column < board.columns and 0 <= row < board.rows):
+            continue
+        plan = (here, ((column + 0.5) * board.cell_m, (row + 0.5) * board.cell_m))
+        if _meets(board.obstacles, plan, 0.5 * board.diameter_m + margin_m) or _meets(
+            board.forbidden[robot], plan, margin_m
+        ):
+            continue
+        free, by_moving = True, False
+        for other in range(len(positions)):
+            stands = np.isnan(goals[other, 0])
+            end = positions[other] if stands else goals[other]
+            others = ((positions[other, 0], positions[other, 1]), (end[0], end[1]))
+            if other != robot and _too_close(plan, others, board.diameter_m + margin_m):
+                free = False
+                by_moving |= not stands
+        if free:
+            return candidate
+        if turn == 0 and by_moving:
+            return WAIT
+    return WAIT
+
+
+@inlined
+def _meets(rectangles: np.ndarray, plan: Line, least_m: float) -> bool:
+    """Whether a plan that begins outside of rectangles comes too close to one of their sides."""
+    for k in range(len(rectangles)):
+        left, bottom, right, top = rectangles[k]
+        corners = ((left, bottom), (right, bottom), (right, top), (left, top))
+        for side in range(4):
+            ends = (corners[side], corners[(side + 1) % 4])
+            if _too_close(plan, ends, least_m):
+                return True
+    return False
+
+
+@kernel
+def _too_close(plan: Line, other: Line, least_m: float) -> bool:
+    # a robot that is too close already may move away
+    allowed = min(least_m, point_to_line(plan[0], other))
+    return line_to_line(plan, other) < allowed - _ROUNDING_M

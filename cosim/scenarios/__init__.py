@@ -1,1 +1,0 @@
-"""Boards of cells with targets and starts: those built in, and files."""

@@ -1,0 +1,1 @@
+"""Episodes of RL steps on the master, many together: their options, tasks and results."""

@@ -1,0 +1,365 @@
+"""Episodes that are advanced together: their robots share the lanes of vectors, and the motors.
+
+Every RL step, each episode that goes on decides, all of them are simulated in one call, and each is
+judged. An episode that has ended leaves its place to another one at the next RL step. What becomes
+of an episode depends neither on who shares the batch nor on the number of lanes.
+"""
+
+import copy
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cosim.base.arguments import ConfigError, require_one_of, taken
+from cosim.base.errors import UserError, shown
+from cosim.coupling.adaptive import AdaptiveDriver
+from cosim.coupling.assembly import (
+    MOTOR_NAMES,
+    Motors,
+    check_motors,
+    new_plant,
+    robot_properties,
+    why_not_fmpy,
+)
+from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.master import CompiledDriver, Driver, NotFiniteError, ReferenceDriver
+from cosim.coupling.rl_step import Step
+from cosim.coupling.signals import State, new_raw_samples, new_samples, new_state, with_room
+from cosim.coupling.stepping import FmpyDriver
+from cosim.fmi.isolation import calling
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Cell, Scenario
+from cosim.model.world import motor_phases
+from cosim.onboard.camera import NOISE, SIGHT, frames_in_flight, frames_within
+from cosim.physics.contact import NO_FLOOR
+from cosim.physics.lanes import host_lanes
+from cosim.simulation.episode import RunningEpisode
+
+DRIVERS = ("fmpy", "compiled", "reference", "adaptive")
+IN_LANES = ("fmpy", "compiled")
+
+# Robots that a batch has room for: two vectors of eight lanes, four of four. More would share the
+# cost of a call to the motors further, fewer wait for the last episode of a series.
+ROBOTS_TOGETHER = 16
+
+
+def _driver(name: str, motors: Motors, lanes: int) -> Driver:
+    if name in IN_LANES:
+        return {"fmpy": FmpyDriver, "compiled": CompiledDriver}[name](motors, lanes)
+    return {"reference": ReferenceDriver, "adaptive": AdaptiveDriver}[name](motors)
+
+
+def shared(config: CoSimConfig) -> tuple[Any, ...]:
+    """What episodes of a batch have in common of a configuration.
+
+    That is all but the world, the floor's friction and the speed noise.
+    """
+    return (
+        config.robot._replace(mu=0.0),
+        config.motor,
+        config.motor_parameters,
+        config.noise.hold_s,
+        config.timing,
+        config.steering,
+        config.estimator,
+        config.order,
+        config.reaction,
+        config.on_collision,
+        config.through,
+        config.shield,
+        config.open_loop,
+    )
+
+
+class BatchState(NamedTuple):
+    """What `Batch.set_state` restores a batch from; it can be pickled."""
+
+    state: State
+    episodes: list[RunningEpisode | None]
+    motors: tuple[Any, ...]
+
+
+class Batch:
+    """Places for K episodes of N robots each, advanced together in RL steps.
+
+    Attributes:
+        config: of episodes that are begun without one.
+        episodes: K of them, None where none has begun.
+        robots: N.
+
+    Raises:
+        ConfigError: lanes are given for a driver without, or the driver cannot do what the
+            configuration asks for.
+        FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
+            that the driver needs.
+    """
+
+    def __init__(
+        self,
+        motor_fmu: Path,
+        config: CoSimConfig,
+        robots: int,
+        places: int,
+        driver: str = "compiled",
+        lanes: int | None = None,
+    ) -> None:
+        """Prepare the places.
+
+        Args:
+            motor_fmu: of every motor.
+            config: all parameters.
+            robots: N.
+            places: K.
+            driver: one of DRIVERS.
+            lanes: bodies in a vector of a driver of IN_LANES, a power of two; by default 2 for up
+                to two robots, else what the processor has: every number is compiled by itself.
+        """
+        self._arguments = motor_fmu, config, robots, places, driver, lanes
+        require_one_of("driver", driver, DRIVERS)
+        if lanes is not None and driver not in IN_LANES:
+            raise ConfigError(
+                f"lanes = {lanes} has no effect with the driver {driver}; leave it out"
+            )
+        fmu = MotorFmu(taken("motor_fmu", motor_fmu, Path))
+        check_motors(fmu, config, places * robots, adaptive=driver == "adaptive")
+        if driver == "fmpy" and (reason := why_not_fmpy(fmu, config)):
+            raise ConfigError(f"--driver fmpy cannot be used: {reason}; use --driver compiled")
+        self.config = config
+        self.robots = robots
+        if driver not in IN_LANES:
+            lanes = 1
+        elif lanes is None:
+            lanes = 2 if places * robots <= 2 else host_lanes()
+        columns = -(-places * robots // lanes) * lanes
+        self._motors = Motors(fmu, config, columns, sampled=driver == "fmpy")
+        self._driver = _driver(driver, self._motors, lanes)
+        self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
+        self._state = new_state(places, robots, columns)
+        self._state.properties[:] = robot_properties(config)[:, None]
+        self.episodes: list[RunningEpisode | None] = [None] * places
+
+    def begin(
+        self,
+        place: int,
+        scenario: Scenario,
+        starts: tuple[Cell, ...],
+        seed: np.random.SeedSequence,
+        config: CoSimConfig | None = None,
+        kind: type[RunningEpisode] = RunningEpisode,
+    ) -> RunningEpisode:
+        """Begin an episode, motors at rest; one that was there is given up.
+
+        Args:
+            place: from 0 to K − 1.
+            scenario: of N robots.
+            starts: start cell of each robot.
+            seed: of the speed noise, of which every motor gets a child of its own, and of the
+                world.
+            config: of the episode, see `shared`; default the batch's.
+            kind: class of the episode.
+
+        Raises:
+            ConfigError: the configuration or the number of robots is not that of the batch, or the
+                robots' diameter is not the scenario's.
+            WorldError: the world has initial phases of another number of motors.
+            FmuError: the FMU refuses to be initialised, or has no initial phase.
+        """
+        config = config or self.config
+        if shared(config) != shared(self.config):
+            raise ConfigError(
+                "an episode differs from its batch by more than its world; make another batch "
+                "for it"
+            )
+        if scenario.robots != self.robots:
+            raise ConfigError(
+                f"scenario {scenario.name} has {scenario.robots} robots, a place of the batch "
+                f"{self.robots}; make another batch for it"
+            )
+        starts = taken("starts", starts, tuple[Cell, ...])
+        if len(starts) != self.robots:
+            raise ConfigError(f"starts = {shown(starts)} must have a cell for each robot")
+        require_size(scenario, config)
+        columns = self._columns(place)
+        state = self._state
+        rows = state.inputs, state.outputs, state.held, state.held_velocities, state.statistics
+        for signals in rows:
+            signals[:, columns] = 0.0  # nothing is left of the episode before
+        state.boards[place] = scenario.size_m
+        self._make_room_for_frames(frames_in_flight(config.world.camera))
+        self._put_rectangles(place, scenario, config)
+        phases = motor_phases(config.world, self.robots)
+        episode = kind(scenario, config, self._state, columns, starts, seed)
+        self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors, phases)
+        state.outputs[: len(MOTOR_NAMES), columns] = np.nan_to_num(phases.T)
+        self._state.running[place] = 1
+        self.episodes[place] = episode
+        return episode
+
+    def _put_rectangles(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
+        walls, patches = scenario.walls * scenario.cell_m, _floor(scenario, config)
+        forbidden, columns = scenario.forbidden * scenario.cell_m, self._columns(place)
+        self._state = with_room(self._state, len(walls), len(patches), forbidden.shape[1])
+        self._state.obstacles[place] = self._state.patches[place] = np.inf
+        self._state.obstacles[place, : len(walls)] = walls
+        self._state.forbidden[columns] = np.inf
+        self._state.forbidden[columns, : forbidden.shape[1]] = forbidden
+        self._state.patches[place, : len(patches)] = patches
+
+    def _make_room_for_frames(self, frames: int) -> None:
+        columns, present, size = self._state.frames.shape
+        if frames > present:
+            larger = np.zeros((columns, frames, size))
+            larger[:, :present] = self._state.frames
+            self._state = self._state._replace(frames=larger)
+
+    def advance(self, actions: Mapping[int, np.ndarray]) -> dict[int, Step]:
+        """Simulate one RL step of all episodes that go on.
+
+        Args:
+            actions: (N,) direction index of each robot, by place of the episodes that go on.
+
+        Returns:
+            The step of each episode, by place.
+
+        Raises:
+            FmuError: an FMU failed; names the instance and the time.
+            NotFiniteError: a signal is no finite number; names it, the robot and the time.
+            UserError: no episode goes on.
+        """
+        state, going_on = self._state, self.going_on()
+        if not going_on:
+            raise UserError("no episode goes on in this batch, or it is closed; begin one first")
+        periods, columns = self.config.periods_per_step, state.bodies.shape[1]
+        noise = np.zeros((periods, columns, len(MOTOR_NAMES)))
+        step_s = self.config.timing.rl_step_s
+        frames = [frames_within(e.config.world.camera, step_s) for e in going_on.values()]
+        sight = np.zeros((max(frames, default=0), columns, NOISE))
+        state.cameras[:, SIGHT] = 0.0
+        for (place, episode), count in zip(going_on.items(), frames, strict=True):
+            where = self._columns(place)
+            episode.begin_step(actions[place], noise[:, where], sight[:count, where])
+        samples = new_samples(periods, columns)
+        burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
+        raw = new_raw_samples(min(burst, periods * self.config.ticks_per_period), columns)
+        state.periods[:] = 0
+        begin_s = min(episode.time_s for episode in going_on.values())
+        with calling(f"the RL step from {begin_s:g} s of simulated time"):
+            try:
+                self._driver.advance(self._plant, state._replace(sight=sight), noise, samples, raw)
+            except NotFiniteError as error:
+                place, robot = divmod(error.column, self.robots)
+                name, start_s = f"robot {robot + 1}", begin_s
+                if place in going_on:
+                    start_s = going_on[place].time_s
+                else:  # all lanes of a vector are computed
+                    name += " of a place without an episode"
+                time_s = start_s + (error.tick + 1) * self.config.timing.dt_s
+                raise error.named(name, time_s) from None
+        steps = {
+            place: episode.end_step(samples, raw, int(state.periods[place]))
+            for place, episode in going_on.items()
+        }
+        for place, step in steps.items():
+            if step.outcome:
+                self.stop(place)
+        return steps
+
+    def going_on(self) -> dict[int, RunningEpisode]:
+        """Episodes that go on, by place."""
+        return {
+            place: episode
+            for place, episode in enumerate(self.episodes)
+            if episode is not None and self._state.running[place]
+        }
+
+    def stop(self, place: int) -> None:
+        """Leave an episode as it is; its robots stand still from now on."""
+        columns = self._columns(place)
+        self._state.running[place] = 0
+        self._state.ended[:, columns] = self._state.bodies[:, columns]
+
+    def _columns(self, place: int) -> slice:
+        return slice(place * self.robots, (place + 1) * self.robots)
+
+    def compile(self) -> None:
+        """Compile the kernels, or load them from the cache, by simulating nothing."""
+        columns = self._state.bodies.shape[1]
+        noise = np.zeros((0, columns, len(MOTOR_NAMES)))
+        samples, raw = new_samples(0, columns), new_raw_samples(0, columns)
+        self._driver.advance(self._plant, self._state, noise, samples, raw)
+
+    def get_state(self) -> BatchState:
+        """Return a copy of all that changes, for `set_state`.
+
+        Raises:
+            FmuError: the motor FMU cannot save its state.
+        """
+        episodes = [episode for episode in self.episodes if episode is not None]
+        constant = (x for e in episodes for x in (e.scenario, e.config, e.drawn))
+        return BatchState(
+            State(*(array.copy() for array in self._state)),
+            copy.deepcopy(self.episodes, {id(x): x for x in constant}),
+            self._motors.get_state(),
+        )
+
+    def set_state(self, saved: BatchState) -> None:
+        """Go back to a state of this batch, or of one made with the same arguments.
+
+        What follows has the bits that followed then.
+
+        Raises:
+            FmuError: the motor FMU refuses its state.
+        """
+        pairs = zip(self._state, saved.state, strict=True)
+        arrays = [mine if mine.shape == its.shape else its.copy() for mine, its in pairs]
+        for mine, its in zip(arrays, saved.state, strict=True):
+            mine[:] = its
+        self._state = State(*arrays)
+        constant = (x for e in saved.episodes if e for x in (e.scenario, e.config, e.drawn))
+        self.episodes = copy.deepcopy(saved.episodes, {id(x): x for x in constant})
+        for episode in self.episodes:
+            if episode is not None:
+                episode.bind(self._state)
+        self._motors.set_state(saved.motors)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles have FMU instances of their own, in the same state."""
+        return _restored, (self._arguments, self.get_state())
+
+    def close(self) -> None:
+        """Free the FMU instances, and give up all episodes."""
+        self._state.running[:] = 0
+        self._motors.close()
+
+
+def _restored(arguments: tuple[Any, ...], saved: BatchState) -> Batch:
+    batch = Batch(*arguments)
+    batch.set_state(saved)
+    return batch
+
+
+def _floor(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
+    """(P, 5) `State.patches` of an episode."""
+    world = config.world
+    patches: list[tuple[float, ...]] = []
+    if world.edge:
+        beyond = (-math.inf, -math.inf, math.inf, math.inf, NO_FLOOR)
+        patches = [beyond, (0.0, 0.0, *scenario.size_m, config.robot.mu)]
+    for patch in world.mu_patches:
+        left, bottom, right, top = patch.cells
+        edges = scenario.cell_m * np.array([left, bottom, right + 1, top + 1])
+        patches.append((*edges.tolist(), patch.mu))
+    return np.array(patches).reshape(-1, 5)
+
+
+def require_size(scenario: Scenario, config: CoSimConfig) -> None:
+    """Refuse robots of another diameter than the scenario's; raises ConfigError."""
+    if config.robot.diameter_m != scenario.robot_diameter_m:
+        raise ConfigError(
+            f"diameter_m = {config.robot.diameter_m:g} of the configuration is not "
+            f"robot_diameter_m = {scenario.robot_diameter_m:g} of scenario {scenario.name}; "
+            "use config.sized(scenario.robot_diameter_m)"
+        )

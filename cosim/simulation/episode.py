@@ -1,0 +1,307 @@
+"""One episode in RL steps, on top of the master: observe, act, terminate.
+
+An action aims at the centre of the neighbouring cell and stays in force until the robot gets there
+or a time limit passes; policies are asked every RL step, and a robot under way ignores the answer.
+RL steps last 2 s, or so little that robots are asked when their moves end.
+A cell belongs to the robot whose centre is in it; distance class and gradient sign are those of
+the cells. Nothing here advances time (that is `cosim.simulation.batch`), learns or records.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cosim.base.errors import UserError, shown
+from cosim.coupling.assembly import draw_noise, noise_generators, robot_properties
+from cosim.coupling.rl_step import Step
+from cosim.coupling.signals import RawSamples, Samples, State
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import BY_RANK, RUNNING, Outcome
+from cosim.model.scenario import Cell, Scenario
+from cosim.model.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator, gravity
+from cosim.onboard.camera import camera_of, draw_sight
+from cosim.onboard.estimation import POSE
+from cosim.onboard.features import (
+    DIRECTION_COUNT,
+    DIRECTIONS,
+    Observation,
+    distance_thresholds,
+)
+from cosim.onboard.observing import cells_of, nearest_squared, observe
+from cosim.onboard.shield import PARKED, STOPS, plan_margin
+from cosim.onboard.steering import (
+    DIRECTION,
+    DRIVE,
+    GOAL_X,
+    GOAL_Y,
+    HOLD,
+    MODE,
+    PAST,
+    START,
+    THROUGH,
+)
+from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
+from cosim.physics.body_state import POSITION, standing_state
+from cosim.simulation.measures import Measures
+
+
+class RunningEpisode:
+    """One episode in its columns of a co-simulation's state.
+
+    Attributes:
+        scenario, config: as given.
+        drawn: what the episode has drawn from its world.
+        outcome: RUNNING before its end.
+        time_s: simulated time.
+        observation: what a policy sees now.
+        measures: so far.
+        conflicts: decisions that the shield changed.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        config: CoSimConfig,
+        state: State,
+        columns: slice,
+        starts: tuple[Cell, ...],
+        seed: np.random.SeedSequence,
+    ) -> None:
+        """Put the robots on their start cells, facing the board's centre row.
+
+        Args:
+            scenario: board, targets and robots.
+            config: all parameters.
+            state: of the co-simulation.
+            columns: those of the episode's robots.
+            starts: start cell of each robot.
+            seed: of the speed noise, of which every motor gets a child of its own, and of the
+                world.
+        """
+        n = scenario.robots
+        self.scenario, self.config = scenario, config
+        self.drawn = draw_world(config.world, config.motor, n, seed)
+        down = gravity(config.world, self.drawn, config.motor.g)
+        for column, motors in enumerate(self.drawn.motors, columns.start):
+            state.properties[:, column] = robot_properties(config, down, motors)
+        self._board = board_of(scenario)
+        self._thresholds = distance_thresholds(scenario)
+        self._targets = np.array(scenario.targets)
+        self._columns = columns
+        self.bind(state)
+        sensor, period_s = config.world.camera, config.timing.control_period_s
+        self._estimates[:] = 0.0
+        state.cameras[columns] = camera_of(sensor, period_s)
+        self._commands[:] = self._shields[:] = 0.0
+        self._commands[:, THROUGH] = config.through
+        headings_rad = np.empty(n)
+        for robot, cell in enumerate(starts):
+            x, y = scenario.centre_m(cell)
+            # Assumed: robots are set down facing the middle of the board.
+            facing = math.copysign(math.pi / 2.0, scenario.size_m[1] / 2.0 - y)
+            self._bodies[robot] = standing_state(config.robot, x, y, facing)
+            self._estimates[robot, POSE : POSE + 3] = x, y, facing
+            headings_rad[robot] = facing
+        self._detours = generator(seed, DETOUR_CHILD)
+        self.draw_from(seed)
+        self._step = self._tick = 0
+        self.conflicts = 0
+        self._arrived = np.zeros(n, dtype=bool)
+        self._moving_since = np.zeros(n, dtype=np.int64)  # ticks
+        self._move_limit = config.ticks(config.timing.move_limit_s)
+        self._episode_limit = config.ticks(config.timing.episode_limit_s)
+        self._action = np.full(n, -1)
+        positions_m = self._positions_m()
+        self._squared_at_decision = nearest_squared(cells_of(positions_m, self._board.cell_m))
+        self.measures = Measures(positions_m, headings_rad, config.timing.control_period_s)
+        self.outcome = Outcome.RUNNING
+        self.observation = self._observe()
+
+    def bind(self, state: State) -> None:
+        """Take the episode's columns of a co-simulation's state for its own."""
+        columns = self._columns
+        self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
+        self._estimates, self._shields = state.estimates[columns], state.shields[columns]
+        self._events = state.events[columns]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the columns, which `bind` gives to a copy."""
+        views = ("_bodies", "_commands", "_estimates", "_shields", "_events")
+        return {name: value for name, value in vars(self).items() if name not in views}
+
+    def draw_from(self, seed: np.random.SeedSequence) -> None:
+        """Draw speed noise and camera frames from a seed from now on; the world stays as drawn."""
+        n = self.scenario.robots
+        self._noise = noise_generators(seed, n)
+        self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time in s."""
+        return self._tick * self.config.timing.dt_s
+
+    @property
+    def arrived(self) -> np.ndarray:
+        """Which robots have reached their targets, shape (N,), bool."""
+        return self._arrived.copy()
+
+    @property
+    def awaiting(self) -> np.ndarray:
+        """(N,) bool, robots that adopt an action next: they wait for one, or are late."""
+        late = self._tick - self._moving_since >= self._move_limit
+        return ~self._arrived & (self._at_end() | late)
+
+    def begin_step(self, action: Any, noise: np.ndarray, sight: np.ndarray) -> None:
+        """Adopt actions, and draw the speed noise and the camera's frames of the step.
+
+        Args:
+            action: (N,) direction index of each robot, as the policy returned it; a robot under way
+                keeps its own.
+            noise: (periods, N, 2), written, over each motor's set point.
+            sight: (M, N, NOISE) of `cosim.onboard.camera`, written.
+
+        Raises:
+            UserError: the action is anything else.
+        """
+        self._decided = self._adopt(self._directions(action))
+        self._was_moving = ~self._at_end()
+        noise[:] = draw_noise(self.config, self._noise, len(noise))
+        sensor = self.config.world.camera
+        if sensor.rate_hz:
+            for robot, rng in enumerate(self._cameras):
+                sight[:, robot] = draw_sight(sensor, rng, len(sight))
+
+    def end_step(self, samples: Samples, raw: RawSamples, periods: int) -> Step:
+        """Judge what was simulated.
+
+        Args:
+            samples, raw: of all columns.
+            periods: control periods that the episode went on.
+        """
+        in_force, before, first_tick = self._action.copy(), self.observation, self._tick
+        ticks = periods * self.config.ticks_per_period
+        self._tick += ticks
+        samples = Samples(*(signal[:periods, self._columns] for signal in samples))
+        raw = RawSamples(*(signal[:ticks, self._columns] for signal in raw))
+        self.measures.add(samples)
+        completed = self._was_moving & self._at_end()
+        self.observation = self._observe()
+        self._arrived |= self._arriving(completed)
+        self._commands[self._arrived, MODE] = HOLD
+        self._shields[:, PARKED] = self._arrived
+        events = self._events.copy()
+        self.outcome = self._judge(int(events.max()))
+        step = Step(
+            self._step,
+            first_tick,
+            before,
+            self.observation,
+            in_force,
+            self._decided,
+            completed,
+            samples,
+            raw,
+            events,
+            self.outcome,
+            ticks * self.config.timing.dt_s,
+        )
+        self._step += 1
+        return step
+
+    def _arriving(self, completed: np.ndarray) -> np.ndarray:
+        """(N,) bool, robots that ended their move on their target, wherever they think they are."""
+        where = cells_of(self._bodies[:, POSITION][:, :2].copy(), self._board.cell_m)
+        return completed & (where == self._targets).all(axis=1)
+
+    def _directions(self, action: Any) -> np.ndarray:
+        n = self.scenario.robots
+        try:
+            directions = np.asarray(action)
+        except ValueError:  # lists of unequal lengths
+            directions = np.empty(0)
+        if (
+            directions.shape != (n,)
+            or directions.dtype.kind not in "iu"
+            or not 0 <= directions.min() <= directions.max() < DIRECTION_COUNT
+        ):
+            raise UserError(
+                f"the policy returned {shown(action)}; expected {n} integers from 0 to "
+                f"{DIRECTION_COUNT - 1}, the direction of each robot"
+            )
+        return directions
+
+    def _adopt(self, action: np.ndarray) -> np.ndarray:
+        """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
+        commands, cells = self._commands, self.observation.cells
+        decided = self.awaiting
+        squared = nearest_squared(cells)
+        for robot in np.flatnonzero(decided):
+            before, direction = self._action[robot], self._permitted(int(robot), int(action[robot]))
+            self._action[robot] = direction
+            if direction == WAIT:
+                commands[robot, MODE] = HOLD
+                decided[robot] = False
+                continue
+            column, row = (cells[robot] + DIRECTIONS[direction]).tolist()
+            commands[robot, GOAL_X : GOAL_Y + 1] = self.scenario.centre_m((column, row))
+            commands[robot, DIRECTION] = direction * 2.0 * math.pi / DIRECTION_COUNT
+            on = commands[robot, MODE] == PAST and direction == before
+            commands[robot, MODE] = DRIVE if on else START
+            self._moving_since[robot] = self._tick
+            self._squared_at_decision[robot] = squared[robot]
+        self._action[self._arrived] = -1
+        return decided
+
+    def _at_end(self) -> np.ndarray:
+        """Which robots wait to be told where to go, (N,) bool."""
+        mode = self._commands[:, MODE]
+        return (mode == HOLD) | (mode == PAST)
+
+    def _permitted(self, robot: int, direction: int) -> int:
+        """What the shield lets a robot do that wants to go in a direction; WAIT to stand."""
+        if not self.config.shield:
+            return direction
+        goals = self._commands[:, GOAL_X : GOAL_Y + 1].copy()
+        goals[self._commands[:, MODE] == HOLD] = np.nan
+        goals[robot] = np.nan
+        margin_m = plan_margin(self._estimates, self.config.shield)
+        asked = self._board, self._positions_m(), goals, robot, direction, margin_m
+        allowed = permitted(*asked, NEAREST_FIRST)
+        self.conflicts += allowed != direction
+        if allowed not in (direction, WAIT) and self._detours.random() < 0.5:
+            # Robots that only ever yield to the nearest side may do so to each other for ever.
+            others = self._detours.permutation(NEAREST_FIRST[1:])
+            allowed = permitted(*asked, np.concatenate([NEAREST_FIRST[:1], others]))
+        return allowed
+
+    @property
+    def shield_stops(self) -> int:
+        """Moves that the shield has ended."""
+        return int(self._shields[:, STOPS].sum())
+
+    def _positions_m(self) -> np.ndarray:
+        """Where the robots think they are, (N, 2)."""
+        positions_m = self._estimates[:, POSE : POSE + 2].copy()
+        if (
+            self.config.world.camera.rate_hz
+        ):  # no robot that is asked estimates itself off the board
+            positions_m = positions_m.clip(0.0, np.nextafter(self.scenario.size_m, 0.0))
+        return positions_m
+
+    def _observe(self) -> Observation:
+        return observe(
+            self._positions_m(),
+            self._estimates[:, POSE + 2].copy(),
+            self._board.cell_m,
+            self._thresholds,
+            self._squared_at_decision,
+            self._targets,
+        )
+
+    def _judge(self, event: int) -> Outcome:
+        if event == RUNNING and self._arrived.all():
+            return Outcome.SUCCESS
+        if event == RUNNING and self._tick >= self._episode_limit:
+            return Outcome.TIMEOUT
+        return BY_RANK[event]

@@ -1,0 +1,271 @@
+"""Options of the physics, declared once: fields of commands and arguments of `cosim.simulate`."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import tyro
+
+from cosim.base.arguments import ConfigError, take_fields
+from cosim.base.command import MotorFmuFile, MotorParameters
+from cosim.base.progress import Progress, silent, under_way
+from cosim.model.config import GIVEN, MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
+from cosim.model.params import SHIELD, STEERING, TIMING, MotorParams
+from cosim.model.preset import PAPER, Preset, find_preset
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_in_world
+from cosim.model.world import IDEAL, World
+
+_MAY_BE_ZERO = ("mu", "noise")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Physics:
+    """Robots, motors and clock: what a calibration depends on."""
+
+    preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
+    """Machine: paper (Tables I and II), icra2006, thesis, or a file (.toml, see
+    docs/validation.md). What a world says holds before what the machine brings along, and --mu and
+    --noise before both; on a board robots have the diameter of the scenario."""
+    mu: float | None = None
+    """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature), 0.15 by default or
+    as the preset says."""
+    noise: float | None = None
+    """Half width of the uniform noise on measured motor speeds, relative to the set point; 0.05
+    by default."""
+    dt: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.dt_s
+    """Integration step of the bodies in s."""
+    communication_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    """Time between exchanges with the FMUs in s, a whole multiple of dt; by default dt."""
+    order: Order = "gauss-seidel"
+    """Whether bodies see the motors' outputs of the end (interpolated) or of the start
+    (extrapolated) of a communication step."""
+    reaction: bool = False
+    """Let the motors feel the acceleration of the body, which the paper neglects."""
+    motor_fmu: MotorFmuFile = None
+    motor_parameters: MotorParameters = ()
+    """Parameter of the motor FMU to set through FMI, in the FMU's unit, such as J=5e-9; repeat it
+    for several. By default the FMU's own values hold."""
+
+    def __post_init__(self) -> None:
+        take_fields(self, but=["preset"] if isinstance(self.preset, Preset) else [])
+        for name, value in vars(self).items():
+            number = isinstance(value, float)
+            if number and not (0.0 <= value <= MAX_VALUE and (value or name in _MAY_BE_ZERO)):
+                sign = "not negative" if name in _MAY_BE_ZERO else "positive"
+                raise ConfigError(
+                    f"{name} = {value} must be finite and {sign}, at most {MAX_VALUE:g}"
+                )
+
+    def config(self, world: World = IDEAL) -> CoSimConfig:
+        """Parameters of the co-simulation, of robots of the preset's size and not yet calibrated.
+
+        Args:
+            world: of the robots.
+
+        Raises:
+            ConfigError: they do not fit together, or one is said here and by the world.
+            PresetError: there is no such preset.
+        """
+        said = {"mu": "mu", "noise": "motor_speed_noise"}
+        for option, field in said.items():
+            if getattr(self, option) is not None and getattr(world, field) is not None:
+                raise ConfigError(
+                    f"--{option} is given beside {field} of the world; leave one of them out"
+                )
+        preset, given = find_preset(self.preset), dict(self.motor_parameters)
+        known = {name: value for name, value in given.items() if name in MotorParams._fields}
+        if known:
+            sources = {**preset.sources, **dict.fromkeys(known, GIVEN)}
+            preset = preset._replace(motor=preset.motor._replace(**known), sources=sources)
+        step_s = self.dt if self.communication_step is None else self.communication_step
+        return replace(
+            preset.config(world).with_overrides(self.mu, self.noise),
+            timing=TIMING._replace(dt_s=self.dt, communication_step_s=step_s),
+            order=self.order,
+            reaction=self.reaction,
+            motor_parameters=tuple(given.items()),
+        )
+
+    def fmu(self, progress: Progress = silent) -> Path:
+        """The motor FMU: the one named, or the built-in one, which is compiled the first time.
+
+        Raises:
+            UserError: it cannot be compiled.
+        """
+        # here, because commands parse their options before they load fmpy
+        from fmus.build import cached_fmu  # noqa: PLC0415
+
+        with under_way(progress, "preparing the motor FMU"):
+            return (self.motor_fmu or cached_fmu()).absolute()
+
+    def prepare(
+        self,
+        diameter_m: float | None = None,
+        progress: Progress = silent,
+        world: World = IDEAL,
+    ) -> tuple[CoSimConfig, Path]:
+        """Calibrated parameters for robots in a world, and the motor FMU.
+
+        The built-in FMU is compiled the first time, a calibration measured (some seconds each).
+        Episodes of a scenario are prepared by `resolve`.
+
+        Args:
+            diameter_m: of the robots; by default that of the preset.
+            progress: receives what is prepared.
+            world: of the robots.
+
+        Raises:
+            ConfigError: the parameters do not fit together.
+            CalibrationError: the drive speed needs hopping.
+            FmuError: the FMU cannot be used, or failed.
+        """
+        config = self.config(world)
+        if diameter_m is not None:
+            config = config.sized(diameter_m)
+        fmu = self.fmu(progress)
+        return self._calibrated(config, fmu, progress), fmu
+
+    def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
+        from cosim.calibration.cache import calibrated  # noqa: PLC0415 - as above
+
+        return calibrated(config, fmu, progress)
+
+
+PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0.4 mm
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecisionOptions:
+    """When robots are asked, and whether they stop for it."""
+
+    rl_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    """Time between two decisions in s: by default the paper's 2, and 0.1 with --through."""
+    through: bool = False
+    """Let robots drive through the centre of a cell without stopping where the next direction is
+    the same, asked when their move ends (within 0.1 s) instead of every 2 s. Policies of the method
+    prompt have learnt on such moves."""
+
+    def deciding(self, config: CoSimConfig) -> CoSimConfig:
+        """A configuration with these decisions."""
+        rl_step_s = self.rl_step
+        if rl_step_s is None:
+            rl_step_s = PROMPT_RL_STEP_S if self.through else config.timing.rl_step_s
+        timing = config.timing._replace(rl_step_s=rl_step_s)
+        return replace(config, timing=timing, through=self.through)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationOptions(Physics, DecisionOptions):
+    """Robots, motors and clock, and how the robots drive with them."""
+
+    world: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """World of the episodes (.toml with a table [world], see docs/scenarios.md): friction, motors,
+    floor, load, obstacles, and the camera that robots are seen by; by default the paper's, or that
+    of the scenario file."""
+    speed: Annotated[float | None, tyro.conf.arg(metavar="MM_S")] = None
+    """Speed while driving, in mm/s. Motor speeds follow from a calibration, which refuses a speed
+    that needs hopping; by default 3.9, or what is possible without (0.97 with a μ of 0.4)."""
+    on_collision: OnCollision = "end"
+    """What happens when a robot touches another one or an obstacle, or its centre enters another
+    one's target cell: the episode ends, or they push each other on."""
+    shield: bool = False
+    """Keep robots apart, off obstacles and on the board for any policy: a monitor in the control
+    loop stops a robot in time and lets it retreat (docs/shield.md has its premises). How far robots
+    go until they rest, and how well a camera locates them, is measured once for every world."""
+    open_loop: tuple[Loop, ...] = ()
+    """What goes without feedback: motors, which then get a constant voltage for every set point
+    instead of the loop of Eq. (14), and heading, the course that robots keep while they drive."""
+    time_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    """Simulated time in s after which an episode ends as a time-out; by default 600, and longer in
+    proportion where robots are slower than by default."""
+
+    def config(self, world: World = IDEAL) -> CoSimConfig:
+        """See `Physics.config`."""
+        config = self.deciding(super().config(world))
+        if self.noise is not None and "motors" in self.open_loop:
+            raise ConfigError(
+                "--noise has no effect with --open-loop motors, whose speed nobody measures; "
+                "leave it out"
+            )
+        timing, steering = config.timing, config.steering
+        if self.time_limit is not None:
+            timing = timing._replace(episode_limit_s=self.time_limit)
+        if self.speed is not None:
+            steering = steering._replace(drive_speed_m_s=1e-3 * self.speed)
+        return replace(
+            config,
+            timing=timing,
+            steering=steering,
+            on_collision=self.on_collision,
+            shield=SHIELD if self.shield else None,
+            open_loop=self.open_loop,
+        )
+
+    def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
+        """Limit the speed to what is possible without hopping, unless it is given."""
+        from cosim.calibration.cache import calibrated_slower  # noqa: PLC0415 - as above
+        from cosim.calibration.shielding import with_stopping_distance  # noqa: PLC0415
+
+        if self.speed is not None:
+            config = super()._calibrated(config, fmu, progress)
+        else:
+            config = calibrated_slower(config, fmu, progress)
+            if self.time_limit is None:
+                slower = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
+                limit_s = math.ceil(slower * config.timing.episode_limit_s)
+                config = replace(config, timing=config.timing._replace(episode_limit_s=limit_s))
+        return with_stopping_distance(config, fmu, progress) if config.shield else config
+
+
+class Setup(NamedTuple):
+    """What decides an episode, but for its policy, start cells and seed.
+
+    Attributes:
+        scenario: with the obstacles of its world.
+        config: all parameters, calibrated.
+        fmu: motor FMU file.
+    """
+
+    scenario: Scenario
+    config: CoSimConfig
+    fmu: Path
+
+
+def resolve(
+    options: SimulationOptions,
+    scenario: str | Path | Scenario,
+    progress: Progress = silent,
+    *,
+    world: str | Path | World | Mapping[str, Any] | None = None,
+    require: Callable[[Scenario], object] | None = None,
+) -> Setup:
+    """Return the setup of a scenario under the options of a command.
+
+    A parameter has the value of its option, else that of the world, else that of the machine
+    preset, else that of Table I or II.
+
+    Args:
+        options: of the command.
+        scenario: name of a built-in scenario, scenario file (.toml) or record.
+        progress: receives what is prepared.
+        world: world file, record, or dict of its fields; by default that of the options, else that
+            of the scenario file, else the paper's.
+        require: refuses scenarios, for example those that a policy was not trained on, before
+            anything is measured.
+
+    Raises:
+        ScenarioError, WorldError, PresetError, ConfigError: something does not exist or does not
+            fit.
+        CalibrationError: the drive speed needs hopping.
+        FmuError: the FMU cannot be used, or failed.
+    """
+    scenario, world = find_in_world(scenario, options.world if world is None else world)
+    if require is not None:
+        require(scenario)
+    return Setup(scenario, *options.prepare(scenario.robot_diameter_m, progress, world))
+
+
+Driving = SimulationOptions  # name in earlier versions

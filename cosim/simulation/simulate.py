@@ -1,0 +1,159 @@
+"""One episode of a policy in the co-simulation as a record to look at, for programs and notebooks.
+
+Commands run many episodes through `cosim.simulation.tasks`.
+A policy is anything with `act(observation)`, which returns directions (N,) or a `Decision` with
+their action values (N, 8). Those are recorded, as are `reward_parts(step, arrived)` (N, 3) and
+`maps()` of a policy that has them, see `agent.mdp.greedy`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.base.arguments import ConfigError, require_one_of, taken_seed
+from cosim.base.errors import shown
+from cosim.base.progress import Progress, automatic, showing, silent
+from cosim.base.provenance import digest_of, versions
+from cosim.base.storage import temporary_folder
+from cosim.coupling.rl_step import Step, SupportsAct
+from cosim.model.scenario import Cell, Scenario
+from cosim.model.world import World
+from cosim.onboard.observing import draw_starts
+from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.levels import DETAILS, Level, with_bursts
+from cosim.recording.reader import Episode, read_episode
+from cosim.simulation.batch import DRIVERS
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.tasks import Task, simulate_tasks
+
+
+@showing
+def simulate(
+    scenario: str | Path | Scenario,
+    policy: SupportsAct,
+    *,
+    seed: int = 0,
+    driver: str = "compiled",
+    record: Level = "default",
+    motor_fmu: str | Path | None = None,
+    motor_parameters: Mapping[str, float] = {},
+    world: str | Path | World | Mapping[str, Any] | None = None,
+    progress: Progress | None = automatic,
+    **options: Any,
+) -> Episode:
+    """Simulate one episode: the first one of `python -m cosim.run --seed SEED`.
+
+    >>> import minirobots as mr
+    >>> class Upwards:
+    ...     def act(self, observation):
+    ...         return [2] * len(observation.cells)
+    >>> mr.simulate("2", Upwards(), record="summary", progress=None).outcome
+    'out_of_board'
+
+    Args:
+        scenario: name of a built-in scenario, scenario file (.toml) or record.
+        policy: asked every 2 s of simulated time.
+        seed: of start cells and speed noise.
+        driver: compiled, fmpy, reference or adaptive, see `python -m cosim.run --help`.
+        record: summary, default or full: how much of the episode is kept.
+        motor_fmu: of every motor, the built-in one by default.
+        motor_parameters: of the motor FMU, set through FMI, in its units, such as {"J": 5e-9}.
+        world: world file (.toml), record or dict of its fields; by default that of the scenario
+            file, or the paper's.
+        progress: receives the simulated time; by default it is shown on stderr if the call takes
+            more than two seconds. None shows nothing.
+        options: physics by the names of `python -m cosim.run`, see `SimulationOptions`: `mu`,
+            `noise`, `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.
+
+    Returns:
+        Outcome, moves, parameters and every signal, with its recording in a temporary folder that
+        lives as long as the record; `save` keeps it.
+
+    Raises:
+        ConfigError: an option is unknown or does not fit.
+        ScenarioError: there is no such scenario.
+        UserError: of the policy (trained on another scenario), the FMU or the calibration.
+    """
+    report = progress or silent
+    require_one_of("driver", driver, DRIVERS)
+    require_one_of("record", record, DETAILS)
+    seed = taken_seed(seed)
+    if isinstance(policy, type) or not callable(getattr(policy, "act", None)):
+        raise ConfigError(
+            f"policy = {shown(policy)} has no act(observation); give an object that has, such as "
+            'agent.load("policy.npz")'
+        )
+    known = [field.name for field in fields(SimulationOptions)]
+    for name in options:
+        if name not in known:
+            raise ConfigError(f"simulate has no option {name}; choose from {', '.join(known)}")
+    driving = SimulationOptions(
+        **{"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options}
+    )
+    require = getattr(policy, "require_scenario", None)
+    scenario, config, fmu = resolve(driving, scenario, report, world=world, require=require)
+    config = with_bursts(config, record)
+    starts, noise_seed = draw_episode(scenario, seed, 0)
+
+    def watch(step: Step, episode: RunningEpisode, _: float) -> None:
+        limit_s = episode.time_s if step.outcome else config.timing.episode_limit_s
+        state = f"{episode.time_s:.0f} s {step.outcome}"
+        report("simulating", episode.time_s, limit_s, state)
+
+    folder = temporary_folder()
+    path = Path(folder.name) / "episode.rrd"
+
+    def recorder(episode: RunningEpisode) -> EpisodeRecorder:
+        identity = f"{scenario.name}-{seed}-0"
+        facts = episode_facts(scenario, seed, fmu, 0, starts, driver)
+        maps = getattr(policy, "maps", list)()
+        return EpisodeRecorder(
+            path,
+            scenario,
+            config,
+            identity,
+            facts,
+            level=record,
+            policies=maps,
+            drawn=episode.drawn,
+        )
+
+    task = Task(scenario, fmu, config, policy, starts, noise_seed, recorder, watch, driver)
+    report("simulating", 0.0, config.timing.episode_limit_s)  # kernels may be compiled first
+    for _ in simulate_tasks([task], 1):
+        pass
+    return read_episode(path, folder)
+
+
+def episode_facts(
+    scenario: Scenario,
+    seed: int,
+    fmu: Path,
+    number: int,
+    starts: tuple[Cell, ...],
+    driver: str = "compiled",
+) -> dict[str, Any]:
+    """What identifies an episode in its recording, by name."""
+    return {
+        "scenario": scenario.name,
+        "title": scenario.title,
+        "seed": seed,
+        "driver": driver,
+        "motor_fmu": fmu.name,
+        "motor_fmu_digest": digest_of(fmu),
+        "versions": versions(),
+        "episode": number,
+        "starts": starts,
+    }
+
+
+def draw_episode(
+    scenario: Scenario, seed: int, number: int
+) -> tuple[tuple[Cell, ...], np.random.SeedSequence]:
+    """Start cells, and seed of the speed noise, of an episode of a seeded series."""
+    start_seed, noise_seed = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(2)
+    return draw_starts(scenario, np.random.default_rng(start_seed)), noise_seed

@@ -1,0 +1,160 @@
+"""Optimal joint paths as policies: they reach the bound from every start, alone and in pairs."""
+
+import re
+from typing import get_args
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from agent.mdp import grid
+from agent.mdp.config import Objective, ProcessConfig
+from agent.mdp.exact import evaluate, joint_starts
+from agent.mdp.optimum import optimum
+from agent.mdp.readings import build_process
+from agent.method import method_config, method_of, method_policy
+from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
+from agent.training.settings import LearningConfig
+from agent.training.store import find_or_compute
+from cosim.base.errors import UserError
+from cosim.model.outcome import SUCCESS
+from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import DIRECTIONS, Observation
+
+CROSSING = Scenario(
+    "crossing", "", ((2, 1), (2, 4)), (((1, 5), (2, 5)), ((2, 0), (3, 0))),
+    columns=5, rows=6, zone=(2, 2, 2, 2), obstacles=((0, 3),), robot_diameter_m=0.02,
+)  # fmt: skip
+PAIR = ("x", "y", "p")
+OBJECTIVES = get_args(Objective)
+
+
+def require_bound(policy, objective):
+    result = evaluate(policy.process, policy.values)
+    assert (result.outcome == SUCCESS).all()
+    path_cells, steps = optimum(policy.process).of_starts(
+        result.starts, policy.config.scenario.rows
+    )
+    reached, bound = {
+        "shortest": (result.path_cells.mean(axis=1), path_cells),
+        "quickest": (result.steps.mean(axis=1), steps),
+    }[objective]
+    np.testing.assert_allclose(reached, bound, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", OBJECTIVES)
+@pytest.mark.parametrize(
+    "name", ["1b", *(pytest.param(n, marks=pytest.mark.slow) for n in ("2", "3", "4", "5-doorway"))]
+)
+def test_computed_policies_reach_the_bound_from_every_start(name, method):
+    policy, log, path = method_policy(method, find_scenario(name))
+    require_bound(policy, method)
+    assert log is None
+    assert method_of(Policy.load(path).config) == method
+    assert path.stat().st_size < 6_000_000  # the tables of a pair take 52 MB
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("collision", ["cells", "swept"])
+def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision, objective):
+    process = ProcessConfig(features=PAIR, collision=collision)
+    config = PolicyConfig(CROSSING, process, LearningConfig(), Seed(0), objective=objective)
+    policy, _ = find_or_compute(config)
+    assert isinstance(policy, Policy)
+    require_bound(policy, objective)
+    # in every joint state one move of each robot is better than its others, by a grain at least
+    best = np.sort(policy.values[policy.visits > 0], axis=1)
+    assert (best[:, -1] - best[:, -2] >= 2.0**-10).all()
+    seen = Observation(*(np.array(v) for v in (((1, 5), (3, 0)), (2, 2), (0, 0), (2, 2))))
+    rows = [(1 * 6 + 5) * 30 + 3 * 6 + 0, (3 * 6 + 0) * 30 + 1 * 6 + 5]
+    assert policy.states(seen).tolist() == rows
+
+
+def test_in_a_roundabout_every_robot_takes_the_cheapest_path_of_its_own():
+    policy, *_ = method_policy("roundabout", find_scenario("4-cross"))
+    assert isinstance(policy, Policy)
+    assert method_of(policy.config) == "roundabout"
+    targets = np.array(policy.config.scenario.targets)
+    for robot, target in enumerate(targets):
+        others = np.delete(targets, robot, axis=0)
+        edges = []
+        for x, y in np.ndindex(30, 30):
+            for dx, dy in DIRECTIONS.tolist():
+                end = np.array([x + dx, y + dy])
+                near = ((others - end) ** 2).sum(axis=1).min() <= 25
+                if not (end >= 0).all() or not (end < 30).all() or near:
+                    continue
+                middle = np.array([x + dx / 2 - 14.5, y + dy / 2 - 14.5])
+                turn = middle[0] * dy - middle[1] * dx  # positive counter-clockwise
+                against = max(0.0, -turn / np.hypot(*middle)) if middle.any() else 0.0
+                edges.append((end @ [30, 1], 30 * x + y, np.hypot(dx, dy) + 3.0 * against))
+        ends, starts, costs = zip(*edges, strict=True)
+        cost = dijkstra(coo_array((costs, (ends, starts)), (900, 900)), indices=target @ [30, 1])
+        decided = policy.visits[robot] > 0
+        assert decided.sum() > 700
+        best = -policy.values[robot].max(axis=1)
+        np.testing.assert_allclose(best[decided], cost[decided], rtol=1e-6)
+
+
+def test_in_a_roundabout_no_robots_of_scenario_4_meet_on_the_grid():
+    policy, *_ = method_policy("roundabout", find_scenario("4"))
+    assert (policy.evaluate().outcome == SUCCESS).all()
+
+
+def test_the_cell_of_a_partner_off_the_board_is_one_at_its_edge():
+    process = build_process(CROSSING, ProcessConfig(features=PAIR))
+    world = np.zeros((2, grid.COLUMN_COUNT), dtype=np.int64)
+    assert grid.place(process, world, np.array([(0, 5), (4, 0)]))
+    assert world[:, grid.PARTNER].tolist() == [4 * 6, 5]
+    rewards = np.empty(2, dtype=np.float32)
+    grid.move(process, world, np.array([3, 7]), rewards)  # off the corners
+    assert world[:, grid.PARTNER].tolist() == [4 * 6, 5]
+
+
+def test_three_robots_are_bounded_one_by_one_on_the_smallest_board():
+    targets, starts = ((1, 1), (5, 5), (9, 9)), (((1, 4),), ((5, 8),), ((9, 3),))
+    three = Scenario("three", "", targets, starts, 12, 12, zone=(0, 0, 1, 1), robot_diameter_m=0.02)
+    process = build_process(three, ProcessConfig())
+    bound = optimum(process)
+    assert bound.relaxed
+    assert bound.of_starts(joint_starts(process), 12)[1].tolist() == [4.0]
+    with pytest.raises(UserError, match="of 3 robots on 144 cells are not computed"):
+        method_policy("shortest", three)
+
+
+@pytest.mark.parametrize("method", ["shortest", "quickest", "roundabout"])
+def test_a_board_without_a_path_is_refused(method, command, tmp_path):
+    path = tmp_path / "walled.toml"
+    path.write_text(
+        "columns = 30\nrows = 20\nobstacles = [[14, 0, 14, 19]]\n"
+        "[[robots]]\ntarget = [24, 10]\nstarts = [[5, 7], [5, 8], [20, 8]]\n"
+    )
+    message = r"from start cells \[\[5, 7\]\] there is no path to the targets, and from 1 other"
+    with pytest.raises(UserError, match=message):
+        method_policy(method, find_scenario(str(path)))
+    ended = command("bound", "--scenario", path)
+    assert ended.returncode == 2
+    assert re.search(message, ended.stderr)
+
+
+def test_what_cannot_be_computed_is_refused(command):
+    with pytest.raises(UserError, match="of 4 robots on 900 cells are not computed"):
+        method_policy("quickest", find_scenario("4-cross"))
+    with pytest.raises(ScenarioError, match=r"cell \(0, 11\).* too near another's target; choose"):
+        method_policy("roundabout", find_scenario("5-corridor"))
+    with pytest.raises(UserError, match="one robot or two, and scenario 4-cross has 4"):
+        method_policy("fastest", find_scenario("4-cross"))
+    with pytest.raises(UserError, match="shortest is computed, not trained"):
+        method_config("shortest", CROSSING, episodes=5)
+    with pytest.raises(PolicyError, match="learning has no effect on shortest"):
+        PolicyConfig(
+            CROSSING, ProcessConfig(), LearningConfig(eta=0.5), Seed(0), objective="shortest"
+        )
+    with pytest.raises(ScenarioError, match="feature p makes a robot's table"):
+        large = Scenario("l", "", ((9, 9), (40, 40)), (((0, 0),), ((59, 59),)), 60, 60)
+        build_process(large, ProcessConfig(features=PAIR))
+    ended = command("run", "--method", "shortest", "--train-seed", "3")
+    assert ended.returncode == 2
+    assert "method shortest is computed, not trained; leave them out" in ended.stderr

@@ -1,0 +1,184 @@
+"""Robots identified from their tracks: the simulation of many, noise, reading, and the command."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.identification import draw_machine, observed
+from benchmarks.references.prescribed import Drive, rig, trace_body
+from cosim.machine.identification.excitation import HOLD_S, SEQUENCE, write_excitation
+from cosim.machine.identification.fit import Fit, untold
+from cosim.machine.identification.motion import Machine, tracks
+from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
+from cosim.machine.identification.parameters import NAMES, SPREADS, usual_values
+from cosim.machine.identification.track import COLUMNS, SeenTrack, TrackError, read_track
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.params import TABLE_I, TABLE_II
+from cosim.model.preset import find_preset
+from cosim.physics.body_state import STATE_SIZE, standing_state
+from cosim.physics.mass import mass_of
+
+DT_S = 1e-5
+
+
+@pytest.mark.long
+def test_robots_beside_each_other_move_as_each_alone():
+    robots = [
+        TABLE_I,
+        TABLE_I._replace(mu=0.3, com_height_m=0.018, foot_radius_m=0.021),
+    ]
+    drive = Drive(-900.0, 930.0)
+    speeds = np.tile([drive.omega_d, drive.omega_e], (101, 1))
+    seen = tracks([Machine(robot) for robot in robots], speeds, 100, DT_S, 100)
+    assert seen.shape == (2, 2, 3)
+    for column, robot in enumerate(robots):
+        state, trace = standing_state(robot, 0.0, 0.0, 0.0), np.empty((1, STATE_SIZE))
+        trace_body(state, rig(robot, TABLE_II, DT_S), drive, 10_000, trace)
+        # the phases of both differ by what 10 000 additions round
+        np.testing.assert_allclose(seen[1, column, :2], trace[0, :2], rtol=1e-3)
+
+
+def test_a_stronger_motor_and_a_centre_of_mass_aside_are_mirrored():
+    strong = TABLE_II._replace(r=1.1 * TABLE_II.r)
+    aside = TABLE_I._replace(com_y_m=1e-3)
+    machines = [
+        Machine(aside, strong, TABLE_II),
+        Machine(aside._replace(com_y_m=-1e-3), TABLE_II, strong),
+    ]
+    speeds = np.empty((301, 2, 2))
+    speeds[:, :, 0], speeds[:, :, 1] = (-900.0, 950.0), (-950.0, 900.0)
+    # the mirror image of a motor that turns one way turns the other way
+    seen = tracks(machines, speeds, 100, DT_S, 300)[-1]
+    assert abs(seen[0, 2]) > 1e-3
+    np.testing.assert_allclose(seen[0] * [1, -1, -1], seen[1], rtol=1e-6)
+
+
+def test_a_centre_of_mass_aside_is_that_of_the_payload_that_puts_it_there():
+    assert mass_of(TABLE_I._replace(com_x_m=2e-3, com_y_m=-1e-3)).centre == (2e-3, -1e-3)
+    assert mass_of(TABLE_I._replace(com_x_m=2e-3)).inertia == mass_of(TABLE_I).inertia
+    with pytest.raises(ConfigError, match=r"com_x_m = 0.02 .* fall over"):
+        CoSimConfig(robot=TABLE_I._replace(com_x_m=0.02))
+
+
+def test_noise_is_found_and_makes_residuals_of_variance_one():
+    rng, times = np.random.default_rng(0), np.arange(3000) / 30.0
+    known = Noise(5e-4, math.radians(1.0), 1e-7, 1e-4)
+    step_s = times[1]
+    walk = rng.standard_normal((len(times), 3)).cumsum(axis=0) * np.sqrt(
+        step_s * np.array([known.position_drift_m2_s] * 2 + [known.heading_drift_rad2_s])
+    )
+    frames = rng.standard_normal((len(times), 3))
+    measured = walk + frames * [known.position_m, known.position_m, known.heading_rad]
+    still = np.zeros_like(measured)
+    found = likeliest_noise(times, measured, still)
+    np.testing.assert_allclose(found[:2], known[:2], rtol=0.05)
+    np.testing.assert_allclose(found[2:], known[2:], rtol=0.4)
+    errors = residuals(times, measured, still[:, None], known)
+    np.testing.assert_allclose(errors.var(axis=(0, 2)), 1.0, atol=0.1)
+    for wrong in (known._replace(position_m=1e-3), known._replace(heading_drift_rad2_s=1e-2)):
+        others = residuals(times, measured, still[:, None], wrong)
+        assert deviance(times, others, wrong) > deviance(times, errors, known)
+    # independent from frame to frame
+    assert abs(np.mean(errors[1:] * errors[:-1])) < 0.03
+
+
+def test_what_a_track_cannot_tell_is_said_by_name():
+    shares = np.diag(np.full(len(NAMES), 0.01))
+    pair = [NAMES.index("com_height_m"), NAMES.index("foot_radius_m")]
+    shares[np.ix_(pair, pair)] = [[0.5, 0.495], [0.495, 0.5]]  # only their difference is known
+    nothing = np.empty((0, 3))
+    noise = Noise(1.0, 1.0, 1.0, 1.0)
+    found = Fit(usual_values(), shares * np.outer(SPREADS, SPREADS), noise, nothing, nothing, 1)
+    (words,) = untold(found)
+    assert (
+        words == "com_height_m and foot_radius_m together: still 100% of the spread assumed before"
+    )
+
+
+def test_the_excitation_can_be_read_as_what_a_track_was_driven_with(tmp_path):
+    write_excitation(tmp_path / "drive.csv")
+    with (tmp_path / "drive.csv").open() as file:
+        rows = [tuple(map(float, row.values())) for row in csv.DictReader(file)]
+    times, commands = np.array(rows)[:, 0], np.array(rows)[:, 1:]
+    set_points = SeenTrack(times, np.zeros((len(times), 3)), commands).set_points(1e-3)
+    wanted = np.repeat(np.array(SEQUENCE), round(1e3 * HOLD_S), axis=0)
+    np.testing.assert_array_equal(set_points, wanted)
+    assert (commands[-1] == 0.0).all()
+
+
+def write_track(path, track):
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        writer.writerows(np.column_stack([track.times, track.poses, track.commands]).tolist())
+
+
+GOOD = SeenTrack(
+    np.arange(180) / 30.0, np.tile([0.1, 0.1, 0.0], (180, 1)), np.full((180, 2), 900.0)
+)
+
+
+def replaced(column, row, value):
+    def change(lines):
+        cells = lines[row].split(",")
+        cells[column] = value
+        lines[row] = ",".join(cells)
+        return lines
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda lines: [lines[0].replace("omega_2", "speed"), *lines[1:]], "line 1 has no .*omega"),
+        (replaced(1, 7, "nan"), "line 8: x: 'nan' is no number"),
+        (replaced(3, 9, ""), "line 10: heading: what is missing is no number"),
+        (replaced(0, 5, "0.1"), "line 6: its time is not after"),
+        (lambda lines: lines[:20], "ends at line 20 after 19 frames"),
+        (replaced(1, 30, "100.0"), "line 31: x and y jump"),
+        (replaced(3, 30, "2.5"), "line 31: the heading jumps"),
+        (replaced(5, 3, "60000"), "line 4: a motor speed beyond"),
+        (lambda lines: [line.replace("900.0", "0") for line in lines], "drive the robot"),
+    ],
+)
+def test_what_is_no_track_is_refused_with_its_line(tmp_path, change, says):
+    path = tmp_path / "track.csv"
+    write_track(path, GOOD)
+    path.write_text("\n".join(change(path.read_text().splitlines())))
+    with pytest.raises(TrackError, match=says):
+        read_track(path)
+
+
+def test_a_robot_that_leaves_the_board_is_refused(tmp_path):
+    write_track(tmp_path / "track.csv", GOOD)
+    assert len(read_track(tmp_path / "track.csv", (0.16, 0.16)).times) == len(GOOD.times)
+    with pytest.raises(TrackError, match="line 2: the robot has left the board"):
+        read_track(tmp_path / "track.csv", (0.16, 0.09))
+
+
+@pytest.mark.long
+def test_a_robot_is_identified_from_its_track(tmp_path, command):
+    """Six seconds are enough for the friction."""
+    seed = np.random.SeedSequence(4)
+    truth = draw_machine(seed)
+    write_track(tmp_path / "track.csv", observed(truth, seed, SEQUENCE[:2]))
+    out = tmp_path / "robot"
+    done = command("identify-robot", tmp_path / "track.csv", "--out", out, "--json")
+    said = json.loads(done.stdout.splitlines()[-1])
+    found = {parameter["name"]: parameter for parameter in said["parameters"]}
+    assert tuple(found) == NAMES
+    mu = found["mu"]
+    assert mu["low"] < truth.values[0] < mu["high"]
+    assert mu["told"]
+    assert len(mu["rises"]) == 2
+    preset = find_preset(out / "preset.toml")
+    assert preset.robot.mu == mu["value"]
+    assert preset.config().world.camera.rate_hz == 30.0
+    page = (out / "report.html").read_text()
+    assert "<svg" in page
+    assert "com_x_m" in page
+    assert json.loads((out / "identification.json").read_text()) == said

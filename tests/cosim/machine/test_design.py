@@ -1,0 +1,85 @@
+"""Derivatives of the platform in closed form, and the answers of `python -m cosim.design`."""
+
+import json
+import math
+
+import pytest
+
+from cosim.base.errors import USER_ERROR_STATUS
+from cosim.machine.platform.design import design
+from cosim.machine.platform.feet import foot_lift_speed, least_foot_force
+from cosim.machine.platform.gradient import speed_gradient, stroke_gradient
+from cosim.machine.platform.motion import net_displacement, net_speed, robot_platform
+from cosim.model.params import TABLE_I, TABLE_II
+
+
+@pytest.mark.parametrize(
+    ("gradient", "quantity"), [(stroke_gradient, net_displacement), (speed_gradient, net_speed)]
+)
+@pytest.mark.parametrize("omega", [850.0, 1000.0, 1145.0])
+@pytest.mark.parametrize("mu", [0.1, 0.15, 0.4])
+def test_derivatives_are_those_of_finite_differences(gradient, quantity, omega, mu):
+    platform, h = robot_platform(TABLE_I._replace(mu=mu)), 1e-5
+    found = gradient(platform, omega)
+    assert found.value == pytest.approx(quantity(platform, omega), rel=1e-12)
+    changes = {
+        "unbalance": lambda k: (platform._replace(r=k * platform.r), omega),
+        "mu": lambda k: (platform._replace(mu=k * platform.mu), omega),
+        "mass": lambda k: (platform._replace(mass=k * platform.mass), omega),
+        "omega": lambda k: (platform, k * omega),
+    }
+    now = (platform.m * platform.r, platform.mu, platform.mass, omega)
+    for (name, change), value in zip(changes.items(), now, strict=True):
+        slope = (quantity(*change(1.0 + h)) - quantity(*change(1.0 - h))) / (2.0 * h * value)
+        assert getattr(found, name) == pytest.approx(slope, rel=1e-6), name
+
+
+def test_nothing_depends_on_anything_where_strokes_mirror_each_other():
+    found = stroke_gradient(robot_platform(TABLE_I._replace(mu=0.3)), 650.0)
+    assert all(abs(part) < 1e-12 for part in found)
+
+
+def test_every_answer_gives_the_speed_with_a_foot_about_to_lift():
+    found = design(TABLE_I, TABLE_II, 3.5e-3)
+    assert not found.feet_stay_down
+    assert found.motor_speed_rad_s and found.least_unbalance_kg_m
+    platform = robot_platform()
+    assert net_speed(platform, found.motor_speed_rad_s) == pytest.approx(3.5e-3, rel=1e-5)
+    stronger = TABLE_II._replace(r=found.least_unbalance_kg_m / TABLE_II.m)
+    answers = (
+        (TABLE_I._replace(foot_radius_m=found.foot_radius_m), TABLE_II, found.motor_speed_rad_s),
+        (TABLE_I._replace(com_height_m=found.com_height_m), TABLE_II, found.motor_speed_rad_s),
+        (TABLE_I, stronger, found.unbalance_motor_speed_rad_s),
+    )
+    for robot, motor, omega in answers:
+        assert omega is not None
+        assert net_speed(robot_platform(robot, motor), omega) == pytest.approx(3.5e-3, rel=1e-4)
+        assert least_foot_force(robot, motor, omega) == pytest.approx(0.0, abs=1e-3)
+        assert foot_lift_speed(robot, motor) == pytest.approx(omega, rel=1e-4)
+
+
+def test_the_command_says_it_in_words_and_as_json(command):
+    done = command("design", "--speed", 2, "--json")
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
+    found = json.loads(lines[-1])
+    assert found["feet_stay_down"]
+    assert lines[1] == f"2 mm/s takes {found['motor_speed_rad_s']:.0f} rad/s, and no foot lifts."
+    assert math.isclose(found["lift_off_rad_s"], 1151.15, rel_tol=1e-5)
+    done = command("design", "--speed", 9, "--preset", "icra2006")
+    assert "It leaves the floor before it reaches 9 mm/s." in done.stdout.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--speed", "0"), "--speed 0 must be positive and finite"),
+        (("--speed", "1", "--mu", "-1"), "--mu -1 must be positive and finite"),
+        (("--speed", "1", "--preset", "mine"), "unknown preset 'mine'"),
+    ],
+)
+def test_mistakes_are_one_sentence(command, arguments, message):
+    done = command("design", *arguments)
+    assert done.returncode == USER_ERROR_STATUS
+    assert done.stderr.count("\n") == 1
+    assert message in done.stderr

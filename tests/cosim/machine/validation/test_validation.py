@@ -1,0 +1,144 @@
+"""Ours beside theirs: what is measured, how it is kept, what the tables say."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from cosim.base.errors import USER_ERROR_STATUS
+from cosim.coupling.fmu import MotorFmu
+from cosim.machine.platform.motion import net_speed, robot_platform
+from cosim.machine.validation import measurement
+from cosim.machine.validation.driving import (
+    Leg,
+    MeasuredSpeed,
+    drive_by_the_clock,
+    measured_speed,
+    polygon,
+    sideways,
+)
+from cosim.machine.validation.measurement import (
+    QUICK,
+    DrivenPath,
+    Sensitivity,
+    Validation,
+    validate,
+)
+from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, step_um
+from cosim.machine.validation.report import report_of
+from cosim.machine.validation.sensitivity import PARAMETERS, closed_form
+from cosim.machine.validation.tables import text_of
+from cosim.model.config import CoSimConfig
+
+
+def test_paths_lead_back_or_to_the_side():
+    """What the parts of a path add up to, if each is exact."""
+
+    def end(path: list[Leg]) -> complex:
+        where, heading = 0j, 0.0
+        for manoeuvre, amount in path:
+            if manoeuvre in {"left", "right"}:
+                heading += amount if manoeuvre == "left" else -amount
+            else:
+                sense = 1.0 if manoeuvre == "forwards" else -1.0
+                where += sense * amount * complex(math.cos(heading), math.sin(heading))
+        assert heading == pytest.approx(0.0) or heading == pytest.approx(2.0 * math.pi)
+        return where
+
+    assert end(polygon(3, 0.06)) == pytest.approx(0j)
+    assert end(polygon(4, 0.08)) == pytest.approx(0j)
+    assert end(sideways(3, 0.01, math.radians(20.0))) == pytest.approx(1j * measurement.v_meant_m())
+
+
+def test_speeds_are_those_of_the_platform_in_phase(motor_fmu):
+    found = measured_speed(CoSimConfig(), MotorFmu(motor_fmu), "forwards", 850.0, 1)
+    assert found.mean == found.least == found.largest
+    assert found.mean == pytest.approx(net_speed(robot_platform(), 850.0), rel=0.25)
+
+
+def test_paths_by_the_clock_end_about_where_they_are_meant_to(motor_fmu):
+    path = [Leg("forwards", 4e-3), Leg("left", 0.2), Leg("backwards", 4e-3)]
+    config, fmu = CoSimConfig(), MotorFmu(motor_fmu)
+    ends = drive_by_the_clock(config, fmu, path, 3, seed=1, dithered=True)
+    meant = (4e-3 * (1.0 - math.cos(0.2)), -4e-3 * math.sin(0.2))
+    assert ends.shape == (3, 3)
+    assert np.ptp(ends, axis=0).min() > 0.0  # every robot has noise and a phase of its own
+    assert np.abs(ends[:, :2] - meant).max() < 2e-3
+    assert ends[:, 2].mean() == pytest.approx(0.2, abs=0.1)
+
+
+def test_closed_form_sensitivities_are_of_robots_on_the_floor():
+    config = CoSimConfig()
+    found = closed_form(config, 900.0)
+    assert found["mu"] < 0.0 < found["m r"] < found["motor speed"]
+    assert found["mass_kg"] == pytest.approx(-found["m r"], rel=0.01)  # but for the eccentric mass
+    assert closed_form(config, 1200.0) == closed_form(config, 500.0) == {}
+
+
+@pytest.fixture
+def made_up() -> Validation:
+    """Speeds of twice those published, and paths that end 3 mm and 4 mm off."""
+    speeds = [(p, MeasuredSpeed(2e-3 * (p.value or 1.0), 0.0, 1.0, 0.5)) for p in SPEEDS]
+    slopes: dict[str, float | None] = dict.fromkeys((*PARAMETERS, "motor speed"), 2.0)
+    slopes |= {"mu": -1.0, "mass_kg": 0.5}
+    points = [p for p in SPEEDS if p.preset == "icra2006" and p.value is not None]
+    return Validation(
+        speeds,
+        [Sensitivity(p, slopes, {"mu": -3.0}) for p in points],
+        [DrivenPath(path, True, [[3e-3, 4e-3, 0.1]] * 2) for path in (*PATHS, None)],
+    )
+
+
+def test_tables_compare_and_explain(made_up):
+    report = report_of(made_up, QUICK, 0)
+    speed = report.speeds[0]
+    assert (speed.ours, speed.theirs, speed.ratio) == (1.0, 0.5, 2.0)
+    assert speed.their_step_um == pytest.approx(step_um(0.5, 1050.0)) == pytest.approx(2.992, 1e-3)
+    rows = {row.parameter: row for row in report.sensitivities[: len(PARAMETERS) + 1]}
+    assert rows["mu"].explains == pytest.approx(0.8)  # twice the friction: half the speed
+    assert rows["foot_radius_m"].explains == pytest.approx(rows["foot_radius_m"].value / 2**0.5)
+    assert rows["mass_kg"].explains is None  # four times as much
+    assert rows["mu"].platform == -3.0
+    by_speed = {(row.preset, row.motor_speed_rad_s): row for row in report.reversals}
+    assert by_speed["thesis", 1800.0].theirs == pytest.approx(2.8 / 3.9)
+    assert by_speed["icra2006", 1200.0].theirs is None
+    assert report.paths[0].off_mm == pytest.approx(5.0)
+    text = text_of(report)
+    assert "| icra2006 | forwards | 1050 | 1.00 (0.00 to 1000.00) mm/s | 50% | 0.5 | 2.00 |" in text
+    assert all(f"- {point.source}" in text for point in (*SPEEDS, *PATHS))
+    assert "recalled" in text
+
+
+def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, command):
+    """The whole command on one speed and one small path, twice."""
+    small = PublishedPath(3, 1.0, (1.0,), None, "made up")
+    monkeypatch.setattr(measurement, "SPEEDS", (SPEEDS[-1],))
+    monkeypatch.setattr(measurement, "PATHS", (small,))
+    monkeypatch.setattr(measurement, "sideways", lambda *_: [Leg("forwards", 1e-3)])
+    counts: list[float] = []
+
+    def told(task: str, done: float, total: float | None, state: str = "") -> None:
+        counts.append(done)
+
+    first = validate(motor_fmu, QUICK, progress=told)
+    assert counts[-1] == len(first.speeds) + len(first.paths)
+
+    def refused(*_: object, **__: object):
+        raise AssertionError("measured again")
+
+    monkeypatch.setattr(measurement, "measured_speed", refused)
+    monkeypatch.setattr(measurement, "drive_by_the_clock", refused)
+    fmu = ("--motor-fmu", motor_fmu, "--no-isolate")
+    done = command("validate", "--quick", "--json", "--out", tmp_path, *fmu)
+    assert done.returncode == 0, done.stderr
+    printed = json.loads(done.stdout.splitlines()[-1])
+    assert printed == json.loads((tmp_path / "validation.json").read_text("utf-8"))
+    assert printed["speeds"][0]["sure"] == "recalled"
+    assert {path.name for path in tmp_path.iterdir()} == {"validation.json", "validation.md"}
+
+
+def test_mistakes_are_one_sentence(command):
+    done = command("validate", "--seed", "-1")
+    assert done.returncode == USER_ERROR_STATUS
+    assert done.stderr == "error: --seed must not be negative\n"

@@ -1,0 +1,142 @@
+"""Machines from files: what they set, what holds before them, what they may not say."""
+
+import math
+
+import pytest
+
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.params import TABLE_I, TABLE_II
+from cosim.model.preset import PresetError, built_in, find_preset
+from cosim.model.world import IDEAL, Sensor, World
+from cosim.simulation.options import Physics, SimulationOptions
+
+WHOLE = """
+source = "a machine"
+[robot]
+mass_kg = 0.2
+[motor]
+K_T = 4e-4
+source = "identified here"
+[world]
+restitution = 0.2
+motor_speed_noise = 0.1
+[world.sensor]
+rate_hz = 30
+[robot.source]
+mass_kg = "weighed"
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text: str) -> str:
+        path = tmp_path / "mine.toml"
+        path.write_text(text, encoding="utf-8")
+        return str(path)
+
+    return write
+
+
+def test_the_paper_is_the_default():
+    assert built_in()[0] == "paper"
+    assert find_preset("paper").config() == CoSimConfig()
+
+
+def test_published_machines():
+    icra, thesis = find_preset("icra2006"), find_preset("thesis")
+    assert icra.robot.mu == 0.4
+    assert icra.robot.diameter_m == 0.0365
+    assert icra.robot.foot_radius_m == pytest.approx(0.0292 / math.sqrt(3.0), rel=1e-3)
+    assert (icra.robot.mass_kg, icra.motor) == (TABLE_I.mass_kg, TABLE_II)  # not published
+    assert (thesis.robot.mu, thesis.robot.motor_radius_m) == (0.3, 0.022)
+    for preset in (icra, thesis):
+        changed = [n for n in TABLE_I._fields if getattr(preset.robot, n) != getattr(TABLE_I, n)]
+        assert sorted(preset.sources) == sorted(changed)
+
+
+def test_a_file_says_what_differs_and_where_it_is_from(written):
+    config = find_preset(written(WHOLE)).config()
+    assert (config.robot.mass_kg, config.motor.K_T) == (0.2, 4e-4)
+    assert (config.world.restitution, config.world.camera.rate_hz) == (0.2, 30.0)
+    table = config.table()
+    assert table["mass_kg"]["source"] == "weighed"
+    assert table["K_T"]["source"] == "identified here"
+    assert table["relative_amplitude"]["value"] == 0.1
+    assert table["preset"]["value"] == "mine"
+    # heavier robots lift off later, and nothing needs saying of the steering
+    assert config.steering.forward_speed_rad_s < config.lift_off_rad_s
+
+
+def test_a_light_machine_needs_no_other_steering(written):
+    assert find_preset(written("[robot]\nmass_kg = 0.03")).config().lift_off_rad_s < 700.0
+
+
+def test_saved_and_read_again(written, tmp_path):
+    preset = find_preset(written(WHOLE))
+    preset.save(tmp_path / "again" / "mine.toml")
+    assert find_preset(tmp_path / "again" / "mine.toml") == preset
+
+
+def test_what_is_said_explicitly_holds(written):
+    file = written(WHOLE)
+    world = World(restitution=0.3, floor_tilt_deg=1.0, mu=0.25)
+    config = Physics(preset=file).config(world)
+    assert (config.world.restitution, config.world.floor_tilt_deg) == (0.3, 1.0)
+    assert config.world.camera == Sensor(rate_hz=30.0)  # of which the world says nothing
+    assert config.noise.relative_amplitude == 0.1
+    assert Physics(preset="icra2006").config(world).robot.mu == 0.25
+    own = SimulationOptions(preset="icra2006", mu=0.2, noise=0.0).config()
+    assert (own.robot.mu, own.noise.relative_amplitude) == (0.2, 0.0)
+    assert own.table()["mu"]["source"] == CoSimConfig().table()["mu"]["source"]
+    assert find_preset("icra2006").in_world(IDEAL) == IDEAL
+
+
+def test_a_world_sets_what_a_machine_brings_along_back_to_ideal(written):
+    """Also to 0: what is said explicitly holds, and is not shown with the machine's source."""
+    world = World(restitution=0.0, motor_spread=0.0, motor_speed_noise=0.0, sensor=Sensor())
+    file = written(
+        "[world]\nrestitution = 0.2\nmotor_spread = 0.1\nmotor_speed_noise = 0.1\n"
+        'source = "measured"\n[world.sensor]\nrate_hz = 30\nsource = "data sheet"\n'
+    )
+    names = ("restitution", "motor_spread", "relative_amplitude", "sensor_rate_hz")
+    brought, ideal = (Physics(preset=file).config(w).table() for w in (IDEAL, world))
+    assert [brought[name]["value"] for name in names] == [0.2, 0.1, 0.1, 30.0]
+    assert [ideal[name]["value"] for name in names] == [0.0] * 4
+    usual = CoSimConfig().table()
+    assert [ideal[name]["source"] for name in names] == [usual[n]["source"] for n in names]
+    assert brought["sensor_rate_hz"]["source"] == "data sheet"
+
+
+def test_a_communication_step_of_zero_is_refused():
+    with pytest.raises(ConfigError, match=r"communication_step = 0\.0 must be finite and positive"):
+        Physics(communication_step=0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[robot]\nmuu = 1", "robot.muu is unknown to presets; choose from mass_kg"),
+        ("[steering]\ngain = 1", "steering is unknown to presets; choose from source, robot"),
+        ("[world]\nmu = 0.2", "world.mu is unknown to presets; choose from restitution"),
+        ("[robot]\nmass_kg = 'x'", "robot.mass_kg = 'x' is no number"),
+        ("[robot]\nmass_kg = 0", "mass_kg must be positive"),
+        ("[motor]\nr = 0", "r must be positive"),
+        ("[robot]\nmu = nan", "mu = nan must be finite"),
+        ("[robot]\nfoot_radius_m = 0.03", "foot_radius_m = 0.03 lies outside"),
+        ("[world]\nrestitution = 2", "world.restitution = 2 is not usable"),
+        ("[world.sensor]\ndelay_ms = 2", "world.sensor.delay_ms has no effect without a camera"),
+        ("robot = 3", "robot: give a table"),
+        ("[robot]\nsource = 3", "robot.source: give a text"),
+        ("[robot.source]\nmu = 'x'", "robot.source.mu is unknown to presets"),
+        ("mu = ", "not a TOML file"),
+    ],
+)
+def test_mistakes_are_named(written, text, message):
+    with pytest.raises(PresetError, match=r"mine\.toml: ") as error:
+        find_preset(written(text))
+    assert message in str(error.value)
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(PresetError, match=r"unknown preset 'x'; choose one of paper, icra2006"):
+        find_preset("x")

@@ -1,0 +1,84 @@
+"""Worlds: what is refused, and what an episode draws."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TABLE_II
+from cosim.model.world import IDEAL, Drawn, Patch, Sensor, World, WorldError, draw_world, gravity
+
+SEED = np.random.SeedSequence(7)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "said"),
+    [
+        (World, {"restitution": 1.5}, "world.restitution = 1.5 is not usable; give 0 to 1"),
+        (World, {"motor_spread": -0.1}, "world.motor_spread"),
+        (World, {"mu": -1.0}, "world.mu"),
+        (World, {"floor_tilt_deg": 90.0}, "world.floor_tilt_deg"),
+        (World, {"motor_phases_deg": (0.0, 400.0)}, "world.motor_phases_deg has 400"),
+        (World, {"payload_offset_mm": (1.0, 0.0)}, "no effect without a payload"),
+        (Sensor, {"rate_hz": 30.0, "dropout": 1.0}, "world.sensor.dropout"),
+        (Sensor, {"delay_ms": 50.0}, "world.sensor.delay_ms has no effect without a camera"),
+        (Patch, {"cells": (0, 0, 1, 1), "mu": -0.1}, "world.mu_patches.mu"),
+    ],
+)
+def test_worlds_that_cannot_be_are_refused(kind, values, said):
+    with pytest.raises(WorldError, match=said):
+        kind(**values)
+
+
+def test_an_ideal_world_draws_nothing():
+    assert not IDEAL.draws
+    pair = TABLE_II, TABLE_II
+    assert draw_world(IDEAL, TABLE_II, 2, SEED) == Drawn((pair, pair), 0.0)
+    assert CoSimConfig().in_world(IDEAL) == CoSimConfig()
+
+
+def test_motors_differ_as_declared():
+    drawn = draw_world(World(motor_spread=0.1), TABLE_II, 2000, SEED)
+    for name in ("K_T", "R", "J", "r"):
+        nominal = getattr(TABLE_II, name)
+        factors = np.array([[getattr(m, name) / nominal for m in pair] for pair in drawn.motors])
+        assert abs(factors.mean() - 1.0) < 0.01
+        assert abs(factors.std() - 0.1) < 0.01
+        assert 0.7 - 1e-9 <= factors.min() < factors.max() <= 1.3 + 1e-9
+        assert len(np.unique(factors)) > 3900  # every motor by itself
+    assert {motor.m for pair in drawn.motors for motor in pair} == {TABLE_II.m}
+
+
+def test_draws_are_the_seeds_alone():
+    world = World(motor_spread=0.1, floor_tilt_deg=1.0)
+    first = draw_world(world, TABLE_II, 2, SEED)
+    assert draw_world(world, TABLE_II, 2, SEED) == first
+    assert list(first.table()) == ["r1.D", "r1.E", "r2.D", "r2.E", "floor"]
+    assert first.table()["r2.D"]["K_T"] == first.motors[1][0].K_T
+    assert draw_world(world, TABLE_II, 2, np.random.SeedSequence(8)) != first
+
+
+def test_parameters_of_a_world_are_values_of_json():
+    world = World(
+        mu_patches=(Patch((0, 1, 2, 3), 0.4),),
+        payload_g=20.0,
+        payload_offset_mm=(1.0, -2.0),
+        motor_phases_deg=(0.0, 90.0),
+    )
+    table = CoSimConfig(world=world).table()
+    values = {name: row["value"] for name, row in table.items()}
+    assert json.loads(json.dumps(values)) == values
+    assert values["mu_patches"] == [{"cells": [0, 1, 2, 3], "mu": 0.4}]
+    assert values["payload_offset_mm"] == [1.0, -2.0]
+    assert values["motor_phases_deg"] == [0.0, 90.0]
+
+
+def test_gravity_falls_where_the_floor_does():
+    drawn = Drawn((), 90.0)
+    x, y, z = gravity(World(floor_tilt_deg=10.0), drawn, 9.81)
+    assert math.hypot(x, y, z) == pytest.approx(9.81)
+    assert x == pytest.approx(0.0, abs=1e-12)
+    assert y == pytest.approx(9.81 * math.sin(math.radians(10.0)))
+    assert gravity(IDEAL, Drawn((), 0.0), 9.81) == (0.0, 0.0, -9.81)

@@ -1,0 +1,119 @@
+"""Geometry of plans, and who waits or yields."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.params import SHIELD, TIMING
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTIONS
+from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
+from cosim.simulation.cosimulation import CoSimulation, run_episode
+
+E, N, W, S = 0, 2, 4, 6
+FACING = Scenario(
+    "facing", "swap places", ((14, 5), (3, 12)), (((3, 5),), ((12, 5),)), 16, 16, zone=(7, 7, 8, 8)
+)
+BOARD = board_of(FACING)
+USUAL = 0.006, NEAREST_FIRST
+
+coordinate = st.floats(-1.0, 1.0)
+points = st.tuples(coordinate, coordinate)
+lines = st.tuples(points, points)
+
+
+@given(lines, lines)
+def test_distance_of_plans_is_that_of_their_closest_points(a, b):
+    on_a, on_b = np.linspace(a[0], a[1], 101), np.linspace(b[0], b[1], 101)
+    sampled = np.linalg.norm(on_a[:, None] - on_b[None], axis=2).min()
+    spacing = (math.dist(*a) + math.dist(*b)) / 100
+    assert sampled - spacing <= line_to_line(a, b) <= sampled + 1e-12
+
+
+def positions_at(*cells):
+    return np.array([FACING.centre_m(cell) for cell in cells])
+
+
+def goals_of(positions, *directions):
+    goals = np.full((len(positions), 2), np.nan)
+    for robot, direction in enumerate(directions):
+        if direction is not None:
+            goals[robot] = positions[robot] + DIRECTIONS[direction] * FACING.cell_m
+    return goals
+
+
+@pytest.mark.parametrize(
+    ("other", "moving", "wanted", "expected"),
+    [
+        ((14, 5), None, E, E),  # far away
+        ((10, 5), None, E, N),  # stands in the plan, and of the diagonals too
+        ((10, 5), W, E, WAIT),  # comes closer
+        ((9, 5), None, W, W),  # touches: moving away is free
+    ],
+)
+def test_who_waits_and_who_yields(other, moving, wanted, expected):
+    positions = positions_at((4, 5), other)
+    goals = goals_of(positions, None, moving)
+    assert permitted(BOARD, positions, goals, 0, wanted, *USUAL) == expected
+
+
+def test_yielding_never_leads_off_the_board():
+    positions = positions_at((0, 5), (5, 5))
+    for wanted in range(8):
+        allowed = permitted(BOARD, positions, goals_of(positions), 0, wanted, *USUAL)
+        if allowed != WAIT:
+            assert DIRECTIONS[allowed, 0] >= 0
+
+
+class Straight:
+    """Drives every robot straight at its target, whoever stands there."""
+
+    def act(self, observation):
+        offsets = np.array(FACING.targets) - observation.cells
+        return np.round(np.arctan2(offsets[:, 1], offsets[:, 0]) / (math.pi / 4)).astype(int) % 8
+
+
+class HeadOn:
+    """Drives both robots at each other, whatever happens."""
+
+    def act(self, observation):
+        return np.array([0, 4])
+
+
+def drive(motor_fmu, config, policy=None):
+    system = CoSimulation(FACING, motor_fmu, config)
+    starts = tuple(cells[0] for cells in FACING.starts)
+    outcome = run_episode(
+        system, policy or Straight(), starts, np.random.SeedSequence(0), lambda step: None
+    )
+    return system, outcome
+
+
+@pytest.mark.parametrize("shield", [False, True])
+def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, shield):
+    system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD if shield else None))
+    assert (system.conflicts > 0) == shield
+    if shield:
+        assert outcome != "collision"
+        assert system.measures.min_distance_m > FACING.robot_diameter_m
+    else:
+        assert outcome == "collision"
+
+
+def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
+    """When nobody yields they meet, and are parted, again and again."""
+    monkeypatch.setattr("cosim.simulation.episode.permitted", lambda *asked: asked[4])
+    timing = TIMING._replace(episode_limit_s=30.0)
+    system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), HeadOn())
+    assert outcome == "timeout"
+    assert system.episode.shield_stops >= 2
+    assert system.measures.min_distance_m > FACING.robot_diameter_m
+
+
+def test_what_the_shield_cannot_go_with_is_refused():
+    with pytest.raises(ConfigError, match="keep their course"):
+        CoSimConfig(shield=SHIELD, open_loop=("heading",))

@@ -1,0 +1,38 @@
+"""A floor that ends where the board does: `edge` of a world."""
+
+import numpy as np
+import pytest
+
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.model.world import World
+from cosim.simulation.cosimulation import CoSimulation
+
+NORTH, SOUTH = 2, 6
+FLOORS = {edge: CoSimConfig().in_world(World(edge=edge)) for edge in (False, True)}
+
+
+def first_step(motor_fmu, start, edge):
+    """The first RL step of a robot that drives to the middle of its board."""
+    scenario = Scenario("rim", "", ((15, 15),), ((start,),))
+    system = CoSimulation(scenario, motor_fmu, FLOORS[edge])
+    system.reset((start,), np.random.SeedSequence(0))
+    step = system.advance(np.array([SOUTH if start[1] > 15 else NORTH]))
+    system.close()
+    return step
+
+
+@pytest.mark.parametrize("row", [0, 29])
+def test_a_robot_with_a_foot_beyond_the_edge_falls(motor_fmu, row):
+    step = first_step(motor_fmu, (15, row), edge=True)
+    assert step.outcome == "out_of_board"
+    assert step.samples.position[-1, 0, 2] < 0.0
+    assert len(step.samples.position) < 500  # at once: its centre of mass is not above two feet
+    assert not first_step(motor_fmu, (15, row), edge=False).outcome
+
+
+def test_a_robot_with_all_feet_on_the_board_notices_no_edge(motor_fmu):
+    (without, *_), (within, *_) = ((first_step(motor_fmu, (15, 26), e),) for e in (False, True))
+    assert not within.outcome
+    for one, other in zip(without.samples, within.samples, strict=True):
+        assert one.tobytes() == other.tobytes()

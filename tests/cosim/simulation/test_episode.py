@@ -1,0 +1,266 @@
+"""RL steps over the dynamics: actions end at cell centres, observations are the cells'."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from cosim.base.errors import UserError
+from cosim.coupling.signals import new_state
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.params import TABLE_I, TIMING, cylinder_inertia
+from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario_file import find_scenario
+from cosim.model.world import Sensor, World
+from cosim.onboard.features import LARGE, MEDIUM
+from cosim.onboard.observing import draw_starts
+from cosim.onboard.steering import DRIVE, HOLD, MODE, PAST
+from cosim.recording.levels import with_bursts
+from cosim.simulation.cosimulation import CoSimulation, run_episode
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.options import PROMPT_RL_STEP_S, DecisionOptions
+
+SHORT = Scenario("short", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
+EAST, NORTH, SOUTH = 0, 2, 6
+
+
+@pytest.fixture(scope="module")
+def short(motor_fmu, straight_policy):
+    """Steps of an episode in which both robots drive two cells."""
+    config = with_bursts(CoSimConfig(), "default")
+    system, steps = CoSimulation(SHORT, motor_fmu, config), []
+    starts = tuple(cells[0] for cells in SHORT.starts)
+    policy = straight_policy(SHORT.targets)
+    run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
+    return system, steps
+
+
+def test_robots_reach_their_targets(short):
+    system, steps = short
+    assert system.outcome == "success"
+    assert steps[-1].outcome == "success"
+    assert steps[-1].after.cells.tolist() == [[15, 27], [15, 2]]
+    assert system.measures.path_length_m == pytest.approx(0.02, abs=0.001)
+
+
+def test_whoever_thinks_to_be_off_the_board_is_at_its_edge(motor_fmu):
+    """A camera that is wrong by decimetres puts robots off the board; policies never see that."""
+    world = World(sensor=Sensor(rate_hz=30.0, position_noise_mm=100.0))
+    system = CoSimulation(SHORT, motor_fmu, CoSimConfig().in_world(world))
+    system.reset(tuple(cells[0] for cells in SHORT.starts), np.random.SeedSequence(0))
+    off = 0
+    for _ in range(3):
+        step = system.advance(np.array([EAST, EAST]))
+        off += (step.samples.estimate[..., :2] < 0.0).sum()
+        off += (step.samples.estimate[..., :2] > 0.3).sum()
+        assert ((step.after.cells >= 0) & (step.after.cells < 30)).all()
+    system.close()
+    assert off > 0
+
+
+def test_robots_stop_at_the_centres(short):
+    _, steps = short
+    for robot, target in enumerate(SHORT.targets):
+        final = steps[-1].samples.position[-1, robot, :2]
+        assert final == pytest.approx(SHORT.centre_m(target), abs=2e-3)
+
+
+def test_robots_drive_through_centres_and_stop_at_their_targets(motor_fmu, straight_policy, short):
+    """Asked when their moves end, robots are sooner there, and stop only to stay or to turn."""
+    config = DecisionOptions(through=True).deciding(CoSimConfig())
+    system, steps = CoSimulation(SHORT, motor_fmu, config), []
+    starts = tuple(cells[0] for cells in SHORT.starts)
+    policy = straight_policy(SHORT.targets)
+    run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
+    assert system.outcome == "success"
+    assert [step.duration_s for step in steps] == pytest.approx([PROMPT_RL_STEP_S] * len(steps))
+    assert system.time_s < short[0].time_s
+    modes = np.concatenate([step.samples.mode for step in steps])
+    passed = np.concatenate([step.completed[None] for step in steps]).sum(axis=0)
+    assert passed.tolist() == [2, 2]
+    for robot in range(2):
+        first, last = np.flatnonzero(modes[:, robot] == DRIVE)[[0, -1]]
+        assert not (modes[first:last, robot] == HOLD).any()
+    assert (modes[-1] == PAST).any()
+    assert (system.episode._commands[:, MODE] == HOLD).all()
+
+
+def test_action_stays_in_force_until_the_centre(short):
+    _, steps = short
+    decisions = np.array([step.decided for step in steps])
+    assert decisions[0].all()
+    assert 0 < decisions[1:].sum() < decisions[1:].size / 2
+    for before, after in pairwise(steps):
+        kept = ~after.decided & (after.action >= 0)
+        assert np.array_equal(before.action[kept], after.action[kept])
+
+
+def test_signals_are_contiguous_in_time(short):
+    _, steps = short
+    for before, after in pairwise(steps):
+        assert after.first_tick - before.first_tick == 200_000
+        assert len(before.samples.omega) == 2000
+        jump = after.samples.position[0] - before.samples.position[-1]
+        assert np.abs(jump).max() < 1e-4
+
+
+def test_voltage_stays_within_the_battery(short):
+    _, steps = short
+    assert max(np.abs(step.samples.voltage).max() for step in steps) == 3.0
+
+
+def test_friction_stays_in_the_cone(short):
+    _, steps = short
+    for step in steps:
+        assert len(step.raw.normal) > 0
+        assert (step.raw.normal >= 0.0).all()
+        friction = np.linalg.norm(step.raw.friction.reshape(*step.raw.normal.shape, 2), axis=-1)
+        assert (friction <= TABLE_I.mu * step.raw.normal * (1.0 + 1e-9)).all()
+
+
+def test_leaving_the_board_ends_the_episode(motor_fmu):
+    system = CoSimulation(SHORT, motor_fmu)
+    system.reset(((29, 29), (0, 0)), np.random.SeedSequence(0))
+    step = system.advance(np.array([EAST, NORTH]))
+    while not system.outcome:
+        step = system.advance(np.array([EAST, NORTH]))
+    assert system.outcome == "out_of_board"
+    assert step.samples.position[-1, 0, 0] == pytest.approx(0.3, abs=1e-4)
+
+
+def test_time_limit_ends_the_episode(motor_fmu):
+    config = CoSimConfig(timing=TIMING._replace(episode_limit_s=4.0))
+    system = CoSimulation(SHORT, motor_fmu, config)
+    observation = system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
+    assert observation.distance_class.tolist() == [LARGE, LARGE]
+    system.advance(np.array([SOUTH, NORTH]))
+    assert system.outcome == ""
+    system.advance(np.array([SOUTH, NORTH]))
+    assert system.outcome == "timeout"
+
+
+def test_limits_hold_to_the_tick_whenever_a_move_began():
+    """In floating point 62 of these 300 moves lasted one RL step longer than their limit."""
+    state, starts = new_state(1, 2, 2), ((15, 29), (15, 0))
+    config = CoSimConfig(timing=TIMING._replace(episode_limit_s=1e3))
+    episode = RunningEpisode(SHORT, config, state, slice(0, 2), starts, np.random.SeedSequence(0))
+    for began in range(0, 300 * 200_000, 200_000):
+        episode._commands[:, MODE] = HOLD
+        for later, decides in ((0, True), (3_999_999, False), (4_000_000, True)):
+            episode._tick = began + later
+            assert episode._adopt(np.array([SOUTH, NORTH])).all() == decides
+    assert [config.ticks(s) for s in (0.3, 1e3, 1e3 + 1e-5)] == [30_000, 10**8, 10**8 + 1]
+
+
+@pytest.mark.parametrize(
+    "action",
+    [-1, 2, 2.5, [1.5, 2], True, [True, False], [2, 2, 2], [2, 8], [-1, 0], None, "NN", [2],
+     [[2, 2]], [[2], [2, 2]], np.full(2, np.nan), np.array([2.0, 2.0]), [None, 2]],
+)  # fmt: skip
+def test_policies_that_return_anything_else_than_directions_are_refused(motor_fmu, action):
+    system = CoSimulation(SHORT, motor_fmu)
+    system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
+    expected = r"^the policy returned .*; expected 2 integers from 0 to 7"
+    with pytest.raises(UserError, match=expected):
+        system.advance(action)
+    system.close()
+
+
+def test_observation_has_the_targets(motor_fmu):
+    system = CoSimulation(SHORT, motor_fmu)
+    observation = system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
+    assert observation.targets.tolist() == [[15, 27], [15, 2]]
+    observation.targets[:] = 0  # a policy's own copy
+    assert system.advance(np.array([SOUTH, NORTH])).after.targets.tolist() == [[15, 27], [15, 2]]
+    system.close()
+
+
+def test_observation_sees_the_nearest_robot(motor_fmu):
+    system = CoSimulation(SHORT, motor_fmu)
+    observation = system.reset(((10, 10), (18, 10)), np.random.SeedSequence(0))
+    assert observation.distance_class.tolist() == [MEDIUM, MEDIUM]
+    assert observation.gradient_sign.tolist() == [0, 0]
+    assert observation.direction.tolist() == [NORTH, NORTH]
+
+
+def test_equal_seeds_give_equal_noise(motor_fmu):
+    def first_step(seed):
+        system = CoSimulation(SHORT, motor_fmu)
+        system.reset(((15, 29), (15, 0)), np.random.SeedSequence(seed))
+        return system.advance(np.array([EAST, EAST])).samples.omega
+
+    assert np.array_equal(first_step(1), first_step(1))
+    assert not np.array_equal(first_step(1), first_step(2))
+
+
+def test_starts_never_touch():
+    crowd = Scenario("crowd", "", ((0, 0), (9, 9)), (tuple((x, 0) for x in range(12)),) * 2)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        a, b = draw_starts(crowd, rng)
+        assert abs(a[0] - b[0]) > 5
+
+
+def test_starts_that_always_touch_are_refused():
+    crowd = Scenario("crowd", "", ((0, 0), (9, 9)), (((4, 0), (5, 0)),) * 2)
+    with pytest.raises(ScenarioError, match="crowd: starts leave hardly a combination"):
+        draw_starts(crowd, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("timing", "message"),
+    [
+        ({"dt_s": 3e-5}, "communication_step_s = 1e-05 s is no whole multiple of dt_s"),
+        ({"communication_step_s": 3e-5}, "control_period_s = 0.001 s is no whole multiple"),
+        ({"rl_step_s": 0.0015}, "rl_step_s = 0.0015 s is no whole multiple"),
+        ({"dt_s": 0.0}, "dt_s must be positive"),
+    ],
+)
+def test_times_that_do_not_divide_are_refused(timing, message):
+    with pytest.raises(ConfigError, match=message):
+        CoSimConfig(timing=TIMING._replace(**timing))
+
+
+def test_the_scenario_decides_the_diameter(motor_fmu):
+    small = Scenario("small", "", SHORT.targets, SHORT.starts, robot_diameter_m=0.03)
+    with pytest.raises(ConfigError, match=r"diameter_m = 0\.05 .* robot_diameter_m = 0\.03"):
+        CoSimulation(small, motor_fmu, CoSimConfig())
+    config = CoSimConfig().sized(0.03)
+    assert CoSimulation(small, motor_fmu, config).config == config
+    values = {name: row["value"] for name, row in config.table().items()}
+    assert values["diameter_m"] == 0.03
+    assert values["foot_radius_m"] == pytest.approx(0.6 * TABLE_I.foot_radius_m)
+    assert cylinder_inertia(config.robot)[2] == pytest.approx(0.36 * cylinder_inertia(TABLE_I)[2])
+    assert CoSimConfig().sized(0.05) == CoSimConfig()  # in every bit
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"diameter_m": 0.04},
+            r"foot_radius_m = 0\.023 lies outside a robot of diameter_m = 0\.04",
+        ),
+        ({"motor_radius_m": 0.03}, r"motor_radius_m = 0\.03 lies outside"),
+        ({"motor_radius_m": 0.005}, r"two motors of motor_length_m = 0\.0102 do not fit"),
+    ],
+)
+def test_impossible_robots_are_refused(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        CoSimConfig(robot=TABLE_I._replace(**changes))
+    with pytest.raises(ConfigError, match="make the robot larger"):
+        CoSimConfig().sized(0.01)
+
+
+def test_hopping_speed_is_refused():
+    steering = CoSimConfig().steering._replace(forward_speed_rad_s=1200.0)
+    with pytest.raises(ConfigError, match="would make the robot hop"):
+        CoSimConfig(steering=steering)
+
+
+@pytest.mark.parametrize("name", ["1a", "3"])
+def test_built_in_scenarios_can_be_set_up(motor_fmu, name):
+    scenario = find_scenario(name)
+    starts = draw_starts(scenario, np.random.default_rng(0))
+    observation = CoSimulation(scenario, motor_fmu).reset(starts, np.random.SeedSequence(0))
+    assert observation.cells.tolist() == [list(cell) for cell in starts]
