@@ -5,4 +5,4 @@ module lets them stay as they are.
 """
 
 from cosim.model.params import *  # noqa: F403
-from cosim.model.params import describe as describe
+from cosim.model.params import describe  # noqa: F401 - as `params.describe`
