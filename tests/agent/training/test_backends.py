@@ -74,8 +74,19 @@ def patient_ray(monkeypatch):
     monkeypatch.setattr(services, "get_node", get_node_in_time)
 
 
+@pytest.mark.cluster
+def test_ray_gives_the_same_bits(patient_ray, expected, tmp_path):
+    tasks = [f.task for f in fragile_tasks(tmp_path)]
+    results = dict(sweep(train_run, tasks, Workers(jobs=2, backend="ray")))
+    assert all(np.array_equal(results[k][0].q, q) for k, q in enumerate(expected))
+
+
 @pytest.fixture(
-    params=["loky", *(pytest.param(b, marks=pytest.mark.cluster) for b in ("dask", "ray"))]
+    params=[
+        "loky",
+        pytest.param("dask", marks=pytest.mark.cluster),
+        pytest.param("ray", marks=pytest.mark.slow),  # which takes a minute to notice
+    ]
 )
 def backend(request):
     if request.param == "ray":
