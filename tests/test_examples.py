@@ -32,6 +32,7 @@ def test_api_page_runs_as_written(tmp_path, monkeypatch, capsys):
     }
 
 
+@pytest.mark.long
 def test_study_page_runs_as_written(tmp_path, monkeypatch, capsys, command):
     page = (DOCS / "studies.md").read_text("utf-8")
     monkeypatch.chdir(tmp_path)
@@ -50,7 +51,8 @@ def test_study_page_runs_as_written(tmp_path, monkeypatch, capsys, command):
     assert Path("friction.png").stat().st_size > 5000
 
 
-def test_examples_of_docstrings_hold():
+def test_examples_of_docstrings_hold(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     found = doctest.testmod(agent)
     assert (found.failed, found.attempted) == (0, 8)
 

@@ -22,8 +22,8 @@ from minirobots.reproduction import reproduce
 TINY = Profile(
     name="tiny",
     runs=2,
-    train_episodes=2000,
-    drive_episodes={"paper": 4000, "moves": 4000},
+    train_episodes=3000,
+    drive_episodes={"paper": 4000, "moves": 20_000},
     single_episodes=1,
     pair_episodes=1,
     episode_limit_s=8.0,

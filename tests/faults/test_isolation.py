@@ -126,6 +126,7 @@ def test_a_fault_is_named_with_the_time(fault, drive):
         assert not list((out / "episodes").glob("*.rrd"))
 
 
+@pytest.mark.long
 def test_a_crash_in_a_calibration_is_named(begin):
     # with a friction of its own: other tests calibrate this FMU, too
     out, ended = begin("crash", "--mu", 0.17, fault_from=0.005, check=False)
@@ -134,6 +135,7 @@ def test_a_crash_in_a_calibration_is_named(begin):
     assert not list(out.rglob("*.rrd"))
 
 
+@pytest.mark.long
 def test_a_crash_in_a_motor_test_is_named(faulty_fmu, tmp_path):
     command = [sys.executable, "-m", "analysis.motor_test", "--motor-fmu", faulty_fmu]
     command += ["--out", tmp_path / "test.rrd"]

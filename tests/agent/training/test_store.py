@@ -66,6 +66,7 @@ def test_learning_curves_have_the_shapes_and_values_documented():
     assert log.greedy_success[-1] == evaluate(policy.process, policy.values).rate(Outcome.SUCCESS)
 
 
+@pytest.mark.long
 def test_scenario_2_reaches_100_percent_of_all_900_starts():
     policy, log, _ = find_or_train(
         PolicyConfig(find_scenario("2"), ProcessConfig(), LearningConfig(), Seed(0))

@@ -279,7 +279,7 @@ def test_fmpy_is_refused_where_it_cannot_step(motor_fmu, array_fmu):
 @pytest.mark.parametrize("lane", [2, 3])
 def test_an_error_of_an_idle_lane_says_whose_it_is(lane, array_fmu):
     """One of a place without an episode, and one that only fills the vector."""
-    batch = Batch(array_fmu, CoSimConfig(), 1, 3, lanes=4)
+    batch = Batch(array_fmu, CoSimConfig(), 1, 3)
     scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
     batch.begin(0, scenario, ((15, 15),), np.random.SeedSequence(3))
     batch._state.bodies[0, lane] = np.nan
