@@ -6,6 +6,7 @@
 '1a'
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,7 @@ def train(
     seed: int = 0,
     episodes: int | None = None,
     motor_fmu: str | Path | None = None,
+    motor_parameters: Mapping[str, float] = {},
     again: bool = False,
     progress: Progress | None = automatic,
 ) -> "GreedyPolicy":
@@ -52,6 +54,8 @@ def train(
         episodes: of training, the method's own number by default.
         motor_fmu: whose moves are observed by the methods that know of moves, by default
             the built-in one.
+        motor_parameters: of the motor FMU while its moves are observed, set through FMI, in its
+            units, such as {"J": 5e-9}.
         again: train even if the policy is there.
         progress: receives what is calibrated, observed and trained; by default it is shown on
             stderr if the call takes more than two seconds. None shows nothing.
@@ -65,14 +69,21 @@ def train(
     """
     from agent.method import ON_MOVES, method_policy  # noqa: PLC0415 - numba is slow to import
 
-    if motor_fmu is not None and method not in ON_MOVES:
-        raise UserError(f"motor_fmu has no effect on training by method {method}; leave it out")
+    motors = {
+        "motor_fmu": taken("motor_fmu", motor_fmu, Path | None),
+        "motor_parameters": taken(
+            "motor_parameters", motor_parameters, tuple[tuple[str, float], ...]
+        ),
+    }
+    for name, value in motors.items():
+        if value and method not in ON_MOVES:
+            raise UserError(f"{name} has no effect on training by method {method}; leave it out")
     policy, *_ = method_policy(
         method,
         find_scenario(scenario),
         taken_seed(seed),
         episodes=taken("episodes", episodes, int | None),
-        motor_fmu=taken("motor_fmu", motor_fmu, Path | None),
+        **motors,
         again=taken("again", again, bool),
         progress=progress or silent,
     )

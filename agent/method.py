@@ -28,14 +28,13 @@ from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import COMPUTED, METHODS, LearningConfig, Method
 from agent.training.store import find_or_compute, find_or_train
+from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.reached_code import code_digest
 from cosim.calibration.cache import calibrated_slower
-from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
-from cosim.simulation.options import DecisionOptions
-from fmus.build import cached_fmu
+from cosim.simulation.options import DecisionOptions, Physics
 
 
 class MoveSource(NamedTuple):
@@ -73,6 +72,7 @@ def method_config(
     *,
     episodes: int | None = None,
     motor_fmu: Path | None = None,
+    motor_parameters: MotorParameters = (),
     progress: Progress = silent,
 ) -> PolicyConfig:
     """Configuration of a method for a scenario; "moves" may have to observe moves first.
@@ -83,7 +83,8 @@ def method_config(
         seed: of training; a computed policy has none.
         episodes: training episodes, the method's own number by default.
         motor_fmu: whose moves are observed, the built-in one by default.
-        progress: is told what is calibrated and observed.
+        motor_parameters: of the motor FMU, set through FMI while moves are observed.
+        progress: receives what is calibrated and observed.
 
     Raises:
         UserError: the method is unknown, there are episodes and it is computed, the fastest paths
@@ -104,7 +105,8 @@ def method_config(
             )
     moves, driven = None, moves_of(method, scenario)
     if driven is not None:
-        moves = _observed_moves(scenario, motor_fmu or cached_fmu(), driven, progress)
+        motors = Physics(motor_fmu=motor_fmu, motor_parameters=motor_parameters)
+        moves = _observed_moves(scenario, motors, driven, progress)
     if method in COMPUTED:
         code = code_digest(optimum, bound, pair)
         return PolicyConfig(
@@ -167,10 +169,11 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
 
 
 def _observed_moves(
-    scenario: Scenario, fmu: Path, driven: MoveSource, progress: Progress
+    scenario: Scenario, motors: Physics, driven: MoveSource, progress: Progress
 ) -> ObservedMoves:
-    """Moves of the scenario's robots with the default parameters, whatever the episodes' are."""
-    config = calibrated_slower(CoSimConfig().sized(scenario.robot_diameter_m), fmu, progress)
+    """Return moves of the scenario's robots with these motors, and defaults for all else."""
+    fmu = motors.fmu(progress)
+    config = calibrated_slower(motors.config().sized(scenario.robot_diameter_m), fmu, progress)
     config = DecisionOptions(through=driven.through).deciding(config)
     return cached_moves(config, fmu, progress, driven.worlds)
 
@@ -182,13 +185,14 @@ def method_policy(
     *,
     episodes: int | None = None,
     motor_fmu: Path | None = None,
+    motor_parameters: MotorParameters = (),
     again: bool = False,
     progress: Progress = silent,
 ) -> tuple[Policy | PairPolicy, TrainingLog | None, Path]:
     """The policy of a method: found in the cache, or trained or computed and kept there.
 
     Args:
-        method, scenario, seed, episodes, motor_fmu: see `method_config`.
+        method, scenario, seed, episodes, motor_fmu, motor_parameters: see `method_config`.
         again: make it even if the policy is there.
         progress: is told what is calibrated, observed and trained; nothing if the policy is found.
 
@@ -200,7 +204,13 @@ def method_policy(
         OSError: the cache cannot be written.
     """
     config = method_config(
-        method, scenario, seed, episodes=episodes, motor_fmu=motor_fmu, progress=progress
+        method,
+        scenario,
+        seed,
+        episodes=episodes,
+        motor_fmu=motor_fmu,
+        motor_parameters=motor_parameters,
+        progress=progress,
     )
     if config.objective is not None:
         policy, path = find_or_compute(config, again=again)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from cosim.base.command import MotorFmuFile
+from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.errors import UserError
-from cosim.base.progress import Progress, under_way
+from cosim.base.progress import Progress
 from cosim.model.preset import PAPER
 from minirobots.options import Folder, IsolatedOptions
 
@@ -37,6 +37,9 @@ class IdentifyRobot(IsolatedOptions):
     board: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="M M")] = None
     """Width and height of the board in m, with its corner at the origin; by default endless."""
     motor_fmu: MotorFmuFile = None
+    motor_parameters: MotorParameters = ()
+    """Parameter of the motor FMU to set through FMI, in the FMU's unit, such as J=5e-9; repeat it
+    for several. By default the FMU's own values hold."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,12 +58,16 @@ def run(options: IdentifyRobot, progress: Progress) -> "Identified | None":
     from cosim.machine.identification.result import identify, write
     from cosim.machine.identification.track import read_track
     from cosim.model.preset import find_preset
-    from fmus.build import cached_fmu
+    from cosim.simulation.options import Physics
 
     track, preset = read_track(options.track, options.board), find_preset(options.preset)
-    with under_way(progress, "preparing the motor FMU"):
-        fmu = options.motor_fmu or cached_fmu()
-    identified = identify(track, options.track.name, preset, fmu, progress)
+    physics = Physics(
+        preset=options.preset,
+        motor_fmu=options.motor_fmu,
+        motor_parameters=options.motor_parameters,
+    )
+    fmu = physics.fmu(progress)
+    identified = identify(track, options.track.name, preset, physics.config(), fmu, progress)
     write(identified, options.out)
     return identified
 

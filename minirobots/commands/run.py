@@ -182,6 +182,7 @@ def _policy(
         options.train_seed or 0,
         episodes=options.train_episodes,
         motor_fmu=options.physics.motor_fmu,
+        motor_parameters=options.physics.motor_parameters,
         again=options.again,
         progress=progress,
     )

@@ -66,6 +66,15 @@ def test_on_moves_a_collision_costs_more_than_any_detour(name, moves, monkeypatc
     assert process.goal_reward > dearest
 
 
+def test_moves_are_observed_with_the_motor_parameters_that_are_given(moves, monkeypatch):
+    seen = []
+    monkeypatch.setattr(methods, "calibrated_slower", lambda config, *_: config)
+    monkeypatch.setattr(methods, "cached_moves", lambda config, *_: seen.append(config) or moves)
+    given = (("J", 5e-9),)
+    assert method_config("moves", find_scenario("1b"), motor_parameters=given).moves == moves
+    assert (seen[0].motor.J, seen[0].motor_parameters) == (5e-9, given)
+
+
 def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):
     moves.save(tmp_path / "moves.json")
     out = tmp_path / "runs"

@@ -9,11 +9,13 @@ import numpy as np
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
 from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.parameters import with_motor
 from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, untold
 from cosim.machine.identification.noise import Noise
 from cosim.machine.identification.parameters import PARAMETERS, SPREADS, machine
 from cosim.machine.identification.simulated import simulated
 from cosim.machine.identification.track import SeenTrack
+from cosim.model.config import CoSimConfig
 from cosim.model.preset import Preset
 from cosim.model.world import Sensor
 
@@ -76,7 +78,12 @@ class Identified:
 
 
 def identify(
-    track: SeenTrack, name: str, preset: Preset, fmu: Path, progress: Progress = silent
+    track: SeenTrack,
+    name: str,
+    preset: Preset,
+    config: CoSimConfig,
+    fmu: Path,
+    progress: Progress = silent,
 ) -> Identified:
     """Identify a robot.
 
@@ -84,13 +91,15 @@ def identify(
         track: seen.
         name: of the track.
         preset: what is not identified, and the usual values of what is.
+        config: of the simulation.
         fmu: of its motors.
-        progress: is told what is done.
+        progress: receives what is done.
 
     Raises:
         UserError: the FMU cannot be used, or failed.
     """
-    config = preset.config()
+    config = with_motor(config, fmu)
+    preset = preset._replace(motor=config.motor, sources=dict(config.sources))
     set_points = track.set_points(config.timing.control_period_s)
     progress("turning the motors", 0, None)
     drive = simulated(set_points, track.times, MotorFmu(fmu), config)

@@ -167,7 +167,8 @@ def test_a_robot_is_identified_from_its_track(tmp_path, command):
     truth = draw_machine(seed)
     write_track(tmp_path / "track.csv", observed(truth, seed, SEQUENCE[:2]))
     out = tmp_path / "robot"
-    done = command("identify-robot", tmp_path / "track.csv", "--out", out, "--json")
+    given = ("--motor-parameter", "J=3e-9")
+    done = command("identify-robot", tmp_path / "track.csv", "--out", out, "--json", *given)
     said = json.loads(done.stdout.splitlines()[-1])
     found = {parameter["name"]: parameter for parameter in said["parameters"]}
     assert tuple(found) == NAMES
@@ -177,6 +178,8 @@ def test_a_robot_is_identified_from_its_track(tmp_path, command):
     assert len(mu["rises"]) == 2
     preset = find_preset(out / "preset.toml")
     assert preset.robot.mu == mu["value"]
+    assert preset.motor.J == 3e-9
+    assert preset.sources["J"] == "given by motor_parameters"
     assert preset.config().world.camera.rate_hz == 30.0
     page = (out / "report.html").read_text()
     assert "<svg" in page
