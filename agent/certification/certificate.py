@@ -21,7 +21,7 @@ from agent.study.store import ResultFile, beginning
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of, versions
 from cosim.base.reached_code import code_digest
-from cosim.base.reading import Kind, read_json
+from cosim.base.reading import Kind, parsing, read_json
 from cosim.model.config import CoSimConfig
 from cosim.simulation.result import EpisodeResult
 
@@ -135,7 +135,13 @@ def read_certificate(path: Path) -> Certificate:
     Raises:
         UserError: there is none, or it is damaged.
     """
-    return read_json(path, _CERTIFICATE, Certificate)
+    content = read_json(path, _CERTIFICATE, dict)
+    with parsing(path, _CERTIFICATE):
+        for one in (content, *content.get("attempts", ())):
+            config = one["config"]
+            if "shielding" in config:  # until commit 0ec7247 next to a bool of the shield
+                config["shield"] = config.pop("shielding") if config["shield"] else None
+        return msgspec.convert(content, Certificate)
 
 
 def now() -> str:

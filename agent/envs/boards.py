@@ -33,7 +33,8 @@ from agent.mdp.grid import (
 )
 from agent.mdp.readings import Process, build_process
 from agent.mdp.rng import seeded_state
-from cosim.base.errors import UserError
+from cosim.base.arguments import ConfigError, taken
+from cosim.base.errors import shown
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
@@ -211,37 +212,70 @@ class Boards(Restorable):
 
 
 def reset_options(
-    options: dict[str, Any] | None, shape: tuple[int, ...], *more: str
+    options: dict[str, Any] | None, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Which boards begin anew, (K,) bool, and from which start cells, (K, N, 2), None if drawn.
 
     Args:
         options: of `reset`.
         shape: (K, N), boards and robots.
-        more: names of options that are allowed too.
 
     Raises:
         StartsError: a shape is another one, or an option is unknown.
     """
-    options = known_options(options, "starts", "reset_mask", *more)
-    which = np.asarray(options.get("reset_mask", np.ones(shape[0], dtype=bool)))
-    if which.shape != shape[:1] or which.dtype != bool:
-        raise StartsError(
-            f"reset_mask of shape {which.shape} and type {which.dtype}; give one bool to each of "
-            f"the {shape[0]} boards"
-        )
+    options = known_options(options, "starts", "reset_mask")
     starts = options.get("starts")
-    return which, None if starts is None else whole_cells(starts, (*shape, 2))
+    return _mask(options, shape[0]), None if starts is None else whole_cells(starts, (*shape, 2))
 
 
-def require_boards(count: int) -> None:
-    """Refuse less than one board.
+def board_options(
+    options: dict[str, Any] | None, begun: np.ndarray, *names: str
+) -> tuple[list[int], list[dict[str, Any]]]:
+    """Return which boards begin anew, and the options of each board.
+
+    Args:
+        options: of `reset`; None is one that is not given.
+        begun: (K,) bool, boards that have begun an episode before.
+        names: of options that are allowed in addition to "reset_mask".
 
     Raises:
-        UserError: there is none.
+        StartsError: an option is unknown or not given for each board, or the mask leaves out a
+            board that has not begun.
     """
-    if count < 1:
-        raise UserError(f"num_envs = {count} is not allowed; make one or more")
+    given = known_options(options, "reset_mask", *names)
+    which, rows = _mask(given, len(begun)), [{} for _ in begun]
+    if not (which | begun).all():
+        raise StartsError("reset_mask leaves out environments that have not begun; reset all")
+    for name, values in given.items():
+        if name == "reset_mask" or values is None:
+            continue
+        if not isinstance(values, list | tuple | np.ndarray) or len(values) != len(begun):
+            raise StartsError(f"{name} = {shown(values)}; give one to each of the boards")
+        for row, value in zip(rows, values, strict=True):
+            row[name] = value
+    return np.flatnonzero(which).tolist(), rows
+
+
+def _mask(options: dict[str, Any], boards: int) -> np.ndarray:
+    which = np.asarray(options.get("reset_mask", np.ones(boards, dtype=bool)))
+    if which.shape != (boards,) or which.dtype != bool:
+        raise StartsError(
+            f"reset_mask of shape {which.shape} and type {which.dtype}; give one bool to each of "
+            f"the {boards} boards"
+        )
+    return which
+
+
+def counted(name: str, value: Any, kind: Any = int) -> Any:
+    """Return an argument that counts something, which must be 1 or more.
+
+    Raises:
+        ConfigError: it is less, or not of the kind.
+    """
+    count = taken(name, value, kind)
+    if count is not None and count < 1:
+        raise ConfigError(f"{name} = {count} is not allowed; give 1 or more")
+    return count
 
 
 def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
@@ -254,8 +288,8 @@ def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence
         return [None] * count
     if isinstance(seed, int | np.integer):
         seed = [int(seed) + m for m in range(count)]
+    if not isinstance(seed, list | tuple | np.ndarray):
+        raise StartsError(f"seed = {shown(seed)} is no whole number, nor one for each board")
     if len(seed) != count:
         raise StartsError(f"{len(seed)} seeds; give one to each of the {count} boards")
-    for one in seed:
-        require_seed(one)
-    return seed
+    return [require_seed(one) for one in seed]

@@ -14,6 +14,7 @@ import numpy as np
 
 from agent.envs.grid_episode import FEATURE_COLUMNS, place_checked, whole_cells
 from agent.envs.state import Restorable
+from agent.envs.worlds import checked_ranges
 from agent.mdp.acting import on_grid
 from agent.mdp.config import ProcessConfig, refuse_without_effect
 from agent.mdp.grid import ARRIVED, COLUMN_COUNT, HIT, LEFT, MOVING, SIGN, X, Y
@@ -26,6 +27,8 @@ from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK, OUT_OF_BOARD, RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_in_world
+from cosim.model.world import IDEAL
 from cosim.onboard.observing import draw_starts
 from cosim.simulation.batch import Batch
 from cosim.simulation.episode import RunningEpisode
@@ -82,17 +85,13 @@ def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> EnvSe
         if name not in known:
             raise ConfigError(f"environments have no option {name}; choose from {', '.join(known)}")
     world, worlds = given.pop("world", None), given.pop("worlds", None)
-    if worlds is not None and not isinstance(worlds, Ranges):
-        raise ConfigError(
-            f"worlds = {worlds!r} has no ranges; give agent.envs.WorldRange(mu=(0.1, 0.26)), or "
-            "agent.envs.ROBUST_WORLDS"
-        )
-    if worlds is not None and world is not None:
+    if worlds is not None and find_in_world(scenario, world)[1] != IDEAL:
         raise ConfigError("worlds has no effect on a given world; leave out world or worlds")
     with progress_bars() as progress:
-        return EnvSetup(
-            *resolve(SimulationOptions(**given), scenario, progress, world=world), worlds
-        )
+        setup = resolve(SimulationOptions(**given), scenario, progress, world=world)
+    if worlds is not None:
+        worlds = checked_ranges(worlds, setup.config)
+    return EnvSetup(*setup, worlds)
 
 
 class CoSimPlace(Restorable):

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from agent.envs.boards import reset_options
+from agent.envs.boards import board_options, counted
 from agent.envs.cosim_episode import CoSimPlace, set_up
-from agent.envs.grid_episode import StartsError
 from agent.envs.vector import Ends, RobotRowsVectorEnv
 from agent.mdp.config import ProcessConfig
 from agent.mdp.grid import MOVING
@@ -27,7 +26,7 @@ from cosim.model.scenario import Scenario
 class CoSimVectorEnv(RobotRowsVectorEnv):
     """Boards in the co-simulation; a step is an RL step."""
 
-    _mutable = ("_batch", "_places", "_begun")
+    _mutable = ("_batch", "_places")
 
     def __init__(
         self,
@@ -68,10 +67,9 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
         super().__init__(
             num_envs, setup.scenario, process, render_mode, ends=ends, outcome_names=outcome_names
         )
-        self._limit = max_episode_steps
-        self._batch = setup.batch(num_envs)
-        self._places = [CoSimPlace(setup, process, self._batch, k) for k in range(num_envs)]
-        self._begun = False
+        self._limit = counted("max_episode_steps", max_episode_steps, int | None)
+        self._batch = setup.batch(self.boards)
+        self._places = [CoSimPlace(setup, process, self._batch, k) for k in range(self.boards)]
         for m, place in enumerate(self._places):
             place.seed(int(self.np_random_seed or 0) + m)
 
@@ -90,19 +88,8 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
             StartsError: start cells cannot be used, or a mask leaves out an environment that has
                 never begun; the environments are as they were.
         """
-        more = ("mu", "targets")
-        which, starts = reset_options(options, (self.boards, self.scenario.robots), *more)
-        if not (which | self._begun).all():
-            raise StartsError("reset_mask leaves out environments that have not begun; reset all")
-        rows: list[dict[str, Any]] = [{} for _ in self._places]
-        for name, values in {"starts": starts, **(options or {})}.items():
-            if name == "reset_mask" or values is None:
-                continue
-            if np.shape(values)[:1] != (self.boards,):
-                raise StartsError(f"{name} = {values!r}; give one to each of the boards")
-            for row, value in zip(rows, values, strict=True):
-                row[name] = value
-        begins = np.flatnonzero(which).tolist()
+        begun = np.array([episode is not None for episode in self._batch.episodes])
+        begins, rows = board_options(options, begun, "starts", "mu", "targets")
         for m in begins:
             self._places[m].check(**rows[m])
         seeds = self._seeds(seed)
@@ -110,7 +97,6 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
             if (value := seeds[m]) is not None:
                 self._places[m].seed(value)
             self._places[m].reset(**rows[m])
-        self._begun = True
         return self._observations(), self._infos()
 
     def step(
@@ -134,7 +120,6 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
             place.take(steps[m])
             if place.outcome == RUNNING and steps[m].number + 1 == self._limit:
                 place.outcome = TIMEOUT
-        self._begun = True
         moving = np.array([place.status == MOVING for place in self._places])
         outcomes = self._outcomes()
         ended = self._ended(
@@ -163,4 +148,3 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
         self._batch.close()
         for place in self._places:
             place.outcome = TIMEOUT
-        self._begun = False

@@ -31,6 +31,7 @@ from agent.mdp.grid import (
 )
 from agent.mdp.readings import Process, build_process, feature_sizes
 from agent.mdp.rng import seeded_state
+from cosim.base.arguments import taken
 from cosim.base.errors import UserError
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
@@ -242,14 +243,16 @@ def place_checked(process: Process, world: np.ndarray, starts: np.ndarray) -> No
     world[:] = placed
 
 
-def require_seed(seed: int | None) -> None:
-    """Refuse negative seeds.
+def require_seed(seed: Any) -> int | None:
+    """Return a seed as an int; None stays None.
 
     Raises:
-        StartsError: it is one.
+        StartsError: it is negative or no whole number.
     """
+    seed = taken("seed", seed, int | None, StartsError)
     if seed is not None and seed < 0:
         raise StartsError(f"seed {seed} is negative; give a whole number from 0 on")
+    return seed
 
 
 def whole_cells(starts: Any, shape: tuple[int, ...], name: str = "starts") -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
+from agent.envs.boards import counted
 from agent.envs.grid_episode import (
     ActionError,
     EnvEpisode,
@@ -94,7 +95,8 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         max_cycles: int | None = None,
     ) -> None:
         require_render_mode(render_mode)
-        self._outcome_names, self._max_cycles, self._cycles = outcome_names, max_cycles, 0
+        self._max_cycles = counted("max_cycles", max_cycles, int | None)
+        self._outcome_names, self._cycles = outcome_names, 0
         self.episode = episode
         self.render_mode = render_mode
         self.possible_agents = agent_names(episode.scenario)
@@ -126,8 +128,7 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         Raises:
             StartsError: start cells cannot be used.
         """
-        require_seed(seed)
-        if seed is not None:
+        if (seed := require_seed(seed)) is not None:
             self.episode.seed(seed)
         known = self.episode.reset_options
         self.episode.reset(**{k: v for k, v in (options or {}).items() if k in known})

@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike
 
-from agent.envs.boards import Boards, board_seeds, require_boards
+from agent.envs.boards import Boards, board_seeds, counted
 from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.parallel import agent_names, require_actions
 from agent.envs.state import Restorable
@@ -48,8 +48,7 @@ class ParallelVectorEnv(Restorable):
         *,
         outcome_names: bool = False,
     ) -> None:
-        require_boards(num_envs)
-        self.num_envs = num_envs
+        self.num_envs = num_envs = counted("num_envs", num_envs)
         self._outcome_names = outcome_names
         self.possible_agents = agent_names(scenario)
         self._boards = Boards(num_envs, scenario, process)

@@ -3,11 +3,15 @@
 import copy
 from typing import Any, ClassVar
 
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, shown
 
 
 class ClosedError(UserError, ValueError):
     """A closed environment is used."""
+
+
+class StateError(UserError, ValueError):
+    """A state that is none of an environment's."""
 
 
 class Restorable:
@@ -35,8 +39,14 @@ class Restorable:
 
         Raises:
             ClosedError: the environment is closed.
+            StateError: the state is that of another kind of environment, or of another number.
         """
         self._require_open()
+        if not isinstance(state, dict) or set(state) != set(self._mutable):
+            raise StateError(
+                f"{shown(state)} is no state of this kind of environment; give what get_state() of "
+                "one that was made with the same arguments has returned"
+            )
         for name, saved in state.items():
             mine = getattr(self, name)
             if hasattr(mine, "set_state"):

@@ -17,7 +17,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from agent.envs.boards import Boards, board_seeds, require_boards
+from agent.envs.boards import Boards, board_seeds, counted
 from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
 from agent.envs.state import Restorable
@@ -60,12 +60,11 @@ class RobotRowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         outcome_names: bool,
     ) -> None:
         require_render_mode(render_mode)
-        require_boards(boards)
         require_one_of("ends", ends, ("together", "own"))
         self._together, self._outcome_names = ends == "together", outcome_names
         self.scenario = scenario
-        self.boards = boards
-        self.num_envs = boards * scenario.robots
+        self.boards: int = counted("num_envs", boards)
+        self.num_envs = self.boards * scenario.robots
         self.render_mode = render_mode
         sizes = list(feature_sizes(scenario, process).values())
         self.single_observation_space = spaces.MultiDiscrete(sizes)
@@ -176,8 +175,9 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
             UserError: the scenario cannot be used.
         """
         process = process or ProcessConfig()
-        if max_episode_steps is not None:
-            process = replace(process, step_limit=min(process.step_limit, max_episode_steps))
+        limit = counted("max_episode_steps", max_episode_steps, int | None)
+        if limit is not None:
+            process = replace(process, step_limit=min(process.step_limit, limit))
         super().__init__(
             num_envs,
             found(scenario),
@@ -186,8 +186,8 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
             ends=ends,
             outcome_names=outcome_names,
         )
-        self._boards = Boards(num_envs, self.scenario, process)
-        self._boards.seed(board_seeds(int(self.np_random_seed or 0), num_envs))
+        self._boards = Boards(self.boards, self.scenario, process)
+        self._boards.seed(board_seeds(int(self.np_random_seed or 0), self.boards))
         self._copy, self._view = copy, np.empty(0)
 
     def reset(

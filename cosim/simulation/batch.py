@@ -311,8 +311,14 @@ class Batch:
         What follows has the bits that followed then.
 
         Raises:
+            ConfigError: the state is that of another number of episodes.
             FmuError: the motor FMU refuses its state.
         """
+        if len(saved.episodes) != len(self.episodes):
+            raise ConfigError(
+                f"a state of {len(saved.episodes)} episodes does not fit {len(self.episodes)}; "
+                "restore it where as many run"
+            )
         pairs = zip(self._state, saved.state, strict=True)
         arrays = [mine if mine.shape == its.shape else its.copy() for mine, its in pairs]
         for mine, its in zip(arrays, saved.state, strict=True):

@@ -1,5 +1,6 @@
 """Certificates of real short episodes: made, continued, refused, checked."""
 
+import lzma
 from dataclasses import replace
 from pathlib import Path
 from zipfile import ZipFile
@@ -24,6 +25,7 @@ from agent.certification.measurement import case_of_file, certify
 from agent.certification.text import show_certificate
 from agent.evaluation.cases import Job, run_jobs
 from agent.evaluation.statistics import rate
+from agent.method import method_policy
 from agent.policies import load_policy
 from agent.study.episodes import EPISODES
 from agent.study.store import IndexedResult, ResultFile, RowFile
@@ -32,6 +34,7 @@ from cosim.base.jobs import Workers
 from cosim.base.storage import write_json
 from cosim.model.outcome import Outcome
 from cosim.model.params import SHIELD
+from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Sensor, World
 from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
@@ -42,6 +45,7 @@ RESULT = EpisodeResult(
     Outcome.SUCCESS, 1.5, 8.0, 9.0, None, ((0, 0),), (1.5, 1.5), 0.0, 7.0, 1.0, (0.5, 0.5), 0
 )
 ONE = Workers(jobs=1)
+PUBLISHED = Path(__file__).parents[3] / "docs" / "examples"
 CLAIM, CONFIDENCE = parse_claim("success > 0.5"), 0.9  # five successes certify it
 FORGED = 7248  # episodes without collision that certify a rate below 0.002 at 0.999999
 
@@ -67,6 +71,28 @@ def lasting(certificate: Certificate) -> Certificate:
     """A certificate without what differs from run to run."""
     evidence = msgspec.structs.replace(certificate.evidence, wall_s=0.0)
     return msgspec.structs.replace(certificate, evidence=evidence, issued="")
+
+
+@pytest.mark.parametrize("name", ["certificate", "certificate-rough"])
+def test_the_published_certificates_can_be_read(name):
+    certificate = read(PUBLISHED / name)
+    assert (certificate.claim, certificate.verdict) == ("collision < 1e-2", "certified")
+    assert certificate.config.shield is not None
+    assert certificate.config.shield.stopping_m == certificate.case.parameters["stopping_m"]
+
+
+@pytest.mark.long
+def test_the_published_certificate_verifies(tmp_path):
+    """As docs/certificates.md says how: its rows, and an episode with the present code."""
+    (tmp_path / "certificate.json").write_bytes(
+        (PUBLISHED / "certificate" / "certificate.json").read_bytes()
+    )
+    (packed,) = (PUBLISHED / "certificate").glob("*.xz")
+    (tmp_path / packed.stem).write_bytes(lzma.decompress(packed.read_bytes()))
+    method_policy("shortest", find_scenario("4"))[0].save(tmp_path / "policy.npz")
+    report = check(tmp_path / "certificate.json", sample=1, where=ONE)
+    assert report.differences == ()
+    assert (report.verdict, report.compared) == ("certified", 1)
 
 
 def test_a_certificate_says_what_it_stands_on(out, case, near_policy):

@@ -1,6 +1,8 @@
 """The control-level environment: bits, bounds, rewards, and a controller that plans with it."""
 
+import copy
 import math
+import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -8,10 +10,15 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import agent.envs
+from agent.envs.cosim_vector import CoSimVectorEnv
 from agent.envs.drive import DriveEnv, DriveVectorEnv
 from agent.envs.grid_episode import ActionError, StartsError
+from agent.envs.state import StateError
+from agent.envs.vector import RobotsVectorEnv
 from cosim.base.arguments import ConfigError
+from cosim.base.errors import UserError
 from cosim.model.outcome import OUT_OF_BOARD, SUCCESS, TIMEOUT
+from cosim.model.world import World
 
 AHEAD = np.array([1.0, 0.0])
 
@@ -49,7 +56,7 @@ def test_robots_drive_as_they_are_told_and_rewards_say_how_far():
     assert seen[:6].tolist() == pytest.approx([1.0, 0.0, 0.0, 1.0, 0.5, 0.5])
     ahead = [env.step(AHEAD) for _ in range(20)]
     moved = 0.1 * (1.0 - ahead[-1][0][0])
-    assert moved / 2.0 == pytest.approx(env._rows.boards._steering.drive_speed_m_s, rel=0.15)
+    assert moved / 2.0 == pytest.approx(env._rows._setup.config.steering.drive_speed_m_s, rel=0.15)
     assert sum(row[1] for row in ahead) == pytest.approx(100.0 * moved - 0.2, abs=0.05)
     env.reset(seed=0, options=start)
     turned = [env.step(np.array([0.0, 1.0])) for _ in range(20)][-1][0]
@@ -108,7 +115,13 @@ def test_a_controller_plans_with_saved_states():
     [
         ({"action": "torque"}, "action"),
         ({"reward": "none"}, "reward"),
-        ({"reach": -1.0}, "reach = -1.0 must be a positive distance"),
+        ({"reach": -1.0}, "reach = -1.0 must be positive and finite"),
+        ({"reach": "far"}, "reach = 'far' is invalid: expected float"),
+        ({"control_interval": math.nan}, "control_interval = nan must be positive"),
+        ({"control_interval": "x"}, "control_interval = 'x' is invalid"),
+        ({"control_interval": 0.00015}, "control_interval = 0.00015 s is no whole multiple"),
+        ({"context": "yes"}, "context = 'yes' is invalid: expected bool"),
+        ({"max_episode_steps": 0}, "max_episode_steps = 0 is not allowed"),
         ({"shield": True}, "shield has no effect where a learner drives"),
     ],
 )
@@ -117,15 +130,83 @@ def test_unusable_options_are_refused(options, said):
         DriveEnv(**options)
 
 
+@pytest.mark.parametrize("count", [0, -1, 1.5, "3", True, None])
+@pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv, RobotsVectorEnv])
+def test_other_numbers_of_boards_are_refused(kind, count):
+    with pytest.raises(ConfigError, match="num_envs = "):
+        kind(count)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "said"),
+    [
+        ({"mu": 0.2}, "worlds.mu = 0.2 is invalid"),
+        ({"mu": (0.3, 0.1)}, "worlds.mu = .* must be ascending"),
+        ({"mu": (-1.0, 0.1)}, "world.mu = -1"),
+        ({"motor_spread": ("a", 1)}, "worlds.motor_spread = "),
+        ({"patches": -1}, "worlds.patches = -1"),
+        ({"floor_tilt_deg": (0.0, 80.0)}, "floor_tilt_deg = 80"),
+        ({"friction": (0.1, 0.2)}, "worlds have no range friction; choose from mu"),
+    ],
+)
+def test_ranges_that_no_world_can_have_are_refused_at_once(ranges, said):
+    with pytest.raises(UserError, match=said):
+        DriveEnv(worlds=agent.envs.WorldRange(**ranges))
+
+
+def test_a_range_draws_what_it_names_and_nothing_else():
+    env = DriveVectorEnv(3, worlds=agent.envs.WorldRange(mu=(0.1, 0.12)))
+    env.reset(seed=0)
+    configs = [env._episode(m).config for m in range(3)]
+    assert len({config.robot.mu for config in configs}) == 3
+    for config in configs:
+        assert config.world.filled() == World().filled()
+    ranges = agent.envs.WorldRange(mu=(0.1, 0.12))
+    with pytest.raises(ConfigError, match="worlds has no effect on a given world"):
+        DriveVectorEnv(1, worlds=ranges, world={"mu": 0.2})
+    assert copy.deepcopy(ranges) == pickle.loads(pickle.dumps(ranges)) == ranges
+    env.close()
+
+
 def test_unusable_starts_and_actions_are_refused():
     env = DriveEnv()
     with pytest.raises(ActionError, match="no episode is running"):
         env.step(AHEAD)
-    for starts in ([[0.15, 0.15]], [[0.5, 0.15, 0.0]], "here"):
+    for starts in ([[0.15, 0.15]], [[0.5, 0.15, 0.0]], [[0.15, 0.15, math.nan]], "here"):
         with pytest.raises(StartsError, match="must be of shape"):
             env.reset(options={"starts": starts})
+    with pytest.raises(StartsError, match="no option 'reset_mask'"):
+        env.reset(options={"reset_mask": False})
     env.reset(seed=0)
-    for action in ([1.0], [math.nan, 0.0]):
+    for action in ([1.0], [math.nan, 0.0], "ahead", [[1.0], 2.0], None):
         with pytest.raises(ActionError, match="two finite numbers"):
             env.step(action)
+    with pytest.raises(StateError, match="is no state of this kind"):
+        env.set_state({})
+    with pytest.raises(StateError, match="is no state of this kind"):
+        env.set_state(None)  # pyright: ignore[reportArgumentType]
     env.close()
+
+
+@pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv])
+def test_a_refused_reset_changes_nothing(kind):
+    env = kind(2)
+    with pytest.raises(StartsError, match="have not begun"):
+        env.reset(options={"reset_mask": [True, False]})
+    before = env.reset(seed=0)[0]
+    drive = kind is DriveVectorEnv
+    starts = [[[0.1, 0.1, 0.0]], [[9, 9, 0]]] if drive else [[[5, 5]], [[99, 5]]]
+    for options in ({"starts": starts}, {"mu": [0.2]}, {"mu": 0.2}, {"mu": [0.2, -1.0]}):
+        with pytest.raises(UserError):
+            env.reset(options=options)
+    for seed in (1.5, [1], [1, 2.5], "ab", [1, -2]):
+        with pytest.raises(StartsError, match="seed"):
+            env.reset(seed=seed)
+    assert np.array_equal(env._observations(), before)
+    other = kind(3)
+    other.reset(seed=0)
+    with pytest.raises(UserError, match="state of 3 episodes"):
+        env.set_state(other.get_state())
+    assert np.array_equal(env._observations(), before)
+    env.close()
+    other.close()

@@ -264,15 +264,6 @@ def test_other_pictures_are_refused(make):
         make(render_mode="human")
 
 
-@pytest.mark.parametrize("count", [0, -1])
-def test_an_environment_has_boards(count):
-    for make in (RobotsVectorEnv, NavigationVectorEnv, CoSimVectorEnv):
-        with pytest.raises(UserError, match="make one or more"):
-            make(count)
-    with pytest.raises(UserError, match="make one or more"):
-        envs.parallel_vector_env("2", num_envs=count)
-
-
 @pytest.mark.parametrize("cosim", [False, True])
 def test_a_single_environment_is_reset_first(cosim):
     env = envs.NavigationEnv("1a", cosim=cosim)

@@ -15,6 +15,7 @@ import agent.envs
 from agent import envs
 from agent.envs.cosim_episode import CoSimEpisode
 from agent.envs.cosim_vector import CoSimVectorEnv
+from agent.envs.drive import DriveEnv, DriveVectorEnv
 from agent.envs.grid_episode import StartsError
 from agent.envs.state import ClosedError
 from agent.envs.vector import RobotRowsVectorEnv
@@ -33,23 +34,30 @@ MAKERS = {
     "pairs dynamics": lambda: gym.make_vec("MiniRobots/CoSimPair-v0", num_envs=1).unwrapped,
     "parallel grid": lambda: envs.parallel_env("2"),
     "parallel vector": lambda: envs.parallel_vector_env("2", num_envs=2),
+    "drive": lambda: DriveEnv(observe="estimated", context=True),
+    "drive vector": lambda: DriveVectorEnv(2, "2", worlds=envs.ROBUST_WORLDS),
 }
 
 
 def step(env, action=2):
     """One step in which every robot goes in a direction; what it returned, comparable."""
-    if isinstance(env, gym.vector.VectorEnv):
+    if isinstance(env, DriveEnv | DriveVectorEnv):
+        actions = np.full_like(env.action_space.sample(), action / 4.0 - 0.5)
+    elif isinstance(env, gym.vector.VectorEnv):
         actions = np.full(env.num_envs, action)
     elif hasattr(env, "possible_agents"):
         one = np.full(env.num_envs, action) if hasattr(env, "num_envs") else action
         actions = dict.fromkeys(env.agents, one)
     else:
         actions = action
-    return repr(env.step(actions))
+    return repr(env.step(actions))  # pyright: ignore[reportArgumentType]
 
 
 def begin(env):
     """Robots in the middle of their boards."""
+    if isinstance(env, DriveEnv | DriveVectorEnv):
+        env.reset(seed=3)
+        return
     robots = len(getattr(env, "possible_agents", [0]))
     boards = getattr(env, "num_envs", 0)
     if isinstance(env, RobotRowsVectorEnv):
