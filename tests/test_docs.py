@@ -11,6 +11,7 @@ from analysis.motor.options import StepTest
 from analysis.motor.step_test import record
 from analysis.reading.motor_test import read
 from analysis.reading.results import FIGURES
+from minirobots.__main__ import purposes
 
 ROOT = Path(__file__).parents[1]
 PRODUCT = ("fmus", "cosim", "agent", "analysis", "minirobots")
@@ -114,3 +115,9 @@ def test_no_two_classes_have_one_name():
     classes = (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
     counts = Counter(node.name for node in classes)
     assert {name for name, count in counts.items() if count > 1} == HOMONYMS
+
+
+def test_commands_page_has_every_command():
+    page = (ROOT / "docs" / "commands.md").read_text("utf-8")
+    shown = set(re.findall(r"minirobots ([a-z][a-z-]+)", page))
+    assert shown == {*purposes()}
