@@ -181,8 +181,10 @@ def record(
         factor = first.realtime_factor
         if msgspec.structs.replace(result, recording=None, realtime_factor=factor) != first:
             raise UserError(
-                f"{job.recording}: the same episode ended otherwise when it was simulated again; "
-                f"{store.file(job.case).path} was made by another machine or library: remove it"
+                f"{job.recording}: the same episode ended otherwise when it was simulated again. "
+                "Either the policy draws at random or remembers other episodes: let it depend on "
+                f"the observation alone. Or {store.file(job.case).path} was made by another "
+                "machine or library: remove it"
             )
         progress("recordings", count, len(jobs), f"{count}/{len(jobs)}")
 

@@ -18,7 +18,7 @@ from agent.method import method_policy
 from agent.policies import load_policy
 from agent.training.settings import METHODS
 from cosim.base.arguments import ConfigError
-from cosim.base.errors import shown
+from cosim.base.errors import UserError, shown
 from cosim.base.progress import Progress, silent
 from cosim.coupling.rl_step import SupportsAct
 from cosim.model.scenario import Scenario
@@ -45,6 +45,20 @@ class ObjectPolicy:
     def process(self) -> Process:
         """The paper's process in the scenario, for the starts."""
         return build_process(self.config.scenario, ProcessConfig())
+
+    def act(self, observation: Any) -> Any:
+        """Return what the object decides.
+
+        Raises:
+            UserError: its `act` fails, or leaves the process.
+        """
+        try:
+            return self.policy.act(observation)
+        except (Exception, SystemExit) as error:  # whatever a user's code does
+            name, said = type(self.policy).__name__, f"{type(error).__name__}: {error}"
+            raise UserError(
+                f"act(observation) of policy {name} failed ({' '.join(said.split())}); correct it"
+            ) from error
 
     def digest(self) -> str:
         """Return what the object is known by; of an object without identity a number drawn."""
@@ -126,10 +140,10 @@ def _imported(name: str) -> Any:
     try:
         found = getattr(importlib.import_module(module), attribute)
         return found() if isinstance(found, type) else found
-    except Exception as error:  # whatever a user's module does
+    except (Exception, SystemExit) as error:  # whatever a user's module does
         raise ConfigError(
-            f"policy = {name!r} cannot be imported ({error}); name MODULE:NAME of a class without "
-            "arguments or of an object, in a module of this folder or an installed one"
+            f"policy = {name!r} cannot be imported ({error!r}); name MODULE:NAME of a class "
+            "without arguments or of an object, in a module of this folder or an installed one"
         ) from error
 
 

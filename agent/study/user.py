@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 from matplotlib.figure import Figure
 
+from agent.mdp.exact import joint_starts
 from agent.study.episodes import (
     MEASURES,
     OUTCOMES,
@@ -153,7 +155,7 @@ class StudyTable:
         Raises:
             ConfigError: the suffix is another one.
         """
-        path = Path(path)
+        path = Path(taken("path", path, Path))
         match path.suffix:
             case ".json":
                 rows = [row.record() | {"failures": row.failures} for row in self.rows]
@@ -215,7 +217,8 @@ def study(
         budget_minutes: after which no episode is started.
         progress: receives what is trained and simulated; by default it is shown on stderr if the
             call takes more than two seconds. None shows nothing.
-        options: of `minirobots run`, such as `mu`, `noise`, `speed`, `shield`; a list is an axis.
+        options: of `minirobots run`, such as `mu`, `noise`, `speed`, `shield`; a list or an array
+            is an axis.
 
     Returns:
         The table.
@@ -226,11 +229,15 @@ def study(
     report = progress or silent
     where = Workers(jobs=jobs, backend=backend, address=address)
     named = _named(policies)
-    scenarios = scenario if isinstance(scenario, list) else [scenario]
+    scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
+    folder: Path | None = taken("out", out, Path | None)
     for name in options:
         if name not in _OPTIONS:
             raise ConfigError(f"study has no option {name}; choose from {', '.join(_OPTIONS)}")
-    given = {"world": world, **options}
+    given = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in {"world": world, **options}.items()
+    }
     axes = {name: value for name, value in given.items() if isinstance(value, list)}
     if not (named and scenarios and all(axes.values())):
         raise ConfigError("policies, scenarios and every axis need at least one value each")
@@ -256,13 +263,13 @@ def study(
         indices = case.sample(min(episodes, len(case.starts)))
         lines.append(StudyLine(case, indices, {"policy": name, "options": chosen, "results": {}}))
     passing = [name for (name, _), policy in found.items() if not getattr(policy, "lasting", True)]
-    if out is not None and passing:
+    if folder is not None and passing:
         _LOGGER.warning(
             "%s: its source is in no file or it cannot be pickled; the study's episodes are kept "
             "in memory only and will not be found again",
             ", ".join(dict.fromkeys(passing)),
         )
-    store = EpisodeStore(None if out is None or passing else Path(out) / "results")
+    store = EpisodeStore(None if folder is None or passing else folder / "results")
     simulate(lines, store, where, may_begin=until(budget_minutes), progress=report)
     rows = tuple(
         msgspec.structs.replace(
@@ -271,10 +278,10 @@ def study(
         for line in lines
     )
     table = StudyTable(rows, tuple(axes), seed)
-    if out is not None:
+    if folder is not None:
         for suffix in WRITTEN:
-            table.write(Path(out) / f"study{suffix}")
-        table.write_episodes(Path(out) / "episodes.parquet")
+            table.write(folder / f"study{suffix}")
+        table.write_episodes(folder / "episodes.parquet")
     return table
 
 
@@ -355,17 +362,20 @@ def evaluate(
     Raises:
         UserError: see its message.
     """
-    varying = [name for name, value in options.items() if isinstance(value, list)]
-    if varying or isinstance(policy, list | Mapping) or isinstance(scenario, list):
+    if taken("starts", starts, int) < 1:
+        raise ConfigError(f"starts = {starts} must be at least 1")
+    varying = [name for name, value in options.items() if isinstance(value, list | np.ndarray)]
+    if varying or isinstance(policy, list | Mapping) or isinstance(scenario, list | tuple):
         raise ConfigError("evaluate takes one value of each option; study takes several")
+    only = None if scenario is None else find_in_world(scenario, options.get("world"))[0]
+    found = policy_of(policy, only, seed=options.get("seed", 0), progress=progress or silent)
+    if starts > (available := len(joint_starts(found.process))):
+        name = found.config.scenario.name
+        raise ConfigError(f"starts = {starts}: scenario {name} has only {available}; ask for less")
     table = study(
         {name_of(policy): policy}, scenario, episodes=starts, progress=progress, **options
     )
     (row,) = table.rows
-    if starts > row.starts:
-        raise ConfigError(
-            f"starts = {starts}: scenario {row.scenario} has only {row.starts}; ask for no more"
-        )
     return row
 
 

@@ -12,7 +12,8 @@ from typing import Annotated, Any, Generic, Literal, NamedTuple, Protocol, TypeV
 
 import tyro
 
-from cosim.base.command import Jobs, workers
+from cosim.base.arguments import take_fields, taken
+from cosim.base.command import Jobs, require_at_least, workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
 
@@ -38,6 +39,7 @@ class Workers:
     """Address of the cluster's head; without it Ray and Dask start on this machine."""
 
     def __post_init__(self) -> None:
+        take_fields(self)
         workers(self.jobs)
         if self.address is not None and self.backend not in {"ray", "dask"}:
             raise BackendError(
@@ -105,7 +107,13 @@ class JobKind(NamedTuple, Generic[SomeJob, Row]):
 
 
 def until(budget_minutes: float | None) -> Callable[[], bool]:
-    """Return whether another job may begin: until a budget of time from now on is used up."""
+    """Return whether another job may begin: until a budget of time from now on is used up.
+
+    Raises:
+        UserError: the budget is negative or no number.
+    """
+    budget_minutes = taken("budget_minutes", budget_minutes, float | None)
+    require_at_least(0, budget_minutes=budget_minutes)
     end = math.inf if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     return lambda: time.monotonic() < end
 

@@ -1,6 +1,6 @@
 """One RL step of the co-simulation: what a policy is asked, and what came of it."""
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,11 +20,6 @@ class Decision(NamedTuple):
     action: np.ndarray
     values: np.ndarray | None = None
 
-    @classmethod
-    def of(cls, decided: "np.ndarray | Decision") -> "Decision":
-        """Return what a policy returned as a decision."""
-        return decided if isinstance(decided, Decision) else cls(decided)
-
 
 class SupportsAct(Protocol):
     """What the co-simulation needs of an agent."""
@@ -32,6 +27,18 @@ class SupportsAct(Protocol):
     def act(self, observation: Observation) -> np.ndarray | Decision:
         """Return the direction index of each robot, shape (N,), or a decision."""
         ...
+
+
+def decide(policy: SupportsAct, observation: Observation) -> Decision:
+    """Return what a policy decides.
+
+    Arrays that it receives and those that it returns are copied: neither what it changes in an
+    observation nor a buffer that it uses again changes an episode.
+    """
+    decided = policy.act(Observation(*(array.copy() for array in observation)))
+    parts: Any = decided if isinstance(decided, Decision) else Decision(decided)
+    copied: Any = [p.copy() if isinstance(p, np.ndarray | list) else p for p in parts]
+    return Decision(*copied)
 
 
 class Step(NamedTuple):

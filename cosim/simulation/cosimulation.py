@@ -7,7 +7,7 @@ import numpy as np
 
 from cosim.base.arguments import taken, taken_seed
 from cosim.coupling.parameters import with_motor
-from cosim.coupling.rl_step import Decision, Step, SupportsAct
+from cosim.coupling.rl_step import Step, SupportsAct, decide
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Cell, Scenario
@@ -111,7 +111,7 @@ def run_episode(
     """Run one episode and return its outcome; `observe_step` sees every RL step."""
     observation = system.reset(starts, seed)
     while not system.outcome:
-        step = system.advance(Decision.of(policy.act(observation)).action)
+        step = system.advance(decide(policy, observation).action)
         observation = step.after
         observe_step(step)
     return system.outcome

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from cosim.base.provenance import digest_of
-from cosim.coupling.rl_step import Decision, Step, SupportsAct
+from cosim.coupling.rl_step import Step, SupportsAct, decide
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.recording.episode import EpisodeRecorder
@@ -133,7 +133,7 @@ class ActiveEpisode:
         """Return what the policy decides: the direction index of each robot, (N,)."""
         if (seed := self._task.redrawn.get(self._steps)) is not None:
             self.episode.draw_from(seed)
-        self._decision = Decision.of(self._task.policy.act(self.episode.observation))
+        self._decision = decide(self._task.policy, self.episode.observation)
         return self._decision.action
 
     def take(self, step: Step, wall_s: float) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from cosim.base.arguments import taken
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
 from minirobots.options import BudgetMinutes, Folder, Resumable
@@ -36,7 +37,7 @@ def run(options: Study, progress: Progress) -> tuple["StudyTable", Path]:
     from agent.study.user import read_study, study
 
     arguments = read_study(options.file)
-    out = options.out or Path(arguments.pop("out", Path("runs") / options.file.stem))
+    out = options.out or taken("out", arguments.get("out", Path("runs") / options.file.stem), Path)
     where = {"jobs": options.where.jobs, "backend": options.where.backend}
     work: dict[str, Any] = {**where, "address": options.where.address, "out": out}
     work |= {"budget_minutes": options.budget_minutes, "progress": progress}

@@ -24,7 +24,7 @@ from agent.mdp.readings import build_process
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.rl_step import Decision
+from cosim.coupling.rl_step import decide
 from cosim.coupling.signals import new_raw_samples, new_samples
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
@@ -157,7 +157,7 @@ def drive(simulation, policy, observation):
     """Actions, set points, voltages and positions of an episode, and how it ended."""
     steps = []
     while not simulation.outcome:
-        decision = Decision.of(policy.act(observation))
+        decision = decide(policy, observation)
         steps.append(simulation.advance(decision.action))
         observation = simulation.episode.observation
     kept = ("omega_des", "position", "voltage")

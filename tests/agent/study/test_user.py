@@ -2,6 +2,7 @@
 
 import json
 import sys
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -123,7 +124,8 @@ def test_a_module_names_a_policy(tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     for name in ("driver:East", "driver:east"):
-        assert policy_of(name, NEAR).act.__func__.__qualname__ == "East.act"
+        found: Any = policy_of(name, NEAR)
+        assert found.policy.act.__func__.__qualname__ == "East.act"
     del sys.modules["driver"]
     options = ("--scenario", "1a", "--starts", 1, "--time-limit", LIMIT_S, "--recordings", 0)
     done = command("evaluate", "--policy", "driver:East", *options, "--jobs", 1, "--json")
@@ -167,6 +169,11 @@ def test_a_file_has_nothing_of_the_command(tmp_path):
         (Stubborn(), {"scenario": NEAR, "mu": []}, "need at least one value each"),
         (Stubborn(), {"scenario": NEAR, "friction": 0.1}, "study has no option friction"),
         (Stubborn(), {"scenario": NEAR, "episodes": 0}, "must be at least 1"),
+        (Stubborn(), {"scenario": NEAR, "out": 5}, "out = 5 is invalid"),
+        (Stubborn(), {"scenario": NEAR, "jobs": "x"}, "jobs = 'x' is invalid"),
+        (Stubborn(), {"scenario": NEAR, "backend": "x"}, "backend = 'x' is unknown"),
+        (Stubborn(), {"scenario": NEAR, "budget_minutes": -1}, "must not be negative"),
+        (Stubborn(), {"scenario": NEAR, "budget_minutes": np.nan}, "must not be negative"),
     ],
 )
 def test_mistakes_are_named(policies, options, message):
@@ -174,6 +181,72 @@ def test_mistakes_are_named(policies, options, message):
         study(policies, **options)
 
 
-def test_evaluate_takes_one_value_of_each():
-    with pytest.raises(UserError, match="evaluate takes one value"):
-        evaluate(Stubborn(), NEAR, mu=[0.1, 0.2])
+def test_evaluate_takes_one_value_of_each_and_starts_that_exist(monkeypatch):
+    monkeypatch.setattr("agent.study.user.simulate", lambda *_, **__: pytest.fail("simulated"))
+    wrong: Any = (0, 1.5, "all", 99)
+    for starts in wrong:
+        with pytest.raises(UserError, match="starts = "):
+            evaluate(Stubborn(), NEAR, starts=starts)
+    for mu in ([0.1, 0.2], np.array([0.1, 0.2])):
+        with pytest.raises(UserError, match="evaluate takes one value"):
+            evaluate(Stubborn(), NEAR, mu=mu)
+
+
+def test_an_array_is_an_axis():
+    noise = np.linspace(0.0, 0.05, 2)
+    table = study(Stubborn(), (NEAR,), episodes=1, jobs=1, time_limit=2.0, noise=noise)
+    assert [row.options for row in table.rows] == [{"noise": 0.0}, {"noise": 0.05}]
+
+
+class Careless(Stubborn):
+    """Writes into what it is shown, and returns one buffer for all episodes."""
+
+    buffer = np.zeros(1, int)
+
+    def act(self, observation):
+        direction = int(observation.cells[0, 0]) % 8  # another one in every episode
+        for array in observation:
+            array[:] = 0
+        self.buffer[:] = direction
+        return self.buffer
+
+
+class Careful(Stubborn):
+    """Decides the same."""
+
+    def act(self, observation):
+        return np.array([int(observation.cells[0, 0]) % 8])
+
+
+def test_what_a_policy_writes_into_arrays_changes_no_episode():
+    careless, careful = (
+        evaluate(policy, "1a", starts=3, jobs=1, time_limit=8.0).results
+        for policy in (Careless(), Careful())
+    )
+    for index, result in careful.items():
+        for part in ("starts", "path_length_cm", "rotation_deg", "energy_j"):
+            assert getattr(careless[index], part) == getattr(result, part)
+
+
+class Failing:
+    """Fails, or leaves the process."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.error = error
+
+    def act(self, _observation):
+        raise self.error
+
+
+@pytest.mark.parametrize("error", [RuntimeError("lost\nits way"), SystemExit(0)])
+def test_a_policy_that_fails_is_named_in_one_line(error):
+    said = r"policy Failing failed \((RuntimeError: lost its way|SystemExit: 0)\)"
+    with pytest.raises(UserError, match=said):
+        evaluate(Failing(error), NEAR, starts=1, jobs=1)
+
+
+def test_a_module_that_leaves_the_process_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "leaving.py").write_text("raise SystemExit(0)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(UserError, match=r"cannot be imported \(SystemExit\(0\)\)"):
+        policy_of("leaving:East", NEAR)
