@@ -8,8 +8,8 @@ nothing: they are the optimal joint paths on the grid, by the length or the move
 together, which are computed. So is "fastest", the least time on observed moves, which tells turns
 from straight lines, of one robot or of two together (two on moves of robots that drive through
 cells, `--through`). So is "roundabout", for any number of robots: each one's shortest path as if
-alone, counter-clockwise about the middle of the board and round the others' targets; who meets whom
-is left to the shield.
+alone, counter-clockwise about the middle of the board and round the others' targets; keeping
+apart is left to the shield.
 `python -m cosim.run` uses "moves", with `--through` "prompt".
 """
 
@@ -120,7 +120,7 @@ def method_config(
 def method_of(config: PolicyConfig) -> Method | None:
     """The method that a policy was trained by, whatever its seed, episodes and observed moves.
 
-    None if it is none of METHODS: somebody chose readings or numbers of learning of their own.
+    None if it is none of METHODS: interpretations or numbers of learning were chosen.
     """
     moves = config.moves
     driven = None if moves is None else MoveSource(RANGES if moves.walks else None, moves.through)
@@ -194,7 +194,7 @@ def method_policy(
     Args:
         method, scenario, seed, episodes, motor_fmu, motor_parameters: see `method_config`.
         again: make it even if the policy is there.
-        progress: is told what is calibrated, observed and trained; nothing if the policy is found.
+        progress: receives what is calibrated, observed and trained; nothing if the policy is found.
 
     Returns:
         The policy, its learning curves (none if it was computed) and the path of its file.

@@ -49,7 +49,7 @@ FULL = Profile(
     transfer_quick=False,
 )
 
-# A policy that reaches its targets takes so many episodes; intervals take more than one run.
+# Episodes after which a policy reaches its targets; intervals take more than one run.
 QUICK = Profile(
     name="quick",
     runs=2,

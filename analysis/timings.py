@@ -1,6 +1,6 @@
 """What a reproduction has finished, and how long each stage took: `timings.json`.
 
-Written after every stage and on an interrupt, so that the same command goes on where it ended.
+Written after every stage and on an interrupt, so that the same command resumes.
 """
 
 import contextlib
@@ -120,7 +120,7 @@ class Timings:
     def stage(self, name: str) -> Iterator[None]:
         """Time the body; what an interrupted attempt took is added to what it took before.
 
-        A stage that is finished and made again is timed anew.
+        A stage that is made again is timed again.
         """
         before = self._content.stages.get(name)
         earlier_s, attempts = 0.0, 0

@@ -1,4 +1,4 @@
-"""What a co-simulated second costs, and beside what.
+"""What a co-simulated second costs, next to other engines.
 
 All figures come from one run of this script. Compute-bound work is timed by the processor time of
 its one thread, and the best of several rounds counts: other work on the machine can only make a
@@ -164,7 +164,7 @@ def fmu_only(
 
 
 def motor_step_s(path: Path, motors: int, rounds: int, ticks: int = 20_000) -> float:
-    """One motor of an instance with so many at drive speed, one tick, in s."""
+    """Time of one motor and tick in s, of an instance with this number of motors at drive speed."""
     fmu = MotorFmu(path)
     motor = fmu.instantiate("benchmark", motors=motors)
     if fmu.arrays:

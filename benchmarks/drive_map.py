@@ -1,6 +1,6 @@
 """Mean motion over motor speed and phase difference.
 
-What the motor phases, which nobody controls, do to speed and yaw. Prescribed motor speeds, no FMU.
+What the uncontrolled motor phases do to speed and yaw. Prescribed motor speeds, no FMU.
 """
 
 import math

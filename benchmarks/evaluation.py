@@ -75,7 +75,7 @@ def measure(scenario: str, starts: int, scalar_starts: int, jobs: int) -> dict[s
 
     Raises:
         AssertionError: an episode ended otherwise in a batch than alone.
-        UserError: the scenario does not exist, or has not so many starts.
+        UserError: the scenario does not exist, or has fewer starts.
     """
     policy, threads = agent.train(scenario, method="paper"), workers(jobs)
     _, config, fmu = resolve(SimulationOptions(), policy.config.scenario)

@@ -129,7 +129,7 @@ def _identify(number: int, seed: int) -> tuple[int, MachineFound]:
 
 
 def measure(machines: int, seed: int, jobs: int, out: Path) -> dict[str, Any]:
-    """Identify so many machines, those found in the folder included.
+    """Identify this number of machines, those found in the folder included.
 
     Args:
         machines: how many.

@@ -133,7 +133,7 @@ class Identification(Benchmark):
     """Identify machines that are known, from 60 s of what a camera sees of them.
 
     Errors and intervals of every parameter. What has been identified is kept in --out: the same
-    command goes on.
+    command resumes.
     """
 
     machines: int = 40
@@ -209,7 +209,7 @@ class Sensitivity(Benchmark):
 class Steering(Benchmark):
     """Compare controllers: a straight line of 20 cm, and moves of one cell, over seeds.
 
-    Robots have motors at rest, noise of ±5 % and phases between the motors that nobody knows; half
+    Robots have motors at rest, noise of ±5 % and unknown phases between the motors; half
     of them drive forwards, half backwards.
     """
 

@@ -40,8 +40,8 @@ def reproduce(
         profile: how much is done.
         seed: of everything random.
         jobs: what runs at the same time.
-        progress: is told of what takes long.
-        say: is told of every stage, in words.
+        progress: receives reports of what takes long.
+        say: receives a line for every stage.
 
     Returns:
         The report's page.

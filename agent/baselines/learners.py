@@ -44,7 +44,7 @@ def config_of(
         scenario: board, starts and targets.
         seed: of training.
         quick: whether the budget is only to see that it works.
-        progress: is told what is calibrated and observed.
+        progress: receives what is calibrated and observed.
 
     Raises:
         UserError: see `agent.method.method_config`.
@@ -76,8 +76,8 @@ def train(config: Config, progress: Progress, watch: Callable[[Milestone], None]
 
     Args:
         config: what it is trained with.
-        progress: is told how far it is.
-        watch: is told every evaluation on the grid; none if it is computed.
+        progress: receives reports.
+        watch: receives every evaluation on the grid; none if it is computed.
 
     Raises:
         UserError: the scenario is too large to compute optimal paths.

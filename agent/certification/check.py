@@ -1,4 +1,4 @@
-"""Checks a certificate: its episodes judged anew, and a sample of them simulated again."""
+"""Checks a certificate: its episodes judged again, and a sample of them simulated again."""
 
 import math
 from bisect import bisect_left
@@ -47,7 +47,7 @@ ALTERED, FOUND = 0.01, 0.95
 
 
 class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
-    """A certificate beside what is found now.
+    """A certificate next to what is found now.
 
     Attributes:
         certificate: file.
@@ -78,13 +78,13 @@ def check(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> CheckReport:
-    """Judge the results of a certificate anew, and simulate some of its episodes again.
+    """Judge the results of a certificate again, and simulate some of its episodes again.
 
     Args:
-        path: certificate.json, beside its results.
-        policy: by default that beside the certificate.
+        path: certificate.json, next to its results.
+        policy: by default that next to the certificate.
         motor_fmu: of the episodes, the built-in one by default.
-        sample: how many episodes to simulate, drawn with fresh entropy; by default so many that
+        sample: how many episodes to simulate, drawn with fresh entropy; by default enough that
             altered rows, if they are a share of `ALTERED`, are found with a probability of `FOUND`.
         where: backend and number of workers.
         progress: receives how many episodes are simulated.

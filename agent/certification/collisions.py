@@ -30,7 +30,7 @@ from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.tasks import Task, simulate_tasks
 
 SPLITTING_FILE = "splitting.json"
-_FORKS = 4_000_000  # child of an episode's seed, beside those of `cosim.model.world`
+_FORKS = 4_000_000  # child of an episode's seed, next to those of `cosim.model.world`
 
 
 class BranchRow(msgspec.Struct, frozen=True):

@@ -1,7 +1,7 @@
-"""A test of a rate that goes on episode by episode and may end at any of them.
+"""A test of a rate, episode by episode, that may end at any of them.
 
 Both errors are bounded at once: the probability to certify a rate that is not below the limit, and
-that to refuse one that is not above it, are each at most 1 - confidence, however long it goes on.
+that to refuse one that is not above it, are each at most 1 - confidence, however long it takes.
 Methods and sources are in docs/certificates.md.
 """
 
@@ -34,7 +34,7 @@ class ClaimDecision(NamedTuple):
 class SequentialTest:
     """Whether the rate of what speaks against a claim is below a limit.
 
-    Episodes go round strata (starts) in a random order, each round by itself, or are independent
+    Episodes go round strata (starts) in a random order, each round on its own, or are independent
     draws; what is tested is the mean rate over all strata.
 
     Attributes:

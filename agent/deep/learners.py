@@ -30,8 +30,8 @@ def train(
 
     Args:
         config: what it is trained with; `steps` are those of all robots together, at least.
-        progress: is told the moves made.
-        watch: is told every evaluation, over at most `WATCHED` starts, see `some_starts`.
+        progress: receives the moves made.
+        watch: receives every evaluation, over at most `WATCHED` starts, see `some_starts`.
         enough: success at which training ends before its last step, if at any.
     """
     scenario, steps, seed = config.scenario, config.steps, config.seed.entropy

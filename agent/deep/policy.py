@@ -154,7 +154,7 @@ class NetworkPolicy(GreedyPolicy):
         """Greedy episodes on the grid, see `agent.mdp.exact.evaluate`.
 
         Of moves that are worth exactly the same, the first is chosen, not that of the least
-        rotation: here nobody faces anywhere. Robots that come back to where they all were circle
+        rotation: here robots have no heading. Robots that come back to where they all were circle
         until the step limit: of their rounds one is driven, and the others are counted.
         """
         starts = joint_starts(self.process) if starts is None else starts

@@ -86,7 +86,7 @@ class LearningGrid:
 
     Rewards get γ φ(s') − φ(s) more, and φ = 0 at the end: best policies stay the best (Ng, Harada
     and Russell 1999).
-    A robot that has ended observes nothing until its board begins anew.
+    A robot that has ended observes nothing until its board begins again.
 
     Attributes:
         inputs: how what robots see is numbered.

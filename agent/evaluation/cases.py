@@ -78,7 +78,7 @@ class Case:
             count: how many; None for all.
 
         Raises:
-            UserError: there are not so many.
+            UserError: there are fewer.
         """
         available = len(self.starts)
         if count is not None and count > available:

@@ -30,7 +30,7 @@ class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
         train_seed: of the policy; a list, the experiment's first, if it was spawned from that.
         driver: of the co-simulation.
         motor_fmu, motor_fmu_digest: name and hash of the file.
-        method: by which the policy was trained, "other" for readings of somebody's own.
+        method: by which the policy was trained, "other" for interpretations of the user's own.
         versions: of this package, Python and libraries.
     """
 
@@ -70,7 +70,7 @@ class Series:
         facts: what identifies the run, for recordings.
         viewer: address of a running viewer that is sent what is recorded, if any.
         record: how much of every episode is recorded.
-        progress: is told the simulated time of every episode.
+        progress: receives the simulated time of every episode.
     """
 
     scenario: Scenario

@@ -22,7 +22,7 @@ class Falsify:
     """Search the worst episodes of a policy in the full co-simulation, within declared ranges.
 
     Starts, initial phases of the motors and seeds of the noise are searched, and what --ranges
-    adds of the world. Every episode is kept as it comes: the same command goes on where an earlier
+    adds of the world. Every episode is kept as it comes: the same command resumes where an earlier
     one ended. All failures and the worst episodes become regression cases (cases.json), which
     --replay runs again.
     """
@@ -69,7 +69,7 @@ class Falsify:
             plain = replace(Falsify(policy=self.policy), **said | {"replay": None})
             if replace(self, replay=None) != replace(plain, physics=physics):
                 raise ConfigError(
-                    "--replay has the dynamics from its file and searches nothing; beside it give "
+                    "--replay has the dynamics from its file and searches nothing; with it give "
                     "only --policy, --motor-fmu, --jobs and --json"
                 )
 

@@ -25,7 +25,7 @@ def gap_cm(result: EpisodeResult, scenario: Scenario) -> float:
     """Smallest gap between two robots in an episode, in cm; infinite for a robot alone.
 
     It is 0 where robots touched each other or an obstacle, or one left the board; how near they
-    came to obstacles and to the board's edge, beside which they start, is not counted.
+    came to obstacles and to the board's edge, next to which they start, is not counted.
     """
     if result.outcome == Outcome.OUT_OF_BOARD or result.contact_time_s > 0.0:
         return 0.0
@@ -70,7 +70,7 @@ class FoundCase(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FoundCases(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of cases.json: what determines every case beside its policy, FMU and the code.
+    """The content of cases.json: what determines every case besides its policy, FMU and the code.
 
     Attributes:
         scenario: board and robots.
@@ -157,7 +157,7 @@ def run_again(
         policy: acts, that of the search or another one.
         fmu: motor FMU file.
         threads: of the simulation; results do not depend on it.
-        progress: is told how many have ended.
+        progress: receives the number that have ended.
 
     Raises:
         UserError: the policy is of another scenario, or the FMU cannot be used.

@@ -1,7 +1,7 @@
 """Runs a search over episodes of the co-simulation, and keeps each episode as it comes.
 
 A generation is simulated at once. An interrupted search is asked the same again and told the
-results that are kept, so that it goes on as if nothing had happened.
+results that are kept, so that it resumes as if nothing had happened.
 """
 
 from collections.abc import Mapping
@@ -136,7 +136,7 @@ def falsify(
         until_found: whether to end with the generation in which the first one is found.
         keep: how many of the worst to record.
         jobs: threads; the results do not depend on it.
-        progress: is told what is prepared and simulated.
+        progress: receives what is prepared and simulated.
 
     Returns:
         The content of falsification.json.

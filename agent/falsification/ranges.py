@@ -43,7 +43,7 @@ DEFAULT: dict[str, Range] = {START: (0.0, 1.0), PHASE: (-180.0, 180.0), SEED: (0
 
 
 class RangeError(UserError):
-    """Ranges that cannot be searched; the message names the range and the mend."""
+    """Ranges that cannot be searched; the message names the range and how to fix it."""
 
 
 _FILE = Kind("file of ranges", "check the path given by --ranges", RangeError)
@@ -156,7 +156,7 @@ class Space:
             vector: (D,) of the `coordinates`; any real numbers.
 
         Raises:
-            RangeError: a robot finds no start beside the others.
+            RangeError: a robot finds no start next to the others.
         """
         shares = dict(zip(self.coordinates, folded(vector).tolist(), strict=True))
 
@@ -210,7 +210,7 @@ class Space:
         if not (noisy or world.draws or blurred or config.shield):  # its detours are drawn
             why[SEED] = "where nothing is drawn"
         if not controlled:
-            why["motor_speed_noise"] = "with --open-loop motors, whose speed nobody measures"
+            why["motor_speed_noise"] = "with --open-loop motors, whose speed is not measured"
         return why
 
     @cached_property
@@ -230,7 +230,7 @@ class Space:
                     break
             else:
                 raise RangeError(
-                    f"robot {robot + 1} finds no start beside {found}; narrow ranges.start"
+                    f"robot {robot + 1} finds no start next to {found}; narrow ranges.start"
                 )
         return tuple(found)
 

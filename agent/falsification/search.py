@@ -1,7 +1,7 @@
 """How a search chooses its next episodes: by evolution (CMA-ES), or at random as a baseline.
 
 A search is asked for vectors (see `agent.falsification.ranges`) and told what became of them; it
-depends on its seed and on what it is told alone, so that it can be asked again.
+depends on its seed and on what it receives alone, so that it can be asked again.
 """
 
 from typing import Any, Literal, Protocol, get_args
@@ -44,8 +44,8 @@ class RandomSearch:
 class EvolutionSearch:
     """CMA-ES (Hansen 2016, "The CMA Evolution Strategy: A Tutorial"), by the package cma.
 
-    It begins with a generation drawn uniformly, around the best of which it goes on, and begins
-    anew when it has converged.
+    It begins with a generation drawn uniformly, around the best of which it continues, and begins
+    again when it has converged.
     """
 
     def __init__(self, steps: np.ndarray, seed: int) -> None:

@@ -66,8 +66,8 @@ class SurrogateSearch:
         again = sorted(nearest, key=lambda visited: len(visited.costs))[: GENERATION // 2]
         drawn = self._rng.random((len(again), len(self._of_starts)))
         asked = [
-            np.where(self._of_starts, visited.vector, anew)
-            for visited, anew in zip(again, drawn, strict=True)
+            np.where(self._of_starts, visited.vector, fresh)
+            for visited, fresh in zip(again, drawn, strict=True)
         ]
         while len(asked) < GENERATION:
             self._waiting = self._waiting or self._pool()
@@ -114,7 +114,7 @@ def surrogate_search(
         fmu: motor FMU file.
         objective: the smallest gap, or the longest time.
         seed: of the search.
-        progress: is told what is observed.
+        progress: receives what is observed.
 
     Raises:
         PolicyError: the policy has no tables.

@@ -100,7 +100,7 @@ def require(table: str, config: object, valid: Mapping[str, bool], error: type[U
 Where = Literal[
     "training on moves", "training on the grid", "environments on the grid", "the co-simulation"
 ]
-_NOBODY_LEARNS = {"partner_of_failed": "nobody learns there"}
+_NOTHING_LEARNT = {"partner_of_failed": "nothing is learnt there"}
 _NOT_ON_THE_GRID = {
     "clearance_m": "contact is a distance of cells",
     "reward_per": "a move is a step; diagonal_cost = 1.414 makes it pay for its path",
@@ -114,14 +114,14 @@ _NOT_BETWEEN_CELLS = {
 _WITHOUT_EFFECT: dict[Where, dict[str, str]] = {
     "training on moves": {
         **_NOT_BETWEEN_CELLS,
-        "partner_of_failed": "a robot learns from the moves that it has ended, whoever fails",
+        "partner_of_failed": "a robot learns from its own ended moves, whichever robot fails",
     },
     "training on the grid": _NOT_ON_THE_GRID,
-    "environments on the grid": _NOT_ON_THE_GRID | _NOBODY_LEARNS,
+    "environments on the grid": _NOT_ON_THE_GRID | _NOTHING_LEARNT,
     "the co-simulation": {
         **_NOT_BETWEEN_CELLS,
-        **_NOBODY_LEARNS,
-        "target_obstacle": "it is a reading of the grid alone",
+        **_NOTHING_LEARNT,
+        "target_obstacle": "it is an interpretation of the grid alone",
         "clearance_m": "contact is that of the bodies",
         "step_limit": "episodes are cut after a simulated time",
     },

@@ -161,7 +161,7 @@ def joint_starts(process: Process) -> np.ndarray:
 
 
 def some_starts(process: Process, most: int) -> np.ndarray:
-    """(K, N, 2) int64, every so many of `joint_starts`, so that there are at most so many."""
+    """(K, N, 2) int64, evenly spaced `joint_starts`, at most the given number."""
     starts = joint_starts(process)
     return starts[:: -(-len(starts) // most)]
 

@@ -62,10 +62,10 @@ class GreedyPolicy(ABC):
 
     @abstractmethod
     def arrays(self) -> dict[str, np.ndarray]:
-        """What its file holds beside the configuration, by name."""
+        """What its file holds besides the configuration, by name."""
 
     def save(self, path: Path | str) -> None:
-        """Write `path` (.npz) and its configuration beside it (.json), each whole or not at all.
+        """Write `path` (.npz) and its configuration next to it (.json), each whole or not at all.
 
         Raises:
             StorageError: its name does not end in .npz.

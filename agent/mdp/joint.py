@@ -71,7 +71,7 @@ def solve(
         process: for contact along the moves.
         after: (2, cells, 8) int64, see `cells_after`.
         costs: (8,) float64, cost of a move, at least 1; a parked robot pays nothing.
-        free: (cells, cells) bool, joint states in which robots may be and go on.
+        free: (cells, cells) bool, joint states in which robots may be and continue.
         value: (cells, cells) float64, 0 at the end, inf elsewhere; updated.
     """
     cells, rows = after.shape[1], process.terrain.shape[2] - 2
@@ -191,7 +191,7 @@ def cells_after(process: Process, robot: int) -> np.ndarray:
 
 
 def joint_states(process: Process) -> tuple[np.ndarray, np.ndarray]:
-    """Joint states of two robots, (cells, cells) bool: those to go on from, and the end."""
+    """Joint states of two robots, (cells, cells) bool: those to continue from, and the end."""
     rows = process.terrain.shape[2] - 2
     terrain = process.terrain[:, 1:-1, 1:-1].reshape(2, -1)
     x, y = np.divmod(np.arange(terrain.shape[1]), rows)

@@ -37,7 +37,9 @@ from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 
 _PATH_COSTS = np.array([1.0, SQRT_2] * (DIRECTION_COUNT // 2))
 _STEP_COSTS = np.ones(DIRECTION_COUNT)
-_CLOCKWISE_COST = 3.0  # assumed: of a cell's way clockwise in a roundabout, beside its length
+_CLOCKWISE_COST = (
+    3.0  # assumed: of a cell's path clockwise in a roundabout, in addition to its length
+)
 
 
 class Bound(NamedTuple):

@@ -210,7 +210,7 @@ def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
 def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
     """Number of values of each feature in use, in the order of the state index.
 
-    A lone robot sees nobody: it has x, y and h only.
+    A lone robot has x, y and h only.
 
     Raises:
         ScenarioError: of the features in use nothing is left to it.
@@ -229,7 +229,7 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
     if not used:
         raise ScenarioError(
             f"process: features = {', '.join(config.features)} have no effect: a lone robot sees "
-            "nobody; name x, y or h as well"
+            "no other; name x, y or h as well"
         )
     return used
 

@@ -49,7 +49,7 @@ def foresee(
     repeats: int,
     random: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What greedy episodes from some starts are like, on moves that are drawn anew every time.
+    """What greedy episodes from some starts are like, on moves that are drawn again every time.
 
     Args:
         process: the decision process of the policy.

@@ -1,7 +1,7 @@
 """The decision process with the dynamics' time: moves that last, and robots that move at once.
 
-Robots are asked every RL step; where these are short, those in which nobody waits pass at once, up
-to 2 s. One that waits begins a move, drawn from the moves observed in
+Robots are asked every RL step; where these are short, those in which no robot waits pass at once,
+up to 2 s. One that waits begins a move, drawn from the moves observed in
 co-simulation; the others are under way. Positions are continuous: a cell belongs to the robot
 whose centre is in it, contact is a distance of centres, or of a centre and an obstacle. The
 features are those of `agent.mdp.grid`, seen between cells as `cosim.onboard.observing` sees

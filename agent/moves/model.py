@@ -41,7 +41,7 @@ class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         previous: direction of its move before, NO_DIRECTION for the first.
         columns, rows: Δcell, of the cell that its centre is in.
         turn_s: time until it first drove.
-        duration_s: time until it stopped at the end of the line, or was asked anew.
+        duration_s: time until it stopped at the end of the line, or was asked again.
         drift_x, drift_y: path of its centre during the turn, in cells.
         stop_x, stop_y: where it stopped, from the centre of the cell aimed at, in cells.
     """
@@ -104,8 +104,8 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Raises:
             MovesError: no such file, or not a file of moves of this version.
         """
-        mend = f"make one with `python -m agent.moves --out {path}`"
-        kind = Kind("file of moves", mend, MovesError)
+        fix = f"make one with `python -m agent.moves --out {path}`"
+        kind = Kind("file of moves", fix, MovesError)
         content = read_json(path, kind, dict)
         version = content.pop("schema_version", None)
         with parsing(path, kind):
@@ -132,7 +132,8 @@ class MoveModel(NamedTuple):
         rl_step_s: time between two decisions.
         most_steps: RL steps that pass at once where no robot is asked: those of 2 s.
         contact_cells: squared distance in cells² at which robots touch.
-        near_cells: squared distance in cells² beyond which no robots meet within so many RL steps.
+        near_cells: squared distance in cells² beyond which no robots meet within the given
+            number of RL steps.
     """
 
     moves: np.ndarray

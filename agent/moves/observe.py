@@ -70,7 +70,7 @@ class _Walker:
         """Follow one RL step, and note the move that ends in it."""
         period_s = config.timing.control_period_s
         if step.decided[0]:
-            if self._begun is not None:  # asked anew before the end of the line
+            if self._begun is not None:  # asked again before the end of the line
                 self._end(step.before.cells[0], self._elapsed_s, np.zeros(2))
             heading = int(step.before.direction[0])
             self._begun = int(step.action[0]), heading, step.before.cells[0]
@@ -139,7 +139,7 @@ def observe_moves(
         seed: of directions, speed noise and worlds.
         worlds: from which every walk draws its own; by default all have the configuration's.
         jobs: threads; the result does not depend on it.
-        progress: is told the moves observed.
+        progress: receives the moves observed.
 
     Raises:
         FmuError: an FMU failed.

@@ -98,7 +98,7 @@ def _sweep(
     Args:
         after, seconds, rows: see `PairTimes`.
         order: (2, cells) int64, cells of each robot by its time alone, the nearest first.
-        free: (cells, cells) bool, cells in which robots may be and go on.
+        free: (cells, cells) bool, cells in which robots may be and continue.
         value: (cells, AXIS_COUNT, cells, AXIS_COUNT) float32 in s; updated.
     """
     cells, changed = after.shape[1], 0.0

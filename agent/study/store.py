@@ -91,7 +91,7 @@ class RowFile(Generic[Row]):
                         "choose another folder with --out"
                     )
             if not number and not (self.header and _line(self.header).startswith(line)):
-                raise ResultFileError(f"{self.path}: not a {_FILE.name}; {_FILE.mend}")
+                raise ResultFileError(f"{self.path}: not a {_FILE.name}; {_FILE.fix}")
             self._size = self._whole + len(line)
 
     def append(self, row: Row) -> None:

@@ -58,7 +58,7 @@ ProgressCallback = Callable[[TrainingProgress], None]
 
 
 class TrainingLogError(UserError):
-    """Learning curves that cannot be read; the message names the file and the mend."""
+    """Learning curves that cannot be read; the message names the file and how to fix it."""
 
 
 _FILE = Kind("file of learning curves", "train again", TrainingLogError)

@@ -106,7 +106,7 @@ def _run_episodes(
             outcome, passed = step(process, model, world, plans, rewards)
             steps += passed
             if outcome == RUNNING and steps >= step_limit:
-                outcome = TIMEOUT  # a cut, not an end: moves that go on are not learnt from
+                outcome = TIMEOUT  # a cut, not an end: moves under way are not learnt from
             for i in range(n):
                 if rewards[i] == np.float32(0.0) and world[i, STATUS] == ARRIVED:
                     continue  # before this step
@@ -135,7 +135,7 @@ def _run_episodes(
 
 
 def _discounts(process: Process, model: MoveModel, gamma: np.float32) -> np.ndarray:
-    """(S + 1,) float32, γ to the power of what so many RL steps count, S the most at once."""
+    """(S + 1,) float32, γ to the power of what 0 to S RL steps count, S the most at once."""
     steps = np.arange(model.most_steps + 1)
     of_paper = model.rl_step_s / TIMING.rl_step_s
     share = 1.0 if REWARDS_PER[process.reward_per] == "step" else of_paper

@@ -1,7 +1,7 @@
 """A trained policy: what to do at an observation, and its file.
 
 The file is one `.npz` (Q tables, visit counts, generator state, and its configuration as JSON)
-with the same JSON beside it for people; nothing in it is executed on loading. Training is in
+with the same JSON next to it for people; nothing in it is executed on loading. Training is in
 `agent.training.qlearning`, the cache of trained policies in `agent.training.store`.
 """
 
@@ -64,7 +64,7 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version is the hash of the code that made it; a number in files of earlier versions.
 
     Raises:
-        ScenarioError: a reading of the process has no effect on what it is trained on.
+        ScenarioError: an interpretation of the process has no effect on what it is trained on.
         PolicyError: there is an objective, and something is said of learning, or moves are given
             where they do not matter or missing where they do.
     """

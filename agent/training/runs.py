@@ -2,7 +2,7 @@
 
     experiment.json      configuration of all runs
     training.rrd         mean and scatter over the runs, if there are several
-    run_000/policy.npz   trained policy (with policy.json beside it), written last
+    run_000/policy.npz   trained policy (with policy.json next to it), written last
     run_000/training.npz learning curves (`agent.training.loop.TrainingLog`)
     run_000/training.rrd the same for the Rerun viewer
     run_000/checkpoint.npz   only while the run is going on
@@ -108,7 +108,7 @@ def train_runs(
             gone on with from their checkpoints.
         where: backend and number of workers.
         checkpoint_episodes: episodes between two checkpoints of a run.
-        progress: is told the episodes of all runs together, mean success and exploration.
+        progress: receives the episodes of all runs together, mean success and exploration.
         task: what progress calls it.
 
     Returns:

@@ -1,4 +1,4 @@
-"""What training is told: method, numbers of learning, and the files that people write them in.
+"""Settings of training: method, numbers of learning, and the files that people write them in.
 
 Settings files have TOML tables `[process]` and `[learning]`, checked field by field. Nothing here
 is slow to import, so that command lines can have these options.

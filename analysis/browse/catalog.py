@@ -46,7 +46,7 @@ _TARGETS, _BOARD = "property:episode:targets_m", "property:episode:board_m"
 
 
 class CatalogError(UserError):
-    """Recordings that cannot be served; the message names the place and the mend."""
+    """Recordings that cannot be served; the message names the place and how to fix it."""
 
 
 class Dataset(msgspec.Struct, frozen=True):

@@ -27,7 +27,7 @@ def write_messages(episode: Episode, out: Path, progress: Progress) -> None:
     Args:
         episode: to write.
         out: file to write.
-        progress: is told the messages written.
+        progress: receives the messages written.
 
     Raises:
         ExportError: the package mcap is not installed.

@@ -45,7 +45,7 @@ def export(episode: Episode, to: Format, out: Path, progress: Progress = silent)
         episode: to write.
         to: format.
         out: file to write; its folder is made if it is missing.
-        progress: is told of every signal.
+        progress: receives every signal.
 
     Raises:
         ExportError: the format needs a package that is not installed.

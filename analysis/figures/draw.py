@@ -56,7 +56,7 @@ def draw_figures(
         results: folder of results.
         out: folder to write to.
         small: whether only PNGs of some 900 pixels with few colours are written, for the docs.
-        progress: is told of every figure.
+        progress: receives every figure.
 
     Returns:
         Files written, by figure, and why the other figures could not be drawn.

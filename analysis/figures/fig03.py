@@ -95,7 +95,7 @@ def caption(result: PlatformResult) -> Caption:
     return Caption(
         "fig03",
         "Motion of the 1-DOF platform over turns of the motor (left), in one turn (middle), and "
-        "driving force beside the friction that holds (right)",
+        "driving force next to the friction that holds (right)",
         "above a critical motor speed the platform slides, and in one turn it exhibits a net "
         "displacement whose size depends on the motor speed.",
         (

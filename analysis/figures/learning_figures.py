@@ -1,4 +1,4 @@
-"""Figures 8, 10, 11 and `sequel`: learning curves of experiments; path lengths beside bounds.
+"""Figures 8, 10, 11 and `sequel`: learning curves of experiments; path lengths next to bounds.
 
 Curves are drawn by `analysis.figures.learning`; here is which experiment each figure shows, and
 what its caption says.

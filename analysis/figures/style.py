@@ -53,7 +53,7 @@ def use_style() -> None:
 
 
 def save(figure: Figure, out: Path) -> list[Path]:
-    """Write the figure as PNG and PDF beside each other; the same data give the same bytes.
+    """Write the figure as PNG and PDF next to each other; the same data give the same bytes.
 
     Args:
         figure: drawn.
@@ -85,7 +85,7 @@ class Caption:
         figure: name of the figure, that of its files.
         title: what it shows.
         claim: what the paper says or shows; empty if the paper has no such figure.
-        ours: what we find, one sentence each.
+        ours: what we find, one line each.
         numbers: the numbers in `ours` by name, unit suffixes in the names.
         inputs: results it was drawn from, below the results folder.
     """
@@ -123,8 +123,8 @@ def read_caption(folder: Path, figure: str) -> Caption:
     Raises:
         FigureError: there is none, or it is damaged.
     """
-    mend = f"draw it with `python -m analysis.figures {figure} --out {folder}`"
-    kind = Kind("caption of a figure", mend, FigureError)
+    fix = f"draw it with `python -m analysis.figures {figure} --out {folder}`"
+    kind = Kind("caption of a figure", fix, FigureError)
     return read_json(folder / f"{figure}.json", kind, Caption)
 
 

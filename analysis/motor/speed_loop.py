@@ -1,7 +1,7 @@
 """The motor's speed loop as control theory sees it, and the FMU's own.
 
 Plant and PI controller as transfer functions from the same parameters as the FMU: poles, bandwidth,
-margins and a Bode plot, in which the FMU's own measured frequency response stands beside the
+margins and a Bode plot, in which the FMU's own measured frequency response stands next to the
 curves. Without Coulomb friction, weight and saturation the two must agree; with them see
 `analysis.figures.fig07`.
 """
@@ -104,14 +104,14 @@ def measured_response(
 ) -> np.ndarray:
     """Frequency response of the FMU's closed loop from set point to speed, complex (n,).
 
-    Without Coulomb friction and weight, each frequency by itself: a sine of the set point, held
-    between communication points, and a least-squares fit of a sine to the speed, beside what is
+    Without Coulomb friction and weight, each frequency on its own: a sine of the set point, held
+    between communication points, and a least-squares fit of a sine to the speed, next to what is
     left of the slow pole's answer to the start.
 
     Args:
         fmu: of the motor.
         frequencies_rad_s: angular frequencies (n,).
-        progress: is told of every frequency.
+        progress: receives every frequency.
 
     Raises:
         FmuError: the FMU cannot be used.

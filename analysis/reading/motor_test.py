@@ -15,7 +15,7 @@ SIGNALS = ("omega", "omega_des", "voltage", "current", "disturbance")
 
 
 class MotorTestError(UserError):
-    """A motor test that cannot be run or read; the message names the file and the mend."""
+    """A motor test that cannot be run or read; the message names the file and how to fix it."""
 
 
 class Response(NamedTuple):

@@ -35,7 +35,7 @@ def read_experiment(name: str, results: Path) -> ExperimentResult:
     path, kind = RESULTS[name].proof_in(results), kind_of(name, results)
     content = read_json(path, kind, ExperimentResult)
     if content.experiment != name:
-        raise ResultError(f"{path}: not a result of {name}; {kind.mend}")
+        raise ResultError(f"{path}: not a result of {name}; {kind.fix}")
     return content
 
 

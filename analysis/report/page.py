@@ -41,7 +41,7 @@ def write_report(
     Args:
         results: folder of results.
         out: folder to write to.
-        figures: folder of figures; by default `figures` beside the results.
+        figures: folder of figures; by default `figures` next to the results.
         episode: that the viewer opens first, such as 4/0; by default the success of a pair.
 
     Returns:

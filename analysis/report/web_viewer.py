@@ -42,7 +42,7 @@ def web_viewer_files() -> list[Path]:
 
 
 def _fetch(files: list[Path]) -> list[Path]:
-    # The `rerun` command only starts this program, which would go on when the command is ended.
+    # The `rerun` command only starts this program, which would continue when the command is ended.
     program = Path(rerun_cli.__file__).with_name("rerun")
     port, grpc_port = _free_ports(2)
     command = [program, "--serve-web", "--bind", _HOST]

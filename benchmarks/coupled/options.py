@@ -19,7 +19,7 @@ class ReferenceFmus(Benchmark):
 
 @dataclass(frozen=True, kw_only=True)
 class System(Benchmark):
-    """Couple two oscillators by each algorithm, and time a step beside a loop through fmpy."""
+    """Couple two oscillators by each algorithm, and time a step next to a loop through fmpy."""
 
     rounds: int = 20
     """Rounds of the measurement of time; the best counts."""

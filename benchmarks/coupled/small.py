@@ -1,6 +1,6 @@
 """Small FMUs of FMI 2.0 and 3.0 to couple: their descriptions, and the one library of `models.c`.
 
-They are the models of the reference FMUs of the Modelica Association, written anew and solved in
+They are the models of the reference FMUs of the Modelica Association, written again and solved in
 closed form, so that what a master makes wrong is all that is wrong; and an oscillator to couple
 with another one.
 """

@@ -54,7 +54,7 @@ class PythonLoop:
         second.setFloat64([self._reference["x_in"]], [self.outputs[0][0]])
 
     def run(self, steps: int, step_s: float) -> None:
-        """Make so many steps."""
+        """Make this number of steps."""
         for k in range(self.steps, self.steps + steps):
             self._set()
             for slave in self._slaves:

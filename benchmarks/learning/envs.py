@@ -1,7 +1,7 @@
 """Times environments of pairs on the grid: many boards in one compiled loop, and one in Python.
 
 Both take the same random actions, in turn, by the processor time of their one thread. Steps of
-agents that have ended, and those with which a board begins anew, count for nothing.
+agents that have ended, and those with which a board begins again, count for nothing.
 """
 
 import time

@@ -31,7 +31,7 @@ def drive(
         duration_s: simulated time.
         order: of the coupling.
         step_s: communication step.
-        robots: what each is told, and where it starts.
+        robots: commands of each, and where it starts.
         exchange_first: whether bodies know the motors' outputs of the start in the first step,
             instead of motors without any acceleration.
     """

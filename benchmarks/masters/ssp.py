@@ -1,4 +1,4 @@
-"""Masters not written here on the pair of robots, held against ours.
+"""Other projects' masters on the pair of robots, compared with ours.
 
 Every master steps the FMUs of one archive from `fmus.ssp`. What remains between it and ours is its
 algorithm: whether all FMUs step at once (Jacobi) or the motors first (Gauss-Seidel), and whether

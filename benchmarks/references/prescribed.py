@@ -169,7 +169,7 @@ def mean_motion(
         dt_s: step in s.
         settle_s: time before the averages begin, s.
         duration_s: time over which they are taken, s, rounded to whole turns of the faster motor:
-            within a turn the robot moves to and fro by more than it gains.
+            within a turn the robot moves back and forth by more than it gains.
         tolerance: of the contact sweeps, see `cosim.physics.properties.body_params`.
     """
     constants = rig(robot, motor, dt_s, tolerance=tolerance)

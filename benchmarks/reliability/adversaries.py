@@ -2,7 +2,7 @@
 
 On a board of 16 x 16 cells with an obstacle, robots begin next to each other, anywhere. In half of
 the blocks robots drive on at the end of their moves, and are asked only every 2 s: they leave the
-lines that they had planned. Blocks are kept as they are done: the same command goes on.
+lines that they had planned. Blocks are kept as they are done: the same command resumes.
 """
 
 from collections.abc import Callable, Sequence
@@ -99,7 +99,7 @@ def _episodes(
     seeds: Sequence[np.random.SeedSequence],
     watch: Callable[[Step, RunningEpisode, float], None],
 ) -> list[EpisodeResult]:
-    """Episodes one batch after the other, so that who learns learns in one order."""
+    """Episodes one batch after the other, so that a learner learns in one order."""
     tasks = [
         Task(scenario, fmu, config, policy, starts, seed, watch=watch)
         for seed in seeds
@@ -186,7 +186,7 @@ def attack(
     jobs: int,
     out: Path,
 ) -> list[Block]:
-    """Blocks of some of the kinds, of so many episodes of all; those of the file are there."""
+    """Blocks of some of the kinds, of this number of episodes of all; those of the file exist."""
     jobs = workers(jobs)
     scenario, config, fmu = resolve(SimulationOptions(shield=shield, world=world), arena(robots))
     file = _file(scenario, config, fmu, out)

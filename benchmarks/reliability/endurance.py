@@ -1,8 +1,8 @@
 """Whether a long run stays as it began: its memory, its cost, and what must not move.
 
-Two robots of one endless episode, without speed noise: one drives to and fro, the other drives to
-the cell beside it, which is its target, and stands there for the rest. Once without a recording,
-once with one.
+Two robots of one endless episode, without speed noise: one drives back and forth, the other drives
+to the cell next to it, which is its target, and stands there for the rest. Once without a
+recording, once with one.
 """
 
 import contextlib

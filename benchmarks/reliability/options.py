@@ -18,7 +18,7 @@ Adversary = Literal["short", "random", "greedy", "learnt"]
 class Adversaries(Benchmark):
     """Let policies that want robots to collide loose on the shield, and on robots without it.
 
-    What has been simulated is kept in --out: the same command goes on.
+    What has been simulated is kept in --out: the same command resumes.
     """
 
     episodes: int = 2000
@@ -73,7 +73,7 @@ class Falsification(Benchmark):
     """Count the episodes that searches need to find the first collision of a policy.
 
     By a surrogate, by evolution and at random, in the same ranges and with the same seeds. Episodes
-    are kept in --out: the same command goes on.
+    are kept in --out: the same command resumes.
     """
 
     scenario: str = "4"
@@ -109,7 +109,7 @@ class Splitting(Benchmark):
     """Hold how often robots come close and collide, by splitting, against plain episodes.
 
     Of the paper's policy, without the shield. What has been simulated is kept in --out: the same
-    command goes on.
+    command resumes.
     """
 
     scenario: str = "4"

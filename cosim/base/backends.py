@@ -100,7 +100,7 @@ def _backend(
 @contextlib.contextmanager
 def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], ...]]:
     # workers have the project installed, as docs/cluster.md asks: below `uv run` Ray would pack it
-    # and make an environment anew for every worker
+    # and make another environment for every worker
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     try:
         import ray  # noqa: PLC0415 - optional

@@ -1,4 +1,4 @@
-"""Errors that are the caller's to mend, and how a command line reports them."""
+"""Errors that the caller can fix, and how a command line reports them."""
 
 import contextlib
 import errno
@@ -47,7 +47,7 @@ class Terminated(KeyboardInterrupt):
 
 
 class UserError(Exception):
-    """A mistake the caller can fix; the message names the thing and the fix in one sentence.
+    """A mistake that the caller can fix; the message is one line that names the thing and the fix.
 
     >>> import minirobots as mr
     >>> try:
@@ -97,7 +97,7 @@ class _Visible:
 def run_command(main: Callable[[], None]) -> None:
     """Run a command line's body and leave with its exit status.
 
-    A `UserError` or an operating-system error becomes one sentence on stderr and status 2,
+    A `UserError` or an operating-system error becomes one line on stderr and status 2,
     Ctrl-C status 130; anything else is a defect and keeps its traceback. SIGTERM, as batch systems
     send it, does what Ctrl-C does (recordings are completed, temporary files removed), with status
     143.
@@ -128,7 +128,7 @@ def _run(main: Callable[[], None]) -> None:
             main()
         finally:
             sys.stdout.flush()
-    except BrokenPipeError:  # whoever read the output has left, as `head` does
+    except BrokenPipeError:  # the reader of the output has ended, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(BROKEN_PIPE_STATUS)
     except UserError as error:

@@ -18,7 +18,7 @@ _REFRESH_S = 0.1
 
 
 class Progress(Protocol):
-    """Is told how far long work is; may be called from several threads."""
+    """Receives reports of long work; may be called from several threads."""
 
     def __call__(self, task: str, done: float, total: float | None, state: str = "") -> None:
         """Take a report.
@@ -26,14 +26,14 @@ class Progress(Protocol):
         Args:
             task: what is done, such as "training".
             done: so far, in the task's own unit.
-            total: in all, None while nobody knows; the task is over when `done` has reached it.
+            total: in all, None while unknown; the task is over when `done` has reached it.
             state: further words.
         """
         ...
 
 
 def silent(task: str, done: float, total: float | None, state: str = "") -> None:
-    """Progress that nobody watches."""
+    """Ignore all reports."""
 
 
 @contextlib.contextmanager
@@ -135,15 +135,15 @@ def showing(call: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
 
 @contextlib.contextmanager
 def resumable_bars(folder: Path, kept: str = "episodes") -> Iterator[Progress]:
-    """`progress_bars` of a command that goes on where an interrupt ended it, and says so then.
+    """`progress_bars` of a command that resumes after an interrupt, and says so then.
 
     Args:
-        folder: where it goes on.
-        kept: what is there.
+        folder: of the results.
+        kept: what the folder holds.
     """
     try:
         with progress_bars() as progress:
             yield progress
     except KeyboardInterrupt:
-        print(f"{kept} so far are in {folder}/; the same command goes on", file=sys.stderr)
+        print(f"{kept} so far are in {folder}/; the same command resumes", file=sys.stderr)
         raise

@@ -1,7 +1,7 @@
-"""Files read back: what they hold, or one sentence that says what is wrong with them.
+"""Files read back: what they hold, or a one-line error that says what is wrong with them.
 
-Whatever a file is (missing, a folder, a device, cut off, bits flipped, made by somebody else),
-reading it ends in its reader's own error. Memory is taken for what is there, not for what is
+Whatever a file is (missing, a folder, a device, cut off, bits flipped, made by another program),
+reading it ends in its reader's own error. Memory is taken for what the file holds, not for what it
 claimed.
 """
 
@@ -43,12 +43,12 @@ class Kind(NamedTuple):
 
     Attributes:
         name: what messages call it, such as "policy file".
-        mend: what to do if it cannot be read, such as "train it again".
+        fix: what to do if it cannot be read, such as "train it again".
         error: raised if it cannot be read.
     """
 
     name: str
-    mend: str
+    fix: str
     error: type[UserError]
 
 
@@ -61,14 +61,14 @@ def require_file(path: Path, kind: Kind) -> None:
     try:
         mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
-        raise kind.error(f"{path}: no such {kind.name}; {kind.mend}") from None
+        raise kind.error(f"{path}: no such {kind.name}; {kind.fix}") from None
     except OSError as error:
-        raise kind.error(f"{path}: {error.strerror}; {kind.mend}") from error
+        raise kind.error(f"{path}: {error.strerror}; {kind.fix}") from error
     if not stat.S_ISREG(mode):
         what = _OTHER_THAN_FILES.get(stat.S_IFMT(mode), "special file")
-        raise kind.error(f"{path}: a {what}, no {kind.name}; {kind.mend}")
+        raise kind.error(f"{path}: a {what}, no {kind.name}; {kind.fix}")
     if not os.access(path, os.R_OK):
-        raise kind.error(f"{path}: you may not read it; change its permissions or {kind.mend}")
+        raise kind.error(f"{path}: you may not read it; change its permissions or {kind.fix}")
 
 
 @contextlib.contextmanager
@@ -84,7 +84,7 @@ def parsing(path: Path, kind: Kind) -> Iterator[None]:
         raise
     except Exception as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else error or type(error).__name__
-        raise kind.error(f"{path}: not a {kind.name} or damaged ({reason}); {kind.mend}") from error
+        raise kind.error(f"{path}: not a {kind.name} or damaged ({reason}); {kind.fix}") from error
 
 
 def read_bytes(path: Path, kind: Kind) -> bytes:
@@ -135,7 +135,7 @@ def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
     try:
         return tomllib.loads(content.decode())
     except (ValueError, RecursionError) as error:
-        raise kind.error(f"{path}: not a TOML file ({error}); mend that line") from error
+        raise kind.error(f"{path}: not a TOML file ({error}); fix that line") from error
 
 
 def read_arrays(

@@ -1,4 +1,4 @@
-"""Where files go: the cache, which mends itself, and writing that leaves a whole file or none."""
+"""Where files go: the cache, which repairs itself, and writing that leaves a whole file or none."""
 
 import contextlib
 import fcntl
@@ -31,7 +31,7 @@ _LOCK = threading.Lock()
 
 
 class StorageError(UserError):
-    """A place where a file cannot be put; the message names it and the mend."""
+    """A place where a file cannot be put; the message names it and how to fix it."""
 
 
 def cache_dir(kind: str) -> Path:
@@ -88,7 +88,7 @@ def cached(
     """What a file of the cache holds; made and kept there if it is missing, or not as it was kept.
 
     Args:
-        path: of the file; its SHA-256 is kept beside it.
+        path: of the file; its SHA-256 is kept next to it.
         load: reads what `save` wrote.
         make: makes what is to be in the file.
         save: writes it.
@@ -114,7 +114,7 @@ def cached(
 
 
 def write_checksum(path: Path) -> None:
-    """Keep the SHA-256 of a file beside it, for `whole`."""
+    """Keep the SHA-256 of a file next to it, for `whole`."""
     with replacing(_seal_of(path)) as temporary:
         temporary.write_text(_sha256(path))
 
@@ -148,7 +148,7 @@ def require_no_folder(path: Path) -> None:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; rename it to `path` on success, remove it on failure.
+    """Yield a temporary path next to `path`; rename it to `path` on success, remove it on failure.
 
     Readers see the old file or the whole new one, also when two processes write at once. What a
     killed process left of its temporary file is removed by the next one that writes the same.
@@ -228,10 +228,10 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def _temporary(path: Path) -> tuple[int, Path]:
-    """A new file beside `path`, locked as long as the process lives or until it is closed."""
+    """A new file next to `path`, locked as long as the process lives or until it is closed."""
     while True:
         handle, name = tempfile.mkstemp(_ending(path), _beginning(path), path.parent)
-        with contextlib.suppress(OSError):  # of a file system without locks: nobody sweeps there
+        with contextlib.suppress(OSError):  # of a file system without locks: nothing is swept there
             fcntl.flock(handle, fcntl.LOCK_EX)
         if os.fstat(handle).st_nlink:
             return handle, Path(name)

@@ -49,7 +49,7 @@ def find_calibration(
     Args:
         config: of the co-simulation.
         motor_fmu: of every motor.
-        progress: is told the trials done.
+        progress: receives the trials done.
         jobs: threads.
         again: measure even if the calibration is there.
 

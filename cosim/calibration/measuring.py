@@ -75,7 +75,7 @@ def measure(
         config: of the co-simulation; its motor speeds and desired speeds do not matter.
         motor_fmu: of every motor.
         jobs: threads; the result does not depend on it.
-        progress: is told the trials done.
+        progress: receives the trials done.
 
     Raises:
         FmuError: the FMU cannot be used, or failed.

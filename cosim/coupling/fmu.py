@@ -66,7 +66,7 @@ class MotorFmu(Fmu):
     """
 
     noun = "motor FMU"
-    place, mend = "check the path given by --motor-fmu", "build one with `python -m fmus.build`"
+    place, fix = "check the path given by --motor-fmu", "build one with `python -m fmus.build`"
 
     def __init__(self, path: Path, *, open_loop: bool = False) -> None:
         super().__init__(path)
@@ -206,7 +206,7 @@ class MotorFmu(Fmu):
             slave.setFloat64([reference], [sampling.interval_s])
 
     def restart(self, slave: Any, runs: np.ndarray) -> None:
-        """Start the motors of an instance of arrays anew whose number has changed."""
+        """Restart the motors of an instance of arrays whose number has changed."""
         slave.setInt64([self.variables[RESTART].valueReference], runs.tolist())
 
 
@@ -265,8 +265,8 @@ class Motor:
             self.slave.setFloat64(self.fmu.inputs, values)
 
     def restart(self, runs: np.ndarray) -> None:
-        """Start motors of arrays anew whose number, (motors,) int64, has changed."""
-        with self._named_errors(0.0, "refuses to start motors anew"):
+        """Restart motors of arrays whose number, (motors,) int64, has changed."""
+        with self._named_errors(0.0, "refuses to restart motors"):
             self.fmu.restart(self.slave, runs)
 
     def parameter(self, name: str) -> np.ndarray:

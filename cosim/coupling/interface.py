@@ -1,10 +1,10 @@
-"""What the master asks of a motor FMU, held against the modelDescription; nothing here runs one.
+"""What the master asks of a motor FMU, compared with the modelDescription; nothing here runs one.
 
 Units are those of the project's own motor (`fmus.variables`). A unit is what its definition in SI
 base units says, whatever its name; a variable without a unit is taken to be in the right one.
 
 An FMU of many motors has all of them as arrays whose only dimension is one structural parameter,
-and an Int64 input of that size, `restart`: a motor begins anew in the step after its number has
+and an Int64 input of that size, `restart`: a motor restarts in the step after its number has
 changed. The project's own is `VibrationMotors`.
 """
 
@@ -105,8 +105,8 @@ def check_variable(
         )
     sizes = [dimension.valueReference for dimension in variable.dimensions]
     if sizes != [number for number in (samples, size) if number is not None]:
-        mend = "a scalar" if size is None else f"an array of the size of '{INPUTS[0]}'"
-        raise FmuError(f"{said} as {'an array' if sizes else 'a scalar'}; export it as {mend}")
+        needed = "a scalar" if size is None else f"an array of the size of '{INPUTS[0]}'"
+        raise FmuError(f"{said} as {'an array' if sizes else 'a scalar'}; export it as {needed}")
     if variable.clocks:
         raise FmuError(f"{said} tied to a clock; export it without")
     declared = unit_of(variable)

@@ -73,7 +73,7 @@ class Driver(Protocol):
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
     ) -> None:
-        """Run whole control periods, until something ends the last episode that goes on.
+        """Run whole control periods, until something ends the last running episode.
 
         Args:
             plant: constants.

@@ -81,7 +81,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
 
 @inlined
 def _motor_input(plant: Plant, omega: float) -> float:
-    """What a motor is told for a set point in rad/s: the set point itself, or a voltage."""
+    """Return the input of a motor for a set point in rad/s: the set point itself, or a voltage."""
     if not plant.open_loop or omega == 0.0:
         return omega
     return plant.volts_per_speed * omega + math.copysign(plant.friction_volts, omega)

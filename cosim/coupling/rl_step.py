@@ -56,7 +56,7 @@ class Step(NamedTuple):
         raw: signals at every tick of the burst at the start of the step.
         events: (N,) what became of each robot: RUNNING, COLLISION or OUT_OF_BOARD of
             `cosim.model.outcome`.
-        outcome: of the episode, RUNNING while it goes on.
+        outcome: of the episode, RUNNING until it ends.
         duration_s: simulated time.
     """
 

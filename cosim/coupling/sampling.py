@@ -51,12 +51,12 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
 
     Args:
         plant: constants.
-        state: variables; events, and what says which episodes go on.
+        state: variables; events, and which episodes are running.
         samples: written at `row`.
         row: of the period.
 
     Returns:
-        Number of episodes that go on.
+        Number of running episodes.
     """
     robots = plant.robots
     going_on = 0

@@ -68,8 +68,8 @@ class State(NamedTuple):
         near: (K N (N − 1) / 2, 2) int64, columns of pairs that may touch in this period.
         near_walls: (B M, 2) int64, columns and obstacles that may touch in this period.
         near_count: (2,) int64, how many pairs and how many of the latter there are.
-        busy: (B,) int64, of the first column of every vector whether an episode goes on in it.
-        running: (K,) int64, whether an episode goes on.
+        busy: (B,) int64, of the first column of every vector, whether an episode runs in it.
+        running: (K,) int64, whether an episode is running.
         periods: (K,) int64, control periods that an episode has done in this advance.
         events: (B,) int64, what became of each robot in its last period, see
             cosim.coupling.sampling.
@@ -191,7 +191,7 @@ class RawSamples(NamedTuple):
 
 
 def new_state(episodes: int, robots: int, columns: int) -> State:
-    """State in which nothing goes on, on endless floors without obstacles; robots have no mass yet.
+    """State without running episodes, on endless floors without obstacles; robots have no mass yet.
 
     Args:
         episodes: K.

@@ -57,7 +57,7 @@ class Fmu:
     """
 
     # What messages call it, where its path comes from, and how to get another one.
-    noun, place, mend = "FMU", "check its path", "export it again"
+    noun, place, fix = "FMU", "check its path", "export it again"
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -73,7 +73,7 @@ class Fmu:
             if isinstance(error, OSError) and error.errno != errno.EINVAL:
                 raise
             reason = " ".join(str(error).split())
-            raise FmuError(f"{self.noun} {path} is broken ({reason}); {self.mend}") from error
+            raise FmuError(f"{self.noun} {path} is broken ({reason}); {self.fix}") from error
         self.check_standard()
         self.standard = int(str(self.description.fmiVersion)[0])
         if self.description.coSimulation is None:

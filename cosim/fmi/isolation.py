@@ -1,4 +1,4 @@
-"""Foreign FMUs in a process of their own, so that what they do to it ends a run in a sentence.
+"""Foreign FMUs in a process of their own, so that a fault ends a run with a one-line error.
 
 An FMU is native code: it may crash, end the process or never return. A command with a foreign FMU
 runs again as a child of itself, which leaves a note while a call into the FMU is under way; the
@@ -51,7 +51,7 @@ class Isolation:
             raise ConfigError("--isolate-limit must be positive")
 
     def enter(self, module: str, foreign: Path | None) -> None:
-        """Go on in a child process if FMUs are to be isolated: returns only where they may run.
+        """Continue in a child process if FMUs are to be isolated: returns only where they may run.
 
         Args:
             module: of the command, whose arguments are those of this process.

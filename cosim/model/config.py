@@ -173,7 +173,7 @@ class CoSimConfig:
                 )
         if robot.motor_radius_m <= robot.motor_length_m / 2.0:
             raise ConfigError(
-                f"two motors of motor_length_m = {robot.motor_length_m:g} do not fit beside each "
+                f"two motors of motor_length_m = {robot.motor_length_m:g} do not fit next to each "
                 f"other at motor_radius_m = {robot.motor_radius_m:g} into a robot of diameter_m = "
                 f"{robot.diameter_m:g}; make the robot larger"
             )

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Outcome(StrEnum):
-    """Outcome of an episode, or what became of a robot in it; false while it goes on.
+    """Outcome of an episode, or what became of a robot in it; false while it runs.
 
     Members are in order of precedence: of two that happen in the same step the later one holds. A
     robot off the board outranks a collision, of the same robot and of others; both outrank the

@@ -29,7 +29,7 @@ MAX_WALLS = 1000  # rectangles that the dynamics look at one by one
 
 
 class ScenarioError(UserError):
-    """A scenario that cannot be used; the message names the field and the mend."""
+    """A scenario that cannot be used; the message names the field and how to fix it."""
 
 
 def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:

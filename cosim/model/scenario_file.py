@@ -71,7 +71,7 @@ def find_in_world(
     if declared is None:
         declared = own
     elif own != IDEAL:
-        raise WorldError(f"{name} has a world of its own beside that of {world}; remove one")
+        raise WorldError(f"{name} has a world of its own in addition to {world}; remove one")
     return in_world(scenario, declared), declared
 
 
@@ -182,7 +182,7 @@ def _field_message(message: str) -> str:
     problem, _, where = message.partition(" - at ")
     field = where.strip("`").removeprefix("$").removeprefix(".")
     problem = (problem[0].lower() + problem[1:]).replace("`", "'")
-    return f"{field or 'file'}: {problem}; mend this field (see docs/scenarios.md)"
+    return f"{field or 'file'}: {problem}; fix this field (see docs/scenarios.md)"
 
 
 def _cells(field: str, items: Sequence[Sequence[int]]) -> tuple[Cell, ...]:

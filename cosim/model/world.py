@@ -18,7 +18,7 @@ Rectangle = tuple[int, int, int, int]  # first column, first row, last column, l
 
 _MOST_PHASE_DEG = 360.0
 _MAX_PATCHES = 1000  # the dynamics look at one by one
-# Drawn factors stay within so many standard deviations of 1.
+# Limit of drawn factors, in standard deviations from 1.
 _MOST_DEVIATIONS = 3.0
 # Children of an episode's seed: motors' noise has the first ones.
 _WORLD_CHILD, CAMERA_CHILD = 1_000_000, 2_000_000  # of the camera's noise, the first robot's
@@ -26,7 +26,7 @@ DETOUR_CHILD = 3_000_000
 
 
 class WorldError(UserError):
-    """A world that cannot be; the message names the field and the mend."""
+    """Invalid world; the message names the field and how to fix it."""
 
 
 class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -94,7 +94,7 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     Attributes:
         mu: Coulomb friction coefficient of the floor.
         mu_patches: cells with another one.
-        motor_spread: relative standard deviation of K_T, R, J and m r, of every motor by itself.
+        motor_spread: relative standard deviation of K_T, R, J and m r, of each motor.
         motor_speed_noise: half width of the uniform noise on measured speeds over the set point.
         restitution: of the feet (Newton's impact law).
         floor_tilt_deg: slope of the floor; every episode draws where it falls.

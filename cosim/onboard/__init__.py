@@ -1,1 +1,1 @@
-"""What runs on a robot: where it thinks it is, what it sees, how it steers and who yields."""
+"""What runs on a robot: estimate, observation, steering, shield, yielding rule."""

@@ -88,7 +88,7 @@ def guard(
             continue
         heading = estimates[i, POSE + 2]
         cosine = math.cos(heading) * away_x + math.sin(heading) * away_y
-        # Who has failed least, then who faces most along the line, and of equals the last one.
+        # Fewest failures first, then the robot that faces most along the line, then the last one.
         merit = abs(cosine) - 2.0 * shield[FAILURES]
         if merit >= best:
             chosen, best, along = i, merit, cosine

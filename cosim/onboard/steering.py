@@ -3,11 +3,12 @@
 A command is a straight line: its direction and its end, the centre of the neighbouring cell. The
 robot turns on the spot until it almost faces the line (forwards or backwards, whichever needs less
 rotation), then drives along it; the speed difference of the motors holds the course. At the end of
-the line it stops and waits, or drives on until it is told where to, if the command says so.
+the line it stops and waits, or drives on until the next decision, if the command says so.
 
-Nobody controls the phase between the two motors, and at a constant phase the robot yaws and drifts
-sideways. A small speed difference that changes sign whenever the phase has gone once around (the
-dither) makes every drive the average over all phases. Why this law and no other: docs/steering.md.
+The phase between the two motors is not controlled, and at a constant phase the robot yaws and
+drifts sideways. A small speed difference that changes sign whenever the phase has gone once around
+(the dither) makes every drive the average over all phases. Why this law and no other:
+docs/steering.md.
 """
 
 import math

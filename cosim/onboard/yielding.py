@@ -1,4 +1,4 @@
-"""Who yields where the shield is on: no move begins that comes too close to another robot's plan.
+"""With the shield, no move begins that comes too close to another robot's plan.
 
 That gets robots past each other; that they never touch is the monitor's part
 (`cosim.onboard.shield`).

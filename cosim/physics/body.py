@@ -4,7 +4,7 @@ Semi-implicit Euler with step dt: velocities first (applied wrench, gyroscopic m
 implicit midpoint rule, contact impulses), then the pose with the new velocities. The centre of
 mass moves in the world frame and the angular velocity is kept in the body frame, so that a free
 body keeps its momenta to rounding. Feet and motors have places relative to the robot's axis, which
-a payload puts beside the centre of mass. The caller owns time and forces.
+a payload moves off the axis. The caller owns time and forces.
 """
 
 import math

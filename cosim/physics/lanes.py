@@ -35,7 +35,7 @@ def width_of(lanes: int) -> Width:
 
 def host_lanes() -> int:
     """How many lanes a register of this processor has, of those that numba compiles for."""
-    # what numba is told to compile for, or what the processor can do
+    # what numba is set to compile for, or what the processor can do
     told = numba.core.config.CPU_FEATURES  # pyright: ignore[reportAttributeAccessIssue]
     features = told or llvmlite.binding.get_host_cpu_features().flatten()
     on = features.split(",")
@@ -110,7 +110,7 @@ def _truth_to_mask(context: Any, builder: Any, given: Any, wanted: Any, value: A
 def _define(
     function: Any, arguments: int, kind: type[_Vector], result: Any, emit: Callable
 ) -> None:
-    """Teach numba an operation on `kind`, elements beside which are spread.
+    """Teach numba an operation on `kind`, elements next to which are spread.
 
     Args:
         function: operator or function.

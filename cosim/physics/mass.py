@@ -41,7 +41,7 @@ class Mass(NamedTuple):
 def mass_of(robot: RobotParams, world: World = IDEAL) -> Mass:
     """Mass of a uniform cylinder with the payload of a world, by the parallel axes theorem.
 
-    The cylinder's moments are taken about its own centre of mass, which may be beside the axis.
+    The cylinder's moments are taken about its own centre of mass, which may be off the axis.
     """
     payload = 1e-3 * world.payload_g
     x, y = (1e-3 * offset for offset in world.payload_offset_mm)

@@ -76,7 +76,7 @@ class EpisodeLog:
 
         Args:
             step: what the co-simulation returned.
-            reward: (N,) of the step, NaN for robots at their targets and where nobody says it.
+            reward: (N,) of the step, NaN for robots at their targets and where it is unknown.
         """
         timing = self._config.timing
         start_s = step.first_tick * timing.dt_s
@@ -178,7 +178,7 @@ def write_lines(file: Recording, lines: list[Line]) -> None:
 
     Args:
         file: recording being written.
-        lines: in the order in which they were told.
+        lines: in the order in which they were logged.
     """
     if lines:
         rows = rr.TextLog.columns(

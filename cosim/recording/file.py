@@ -34,7 +34,7 @@ LEAST_FREE_BYTES = 50_000_000
 
 
 class RecordingError(UserError):
-    """A recording that cannot be written; the message names the file and the mend."""
+    """A recording that cannot be written; the message names the file and how to fix it."""
 
 
 class _Rows(NamedTuple):
@@ -184,7 +184,7 @@ class Recording:
         why = error.strerror if isinstance(error, OSError) else error
         return RecordingError(
             f"the recording {self._part} could not be written out ({why}); free some disk space; "
-            "what it and other .part files beside it hold can be read"
+            "what it and other .part files next to it hold can be read"
         )
 
     def close(self) -> None:

@@ -20,14 +20,14 @@ _DEFAULT_PORT = 9876
 
 
 class LiveError(UserError):
-    """No viewer can be reached; the message names the address and the mend."""
+    """No viewer can be reached; the message names the address and how to fix it."""
 
 
 def find_viewer(url: str) -> str:
     """The address of a viewer, after it has answered.
 
     Raises:
-        LiveError: the address cannot be understood, or nobody answers there.
+        LiveError: the address cannot be understood, or nothing answers there.
     """
     host, port = _host(url)
     if not _answers(host, port):
@@ -65,7 +65,7 @@ def spawn_viewer(url: str) -> str:
 
 
 def viewer_executable() -> str | None:
-    """The viewer installed beside this Python, which need not be on the PATH; None if it is not."""
+    """Return the viewer installed with this Python, on the PATH or not; None if there is none."""
     return shutil.which("rerun", path=str(Path(sys.executable).parent))
 
 

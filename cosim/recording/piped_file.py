@@ -1,7 +1,7 @@
 """A file that Rerun writes through a pipe, so that a write that fails is known here.
 
 Rerun's own file writer ends at the first failed write with a line on stderr; what waits for it
-afterwards may wait for ever, and what it dropped is known to nobody. Here it only ever writes to a
+afterwards may wait for ever, and what it dropped is lost. Here it only ever writes to a
 pipe, which is emptied whatever becomes of the file, and the file is written by plain Python; what
 comes after a write that failed is thrown away.
 """
@@ -40,7 +40,7 @@ class PipedFile:
         self._thread.start()
 
     def opened(self) -> None:
-        """Leave the pipe to its writer, or to nobody: then the file is complete."""
+        """Leave the pipe to its writer; without one the file is complete."""
         os.close(self._writer)
 
     def settle(self) -> None:

@@ -27,7 +27,7 @@ _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
 # What a signal's name may leave out, in the order of being tried.
 PREFIXES = ("", "/", "/sim/", "/rl/", "/raw/", "/world/")
 _NOTHING = Texts(np.zeros(0), ())
-EPISODE = Kind("recording of an episode", "record it anew", RecordingReadError)
+EPISODE = Kind("recording of an episode", "record it again", RecordingReadError)
 
 
 class Parameter(NamedTuple):
@@ -87,12 +87,12 @@ class Signals(Mapping[str, Signal]):
             if prefix + name in self._signals:
                 return self._signals[prefix + name]
         near = difflib.get_close_matches(name, [*self._signals, *map(_short, self._signals)], n=3)
-        mend = (
+        fix = (
             f"like it are {', '.join(near)}"
             if near
             else "record with the defaults of `python -m cosim.run`"
         )
-        raise SignalError(f"{self._path} has no signal {name}; {mend}")
+        raise SignalError(f"{self._path} has no signal {name}; {fix}")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._signals)
@@ -162,7 +162,7 @@ class Episode:
         parameter = self.parameters.get(name)
         if parameter is None or isinstance(parameter.value, (str, list)):
             raise RecordingReadError(
-                f"{self.path} does not say its parameter {name}; record it anew"
+                f"{self.path} does not say its parameter {name}; record it again"
             )
         return float(parameter.value)
 

@@ -37,7 +37,7 @@ _PROPERTIES = "/__properties/"
 
 
 class RecordingReadError(UserError):
-    """A file that is no recording, or not the one asked for; the message names file and mend."""
+    """A file that is no recording, or not the one asked for; the message names it and the fix."""
 
 
 class Signal(NamedTuple):
@@ -103,20 +103,20 @@ def read_rrd(path: Path) -> RecordingData:
     """
     part = path.parent / f"{path.name}.part"
     left = not path.exists() and part.is_file()
-    mend = f"its writer left {part}, read that" if left else "name an .rrd file"
-    require_file(path, Kind("recording", mend, RecordingReadError))
+    fix = f"its writer left {part}, read that" if left else "name an .rrd file"
+    require_file(path, Kind("recording", fix, RecordingReadError))
     try:
         return _read_whole(path)
     except (RuntimeError, ValueError) as error:
         broken = error
     with temporary_folder() as folder:
-        mended = Path(folder) / "mended.rrd"
+        repaired = Path(folder) / "repaired.rrd"
         # Only the command line skips a frame that was cut off.
-        command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(path), "-o", str(mended)]
+        command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(path), "-o", str(repaired)]
         run = subprocess.run(command, capture_output=True, check=False)
-        if run.returncode == 0 and mended.is_file():
+        if run.returncode == 0 and repaired.is_file():
             try:
-                return _read_whole(mended, path)
+                return _read_whole(repaired, path)
             except (RuntimeError, ValueError) as error:
                 broken = error
     raise RecordingReadError(
@@ -215,7 +215,7 @@ def _signal(
     if not len(time_s):
         return Signal(time_s, np.zeros(0), components, "")
     if values.size % len(time_s):
-        raise RecordingReadError(f"signal {key} changes its number of components; record it anew")
+        raise RecordingReadError(f"signal {key} changes its number of components; record it again")
     values = values.reshape(len(time_s), -1)
     return Signal(time_s, values[:, 0] if values.shape[1] == 1 else values, components, "")
 

@@ -1,8 +1,8 @@
 """Episodes that are advanced together: their robots share the lanes of vectors, and the motors.
 
-Every RL step, each episode that goes on decides, all of them are simulated in one call, and each is
+Every RL step, each running episode decides, all of them are simulated in one call, and each is
 judged. An episode that has ended leaves its place to another one at the next RL step. What becomes
-of an episode depends neither on who shares the batch nor on the number of lanes.
+of an episode depends neither on what else is in the batch nor on the number of lanes.
 """
 
 import copy
@@ -115,7 +115,7 @@ class Batch:
             places: K.
             driver: one of DRIVERS.
             lanes: bodies in a vector of a driver of IN_LANES, a power of two; by default 2 for up
-                to two robots, else what the processor has: every number is compiled by itself.
+                to two robots, else what the processor has: every number is compiled on its own.
         """
         self._arguments = motor_fmu, config, robots, places, driver, lanes
         require_one_of("driver", driver, DRIVERS)
@@ -216,10 +216,10 @@ class Batch:
             self._state = self._state._replace(frames=larger)
 
     def advance(self, actions: Mapping[int, np.ndarray]) -> dict[int, Step]:
-        """Simulate one RL step of all episodes that go on.
+        """Simulate one RL step of all running episodes.
 
         Args:
-            actions: (N,) direction index of each robot, by place of the episodes that go on.
+            actions: (N,) direction index of each robot, by place of the running episodes.
 
         Returns:
             The step of each episode, by place.
@@ -227,11 +227,11 @@ class Batch:
         Raises:
             FmuError: an FMU failed; names the instance and the time.
             NotFiniteError: a signal is no finite number; names it, the robot and the time.
-            UserError: no episode goes on.
+            UserError: no episode is running.
         """
         state, going_on = self._state, self.going_on()
         if not going_on:
-            raise UserError("no episode goes on in this batch, or it is closed; begin one first")
+            raise UserError("no episode is running in this batch, or it is closed; begin one first")
         periods, columns = self.config.periods_per_step, state.bodies.shape[1]
         noise = np.zeros((periods, columns, len(MOTOR_NAMES)))
         step_s = self.config.timing.rl_step_s
@@ -268,7 +268,7 @@ class Batch:
         return steps
 
     def going_on(self) -> dict[int, RunningEpisode]:
-        """Episodes that go on, by place."""
+        """Running episodes, by place."""
         return {
             place: episode
             for place, episode in enumerate(self.episodes)

@@ -254,7 +254,7 @@ class RunningEpisode:
         return decided
 
     def _at_end(self) -> np.ndarray:
-        """Which robots wait to be told where to go, (N,) bool."""
+        """Which robots wait for a decision, (N,) bool."""
         mode = self._commands[:, MODE]
         return (mode == HOLD) | (mode == PAST)
 

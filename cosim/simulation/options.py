@@ -73,7 +73,7 @@ class Physics:
         for option, field in said.items():
             if getattr(self, option) is not None and getattr(world, field) is not None:
                 raise ConfigError(
-                    f"--{option} is given beside {field} of the world; leave one of them out"
+                    f"--{option} is given in addition to the world's {field}; leave one of them out"
                 )
         preset, given = find_preset(self.preset), dict(self.motor_parameters)
         known = {name: value for name, value in given.items() if name in MotorParams._fields}
@@ -187,7 +187,7 @@ class SimulationOptions(Physics, DecisionOptions):
         config = self.deciding(super().config(world))
         if self.noise is not None and "motors" in self.open_loop:
             raise ConfigError(
-                "--noise has no effect with --open-loop motors, whose speed nobody measures; "
+                "--noise has no effect with --open-loop motors, whose speed is not measured; "
                 "leave it out"
             )
         timing, steering = config.timing, config.steering

@@ -27,7 +27,7 @@ from cosim.simulation.result import EpisodeResult, facts_of, result_of
 
 
 class EpisodeOrigin(msgspec.Struct, frozen=True):
-    """What determines an episode beside its policy and the code, as recordings keep it.
+    """What determines an episode besides its policy and the code, as recordings keep it.
 
     Attributes:
         scenario, config, starts, driver: of the task.
@@ -219,7 +219,7 @@ def simulate_tasks(
     Args:
         tasks: what to simulate.
         threads: batches at the same time.
-        may_begin: whether another episode may begin; those under way go on.
+        may_begin: whether another episode may begin; those under way continue.
 
     Yields:
         (index of the task, its result).

@@ -22,8 +22,8 @@ class Firmware(IsolatedOptions):
     """Write a policy, the steering and the motors' speed loops as C99 for a microcontroller.
 
     Without heap and C library; set points and actions are those of the co-simulation in every bit
-    (docs/firmware.md says of what the arctangent may differ). Robots are told apart by -DROBOT=1, 2
-    and so on. The sources are compiled for a Cortex-M4 to print what each robot needs.
+    (docs/firmware.md says of what the arctangent may differ). Robots differ by -DROBOT=1, 2 and so
+    on. The sources are compiled for a Cortex-M4 to print what each robot needs.
     """
 
     policy: File

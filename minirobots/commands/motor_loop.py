@@ -19,7 +19,7 @@ class MotorLoop(IsolatedOptions):
     """
 
     out: File = Path("figures/motor_loop.png")
-    """Figure to write; PNG and PDF are written beside each other."""
+    """Figure to write; PNG and PDF are written next to each other."""
     motor_fmu: MotorFmuFile = None
 
 

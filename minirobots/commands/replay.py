@@ -49,7 +49,7 @@ class Difference(msgspec.Struct, frozen=True):
 
 
 class Comparison(msgspec.Struct, frozen=True):
-    """A recording beside its replay.
+    """A recording next to its replay.
 
     Attributes:
         recording: file.

@@ -12,7 +12,7 @@ from minirobots.options import CommandOptions, Folder
 
 @dataclass(frozen=True, kw_only=True)
 class Report(CommandOptions):
-    """Write a page with every figure beside the paper's claim, tables, and recordings to watch.
+    """Write a page with every figure next to the paper's claim, tables, and recordings to watch.
 
     Results are those of `python -m analysis.reproduce`, or of single commands with the same
     folders; what is missing is named on the page with the command that makes it. Open the page
@@ -24,7 +24,7 @@ class Report(CommandOptions):
     out: Folder = Path("runs/reproduction/report")
     """Folder to write the page to."""
     figures: Folder | None = None
-    """Folder of `python -m analysis.figures`; by default `figures` beside the results."""
+    """Folder of `python -m analysis.figures`; by default `figures` next to the results."""
     episode: Annotated[str | None, tyro.conf.arg(metavar="SCENARIO/N")] = None
     """Episode that the viewer opens first, such as 4/0; by default the success of a pair."""
 

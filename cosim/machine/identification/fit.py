@@ -66,7 +66,7 @@ def fit(track: SeenTrack, simulated: Simulated, progress: Progress = silent) -> 
     Args:
         track: seen.
         simulated: simulations of its drive.
-        progress: is told the rounds done.
+        progress: receives the rounds done.
     """
     found = _fit_from(np.zeros(len(PARAMETERS)), track, simulated, progress)
     place, turn = LARGE * simulated.drifts(found.values)

@@ -1,7 +1,7 @@
 """Robots that differ in everything, with prescribed motor speeds: many parameter sets at once.
 
 The equations of motion are those of `cosim.physics`; every robot has a lane of a vector, and in it
-a mass, feet and motors of its own. Motors turn as they are told, so that no FMU is stepped: they do
+a mass, feet and motors of its own. Motors turn as prescribed, so that no FMU is stepped: they do
 not feel the bodies.
 """
 

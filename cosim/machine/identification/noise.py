@@ -130,7 +130,7 @@ def likeliest_noise(times: np.ndarray, measured: np.ndarray, simulated: np.ndarr
 def _likeliest(
     times: np.ndarray, measured: np.ndarray, steps: np.ndarray, components: int
 ) -> tuple[float, float]:
-    """Standard deviation of frames and growth of the walk's variance, of so many components."""
+    """Standard deviation of frames and growth of the walk's variance, by number of components."""
 
     def variance_at(decades: float) -> tuple[float, float]:
         gains, variances = _gains(times, 10.0**decades)

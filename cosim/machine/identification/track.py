@@ -19,7 +19,7 @@ MOST_SPEED_RAD_S = 5800.0  # what the motors reach at their largest voltage
 
 
 class TrackError(UserError):
-    """A track that nothing can be identified from; the message names file, line and mend."""
+    """A track that cannot be used; the message names file, line and how to fix it."""
 
 
 _KIND = Kind("track", "record it again, see docs/identification.md", TrackError)
@@ -117,7 +117,5 @@ def _number(text: str | None, name: str, path: Path, line: int) -> float:
         value = math.nan
     if not math.isfinite(value):
         said = f"{text!r} is" if text else "what is missing is"
-        raise TrackError(
-            f"{path}: line {line}: {name}: {said} no number; mend or leave out the line"
-        )
+        raise TrackError(f"{path}: line {line}: {name}: {said} no number; fix or remove the line")
     return value

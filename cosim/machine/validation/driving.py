@@ -1,4 +1,4 @@
-"""What robots do whose set points nobody corrects: speeds, and paths by the clock alone."""
+"""What robots do without feedback: speeds, and paths by the clock alone."""
 
 import math
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ class Leg(NamedTuple):
 
 
 class MeasuredSpeed(NamedTuple):
-    """One manoeuvre at one motor speed, over phases between the motors that nobody controls.
+    """One manoeuvre at one motor speed, over the uncontrolled phases between the motors.
 
     Attributes:
         mean, least, largest: speed in m/s or yaw rate in rad/s, positive towards the manoeuvre.

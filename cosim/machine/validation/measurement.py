@@ -68,7 +68,7 @@ class DrivenPath(NamedTuple):
     Attributes:
         path: published, None for the V-shaped steps.
         dithered: whether motors had the steering's dither.
-        ends: (robots, 3) displacement in m and turned angle in rad, beside what was meant.
+        ends: (robots, 3) displacement in m and turned angle in rad, next to what was intended.
     """
 
     path: PublishedPath | None

@@ -1,7 +1,7 @@
 """Numbers that were published of robots of this family: what, by whom, and how sure.
 
-Figures only; which of ours each stands beside is said here too. *seen* is read in the source or its
-stored text, *recalled* is from memory, *derived* is computed here from numbers that were seen.
+Figures only, each with the simulated one that it is compared with. *seen* is read in the source or
+its stored text, *recalled* is from memory, *derived* is computed here from numbers that were seen.
 """
 
 import math
@@ -38,7 +38,7 @@ class PublishedPath(NamedTuple):
         sides: of the regular polygon.
         side_mm: length of each.
         off_mm: distance from start to end, of each that was driven.
-        turned_deg: heading at the end beside that at the start, likewise; None if not published.
+        turned_deg: heading at the end next to that at the start, likewise; None if not published.
         source: of the numbers, which were all seen.
     """
 

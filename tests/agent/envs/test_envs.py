@@ -216,10 +216,14 @@ def compare(ours, theirs):
             False,
             "reward_per = time has no effect in environments on",
         ),
-        ({"partner_of_failed": "none"}, False, "environments on the grid: nobody learns there"),
+        ({"partner_of_failed": "none"}, False, "environments on the grid: nothing is learnt there"),
         ({"step_limit": 5}, True, "step_limit = 5 has no effect in the co-simulation: episodes"),
         ({"slip_probability": 0.1}, True, "moves end where they end; leave it at 0.0"),
-        ({"target_obstacle": "disk"}, True, "a reading of the grid alone; leave it at cell"),
+        (
+            {"target_obstacle": "disk"},
+            True,
+            "an interpretation of the grid alone; leave it at cell",
+        ),
     ],
 )
 def test_readings_without_effect_are_refused(reading, cosim, said):

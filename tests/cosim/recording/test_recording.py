@@ -327,7 +327,7 @@ def test_full_disk_ends_in_a_sentence_and_no_file_by_its_name(tmp_path, when):
     part = tmp_path / "a.rrd.part"
     assert done.stderr == (
         f"error: the recording {part} could not be written out (File too large); free some disk "
-        "space; what it and other .part files beside it hold can be read\n"
+        "space; what it and other .part files next to it hold can be read\n"
     )
     left = ["a.rrd.part", "b.rrd.part"] if when == "in_the_middle" else ["a.rrd.part"]
     assert sorted(file.name for file in tmp_path.iterdir()) == left
