@@ -89,7 +89,7 @@ def read_system(path: Path) -> SystemFile:
     try:
         return _Reader(path).result()
     except ValueError as error:  # of a number in it
-        raise GraphError(f"{path}: {error}; {_SYSTEM_FILE.mend}") from error
+        raise GraphError(f"{path}: {error}; {_SYSTEM_FILE.fix}") from error
 
 
 class _Reader:
@@ -115,7 +115,7 @@ class _Reader:
     def result(self) -> SystemFile:
         systems = list(children(self._root, "System"))
         if len(systems) != 1:
-            raise GraphError(f"{self._path}: it has no system; {_SYSTEM_FILE.mend}")
+            raise GraphError(f"{self._path}: it has no system; {_SYSTEM_FILE.fix}")
         self._read_system(systems[0], "", {}, 0)
         connections = list(self._connections())
         times = {}

@@ -222,7 +222,7 @@ def compare(ours, theirs):
         (
             {"target_obstacle": "disk"},
             True,
-            "an interpretation of the grid alone; leave it at cell",
+            "of the grid alone; leave it at cell",
         ),
     ],
 )
