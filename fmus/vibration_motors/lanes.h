@@ -146,13 +146,17 @@ INLINE bool block_finish(Block *b, size_t lanes, bool closed_loop) {
     return !unbounded;
 }
 
+/* Blocks take turns, so that a processor works on several at once: each step waits for the one before. */
 INLINE bool blocks_step(Block *blocks, size_t lanes, const Work *work) {
+    Block *const end = blocks + work->block_count;
     bool bounded = true;
-    for (Block *b = blocks; b < blocks + work->block_count; b++) {
+    for (Block *b = blocks; b < end; b++) {
         memcpy(b->row[ROW_BEFORE], b->row[ROW_INTEGRAL], 3 * sizeof *b->row);
         if (work->restarting)
             block_restart(b, lanes, work->closed_loop);
-        for (size_t part = 0; part < work->samples; part++) {
+    }
+    for (size_t part = 0; part < work->samples; part++)
+        for (Block *b = blocks; b < end; b++) {
             for (int64_t step = 0; step < work->steps; step++)
                 block_step(b, lanes, work->closed_loop, work->step_size);
             if (work->rest > 0.0)
@@ -161,7 +165,6 @@ INLINE bool blocks_step(Block *blocks, size_t lanes, const Work *work) {
             if (work->sampled)
                 block_sample(b, lanes, work, (size_t)(b - blocks), part);
         }
-    }
     return bounded;
 }
 
