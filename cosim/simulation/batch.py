@@ -52,6 +52,17 @@ def _driver(name: str, motors: Motors, lanes: int) -> Driver:
     return {"reference": ReferenceDriver, "adaptive": AdaptiveDriver}[name](motors)
 
 
+def chosen_driver(name: str | None, motor_fmu: Path, config: CoSimConfig) -> str:
+    """Return the name of a driver; by default fmpy, or compiled where fmpy cannot step the motors.
+
+    Raises:
+        FmuError: the FMU cannot be loaded, or lacks a part of the motor interface.
+    """
+    if name is None:
+        return "compiled" if why_not_fmpy(MotorFmu(motor_fmu), config) else "fmpy"
+    return name
+
+
 def shared(config: CoSimConfig) -> tuple[Any, ...]:
     """What episodes of a batch have in common of a configuration.
 

@@ -25,7 +25,7 @@ from cosim.onboard.observing import draw_starts
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level, with_bursts
 from cosim.recording.reader import Episode, read_episode
-from cosim.simulation.batch import DRIVERS
+from cosim.simulation.batch import DRIVERS, chosen_driver
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.tasks import Task, simulate_tasks
@@ -37,7 +37,7 @@ def simulate(
     policy: SupportsAct,
     *,
     seed: int = 0,
-    driver: str = "compiled",
+    driver: str | None = None,
     record: Level = "default",
     motor_fmu: str | Path | None = None,
     motor_parameters: Mapping[str, float] = {},
@@ -58,7 +58,7 @@ def simulate(
         scenario: name of a built-in scenario, scenario file (.toml) or record.
         policy: asked every 2 s of simulated time.
         seed: of start cells and speed noise.
-        driver: compiled, fmpy, reference or adaptive, see `python -m cosim.run --help`.
+        driver: fmpy, compiled, reference or adaptive, see `python -m cosim.run --help`.
         record: summary, default or full: how much of the episode is kept.
         motor_fmu: of every motor, the built-in one by default.
         motor_parameters: of the motor FMU, set through FMI, in its units, such as {"J": 5e-9}.
@@ -79,7 +79,7 @@ def simulate(
         UserError: of the policy (trained on another scenario), the FMU or the calibration.
     """
     report = progress or silent
-    require_one_of("driver", driver, DRIVERS)
+    require_one_of("driver", driver or DRIVERS[0], DRIVERS)
     require_one_of("record", record, DETAILS)
     seed = taken_seed(seed)
     if isinstance(policy, type) or not callable(getattr(policy, "act", None)):
@@ -97,6 +97,7 @@ def simulate(
     require = getattr(policy, "require_scenario", None)
     scenario, config, fmu = resolve(driving, scenario, report, world=world, require=require)
     config = with_bursts(config, record)
+    driver = chosen_driver(driver, fmu, config)
     starts, noise_seed = draw_episode(scenario, seed, 0)
 
     def watch(step: Step, episode: RunningEpisode, _: float) -> None:

@@ -40,7 +40,7 @@ class Run(NewFolder, IsolatedOptions):
     while the agents decide every 2 s. Results go to the output folder: summary.json, policy.npz,
     training.rrd and one recording per episode, to be opened in the Rerun viewer.
 
-    fmpy loads the motor FMUs, and steps them with --driver fmpy; python-control checks their speed
+    fmpy loads the motor FMUs and steps them; python-control checks their speed
     loop (analysis.motor_loop); Gymnasium and PettingZoo environments (agent.envs) give other
     learners the same boards; Rerun keeps and shows every signal.
     """
@@ -79,12 +79,12 @@ class Run(NewFolder, IsolatedOptions):
     viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
     """Address of the viewer for --live and --spawn."""
     jobs: Jobs = -1
-    driver: Literal["fmpy", "compiled", "reference", "adaptive"] = "compiled"
-    """How the motor FMUs are stepped: compiled calls their C functions at every tick; fmpy calls
-    doStep of fmpy's class once per control period of 1 ms (the same bits, an episode some 12 %
-    slower; not with --reaction); reference calls fmpy's class at every tick (the same bits, some
-    400 times slower); adaptive does so with a communication step that it adapts by rolling the
-    FMUs back."""
+    driver: Literal["fmpy", "compiled", "reference", "adaptive"] | None = None
+    """How the motor FMUs are stepped: fmpy calls doStep of fmpy's class once per control period of
+    1 ms; compiled calls their C functions at every tick (the same bits, an episode some 10 %
+    faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower);
+    adaptive does so with a communication step that it adapts by rolling the FMUs back. By default
+    fmpy, and compiled with --reaction or a motor FMU that hands out no samples of its outputs."""
     physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
         default_factory=SimulationOptions
     )
@@ -131,6 +131,7 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     from agent.training.recording import write_training
     from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
+    from cosim.simulation.batch import chosen_driver
     from cosim.simulation.tasks import compile_kernels
 
     scenario, config, fmu = resolve(options.physics, options.scenario, progress)
@@ -143,7 +144,8 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     out = options.folder
     out.mkdir(parents=True, exist_ok=True)
     policy, log = _policy(options, scenario, progress)
-    facts = _facts(options, scenario, policy, fmu)
+    driver = chosen_driver(options.driver, fmu, config)
+    facts = _facts(options, scenario, policy, fmu, driver)
     policy.save(out / "policy.npz")
     if options.record != "none" and log is not None:
         write_training(out / "training.rrd", policy, log, facts.builtins())
@@ -151,7 +153,7 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
         scenario,
         fmu,
         config,
-        options.driver,
+        driver,
         options.seed,
         policy,
         out,
@@ -189,7 +191,9 @@ def _policy(
     return policy, log
 
 
-def _facts(options: Run, scenario: "Scenario", policy: "GreedyPolicy", fmu: Path) -> "RunFacts":
+def _facts(
+    options: Run, scenario: "Scenario", policy: "GreedyPolicy", fmu: Path, driver: str
+) -> "RunFacts":
     from agent.evaluation.series import RunFacts
     from agent.policies import method_name
     from cosim.base.provenance import digest_of, versions
@@ -200,7 +204,7 @@ def _facts(options: Run, scenario: "Scenario", policy: "GreedyPolicy", fmu: Path
         title=scenario.title,
         seed=options.seed,
         train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
-        driver=options.driver,
+        driver=driver,
         motor_fmu=fmu.name,
         motor_fmu_digest=digest_of(fmu),
         method=method_name(policy),

@@ -226,12 +226,12 @@ def test_threads_do_not_change_the_results(run, runs, tmp_path):
         assert rrd("compare", "--unordered", *files).returncode == 0
 
 
-def test_fmpy_records_the_signals_of_the_compiled_driver(run, runs, tmp_path):
+def test_the_compiled_driver_records_the_signals_of_fmpy(run, runs, tmp_path):
     policy = ("--policy", runs / "a" / "policy.npz", "--seed", 3, "--time-limit", 4)
-    done = run("--scenario", 2, "--driver", "fmpy", "--out", tmp_path, *policy)
+    done = run("--scenario", 2, "--driver", "compiled", "--out", tmp_path, *policy)
     assert done.returncode == 0, done.stderr
     ours, theirs = (read_episode(f / "episodes" / "ep_000.rrd") for f in (tmp_path, runs / "a"))
-    assert (ours.facts["driver"], theirs.facts["driver"]) == ("fmpy", "compiled")
+    assert (ours.facts["driver"], theirs.facts["driver"]) == ("compiled", "fmpy")
     assert ours.signals.keys() == theirs.signals.keys()
     for name, values in ours.signals.items():
         np.testing.assert_array_equal(values.time_s, theirs.signals[name].time_s, name)

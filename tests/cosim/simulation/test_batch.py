@@ -15,7 +15,7 @@ from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch, Sensor, World, WorldError
 from cosim.recording.levels import with_bursts
-from cosim.simulation.batch import Batch
+from cosim.simulation.batch import Batch, chosen_driver
 from cosim.simulation.tasks import Task, simulate_tasks
 
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
@@ -272,8 +272,12 @@ def test_fmpy_is_refused_where_it_cannot_step(motor_fmu, array_fmu):
         (array_fmu, {"timing": TIMING._replace(dt_s=2.5e-5, communication_step_s=2.5e-5)},
          "2.5e-05 s is no multiple of step_size = 1e-05"),
     ):  # fmt: skip
+        config = CoSimConfig(**cast(Any, changes))
         with pytest.raises(ConfigError, match=refused % re.escape(reason)):
-            Batch(fmu, CoSimConfig(**cast(Any, changes)), 1, 1, "fmpy")
+            Batch(fmu, config, 1, 1, "fmpy")
+        assert chosen_driver(None, fmu, config) == "compiled"
+    assert chosen_driver(None, array_fmu, CoSimConfig()) == "fmpy"
+    assert chosen_driver("compiled", array_fmu, CoSimConfig()) == "compiled"
 
 
 @pytest.mark.parametrize("lane", [2, 3])
