@@ -28,6 +28,11 @@ IDENTIFICATION = (
     "minirobots/commands/identify_robot.py",
 )
 HOMONYMS: set[str] = set()  # class names that more than one module may have
+# Idioms that shall not come back; the files of fmus/ are part of what FMUs are known by.
+IDIOMS = re.compile(
+    r"\b(anew|beside|held against|(is|are) told|mend(s|ed)?|nobody|somebody|to and fro|whoever)\b",
+    re.IGNORECASE,
+)
 NUMBER = re.compile(r"\d+")
 TAG = re.compile(r"^ *(?:#|//|/\*|\*) ?(.*)$")
 
@@ -121,3 +126,16 @@ def test_commands_page_has_every_command():
     page = (ROOT / "docs" / "commands.md").read_text("utf-8")
     shown = set(re.findall(r"minirobots ([a-z][a-z-]+)", page))
     assert shown == {*purposes()}
+
+
+def test_prose_is_plain_english():
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("fmus/*/README.md")]
+    code = [path for top in (*PRODUCT[1:], "benchmarks") for path in ROOT.glob(f"{top}/**/*.py")]
+    found = [
+        f"{path.relative_to(ROOT)}: {line.strip()}"
+        for path in pages + code
+        if path.name not in {"CHANGELOG.md", "built_in.py"}  # titles are a part of scenarios
+        for line in path.read_text("utf-8").splitlines()
+        if IDIOMS.search(line)
+    ]
+    assert found == []

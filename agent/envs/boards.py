@@ -105,7 +105,7 @@ def _begin_some(
 
 @kernel
 def _step(process: Process, features: np.ndarray, arrays: Arrays, actions: np.ndarray) -> None:
-    """Step every board by (K, N) int64 actions; one whose episode has ended begins anew instead."""
+    """Step every board by (K, N) int64 actions; one that has ended begins again instead."""
     n = len(process.start_offsets) - 1
     cells = np.empty((n, 2), dtype=np.int64)
     executed = np.empty(n, dtype=np.int64)
@@ -181,8 +181,8 @@ class Boards(Restorable):
 
         Args:
             options: "starts", (K, N, 2) start cells, drawn without; "reset_mask", (K,) bool, boards
-                to begin anew, all without.
-            seeds: of the K generators, of which those of boards that begin anew are seeded; None
+                to begin again, all without.
+            seeds: of the K generators, of which those of boards that begin again are seeded; None
                 leaves one as it is.
 
         Raises:
@@ -214,7 +214,7 @@ class Boards(Restorable):
 def reset_options(
     options: dict[str, Any] | None, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Which boards begin anew, (K,) bool, and from which start cells, (K, N, 2), None if drawn.
+    """Which boards begin again, (K,) bool, and from which start cells, (K, N, 2), None if drawn.
 
     Args:
         options: of `reset`.
@@ -231,7 +231,7 @@ def reset_options(
 def board_options(
     options: dict[str, Any] | None, begun: np.ndarray, *names: str
 ) -> tuple[list[int], list[dict[str, Any]]]:
-    """Return which boards begin anew, and the options of each board.
+    """Return which boards begin again, and the options of each board.
 
     Args:
         options: of `reset`; None is one that is not given.

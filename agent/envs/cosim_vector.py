@@ -102,7 +102,7 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all boards; one that has ended begins anew with its next step.
+        """Step all boards; one that has ended begins again with its next step.
 
         Raises:
             ActionError: the actions are not one direction per row.

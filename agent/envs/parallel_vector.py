@@ -28,9 +28,9 @@ from cosim.onboard.features import DIRECTION_COUNT
 class ParallelVectorEnv(Restorable):
     """`num_envs` boards of `agent.envs.parallel_env`, with the same bits, stepped together.
 
-    Every dictionary has an array over boards for each of `possible_agents`. A board begins anew,
+    Every dictionary has an array over boards for each of `possible_agents`. A board begins again,
     for all its robots, in the step after its end (next-step autoreset); where `infos[agent]` says
-    not `active`, the robot has ended or its board begins anew, and the agent's next action is
+    not `active`, the robot has ended or its board begins again, and the agent's next action is
     ignored. `agents` are those that are active on any board, and need actions.
     """
 

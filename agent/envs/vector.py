@@ -37,10 +37,10 @@ Ends = Literal["together", "own"]
 class RobotRowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Rows are the robots of `boards` boards, those of one board one after the other.
 
-    A board whose episode has ended begins anew with its next step. A row has one end per episode:
+    A board whose episode has ended begins again with its next step. A row has one end per episode:
     with `ends="together"` that of its board, until which a robot that has arrived stays where it
     is, with rewards of 0; with `ends="own"` the robot's own, after which `infos["active"]` is false
-    in its row until the board begins anew.
+    in its row until the board begins again.
     """
 
     metadata = {  # noqa: RUF012
@@ -140,7 +140,7 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
     `env.num_envs` says, as learners that share parameters expect it; the robots of a board are
     consecutive rows. Observations and rewards of a robot are those of `agent.envs.parallel_env`;
     of ends see `RobotRowsVectorEnv`. Actions (any direction) of a robot that has arrived are
-    ignored, and so are those of the step after a board's end, with which all its robots begin anew
+    ignored, and so are those of the step after a board's end, with which all its robots begin again
     (next-step autoreset). `infos["active"]` says whose next action counts.
     """
 
@@ -199,7 +199,7 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
         """Begin episodes; one seed counts up over the boards, as entropy does without one.
 
         `options={"starts": (boards, robots, 2) cells}` gives the start cells,
-        `options={"reset_mask": (boards,) bool}` begins anew on some boards only.
+        `options={"reset_mask": (boards,) bool}` begins again on some boards only.
 
         Raises:
             StartsError: start cells cannot be used.
@@ -210,7 +210,7 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all boards; one whose episode has ended begins anew with its next step.
+        """Step all boards; one whose episode has ended begins again with its next step.
 
         Raises:
             ActionError: the actions are not one direction per row.

@@ -3,7 +3,7 @@
 A robot alone ends every move in the cell that it was sent to, asked again at the next RL step, and
 what a move takes depends on its kind only. So where it is and which axis it faces are all there is
 to know: value iteration over both, with mean times of moves, is the optimum of every policy. Others
-can only delay it: the slowest robot's time bounds that of an episode of several from below. Beside
+can only delay it: the slowest robot's time bounds that of an episode of several from below. Next to
 obstacles it is a bound too: diagonal moves that would graze a corner are counted as possible.
 """
 

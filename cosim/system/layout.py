@@ -172,7 +172,7 @@ class Layout:
         )  # fmt: skip
 
     def _groups(self, nodes: Sequence[Node]) -> dict[str, dict[str, list[str]]]:
-        """Variables by component and function, with their places behind what is there already."""
+        """Variables by component and function, with their places behind the existing ones."""
         groups: dict[str, dict[str, list[str]]] = {}
         for component, name in nodes:
             instance = self._instances[component]

@@ -177,7 +177,7 @@ class System:
     def run(
         self, until_s: float, *, every: int = 1, progress: Progress | None = automatic
     ) -> SystemRun:
-        """Go on to a time; the first row is what is there now.
+        """Continue to a time; the first row is the present state.
 
         Args:
             until_s: time to reach, in s: a whole number of steps from the start.

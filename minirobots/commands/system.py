@@ -26,7 +26,7 @@ class SimulateSystem(IsolatedOptions):
     """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """The system: an archive (.ssp) or a description (.ssd) beside its FMUs."""
+    """The system: an archive (.ssp) or a description (.ssd) next to its FMUs."""
     until: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Simulated time to reach, in s; by default that of the file's default experiment."""
     step: Seconds = 1e-3
