@@ -106,11 +106,11 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
 
     Observations of a robot, as float32: target ahead and to the left (0.1 m), sine and cosine of
     the heading, position over the board's size, velocity ahead and to the left and yaw rate (of the
-    calibrated ones), speeds of motors D and E over the largest; with several robots the nearest
-    other (0.1 m), with `context` the drawn world. Actions in [-1, 1], beyond which they are cut:
-    velocity and yaw rate over the calibrated ones, or set points of motors D and E over the largest
-    speed. An episode ends when all robots have been within 5 mm of their targets, when one fails,
-    or at the time limit.
+    calibrated ones), speeds of motors D and E over the largest, cosine and sine of the angle to the
+    target; with several robots the nearest other (0.1 m), with `context` the drawn world. Actions
+    in [-1, 1], beyond which they are cut: velocity and yaw rate over the calibrated ones, or set
+    points of motors D and E over the largest speed. An episode ends when all robots have been
+    within 5 mm of their targets, when one fails, or at the time limit.
     """
 
     metadata = {  # noqa: RUF012
@@ -190,7 +190,7 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
         self._observe: Observe = observe
         self._velocity, self._dense = action == "velocity", reward == "dense"
         self._interval_s, self._reach_m = float(control_interval), float(reach)
-        size = 11 + 2 * (self._robots > 1) + 5 * self._context
+        size = 13 + 2 * (self._robots > 1) + 5 * self._context
         self.single_observation_space = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
         self.single_action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -394,13 +394,15 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
         rows = []
         for m, poses in enumerate(self._poses):
             episode, angle = self._episode(m), poses[:, 2]
+            error_m = _turned(episode.targets_m - poses[:, :2], angle)
             parts = [
-                _turned(episode.targets_m - poses[:, :2], angle) / _LENGTH_M,
+                error_m / _LENGTH_M,
                 np.column_stack([np.sin(angle), np.cos(angle)]),
                 poses[:, :2] / size_m,
                 self._velocities[m, :, :2] / steering.drive_speed_m_s,
                 self._velocities[m, :, 2:] / steering.turn_rate_rad_s,
                 episode.speeds_rad_s() / steering.max_speed_rad_s,
+                error_m / np.maximum(np.hypot(*error_m.T), 1e-9)[:, None],
             ]
             if self._robots > 1:
                 apart = poses[None, :, :2] - poses[:, None, :2]

@@ -54,6 +54,7 @@ def test_robots_drive_as_they_are_told_and_rewards_say_how_far():
     start = {"starts": [[0.15, 0.15, 0.0]], "targets": [[0.25, 0.15]]}
     seen, _ = env.reset(seed=0, options=start)
     assert seen[:6].tolist() == pytest.approx([1.0, 0.0, 0.0, 1.0, 0.5, 0.5])
+    assert seen[11:].tolist() == pytest.approx([1.0, 0.0])
     ahead = [env.step(AHEAD) for _ in range(20)]
     moved = 0.1 * (1.0 - ahead[-1][0][0])
     assert moved / 2.0 == pytest.approx(env._rows._setup.config.steering.drive_speed_m_s, rel=0.15)
@@ -86,10 +87,10 @@ def test_episodes_end_at_the_target_at_the_edge_and_in_time():
 def test_pairs_see_each_other_and_worlds_are_observed():
     env = DriveVectorEnv(1, "2", context=True, worlds=agent.envs.ROBUST_WORLDS, observe="estimated")
     seen, _ = env.reset(seed=1)
-    assert seen.shape == (2, 18)
+    assert seen.shape == (2, 20)
     assert env.step(np.zeros((2, 2)))[0] in env.observation_space
-    assert 0.1 <= seen[0, 13] <= 0.26
-    assert np.hypot(*seen[:, 11:13].T).tolist() == pytest.approx([np.hypot(*seen[0, 11:13])] * 2)
+    assert 0.1 <= seen[0, 15] <= 0.26
+    assert np.hypot(*seen[:, 13:15].T).tolist() == pytest.approx([np.hypot(*seen[0, 13:15])] * 2)
     env.close()
 
 
