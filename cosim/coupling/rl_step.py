@@ -4,9 +4,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from cosim.base.errors import UserError, shown
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.outcome import Outcome
-from cosim.onboard.features import Observation
+from cosim.onboard.features import DIRECTION_COUNT, Observation
 
 
 class Decision(NamedTuple):
@@ -34,9 +35,19 @@ def decide(policy: SupportsAct, observation: Observation) -> Decision:
 
     Arrays that it receives and those that it returns are copied: neither what it changes in an
     observation nor a buffer that it uses again changes an episode.
+
+    Raises:
+        UserError: the values of a decision are none.
     """
     decided = policy.act(Observation(*(array.copy() for array in observation)))
     parts: Any = decided if isinstance(decided, Decision) else Decision(decided)
+    if parts.values is not None:
+        values, shape = parts.values, (len(observation.cells), DIRECTION_COUNT)
+        if getattr(values, "shape", ()) != shape or values.dtype.kind not in "fiu":
+            raise UserError(
+                f"the policy returned values = {shown(values)}; expected {shape[0]} x {shape[1]} "
+                "numbers, the value of every direction for each robot"
+            )
     copied: Any = [p.copy() if isinstance(p, np.ndarray | list) else p for p in parts]
     return Decision(*copied)
 

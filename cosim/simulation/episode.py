@@ -233,7 +233,7 @@ class RunningEpisode:
 
     def _adopt(self, action: np.ndarray) -> np.ndarray:
         """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
-        commands, cells = self._commands, self.observation.cells
+        commands, cells = self._commands, cells_of(self._positions_m(), self._board.cell_m)
         decided = self.awaiting
         squared = nearest_squared(cells)
         for robot in np.flatnonzero(decided):

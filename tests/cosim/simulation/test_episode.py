@@ -1,20 +1,23 @@
 """RL steps over the dynamics: actions end at cell centres, observations are the cells'."""
 
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.base.errors import UserError
+from cosim.coupling.rl_step import Decision, decide
 from cosim.coupling.signals import new_state
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import TABLE_I, TIMING, cylinder_inertia
 from cosim.model.scenario import Scenario, ScenarioError
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Sensor, World
-from cosim.onboard.features import LARGE, MEDIUM
+from cosim.onboard.features import LARGE, MEDIUM, Observation
 from cosim.onboard.observing import draw_starts
-from cosim.onboard.steering import DRIVE, HOLD, MODE, PAST
+from cosim.onboard.steering import DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, PAST
 from cosim.recording.levels import with_bursts
 from cosim.simulation.cosimulation import CoSimulation, run_episode
 from cosim.simulation.episode import RunningEpisode
@@ -170,9 +173,20 @@ def test_observation_has_the_targets(motor_fmu):
     system = CoSimulation(SHORT, motor_fmu)
     observation = system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
     assert observation.targets.tolist() == [[15, 27], [15, 2]]
-    observation.targets[:] = 0  # a policy's own copy
+    for array in observation:
+        array[:] = 0  # a policy's own copy
     assert system.advance(np.array([SOUTH, NORTH])).after.targets.tolist() == [[15, 27], [15, 2]]
+    goals = system.episode._commands[:, GOAL_X : GOAL_Y + 1]
+    assert goals.tolist() == pytest.approx(np.array([[0.155, 0.285], [0.155, 0.015]]))
     system.close()
+
+
+@pytest.mark.parametrize("values", ["bad", np.zeros((2, 3)), np.zeros(8), [[0.0] * 8, None]])
+def test_values_that_are_none_of_the_directions_are_refused(values):
+    policy: Any = SimpleNamespace(act=lambda _: Decision(np.array([SOUTH, NORTH]), values))
+    observation = Observation(*np.zeros((5, 2), int))
+    with pytest.raises(UserError, match=r"returned values = .*; expected 2 x 8 numbers"):
+        decide(policy, observation)
 
 
 def test_observation_sees_the_nearest_robot(motor_fmu):
