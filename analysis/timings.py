@@ -78,8 +78,7 @@ def code_of(stage: str) -> str | None:
     if stage not in RESULTS:
         return None
     name = RESULTS[stage].command_name
-    elsewhere = {"experiments": "agent.experiments.__main__"}
-    return code_digest(elsewhere.get(name, f"minirobots.commands.{name.replace('-', '_')}"))
+    return code_digest(f"minirobots.commands.{name.replace('-', '_')}")
 
 
 class Timings:

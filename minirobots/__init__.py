@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from agent import load, train
+    from agent.certification.measurement import certify
+    from agent.falsification.measurement import falsify
+    from agent.study.user import evaluate, study
     from agent.training.policy import Policy
     from analysis import open  # noqa: A004 - to be called as minirobots.open
     from cosim import Episode, Scenario, UserError, World, simulate
@@ -26,9 +29,13 @@ __all__ = [
     "UserError",
     "World",
     "__version__",
+    "certify",
+    "evaluate",
+    "falsify",
     "load",
     "open",
     "simulate",
+    "study",
     "train",
 ]
 
@@ -38,9 +45,13 @@ _MODULES = {
     "Scenario": "cosim",
     "UserError": "cosim",
     "World": "cosim",
+    "certify": "agent.certification.measurement",
+    "evaluate": "agent.study.user",
+    "falsify": "agent.falsification.measurement",
     "load": "agent",
     "open": "analysis",
     "simulate": "cosim",
+    "study": "agent.study.user",
     "train": "agent",
 }
 

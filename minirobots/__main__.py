@@ -1,12 +1,10 @@
 """`minirobots`: all commands under one name, each loaded when it is asked for."""
 
 import sys
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from cosim.__main__ import COMMANDS as ELSEWHERE
-from cosim.base.errors import USER_ERROR_STATUS, end_at_interrupt, run_command
+from cosim.base.errors import USER_ERROR_STATUS, end_at_interrupt
 
 _COMPLETION = "--tyro-print-completion"
 
@@ -19,7 +17,7 @@ def purposes() -> dict[str, str]:
     for path in sorted(Path(commands.__path__[0]).glob("[a-z]*.py")):
         first = path.read_text("utf-8").split('"""')[1].splitlines()[0]
         found[path.stem.replace("_", "-")] = first
-    return found | {name: command.purpose for name, command in ELSEWHERE.items()}
+    return found
 
 
 def main() -> None:
@@ -38,9 +36,6 @@ def main() -> None:
         choice = ", ".join(known)
         print(f"error: minirobots has no command {name}; choose one of {choice}", file=sys.stderr)
         sys.exit(USER_ERROR_STATUS)
-    elif name in ELSEWHERE:
-        sys.argv = [f"minirobots {name}", *rest]
-        run_command(import_module(ELSEWHERE[name].module).main)
     else:
         from minirobots.runner import run_named
 
@@ -56,11 +51,7 @@ def _print_completion(names: list[str], arguments: list[str]) -> None:
 
     app: Any = SubcommandApp()
     for name in names:
-        if name in ELSEWHERE:
-            elsewhere = ELSEWHERE[name]
-            app.command(getattr(import_module(elsewhere.module), elsewhere.options), name=name)
-        else:
-            app.command(options_of(module_of(name)), name=name)
+        app.command(options_of(module_of(name)), name=name)
     app.cli(prog="minirobots", args=arguments)
 
 

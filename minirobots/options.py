@@ -132,7 +132,7 @@ class NewFolder(CommandOptions):
     prefix: ClassVar[str] = ""
 
     out: Folder | None = None
-    """Output folder; by default a new one in runs/, named by the scenario and the time."""
+    """Output folder; by default a new one in runs/, named by what they are of and the time."""
 
     @property
     def subject(self) -> str:

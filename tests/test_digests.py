@@ -20,7 +20,7 @@ import pytest
 
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import estimate_collisions
-from agent.certification.measurement import certify
+from agent.certification.measurement import certify_case
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.outcomes import summary
 from agent.mdp.config import ProcessConfig
@@ -221,7 +221,7 @@ def _of_studies(folder: Path) -> Iterator[tuple[str, str]]:
     learner = PolicyConfig(NEAR, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
     config = _limited(replace(CONFIG, world=WORLDS["unequal motors"]), 6.0)
     case = Case(train_policy(learner)[0], config, cached_fmu(), 0)
-    yield "sample", _digest(case.sample(4), case.cover(50))
+    yield "sample", _digest(case.sample(4), case.rounds(50))
     rows = {job.index: result for job, result in run_jobs([Job(case, k) for k in range(4)], 1)}
     for index, result in sorted(rows.items()):
         yield f"row {index}", _of_result(result)
@@ -230,7 +230,9 @@ def _of_studies(folder: Path) -> Iterator[tuple[str, str]]:
     kept = {k: v for k, v in report.items() if not k.endswith(("_low", "_high"))}
     yield "summary", _digest(kept)
     claim = parse_claim("collision < 0.5")
-    evidence = certify(case, claim, 0.9, folder / "certificate", episodes=3, where=ONE).evidence
+    evidence = certify_case(
+        case, claim, 0.9, folder / "certificate", episodes=3, where=ONE
+    ).evidence
     yield "certificate", _digest(evidence.episodes, evidence.against, evidence.outcomes)
     rows = ResultFile(folder / "certificate", case).results
     yield "certificate rows", _digest([[k, _of_result(rows[k])] for k in sorted(rows)])

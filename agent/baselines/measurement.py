@@ -212,7 +212,7 @@ def _drive(
     lines = [training.line(episodes) for training in trained]
     simulate(lines, store, where, may_begin=may_begin, progress=progress)
     for training, line in zip(trained, lines, strict=True):
-        if known := store.file(line.case).beginning(line.indices):
+        if known := store.file(line.case).completed_prefix(line.indices):
             least = _least_times(training.scenario, _through(training.learner))
             training.drives = tuple(
                 Drive(index, result.outcome, result.sim_time_s, float(least[index]))

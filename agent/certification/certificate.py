@@ -17,7 +17,7 @@ from agent.evaluation.cases import Case, CaseIdentity
 from agent.evaluation.statistics import CONFIDENCE
 from agent.mdp.exact import enumerable
 from agent.policies import method_name
-from agent.study.store import ResultFile, beginning
+from agent.study.store import ResultFile, completed_prefix
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of, versions
 from cosim.base.reached_code import code_digest
@@ -164,7 +164,7 @@ def claim_test(claim: Claim, confidence: float) -> SequentialTest:
 def known(
     case: Case, results: Mapping[int, EpisodeResult], most: int | None = None
 ) -> dict[int, EpisodeResult]:
-    """The longest beginning of the episodes of `Case.cover` that is there, in its order.
+    """The completed prefix of the episodes of `Case.rounds`.
 
     Args:
         case: whose episodes they are.
@@ -172,7 +172,7 @@ def known(
         most: of them that are looked at, None for all.
     """
     count = len(results) if most is None else min(most, len(results))
-    return beginning(results, case.cover(count))
+    return completed_prefix(results, case.rounds(count))
 
 
 def decide(
@@ -182,7 +182,7 @@ def decide(
     return test.decide(result.outcome in claim.against for result in results.values())
 
 
-def lasting(result: EpisodeResult) -> EpisodeResult:
+def without_timing(result: EpisodeResult) -> EpisodeResult:
     """A result without what differs from run to run."""
     return msgspec.structs.replace(result, realtime_factor=1.0, recording=None)
 
@@ -199,13 +199,13 @@ def judge(
         results: `known` ones.
     """
     verdict, episodes, against = decide(claim, test, results)
-    indices = case.cover(episodes)
+    indices = case.rounds(episodes)
     decisive = [results[k] for k in indices]
     ended = [str(result.outcome) for result in decisive]
     looks = tuple(
         Look(n, k, test.level(k), test.chance(k, n))
         for k in range(against + 1)
-        for n in [test.enough(k)]
+        for n in [test.episodes_to_certify(k)]
     )
     return verdict, Evidence(
         episodes=episodes,
@@ -213,7 +213,7 @@ def judge(
         outcomes={outcome: ended.count(outcome) for outcome in sorted(set(ended))},
         enough=looks[-1].episodes,
         looks=looks,
-        results_digest=digest_of(indices, [lasting(result) for result in decisive]),
+        results_digest=digest_of(indices, [without_timing(result) for result in decisive]),
         simulated_s=sum(result.sim_time_s for result in decisive),
         wall_s=sum(result.wall_s for result in decisive),
         worst_start=_worst_start(
@@ -233,7 +233,7 @@ def _worst_start(starts: np.ndarray, against: np.ndarray, count: int) -> float:
 
 def code_of_certificates() -> str:
     """Hash of all code that simulates and judges."""
-    return code_digest(__name__, f"{__package__}.measurement")
+    return code_digest(__name__, f"{__package__}.measurement:certify_case")
 
 
 def covered(case: Case, episodes: int) -> CoveredStarts:

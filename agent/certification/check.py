@@ -18,8 +18,8 @@ from agent.certification.certificate import (
     covered,
     judge,
     known,
-    lasting,
     read_certificate,
+    without_timing,
 )
 from agent.certification.claims import parse_claim
 from agent.evaluation.cases import Case, CaseIdentity, Job
@@ -135,7 +135,7 @@ def check(
     jobs = [Job(case, index) for index in drawn]
     for job, result in run(jobs, EpisodeStore(), EPISODES, where, progress=progress):
         was = results[job.index]
-        if lasting(result) != lasting(was):
+        if without_timing(result) != without_timing(was):
             differences.append(f"episode {job.index}: {was.outcome} then, {result.outcome} now")
     return CheckReport(
         certificate=str(path),
@@ -158,7 +158,7 @@ def _invented(case: Case, results: Mapping[int, EpisodeResult]) -> Iterator[str]
     moved = [k for k, result in results.items() if result.starts != case.start_cells(k)]
     if moved:
         yield f"{len(moved)} episodes begin elsewhere than their index says, as episode {moved[0]}"
-    copies = len(results) - len({msgspec.json.encode(lasting(r)) for r in results.values()})
+    copies = len(results) - len({msgspec.json.encode(without_timing(r)) for r in results.values()})
     if copies and case.config.noise.relative_amplitude:
         yield f"{copies} episodes are copies of others, which their noise rules out"
 

@@ -12,7 +12,7 @@ RATES: dict[str, frozenset[Outcome]] = {
     "failure": frozenset(ENDS) - {Outcome.SUCCESS},
 }
 _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*((?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*", re.ASCII)
-LEAST_CONFIDENCE = 0.5
+LEAST_CONFIDENCE, USUAL_CONFIDENCE = 0.5, 0.999999
 _LEAST = 1e-6  # of a limit: some ten million episodes
 
 

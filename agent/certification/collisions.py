@@ -108,7 +108,7 @@ def estimate_collisions(
     Args:
         case: policy and configuration.
         out: folder of branches and estimate.
-        roots: independent episodes, from the starts of `Case.cover`.
+        roots: independent episodes, from the starts of `Case.rounds`.
         branches: that an episode has after a level, itself among them.
         gaps_mm: levels before contact, falling.
         where: backend and number of workers; the results do not depend on it.
@@ -135,7 +135,7 @@ def estimate_collisions(
             row = asked[branch] = store.rows[branch]
             yield branch, row.entrances, row.last_step
 
-    reached = split(case.cover(roots), branches, len(gaps_mm) + 1, simulated)
+    reached = split(case.rounds(roots), branches, len(gaps_mm) + 1, simulated)
     levels = tuple(map(_level, (*gaps_mm, 0.0), reached.T))
     with_one = int((reached[:, -1] > 0.0).sum())
     tail = 0.5 * (1.0 - CONFIDENCE)

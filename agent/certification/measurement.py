@@ -1,6 +1,7 @@
 """Simulates the episodes that a claim needs, and keeps each as it ends."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -16,37 +17,101 @@ from agent.certification.certificate import (
     read_certificate,
     said,
 )
-from agent.certification.claims import Claim
+from agent.certification.claims import LEAST_CONFIDENCE, USUAL_CONFIDENCE, Claim, parse_claim
 from agent.certification.sequential import ClaimDecision
 from agent.evaluation.cases import Case
-from agent.policies import load_policy
+from agent.mdp.greedy import GreedyPolicy
 from agent.study.episodes import EPISODES, case_of
 from agent.study.store import EpisodeStore
-from cosim.base.errors import UserError
-from cosim.base.jobs import Workers, run, until
-from cosim.base.progress import Progress, silent
+from cosim.base.arguments import ConfigError, taken, taken_seed
+from cosim.base.errors import UserError, shown
+from cosim.base.jobs import Backend, Workers, run, until
+from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.storage import write_json
-from cosim.model.scenario_file import read_world
-from cosim.model.world import IDEAL
-from cosim.simulation.options import SimulationOptions
+from cosim.simulation.options import options_of
 
 _AT_ONCE = 10_000  # episodes that are planned
 
 
-def case_of_file(
-    policy: Path, physics: SimulationOptions, seed: int, progress: Progress = silent
-) -> Case:
-    """Return a policy by its file under the options of a command.
+@showing
+def certify(
+    policy: Any,
+    claim: str,
+    scenario: Any = None,
+    *,
+    confidence: float = USUAL_CONFIDENCE,
+    out: str | Path = Path("runs/certificate"),
+    episodes: int | None = None,
+    seed: int = 0,
+    supersede: bool = False,
+    world: Any = None,
+    jobs: int = -1,
+    backend: Backend = "threads",
+    address: str | None = None,
+    budget_minutes: float | None = None,
+    progress: Progress | None = automatic,
+    **options: Any,
+) -> Certificate:
+    """Certify or refuse a claim about a policy in the dynamics.
+
+    >>> import minirobots as mr
+    >>> policy = mr.train("1a", method="shortest", progress=None)
+    >>> mr.certify(policy, "success > 0.5", confidence=0.6, out="claim", progress=None).verdict
+    'certified'
+
+    Args:
+        policy: trained one, its file, or name of a method.
+        claim: "RATE < p" or "RATE > p" with the rate of collision, out_of_board, timeout, failure
+            or success.
+        scenario: name, file or record; by default that of the policy's file.
+        confidence: probability, at least, that the verdict is right.
+        out: folder of certificate.json, the policy and the results, from which the same call
+            resumes.
+        episodes: most that are looked at.
+        seed: of training, of the order of the starts and of what episodes draw.
+        supersede: replace the certificate of another attempt in the folder, and list it.
+        world: world file, record or dict of its fields.
+        jobs: episodes that run at the same time, -1 for one per core.
+        backend: threads, loky, dask or ray; the results do not depend on it.
+        address: of a Dask or Ray cluster.
+        budget_minutes: after which no episode is started.
+        progress: receives what is prepared and simulated; by default it is shown on stderr if the
+            call takes more than two seconds. None shows nothing.
+        options: of `minirobots run`, such as `mu`, `noise`, `speed`, `shield`.
+
+    Returns:
+        The certificate: its verdict is certified, refused or undecided.
 
     Raises:
         UserError: see its message.
     """
-    world = IDEAL if physics.world is None else read_world(physics.world)
-    name = f"{policy}: the policy"
-    return case_of(load_policy(policy), physics, seed, world, name=name, progress=progress)
+    parsed = parse_claim(claim)
+    if not LEAST_CONFIDENCE <= taken("confidence", confidence, float) < 1.0:
+        raise ConfigError(
+            f"confidence = {confidence} must be at least {LEAST_CONFIDENCE} and less than 1"
+        )
+    report, physics = progress or silent, options_of("certify", options)
+    where = Workers(jobs=jobs, backend=backend, address=address)
+    case = case_of(policy, physics, taken_seed(seed), scenario, world=world, progress=report)
+    if not isinstance(case.policy, GreedyPolicy):
+        raise ConfigError(
+            f"policy = {shown(policy)} cannot be kept with its certificate; give a trained policy, "
+            'its file or the name of a method, such as "moves"'
+        )
+    return certify_case(
+        case,
+        parsed,
+        confidence,
+        Path(out),
+        episodes=taken("episodes", episodes, int | None),
+        budget_minutes=budget_minutes,
+        supersede=supersede,
+        where=where,
+        progress=report,
+    )
 
 
-def certify(
+def certify_case(
     case: Case,
     claim: Claim,
     confidence: float,
@@ -116,9 +181,9 @@ def certify(
     try:
         decision = so_far()
         while may_begin():
-            needed = test.enough(decision.against)
+            needed = test.episodes_to_certify(decision.against)
             wanted = min(needed, episodes or needed, decision.episodes + _AT_ONCE)
-            if not (missing := file.missing(case.cover(wanted))):
+            if not (missing := file.missing(case.rounds(wanted))):
                 break
             ended = run(missing, store, EPISODES, where, may_begin=may_begin, progress=progress)
             for _, result in ended:

@@ -49,11 +49,11 @@ class SequentialTest:
         """Share of alpha that a look may spend, look = 0, 1, ...; all together spend alpha."""
         return self.alpha / ((look + 1) * (look + 2))
 
-    def enough(self, against: int) -> int:
+    def episodes_to_certify(self, against: int) -> int:
         """Episodes after which the claim is certified if no more than so many speak against it."""
         return _enough(against, self.limit, self.level(against))
 
-    def refuted(self, against: int) -> int:
+    def episodes_to_refute(self, against: int) -> int:
         """Episodes within which so many (at least one) that speak against the claim refuse it."""
         return _refuted(against, self.limit, self.level(against - 1))
 
@@ -63,14 +63,14 @@ class SequentialTest:
         Episodes after the one that decides are not looked at.
         """
         count = against = 0
-        needed = self.enough(0)
+        needed = self.episodes_to_certify(0)
         for speaks_against in episodes:
             count += 1
             if speaks_against:
                 against += 1
-                if count <= self.refuted(against):
+                if count <= self.episodes_to_refute(against):
                     return ClaimDecision("refused", count, against)
-                needed = self.enough(against)
+                needed = self.episodes_to_certify(against)
             if count >= needed:
                 return ClaimDecision("certified", count, against)
         return ClaimDecision("undecided", count, against)

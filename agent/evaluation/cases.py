@@ -88,7 +88,7 @@ class Case:
             )
         return self._order()[:count]
 
-    def cover(self, count: int) -> list[int]:
+    def rounds(self, count: int) -> list[int]:
         """Indices that go round all starts, again and again, each with noise of its own.
 
         Every round has an order of its own; the first one is that of `sample`.
@@ -97,8 +97,8 @@ class Case:
             count: how many; the beginning of any larger number.
         """
         available = len(self.starts)
-        rounds = range(-(-count // available))
-        return [k * available + index for k in rounds for index in self._order(k)][:count]
+        numbers = range(-(-count // available))
+        return [k * available + index for k in numbers for index in self._order(k)][:count]
 
     def _order(self, number: int = 0) -> list[int]:
         key = (_ORDER, number) if number else (_ORDER,)
@@ -125,7 +125,7 @@ class Case:
         return digest_of(self.identity)
 
     def start_cells(self, index: int) -> tuple[Cell, ...]:
-        """Start cell of each robot; beyond the last start they begin again, see `cover`."""
+        """Start cell of each robot; beyond the last start they begin again, see `rounds`."""
         return tuple((int(x), int(y)) for x, y in self.starts[index % len(self.starts)])
 
     def config_of(self, index: int) -> CoSimConfig:

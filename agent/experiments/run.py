@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 
 import msgspec
@@ -27,11 +26,6 @@ from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
 from cosim.model.scenario_file import find_scenario
-
-
-def new_folder(name: str) -> Path:
-    """A folder of results that is named by what it is of and by the time."""
-    return Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
 def train_and_evaluate(

@@ -8,27 +8,27 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
 
 from agent.evaluation.cases import Case, CaseIdentity, Job
-from agent.falsification.found import FoundCase, FoundCases, Sought, cost, fails, found_case
-from agent.falsification.ranges import ChosenEpisode, Range, Space
-from agent.falsification.search import GENERATION, SearchName, new_search
+from agent.falsification.found import FoundCase, FoundCases, cost, fails, found_case
+from agent.falsification.ranges import ChosenEpisode, Range, Space, ranges_of
+from agent.falsification.search import GENERATION, SEARCHES, SearchName, Sought, new_search
 from agent.falsification.surrogate import surrogate_search
-from agent.policies import load_policy
 from agent.study.episodes import EPISODES, case_of, record
+from agent.study.policies import name_of
 from agent.study.store import EpisodeStore, ResultFileError
-from cosim.base.jobs import Workers, run
-from cosim.base.progress import Progress, silent
+from cosim.base.arguments import ConfigError, require_one_of, taken, taken_seed
+from cosim.base.jobs import Backend, Workers, run
+from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.reached_code import code_digest
 from cosim.base.storage import write_json
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell
-from cosim.model.scenario_file import read_world
-from cosim.model.world import IDEAL
-from cosim.simulation.options import SimulationOptions
+from cosim.simulation.options import options_of
 from cosim.simulation.result import EpisodeResult
 
 REPORT_FILE, CASES_FILE = "falsification.json", "cases.json"
@@ -60,7 +60,7 @@ class SearchedCase(Case):
             "generation": float(GENERATION),
         }
         ranges = {f"range of {k}": str(ends) for k, ends in self.space.ranges.items()}
-        codes = f"{own.code_digest}-{code_digest(__name__)}"
+        codes = f"{own.code_digest}-{code_digest(_simulate, SearchedCase)}"
         parameters = own.parameters | searched | ranges
         return msgspec.structs.replace(own, parameters=parameters, code_digest=codes)
 
@@ -107,36 +107,54 @@ class FalsificationReport(msgspec.Struct, frozen=True, kw_only=True):
     results: str
 
 
+@showing
 def falsify(
-    policy_file: Path,
-    physics: SimulationOptions,
-    out: Path,
+    policy: Any,
+    scenario: Any = None,
     *,
-    ranges: Mapping[str, Range],
+    out: str | Path = Path("runs/falsify"),
+    ranges: str | Path | Mapping[str, Range] | None = None,
     objective: Sought = "gap",
     search: SearchName = "surrogate",
     episodes: int = 200,
     seed: int = 0,
     until_found: bool = False,
     keep: int = 3,
-    jobs: int = 2,
-    progress: Progress = silent,
+    world: Any = None,
+    jobs: int = -1,
+    backend: Backend = "threads",
+    address: str | None = None,
+    progress: Progress | None = automatic,
+    **options: Any,
 ) -> FalsificationReport:
-    """Search the worst episodes of a policy, and write what was found.
+    """Search the worst episodes of a policy, and write them as cases that can be run again.
+
+    >>> import minirobots as mr
+    >>> policy = mr.train("1a", method="shortest", progress=None)
+    >>> few = {"episodes": 8, "keep": 1, "out": "worst", "progress": None}
+    >>> report = mr.falsify(policy, objective="time", search="random", time_limit=20, **few)
+    >>> report.episodes, report.worst[0].outcome
+    (8, <Outcome.TIMEOUT: 'timeout'>)
 
     Args:
-        policy_file: the policy.
-        physics: of the co-simulation.
-        out: folder of the report, cases, results and recordings.
-        ranges: that differ from the default ones, by name.
-        objective: the smallest gap, or the longest time.
-        search: how to choose episodes.
-        episodes: how many, those of earlier runs included.
-        seed: of the search.
-        until_found: whether to end with the generation in which the first one is found.
+        policy: file, name of a method, "module:Name", or any object with `act(observation)`.
+        scenario: name, file or record; by default that of the policy's file.
+        out: folder of falsification.json, cases.json, results and recordings, from which the same
+            call resumes.
+        ranges: to search instead of the default ones, by name, or their file (.toml).
+        objective: "gap", the smallest one between two robots, or "time", the longest.
+        search: "surrogate", "cma" or "random": how episodes are chosen.
+        episodes: how many, those of earlier calls included.
+        seed: of training and of the search.
+        until_found: end with the generation in which the first failure is found.
         keep: how many of the worst to record.
-        jobs: threads; the results do not depend on it.
-        progress: receives what is prepared and simulated.
+        world: world file, record or dict of its fields.
+        jobs: episodes that run at the same time, -1 for one per core.
+        backend: threads, loky, dask or ray; the results do not depend on it.
+        address: of a Dask or Ray cluster.
+        progress: receives what is prepared and simulated; by default it is shown on stderr if the
+            call takes more than two seconds. None shows nothing.
+        options: of `minirobots run`, such as `mu`, `noise`, `speed`, `shield`.
 
     Returns:
         The content of falsification.json.
@@ -144,41 +162,45 @@ def falsify(
     Raises:
         UserError: see its message.
     """
-    policy = load_policy(policy_file)
-    world = IDEAL if physics.world is None else read_world(physics.world)
-    scenario = policy.config.scenario
-    if objective == "gap" and scenario.robots == 1:
+    require_one_of("objective", objective, get_args(Sought))
+    require_one_of("search", search, SEARCHES)
+    for name, value, least in (("episodes", episodes, 1), ("keep", keep, 0)):
+        if taken(name, value, int) < least:
+            raise ConfigError(f"{name} = {value} must be at least {least}")
+    out, name = Path(out), name_of(policy)
+    where = Workers(jobs=jobs, backend=backend, address=address)
+    report, seed = progress or silent, taken_seed(seed)
+    physics, searched = options_of("falsify", options), ranges_of(ranges or {})
+    plain = case_of(policy, physics, seed, scenario, world=world, progress=report)
+    board, config = plain.policy.config.scenario, plain.config
+    if objective == "gap" and board.robots == 1:
         raise ConfigError(
-            f"scenario {scenario.name} has one robot, which has no gap to another; search for the "
+            f"scenario {board.name} has one robot, which has no gap to another; search for the "
             "longest time (--objective time)"
         )
-    name = f"{policy_file}: the policy"
-    plain = case_of(policy, physics, seed, world, name=name, progress=progress)
-    config, fmu = plain.config, plain.fmu
-    case = SearchedCase(
-        policy, config, fmu, seed, Space(scenario, config, ranges), search, objective
-    )
+    space = Space(board, config, searched)
+    case = SearchedCase(plain.policy, config, plain.fmu, seed, space, search, objective)
     store = EpisodeStore(out)
-    _simulate(case, store, episodes, until_found=until_found, jobs=jobs, progress=progress)
+    _simulate(case, store, episodes, until_found=until_found, where=where, progress=report)
     file = store.file(case)
     results = {k: file.results[k] for k in range(len(case.points))}
-    order = sorted(results, key=lambda k: (cost(results[k], scenario, objective), k))
-    failing = [k for k in order if fails(results[k], scenario, objective)]
-    recordings = _record(case, store, order[:keep], jobs, progress)
+    order = sorted(results, key=lambda k: (cost(results[k], board, objective), k))
+    failing = [k for k in order if fails(results[k], board, objective)]
+    recordings = _record(case, store, order[:keep], where, report)
     cases = {k: _case(case, k, results[k], recordings) for k in {*failing, *order[:keep]}}
     kept = FoundCases(
-        scenario=scenario,
+        scenario=board,
         config=config,
         objective=objective,
-        policy=str(policy_file),
-        policy_digest=policy.digest(),
+        policy=name,
+        policy_digest=plain.policy.digest(),
         cases=tuple(cases[k] for k in order if k in cases),
     )
     write_json(out / CASES_FILE, kept)
     outcomes = [str(result.outcome) for result in results.values()]
-    report = FalsificationReport(
-        policy=str(policy_file),
-        scenario=scenario.name,
+    found = FalsificationReport(
+        policy=name,
+        scenario=board.name,
         objective=objective,
         search=search,
         seed=seed,
@@ -190,8 +212,8 @@ def falsify(
         worst=kept.cases[: max(keep, 1)],
         results=str(file.path),
     )
-    write_json(out / REPORT_FILE, report)
-    return report
+    write_json(out / REPORT_FILE, found)
+    return found
 
 
 def _simulate(
@@ -200,7 +222,7 @@ def _simulate(
     episodes: int,
     *,
     until_found: bool,
-    jobs: int,
+    where: Workers,
     progress: Progress,
 ) -> None:
     """Simulate what is missing of a search."""
@@ -214,7 +236,7 @@ def _simulate(
         vectors = search.ask()
         numbers = range(len(case.points), min(len(case.points) + GENERATION, episodes))
         case.points.extend(space.point(vector) for vector in vectors[: len(numbers)])
-        for _ in run(file.missing(numbers), store, EPISODES, Workers(jobs=jobs)):
+        for _ in run(file.missing(numbers), store, EPISODES, where):
             pass
         results = [file.results[k] for k in numbers]
         if any(r.starts != case.start_cells(k) for k, r in zip(numbers, results, strict=True)):
@@ -238,7 +260,7 @@ def _record(
     case: SearchedCase,
     store: EpisodeStore,
     numbers: list[int],
-    jobs: int,
+    where: Workers,
     progress: Progress,
 ) -> dict[int, Path]:
     """Recordings of some episodes, which are made if they are not there."""
@@ -250,7 +272,7 @@ def _record(
         for k in numbers
     }
     missing = [Job(case, k, path) for k, path in paths.items() if not path.exists()]
-    record(missing, store, jobs, progress)
+    record(missing, store, where.count, progress)
     return paths
 
 

@@ -80,6 +80,17 @@ def read_ranges(path: Path) -> dict[str, Range]:
     return {name: _range(f"{path}: ranges.{name}", name, value) for name, value in named.items()}
 
 
+def ranges_of(given: str | Path | Mapping[str, Any]) -> dict[str, Range]:
+    """Return ranges by name, or those of a file.
+
+    Raises:
+        RangeError: see `read_ranges`.
+    """
+    if isinstance(given, Mapping):
+        return {name: _range(f"ranges[{name!r}]", name, value) for name, value in given.items()}
+    return read_ranges(Path(given))
+
+
 def _range(where: str, name: str, value: Any) -> Range:
     if name not in NAMES:
         raise RangeError(f"{where} is unknown; choose from {', '.join(NAMES)}")

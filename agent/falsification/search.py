@@ -8,6 +8,7 @@ from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 
+Sought = Literal["gap", "time"]
 SearchName = Literal["surrogate", "cma", "random"]
 SEARCHES: tuple[SearchName, ...] = get_args(SearchName)
 GENERATION = 8  # episodes that are asked for at once

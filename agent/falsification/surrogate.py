@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from agent.falsification.found import Sought
 from agent.falsification.ranges import START, RangeError, Space
-from agent.falsification.search import GENERATION
+from agent.falsification.search import GENERATION, Sought
 from agent.mdp.greedy import GreedyPolicy, PolicyError
 from agent.mdp.rng import seeded_state
 from agent.moves.foresight import foresee

@@ -10,7 +10,7 @@ import msgspec
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.outcomes import Failure, Measured, failures, summary
 from agent.evaluation.statistics import Interval, interval_text
-from agent.mdp.greedy import GreedyPolicy
+from agent.study.policies import name_of, policy_of
 from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
 from cosim.base.jobs import JobKind, Workers, always, run
@@ -18,9 +18,8 @@ from cosim.base.progress import Progress, silent
 from cosim.base.table import Column
 from cosim.base.table import field as column
 from cosim.model.outcome import Outcome
-from cosim.model.scenario_file import in_world
-from cosim.model.world import IDEAL, World
-from cosim.simulation.options import SimulationOptions
+from cosim.model.scenario_file import find_in_world
+from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import compile_kernels
 
@@ -41,30 +40,41 @@ EPISODES: JobKind[Job, EpisodeResult] = JobKind(run_jobs, _batch, _succeeded, _p
 
 
 def case_of(
-    policy: GreedyPolicy,
-    physics: SimulationOptions,
+    policy: Any,
+    options: SimulationOptions,
     seed: int,
-    world: World = IDEAL,
+    scenario: Any = None,
     *,
-    name: str = "the policy",
+    world: Any = None,
+    name: str | None = None,
     progress: Progress = silent,
 ) -> Case:
     """Return a policy under the options of a command.
 
     Args:
-        policy: acts, in its own scenario.
-        physics: options; its file of a world is not read.
-        seed: of samples of starts and of what episodes draw.
-        world: of the robots.
+        policy: what `policy_of` takes.
+        options: of the command.
+        seed: of training, of samples of starts and of what episodes draw.
+        scenario: name, file or record; by default that of the policy.
+        world: see `resolve`.
         name: of the policy, for messages.
-        progress: receives what is calibrated.
+        progress: receives what is trained and calibrated.
 
     Raises:
-        UserError: the options do not fit together, or the world has other obstacles.
+        UserError: see `policy_of` and `resolve`.
     """
-    scenario = policy.config.scenario
-    policy.require_scenario(in_world(scenario, world), name)
-    return Case(policy, *physics.prepare(scenario.robot_diameter_m, progress, world), seed)
+    given = options.world if world is None else world
+    only = None if scenario is None else find_in_world(scenario, given)[0]
+    name = f"{name or name_of(policy)}: the policy"
+    policy = policy_of(policy, only, seed=seed, progress=progress)
+    _, config, fmu = resolve(
+        options,
+        policy.config.scenario if scenario is None else scenario,
+        progress,
+        world=world,
+        require=lambda board: policy.require_scenario(board, name),
+    )
+    return Case(policy, config, fmu, seed)
 
 
 class EpisodesRow(Measured, frozen=True, kw_only=True):
@@ -122,7 +132,7 @@ class StudyLine:
             form: of the row; its further fields are the labels.
             recordings: of some of the episodes, by index of the start.
         """
-        case, results = self.case, store.file(self.case).beginning(self.indices)
+        case, results = self.case, store.file(self.case).completed_prefix(self.indices)
         failed = tuple(
             msgspec.structs.replace(failure, recording=str(recordings[failure.index]))
             if failure.index in recordings

@@ -23,14 +23,13 @@ from agent.study.episodes import (
     record,
     simulate,
 )
-from agent.study.policies import name_of, policy_of
+from agent.study.policies import name_of
 from agent.study.store import EpisodeStore
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.table import Column, field
 from cosim.base.table import show as show_table
 from cosim.model.outcome import ENDS, Outcome
-from cosim.model.scenario_file import find_in_world, read_world
 from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions
 
@@ -100,16 +99,12 @@ def evaluate(
     Raises:
         UserError: see its message.
     """
-    only, world = None, World() if physics.world is None else read_world(physics.world)
-    if scenario is not None:
-        only, world = find_in_world(scenario, physics.world)
     store, lines = EpisodeStore(out), []
-    named = [(name_of(p), policy_of(p, only, progress=progress)) for p in policy_files(policies)]
-    for name, policy in named:
-        case = case_of(policy, physics, seed, world, name=f"{name}: the policy", progress=progress)
+    for policy in policy_files(policies):
+        case = case_of(policy, physics, seed, scenario, progress=progress)
         wanted = min(STARTS, len(case.starts)) if starts is None else starts
         indices = case.sample(None if wanted == "all" else wanted)
-        labels = {"policy": name, "results": str(store.file(case).path)}
+        labels = {"policy": name_of(policy), "results": str(store.file(case).path)}
         lines.append(StudyLine(case, indices, labels))
     simulate(lines, store, where, progress=progress)
     paths = [_recordings(line, store, recordings) for line in lines]

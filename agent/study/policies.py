@@ -38,7 +38,7 @@ class ObjectPolicy:
     def __init__(self, policy: SupportsAct, scenario: Scenario) -> None:
         self.policy, self.config = policy, SimpleNamespace(scenario=scenario)
         self._digest = identity_of(policy)
-        self.lasting = self._digest is not None
+        self.recognizable = self._digest is not None
         self._digest = self._digest or uuid.uuid4().hex
 
     @cached_property
@@ -95,11 +95,12 @@ def policy_of(
     *,
     seed: int = 0,
     progress: Progress = silent,
-) -> GreedyPolicy:
-    """Return a policy by what a user names.
+) -> Any:
+    """Return the policy, such as a `GreedyPolicy`, that a user names.
 
     Args:
-        given: file, name of a method, "module:Name" of an object or class, or an object with `act`.
+        given: policy, file, name of a method, "module:Name" of an object or class, or an object
+            with `act`.
         scenario: in which it acts; a file has its own.
         seed: of training.
         progress: receives what is trained.
@@ -109,7 +110,7 @@ def policy_of(
             scenario.
     """
     name = str(given) if isinstance(given, str | Path) else None
-    if isinstance(given, GreedyPolicy):
+    if isinstance(given, GreedyPolicy | ObjectPolicy):
         if scenario is not None:
             given.require_scenario(scenario)
         return given
@@ -128,8 +129,7 @@ def policy_of(
             f"policy = {shown(given)} has no act(observation); give an object that has, a policy "
             'file or the name of a method, such as "moves"'
         )
-    policy: Any = ObjectPolicy(found, scenario)
-    return policy
+    return ObjectPolicy(found, scenario)
 
 
 def _imported(name: str) -> Any:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import msgspec
 
-from agent.method import method_policy
 from agent.study.axes import AXES, Axis, points
 from agent.study.episodes import (
     MEASURES,
@@ -22,6 +21,7 @@ from agent.study.episodes import (
     simulate,
 )
 from agent.study.plot import draw_success
+from agent.study.policies import policy_of
 from agent.study.store import EpisodeStore
 from agent.training.settings import IN_WORLDS
 from cosim.base.jobs import Workers, until
@@ -97,20 +97,15 @@ def robustness(
         UserError: see its message.
     """
     may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
-    policies = {}
+    board, policies, lines = find_scenario(scenario, ideal=True), {}, []
     for method in (method for method in IN_WORLDS if method in methods):
-        policies[method] = method_policy(method, find_scenario(scenario), seed, progress=progress)[
-            0
-        ]
-        name = f"{policies[method].config.scenario.name}-{method}.npz"
-        policies[method].save(out / "policies" / name)
-    board, lines = find_scenario(scenario, ideal=True), []
+        policies[method] = policy_of(method, board, seed=seed, progress=progress)
+        policies[method].save(out / "policies" / f"{board.name}-{method}.npz")
     for point in (p for axis in AXES if axis in axes for p in points(axis, board, everything)):
         for method, policy in policies.items():
             for shield in (False, True) if point.axis == "everything" else (False,):
-                case = case_of(
-                    policy, SimulationOptions(shield=shield), seed, point.world, progress=progress
-                )
+                options = SimulationOptions(shield=shield)
+                case = case_of(policy, options, seed, world=point.world, progress=progress)
                 indices = case.sample(min(episodes, len(case.starts)))
                 lines.append(StudyLine(case, indices, {**point._asdict(), "method": method}))
     simulate(lines, store, where, may_begin=may_begin, progress=progress)

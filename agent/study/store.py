@@ -125,7 +125,7 @@ def _line(row: msgspec.Struct) -> bytes:
     return msgspec.json.encode(row) + b"\n"
 
 
-def beginning(
+def completed_prefix(
     results: Mapping[int, EpisodeResult], indices: Iterable[int]
 ) -> dict[int, EpisodeResult]:
     """Return the completed prefix of a sample of starts, by index of the start.
@@ -171,9 +171,9 @@ class ResultFile:
         """Return the episodes of a sample of starts that are not there yet."""
         return [Job(self.case, k) for k in indices if k not in self.results]
 
-    def beginning(self, indices: Iterable[int]) -> dict[int, EpisodeResult]:
-        """See `beginning`."""
-        return beginning(self.results, indices)
+    def completed_prefix(self, indices: Iterable[int]) -> dict[int, EpisodeResult]:
+        """See `completed_prefix`."""
+        return completed_prefix(self.results, indices)
 
     def add(self, index: int, result: EpisodeResult) -> None:
         """Keep a result."""

@@ -1,13 +1,11 @@
 """A study of one's own: policies, scenarios, worlds and options of the co-simulation as axes.
 
->>> from agent.study.user import study
->>> table = study(["shortest"], "1a", mu=[0.1, 0.15], episodes=1)  # doctest: +SKIP
->>> table.plot().savefig("success.png")  # doctest: +SKIP
+`study` and `evaluate` are names of `minirobots`, too; docs/studies.md shows them.
 """
 
 import logging
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -40,12 +38,11 @@ from cosim.base.table import show as show_table
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import World
-from cosim.simulation.options import SimulationOptions
+from cosim.simulation.options import options_of
 from cosim.simulation.result import EpisodeResult
 
 _LOGGER = logging.getLogger(__name__)
 _FILE = Kind("study", "see docs/studies.md", ConfigError)
-_OPTIONS = tuple(option.name for option in fields(SimulationOptions) if option.name != "world")
 _OF_COMMAND = ("jobs", "backend", "address", "budget_minutes", "progress")
 WRITTEN = (".json", ".md", ".parquet", ".png")
 
@@ -201,6 +198,12 @@ def study(
 ) -> StudyTable:
     """Measure policies in every combination of scenarios, worlds and options.
 
+    >>> import minirobots as mr
+    >>> table = mr.study(["shortest"], "1a", mu=[0.1, 0.15], episodes=1, progress=None)
+    >>> [(row.options["mu"], row.success) for row in table.rows]
+    [(0.1, 1.0), (0.15, 1.0)]
+    >>> table.plot().savefig("success.png")
+
     Args:
         policies: one or a list, or a dict of them by name: files, names of methods,
             "module:Name", or any objects with `act(observation)`.
@@ -231,9 +234,6 @@ def study(
     named = _named(policies)
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
     folder: Path | None = taken("out", out, Path | None)
-    for name in options:
-        if name not in _OPTIONS:
-            raise ConfigError(f"study has no option {name}; choose from {', '.join(_OPTIONS)}")
     given = {
         name: value.tolist() if isinstance(value, np.ndarray) else value
         for name, value in {"world": world, **options}.items()
@@ -246,34 +246,32 @@ def study(
     if episodes < 1:
         raise ConfigError(f"episodes = {episodes} must be at least 1")
     lines: list[StudyLine] = []
-    found: dict[tuple[str, str], Any] = {}
+    found: dict[tuple[str, Scenario | None], Any] = {}
     for board, (name, policy), values in product(scenarios, named.items(), product(*axes.values())):
         chosen = dict(zip(axes, values, strict=True))
         physics = fixed | chosen
         declared = physics.pop("world")
-        only, place = (None, None) if board is None else find_in_world(board, declared)
-        key = name, "" if only is None else only.digest()
-        if key not in found:
-            found[key] = policy_of(policy, only, seed=seed, progress=report)
-        if place is None:
-            _, place = find_in_world(found[key].config.scenario, declared)
-        case = case_of(
-            found[key], SimulationOptions(**physics), seed, place, name=name, progress=report
-        )
+        setup = options_of("study", physics)
+        only = None if board is None else find_in_world(board, declared)[0]
+        acting = found.get((name, only)) or policy_of(policy, only, seed=seed, progress=report)
+        found[name, only] = acting
+        case = case_of(acting, setup, seed, board, world=declared, name=name, progress=report)
         indices = case.sample(min(episodes, len(case.starts)))
         lines.append(StudyLine(case, indices, {"policy": name, "options": chosen, "results": {}}))
-    passing = [name for (name, _), policy in found.items() if not getattr(policy, "lasting", True)]
-    if folder is not None and passing:
+    unrecognizable = [
+        name for (name, _), policy in found.items() if not getattr(policy, "recognizable", True)
+    ]
+    if folder is not None and unrecognizable:
         _LOGGER.warning(
             "%s: its source is in no file or it cannot be pickled; the study's episodes are kept "
             "in memory only and will not be found again",
-            ", ".join(dict.fromkeys(passing)),
+            ", ".join(dict.fromkeys(unrecognizable)),
         )
-    store = EpisodeStore(None if folder is None or passing else folder / "results")
+    store = EpisodeStore(None if folder is None or unrecognizable else folder / "results")
     simulate(lines, store, where, may_begin=until(budget_minutes), progress=report)
     rows = tuple(
         msgspec.structs.replace(
-            line.row(store, StudyRow), results=store.file(line.case).beginning(line.indices)
+            line.row(store, StudyRow), results=store.file(line.case).completed_prefix(line.indices)
         )
         for line in lines
     )
@@ -346,6 +344,14 @@ def evaluate(
     **options: Any,
 ) -> StudyRow:
     """Simulate episodes of one policy on all cores, and return what it achieves.
+
+    >>> import minirobots as mr
+    >>> class Upwards:
+    ...     def act(self, observation):
+    ...         return [2] * len(observation.cells)
+    >>> row = mr.evaluate(Upwards(), "1a", starts=4, time_limit=40, progress=None)
+    >>> row.episodes, row.success, len(row.failures)
+    (4, 0.0, 4)
 
     Args:
         policy: file, name of a method, "module:Name", or any object with `act(observation)`.

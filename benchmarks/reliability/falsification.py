@@ -9,11 +9,10 @@ from agent.falsification.measurement import FalsificationReport, falsify
 from agent.falsification.ranges import read_ranges
 from agent.falsification.search import SEARCHES
 from agent.method import method_policy
-from cosim.base.command import show_table, workers
+from cosim.base.command import show_table
 from cosim.base.progress import progress_bars
 from cosim.base.storage import write_json
 from cosim.model.scenario_file import find_scenario
-from cosim.simulation.options import SimulationOptions
 
 
 @dataclass(frozen=True)
@@ -54,15 +53,15 @@ def measure(
             for search in SEARCHES:
                 report = falsify(
                     policy,
-                    SimulationOptions(shield=shield),
-                    out / f"{setting}-{search}-{seed}",
+                    out=out / f"{setting}-{search}-{seed}",
+                    shield=shield,
                     ranges=declared,
                     search=search,
                     episodes=episodes,
                     seed=seed,
                     until_found=True,
                     keep=1,
-                    jobs=workers(jobs),
+                    jobs=jobs,
                     progress=progress,
                 )
                 rows.append(_row(report))

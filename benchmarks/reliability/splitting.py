@@ -83,7 +83,7 @@ def measure(
             where=where,
             progress=progress,
         )
-        store, indices = EpisodeStore(out), plain.cover(episodes)
+        store, indices = EpisodeStore(out), plain.rounds(episodes)
         simulate([StudyLine(plain, indices)], store, where, progress=progress)
     plainly = [store.file(plain).results[index] for index in indices]
     levels = tuple(_compared(level, plainly, case=plain) for level in splitting.levels)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -220,6 +220,19 @@ class SimulationOptions(Physics, DecisionOptions):
         return with_stopping_distance(config, fmu, progress) if config.shield else config
 
 
+def options_of(call: str, given: Mapping[str, Any]) -> SimulationOptions:
+    """Return the options that a call in Python is given by name.
+
+    Raises:
+        ConfigError: one is unknown or does not fit.
+    """
+    known = [option.name for option in fields(SimulationOptions)]
+    for name in given:
+        if name not in known:
+            raise ConfigError(f"{call} has no option {name}; choose from {', '.join(known)}")
+    return SimulationOptions(**given)
+
+
 class Setup(NamedTuple):
     """What decides an episode, but for its policy, start cells and seed.
 
@@ -266,6 +279,3 @@ def resolve(
     if require is not None:
         require(scenario)
     return Setup(scenario, *options.prepare(scenario.robot_diameter_m, progress, world))
-
-
-Driving = SimulationOptions  # name in earlier versions

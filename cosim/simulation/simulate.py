@@ -7,7 +7,6 @@ their action values (N, 8). Those are recorded, as are `reward_parts(step, arriv
 """
 
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from cosim.recording.levels import DETAILS, Level, with_bursts
 from cosim.recording.reader import Episode, read_episode
 from cosim.simulation.batch import DRIVERS, chosen_driver
 from cosim.simulation.episode import RunningEpisode
-from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.options import options_of, resolve
 from cosim.simulation.tasks import Task, simulate_tasks
 
 
@@ -87,13 +86,8 @@ def simulate(
             f"policy = {shown(policy)} has no act(observation); give an object that has, such as "
             'agent.load("policy.npz")'
         )
-    known = [field.name for field in fields(SimulationOptions)]
-    for name in options:
-        if name not in known:
-            raise ConfigError(f"simulate has no option {name}; choose from {', '.join(known)}")
-    driving = SimulationOptions(
-        **{"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options}
-    )
+    given = {"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options}
+    driving = options_of("simulate", given)
     require = getattr(policy, "require_scenario", None)
     scenario, config, fmu = resolve(driving, scenario, report, world=world, require=require)
     config = with_bursts(config, record)

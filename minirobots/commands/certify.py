@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import tyro
 
-from agent.certification.claims import LEAST_CONFIDENCE, parse_claim
+from agent.certification.claims import LEAST_CONFIDENCE, USUAL_CONFIDENCE, parse_claim
 from cosim.base.command import require_falling
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
@@ -52,7 +52,7 @@ class Certify(IsolatedOptions, Resumable):
     claim: str | None = None
     """What is claimed, before its episodes are seen: 'RATE < p' or 'RATE > p' with the rate of
     collision, out_of_board, timeout, failure or success."""
-    confidence: Annotated[float, tyro.conf.arg(metavar="P")] = 0.999999
+    confidence: Annotated[float, tyro.conf.arg(metavar="P")] = USUAL_CONFIDENCE
     """Probability, at least, that the verdict is right."""
     check: Annotated[Path | None, tyro.conf.arg(metavar="CERTIFICATE")] = None
     """Check a certificate.json, with its policy and results in the same folder."""
@@ -126,14 +126,12 @@ def run(options: Certify, progress: Progress) -> Result:
             where=options.where,
             progress=progress,
         )
-    from agent.certification.collisions import estimate_collisions
-    from agent.certification.measurement import case_of_file, certify
-
-    assert options.policy
-    case = case_of_file(options.policy, options.physics, options.seed, progress)
     if options.claim is None:
+        from agent.certification.collisions import estimate_collisions
+        from agent.study.episodes import case_of
+
         return estimate_collisions(
-            case,
+            case_of(options.policy, options.physics, options.seed, progress=progress),
             options.out,
             roots=options.roots,
             branches=options.branches,
@@ -141,16 +139,20 @@ def run(options: Certify, progress: Progress) -> Result:
             where=options.where,
             progress=progress,
         )
+    from agent.certification.measurement import certify
+
     return certify(
-        case,
-        parse_claim(options.claim),
-        options.confidence,
-        options.out,
+        options.policy,
+        options.claim,
+        confidence=options.confidence,
+        out=options.out,
         episodes=options.episodes,
-        budget_minutes=options.budget_minutes,
+        seed=options.seed,
         supersede=options.supersede,
-        where=options.where,
+        budget_minutes=options.budget_minutes,
         progress=progress,
+        **vars(options.where),
+        **vars(options.physics),
     )
 
 

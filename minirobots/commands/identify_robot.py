@@ -84,7 +84,7 @@ def show(options: IdentifyRobot, identified: "Identified | None") -> Any:
 
     header = ("parameter", "what it is", "value", "95 % interval", "rises")
     show_table(None, header, rows(identified), names=2)
-    for words in identified.report.untold:
-        print(f"the track does not tell {words}")
+    for words in identified.report.unidentifiable:
+        print(f"not identifiable from this track: {words}")
     print(f"results in {options.out}/: preset.toml, identification.json, report.html")
     return identified.report

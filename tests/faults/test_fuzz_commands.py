@@ -4,14 +4,12 @@ import contextlib
 import io
 import re
 import sys
-from importlib import import_module
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.__main__ import COMMANDS as ELSEWHERE
 from cosim.simulation.options import Physics
 from minirobots import runner
 from minirobots.__main__ import main, purposes
@@ -47,8 +45,7 @@ def flags():
 
 def ended(name: str, arguments: list[str]) -> tuple[int, str]:
     """Status and stderr of a command that stops when its options are taken."""
-    command = import_module(ELSEWHERE[name].module) if name in ELSEWHERE else runner
-    parse = command.parse
+    parse = runner.parse
 
     def stop(*given_: Any) -> None:
         options = parse(*given_)
@@ -63,7 +60,7 @@ def ended(name: str, arguments: list[str]) -> tuple[int, str]:
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
     ):
-        patch.setattr(command, "parse", stop)
+        patch.setattr(runner, "parse", stop)
         patch.setattr(sys, "argv", ["minirobots", name, *arguments])
         try:
             main()

@@ -7,13 +7,11 @@ import shutil
 import subprocess
 import sys
 from dataclasses import is_dataclass
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import minirobots.__main__
-from cosim.__main__ import COMMANDS as ELSEWHERE
 from minirobots.runner import module_of, options_of
 
 ROOT = Path(__file__).parents[2]
@@ -45,13 +43,7 @@ def program(command):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_command_has_its_functions_and_options(name):
-    if name in ELSEWHERE:
-        module = import_module(ELSEWHERE[name].module)
-        options = getattr(module, ELSEWHERE[name].options)
-        assert callable(module.main)
-    else:
-        module = module_of(name)
-        options = options_of(module)
+    options = options_of(module_of(name))
     assert is_dataclass(options)
     assert options.__doc__
 

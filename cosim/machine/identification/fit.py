@@ -155,7 +155,7 @@ def rises(track: SeenTrack, simulated: Simulated, found: Fit) -> np.ndarray:
     return rise.reshape(2, -1).T
 
 
-def untold(found: Fit) -> list[str]:
+def unidentifiable(found: Fit) -> list[str]:
     """What the track says nothing of, in words: directions hardly better known than before."""
     shares, directions = np.linalg.eigh(found.covariance / np.outer(SPREADS, SPREADS))
     said = []

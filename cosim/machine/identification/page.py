@@ -47,9 +47,9 @@ def rows(identified: Identified) -> list[tuple[str, ...]]:
     for parameter, found in zip(PARAMETERS, identified.report.parameters, strict=True):
         value, low, high = (parameter.scale * v for v in (found.value, found.low, found.high))
         ends = ", ".join("–" if rise is None else f"{rise:.1f}" for rise in found.rises)
-        told = f"{low:.3f} to {high:.3f}" if found.told else "the track does not tell"
+        known = f"{low:.3f} to {high:.3f}" if found.identifiable else "not identifiable"
         unit = f" {parameter.unit}" if parameter.unit else ""
-        table.append((parameter.name, parameter.description, f"{value:.3f}{unit}", told, ends))
+        table.append((parameter.name, parameter.description, f"{value:.3f}{unit}", known, ends))
     return table
 
 

@@ -10,7 +10,7 @@ from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
-from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, untold
+from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, unidentifiable
 from cosim.machine.identification.noise import Noise
 from cosim.machine.identification.parameters import PARAMETERS, SPREADS, machine
 from cosim.machine.identification.simulated import simulated
@@ -29,7 +29,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
         name, description: see `cosim.machine.identification.parameters.RobotParameter`.
         value: that fits best.
         low, high: interval of 95 %, by the covariance of Gauss and Newton.
-        told: whether the track says more of it than was assumed before.
+        identifiable: whether the track says more of it than was assumed before.
         rises: of the sum of squares at the ends of the interval, by simulation: 3.84 if the model
             were linear; None where an end is out of bounds.
     """
@@ -39,7 +39,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     value: float
     low: float
     high: float
-    told: bool
+    identifiable: bool
     rises: tuple[float | None, float | None]
 
 
@@ -51,7 +51,7 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
         preset: what was taken for all else.
         frames, duration_s: of the track.
         parameters: in the order of `cosim.machine.identification.parameters`.
-        untold: what the track says nothing of, in words.
+        unidentifiable: what the track says nothing of, in words.
         noise: of the camera, and how the robot strays from any simulation, by largest likelihood.
         evaluations: batches of simulations.
     """
@@ -62,7 +62,7 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
     frames: int
     duration_s: float
     parameters: tuple[Estimate, ...]
-    untold: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
     noise: dict[str, float]
     evaluations: int
 
@@ -113,7 +113,7 @@ def _report(
     track: SeenTrack, name: str, preset: Preset, found: Fit, ends: np.ndarray
 ) -> Identification:
     half = QUANTILE * found.deviations
-    told = found.deviations < UNKNOWN * SPREADS
+    identifiable = found.deviations < UNKNOWN * SPREADS
     return Identification(
         track=name,
         preset=preset.name,
@@ -126,12 +126,12 @@ def _report(
                 value=float(found.values[k]),
                 low=float(found.values[k] - half[k]),
                 high=float(found.values[k] + half[k]),
-                told=bool(told[k]),
+                identifiable=bool(identifiable[k]),
                 rises=(_known(ends[k, 0]), _known(ends[k, 1])),
             )
             for k, parameter in enumerate(PARAMETERS)
         ),
-        untold=tuple(untold(found)),
+        unidentifiable=tuple(unidentifiable(found)),
         noise=found.noise._asdict(),
         evaluations=found.evaluations,
     )

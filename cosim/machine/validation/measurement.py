@@ -1,4 +1,4 @@
-"""What is measured to hold the simulation against published machines, kept as it comes."""
+"""Measurements that are compared with published machines, each kept as it ends."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -54,7 +54,7 @@ class Sensitivity(NamedTuple):
 
     Attributes:
         point: where.
-        dynamics, platform: d ln v / d ln p by the parameter, ours and in closed form.
+        dynamics, platform: d ln v / d ln p by the parameter, simulated and in closed form.
     """
 
     point: PublishedSpeed

@@ -1,13 +1,13 @@
-"""Numbers that were published of robots of this family: what, by whom, and how sure.
+"""Numbers that were published of robots of this family: what, by whom, and how certain.
 
-Figures only, each with the simulated one that it is compared with. *seen* is read in the source or
-its stored text, *recalled* is from memory, *derived* is computed here from numbers that were seen.
+Figures only, each with the preset that it is compared with. *seen* is read in the source or its
+stored text, *recalled* is from memory, *derived* is computed here from numbers that were seen.
 """
 
 import math
 from typing import Literal, NamedTuple
 
-Sure = Literal["seen", "recalled", "derived"]
+Certainty = Literal["seen", "recalled", "derived"]
 Manoeuvre = Literal["forwards", "backwards", "left"]
 
 
@@ -18,8 +18,8 @@ class PublishedSpeed(NamedTuple):
         preset: machine that stands for it.
         manoeuvre: of the robot.
         omega_rad_s: of both motors.
-        value: in mm/s, or °/s; None where only ours is of interest.
-        sure: of the value.
+        value: in mm/s, or °/s; None where only the simulated one is of interest.
+        certainty: of the value.
         source: of it.
     """
 
@@ -27,7 +27,7 @@ class PublishedSpeed(NamedTuple):
     manoeuvre: Manoeuvre
     omega_rad_s: float
     value: float | None
-    sure: Sure
+    certainty: Certainty
     source: str
 
 

@@ -29,31 +29,31 @@ class SpeedRow(msgspec.Struct, frozen=True, kw_only=True):
     manoeuvre: str
     motor_speed_rad_s: float
     unit: str
-    ours: float
+    simulated: float
     least: float
     largest: float
     airborne_share: float
-    theirs: float | None
+    published: float | None
     ratio: float | None
     step_um: float | None
-    their_step_um: float | None
-    sure: str
+    published_step_um: float | None
+    certainty: str
     source: str
 
 
 class ReversalRow(msgspec.Struct, frozen=True, kw_only=True):
-    """Speed backwards over that forwards at one motor speed; theirs is derived from two speeds."""
+    """Speed backwards over that forwards at one motor speed; the published one is of two speeds."""
 
     preset: str
     motor_speed_rad_s: float
-    ours: float
-    theirs: float | None
+    simulated: float
+    published: float | None
     ratio: float | None
     source: str
 
 
 class SensitivityRow(msgspec.Struct, frozen=True, kw_only=True):
-    """A derivative d ln v / d ln p; `explains` is the value of p that gives theirs, first order."""
+    """A derivative d ln v / d ln p; `explains` is the p of the published speed, at first order."""
 
     preset: str
     motor_speed_rad_s: float
@@ -75,9 +75,9 @@ class PathRow(msgspec.Struct, frozen=True, kw_only=True):
     sideways_mm: float
     turned_deg: float
     turned_scatter_deg: float
-    theirs_mm: tuple[float, ...]
+    published_mm: tuple[float, ...]
     ratio: float | None
-    theirs_deg: float | None
+    published_deg: float | None
     source: str
 
 
@@ -113,21 +113,21 @@ def report_of(found: Validation, effort: Effort, seed: int) -> ValidationReport:
 def _speed_row(point: PublishedSpeed, measured: MeasuredSpeed) -> SpeedRow:
     turning = point.manoeuvre == "left"
     factor = math.degrees(1.0) if turning else 1e3
-    ours, omega = factor * measured.mean, point.omega_rad_s
+    simulated, omega = factor * measured.mean, point.omega_rad_s
     return SpeedRow(
         preset=point.preset,
         manoeuvre=point.manoeuvre,
         motor_speed_rad_s=omega,
         unit="°/s" if turning else "mm/s",
-        ours=ours,
+        simulated=simulated,
         least=factor * measured.least,
         largest=factor * measured.largest,
         airborne_share=measured.airborne_share,
-        theirs=point.value,
-        ratio=None if point.value is None else ours / point.value,
-        step_um=None if turning else step_um(ours, omega),
-        their_step_um=None if turning or point.value is None else step_um(point.value, omega),
-        sure=point.sure,
+        published=point.value,
+        ratio=None if point.value is None else simulated / point.value,
+        step_um=None if turning else step_um(simulated, omega),
+        published_step_um=None if turning or point.value is None else step_um(point.value, omega),
+        certainty=point.certainty,
         source=point.source,
     )
 
@@ -138,15 +138,15 @@ def _reversals(speeds: Sequence[SpeedRow]) -> Iterator[ReversalRow]:
     for (preset, omega, manoeuvre), back in rows.items():
         ahead = rows.get((preset, omega, "forwards"))
         if manoeuvre == "backwards" and ahead is not None:
-            ours, theirs = back.ours / ahead.ours, None
-            if back.theirs is not None and ahead.theirs is not None:
-                theirs = back.theirs / ahead.theirs
+            simulated, published = back.simulated / ahead.simulated, None
+            if back.published is not None and ahead.published is not None:
+                published = back.published / ahead.published
             yield ReversalRow(
                 preset=preset,
                 motor_speed_rad_s=omega,
-                ours=ours,
-                theirs=theirs,
-                ratio=None if theirs is None else ours / theirs,
+                simulated=simulated,
+                published=published,
+                ratio=None if published is None else simulated / published,
                 source=back.source,
             )
 
@@ -191,8 +191,8 @@ def _path_row(driven: DrivenPath) -> PathRow:
         sideways_mm=float(1e3 * ends[:, 1].mean()),
         turned_deg=float(turned.mean()),
         turned_scatter_deg=float(turned.std()),
-        theirs_mm=() if path is None else path.off_mm,
+        published_mm=() if path is None else path.off_mm,
         ratio=None if path is None else float(off_mm.mean() / np.mean(path.off_mm)),
-        theirs_deg=None if path is None else path.turned_deg,
+        published_deg=None if path is None else path.turned_deg,
         source="not at hand" if path is None else path.source,
     )

@@ -11,7 +11,7 @@ def _source(row: Any) -> str:
 
 
 def _speed(row: SpeedRow) -> str:
-    return f"{row.ours:.2f} ({row.least:.2f} to {row.largest:.2f}) {row.unit}"
+    return f"{row.simulated:.2f} ({row.least:.2f} to {row.largest:.2f}) {row.unit}"
 
 
 _PRESET, _OMEGA = field("preset"), field("motor_speed_rad_s", "{:.0f}", "rad/s")
@@ -20,21 +20,23 @@ SPEEDS = (
     _PRESET,
     field("manoeuvre"),
     _OMEGA,
-    Column("ours (range over phases)", _speed),
+    Column("simulated (range over phases)", _speed),
     field("airborne_share", "{:.0%}", "in the air"),
-    field("theirs", "{:g}"),
+    field("published", "{:g}"),
     _RATIO,
-    field("step_um", "{:.1f} µm", "step, ours"),
-    field("their_step_um", "{:.1f} µm (derived)", "theirs"),
-    Column("source", lambda row: "–" if row.theirs is None else f"{_source(row)}, {row.sure}"),
+    field("step_um", "{:.1f} µm", "step, simulated"),
+    field("published_step_um", "{:.1f} µm (derived)", "published"),
+    Column(
+        "source", lambda row: "–" if row.published is None else f"{_source(row)}, {row.certainty}"
+    ),
 )
 REVERSALS = (
     _PRESET,
     _OMEGA,
-    field("ours", "{:.2f}", "backwards over forwards, ours"),
-    field("theirs", "{:.2f}"),
+    field("simulated", "{:.2f}", "backwards over forwards, simulated"),
+    field("published", "{:.2f}"),
     _RATIO,
-    Column("source", lambda row: "–" if row.theirs is None else f"{_source(row)}, derived"),
+    Column("source", lambda row: "–" if row.published is None else f"{_source(row)}, derived"),
 )
 SENSITIVITIES = (
     _PRESET,
@@ -48,14 +50,16 @@ SENSITIVITIES = (
 PATHS = (
     field("path"),
     Column("dither", lambda row: "on" if row.dithered else "off"),
-    field("off_mm", "{:.1f} mm", "off, ours"),
+    field("off_mm", "{:.1f} mm", "off, simulated"),
     field("off_largest_mm", "{:.1f} mm", "largest"),
     field("sideways_mm", "{:+.1f} mm", "to the left"),
-    Column("turned, ours", lambda row: f"{row.turned_deg:+.1f} ± {row.turned_scatter_deg:.1f}°"),
-    Column("off, theirs", lambda r: " and ".join(f"{o:g} mm" for o in r.theirs_mm) or "–"),
+    Column(
+        "turned, simulated", lambda row: f"{row.turned_deg:+.1f} ± {row.turned_scatter_deg:.1f}°"
+    ),
+    Column("off, published", lambda r: " and ".join(f"{o:g} mm" for o in r.published_mm) or "–"),
     _RATIO,
-    Column("turned", lambda row: known(row.theirs_deg, "{:g}°")),
-    Column("source", lambda row: f"{_source(row)}, seen" if row.theirs_mm else "–"),
+    Column("turned", lambda row: known(row.published_deg, "{:g}°")),
+    Column("source", lambda row: f"{_source(row)}, seen" if row.published_mm else "–"),
 )
 
 

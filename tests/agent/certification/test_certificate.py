@@ -21,13 +21,13 @@ from agent.certification.certificate import (
 from agent.certification.check import CheckReport, check
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import SplittingReport, estimate_collisions
-from agent.certification.measurement import case_of_file, certify
+from agent.certification.measurement import certify_case
 from agent.certification.text import show_certificate
 from agent.evaluation.cases import Job, run_jobs
 from agent.evaluation.statistics import rate
 from agent.method import method_policy
 from agent.policies import load_policy
-from agent.study.episodes import EPISODES
+from agent.study.episodes import EPISODES, case_of
 from agent.study.store import IndexedResult, ResultFile, RowFile
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
@@ -52,14 +52,14 @@ FORGED = 7248  # episodes without collision that certify a rate below 0.002 at 0
 
 @pytest.fixture(scope="module")
 def case(near_file, motor_fmu):
-    return case_of_file(near_file, SimulationOptions(), 0)
+    return case_of(near_file, SimulationOptions(), 0)
 
 
 @pytest.fixture(scope="module")
 def out(case, tmp_path_factory):
     """A certificate of five episodes."""
     folder = tmp_path_factory.mktemp("certificate")
-    certify(case, CLAIM, CONFIDENCE, folder, where=ONE)
+    certify_case(case, CLAIM, CONFIDENCE, folder, where=ONE)
     return folder
 
 
@@ -67,7 +67,7 @@ def read(folder) -> Certificate:
     return read_certificate(folder / "certificate.json")
 
 
-def lasting(certificate: Certificate) -> Certificate:
+def without_timing(certificate: Certificate) -> Certificate:
     """A certificate without what differs from run to run."""
     evidence = msgspec.structs.replace(certificate.evidence, wall_s=0.0)
     return msgspec.structs.replace(certificate, evidence=evidence, issued="")
@@ -111,7 +111,7 @@ def test_a_certificate_says_what_it_stands_on(out, case, near_policy):
 
 
 def test_starts_are_covered_evenly_with_noise_of_their_own(case):
-    indices = case.cover(12)
+    indices = case.rounds(12)
     assert sorted(indices) == list(range(12))
     assert indices[:4] == case.sample(None)
     for k in (0, 4, 8):
@@ -121,15 +121,15 @@ def test_starts_are_covered_evenly_with_noise_of_their_own(case):
 
 
 def test_it_goes_on_where_it_ended(out, case, tmp_path):
-    first = certify(case, CLAIM, CONFIDENCE, tmp_path, episodes=2, where=ONE)
+    first = certify_case(case, CLAIM, CONFIDENCE, tmp_path, episodes=2, where=ONE)
     assert (first.verdict, first.evidence.episodes, first.evidence.enough) == ("undecided", 2, 5)
     (file,) = tmp_path.glob("*.jsonl")
     kept = file.read_bytes()
-    none = certify(case, CLAIM, CONFIDENCE, tmp_path, budget_minutes=0.0)
-    assert lasting(none) == lasting(first)
-    second = certify(case, CLAIM, CONFIDENCE, tmp_path, where=Workers(jobs=2))
+    none = certify_case(case, CLAIM, CONFIDENCE, tmp_path, budget_minutes=0.0)
+    assert without_timing(none) == without_timing(first)
+    second = certify_case(case, CLAIM, CONFIDENCE, tmp_path, where=Workers(jobs=2))
     assert file.read_bytes().startswith(kept)
-    assert lasting(second) == lasting(read(out))
+    assert without_timing(second) == without_timing(read(out))
 
 
 def test_a_verdict_is_final_and_other_attempts_are_kept(out, case, command, tmp_path):
@@ -137,16 +137,16 @@ def test_a_verdict_is_final_and_other_attempts_are_kept(out, case, command, tmp_
     for path in out.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
     first = (tmp_path / "certificate.json").read_bytes()
-    assert certify(case, CLAIM, CONFIDENCE, tmp_path) == read(tmp_path)
+    assert certify_case(case, CLAIM, CONFIDENCE, tmp_path) == read(tmp_path)
     other, claim = replace(case, seed=1), parse_claim("success > 0.4")
     for tried in ((other, CLAIM, CONFIDENCE), (case, claim, CONFIDENCE), (case, CLAIM, 0.8)):
         with pytest.raises(UserError, match=r"holds another attempt \(certified: .*--supersede"):
-            certify(*tried, tmp_path)
+            certify_case(*tried, tmp_path)
     assert (tmp_path / "certificate.json").read_bytes() == first
-    certify(other, CLAIM, CONFIDENCE, tmp_path, episodes=1, supersede=True, where=ONE)
-    second = certify(other, CLAIM, CONFIDENCE, tmp_path, episodes=2, supersede=True, where=ONE)
+    certify_case(other, CLAIM, CONFIDENCE, tmp_path, episodes=1, supersede=True, where=ONE)
+    second = certify_case(other, CLAIM, CONFIDENCE, tmp_path, episodes=2, supersede=True, where=ONE)
     assert (second.verdict, second.evidence.episodes, second.case.seed) == ("undecided", 2, 1)
-    third = certify(case, claim, CONFIDENCE, tmp_path, supersede=True, where=ONE)
+    third = certify_case(case, claim, CONFIDENCE, tmp_path, supersede=True, where=ONE)
     tried = [(a.case.seed, a.claim, a.verdict, a.evidence.episodes) for a in third.attempts]
     assert tried == [(0, CLAIM.text, "certified", 5), (1, CLAIM.text, "undecided", 2)]
     assert read(tmp_path) == third
@@ -166,7 +166,7 @@ def test_an_attempt_is_registered_before_its_episodes(case, tmp_path, monkeypatc
 
     monkeypatch.setattr(measurement, "EPISODES", EPISODES._replace(compute=interrupted))
     with pytest.raises(KeyboardInterrupt):
-        certify(case, CLAIM, CONFIDENCE, tmp_path)
+        certify_case(case, CLAIM, CONFIDENCE, tmp_path)
     assert (read(tmp_path).verdict, read(tmp_path).evidence.episodes) == ("undecided", 0)
     assert check(tmp_path / "certificate.json").differences == ()
 
@@ -174,7 +174,7 @@ def test_an_attempt_is_registered_before_its_episodes(case, tmp_path, monkeypatc
 def test_the_verdict_names_its_conditions(case, tmp_path, capsys):
     world = World(motor_spread=0.1, floor_tilt_deg=1.0)
     rough = replace(case, config=replace(case.config, world=world))
-    show_certificate(certify(rough, CLAIM, CONFIDENCE, tmp_path, episodes=1, where=ONE))
+    show_certificate(certify_case(rough, CLAIM, CONFIDENCE, tmp_path, episodes=1, where=ONE))
     said = capsys.readouterr().out
     assert "shield off, time limit 600 s" in said
     assert 'world {"motor_spread":0.1,"floor_tilt_deg":1.0}' in said
@@ -187,7 +187,7 @@ def test_a_single_start_is_known_far_worse_than_the_mean(case):
     test = claim_test(CLAIM, 0.999)
 
     def worst(results):
-        known = {k: results[n] for n, k in enumerate(case.cover(len(results)))}
+        known = {k: results[n] for n, k in enumerate(case.rounds(len(results)))}
         return judge(case, test, CLAIM, known)[1].worst_start
 
     assert worst({k: plain[k] for k in range(8)}) == pytest.approx(1.0 - 0.05**0.5)
@@ -200,7 +200,7 @@ def test_a_single_start_is_known_far_worse_than_the_mean(case):
 def test_a_bad_policy_is_refused(near_policy, case, tmp_path):
     config = replace(case.config, timing=case.config.timing._replace(episode_limit_s=10.0))
     bad = replace(case, policy=replace(near_policy, q=-near_policy.q), config=config)
-    certificate = certify(
+    certificate = certify_case(
         bad, parse_claim("failure < 0.05"), CONFIDENCE, tmp_path, episodes=4, where=ONE
     )
     assert certificate.verdict == "refused"
@@ -241,7 +241,7 @@ def test_a_check_finds_a_changed_result(copied, command):
 def forged(case, tmp_path_factory):
     """A certificate of many episodes, of which those that seed 0 draws are true."""
     folder, claim = tmp_path_factory.mktemp("forged"), parse_claim("collision < 2e-3")
-    indices = case.cover(FORGED)
+    indices = case.rounds(FORGED)
     true = np.random.default_rng(0).permutation(indices)[:10].tolist()
     rows = {job.index: result for job, result in run_jobs([Job(case, k) for k in true], 1)}
     file = ResultFile(folder, case)

@@ -26,8 +26,8 @@ def chances(test: SequentialTest, rates: list[float], most: int) -> tuple[float,
     state = np.zeros((most + 2, firsts + 1))
     state[0, 0] = 1.0
     certified = refused = 0.0
-    enough = [test.enough(k) for k in range(60)] + [most + 1] * most
-    refuted = [0] + [test.refuted(k) for k in range(1, 60)] + [0] * most
+    enough = [test.episodes_to_certify(k) for k in range(60)] + [most + 1] * most
+    refuted = [0] + [test.episodes_to_refute(k) for k in range(1, 60)] + [0] * most
     for count in range(1, most + 1):
         at = (count - 1) % len(rates)
         after = np.zeros_like(state)
@@ -83,19 +83,19 @@ def test_what_the_start_decides_is_no_error_at_all():
 @pytest.mark.parametrize("against", range(5))
 def test_sizes_are_those_of_clopper_and_pearson(against):
     limit, test = 1e-3, SequentialTest(1e-3, 1e-6)
-    n, level = test.enough(against), test.level(against)
+    n, level = test.episodes_to_certify(against), test.level(against)
     assert beta.isf(level, against + 1, n - against) <= limit
     assert beta.isf(level, against + 1, n - 1 - against) > limit
     assert test.chance(against, n) <= level < test.chance(against, n - 1)
-    n, level = test.refuted(against + 6), test.level(against + 5)
+    n, level = test.episodes_to_refute(against + 6), test.level(against + 5)
     assert beta.ppf(level, against + 6, n - against - 5) >= limit
     assert beta.ppf(level, against + 6, n - against - 4) < limit
 
 
 def test_no_round_has_to_be_complete():
     test = SequentialTest(1e-3, 1e-6)
-    assert test.enough(0) == math.ceil(math.log(0.5e-6) / math.log1p(-1e-3)) == 14_502
-    assert test.enough(1) == 18_574  # 20.6 rounds of 900 starts
+    assert test.episodes_to_certify(0) == math.ceil(math.log(0.5e-6) / math.log1p(-1e-3)) == 14_502
+    assert test.episodes_to_certify(1) == 18_574  # 20.6 rounds of 900 starts
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=2, max_size=7), st.data())
@@ -122,11 +122,11 @@ def test_levels_spend_alpha():
 
 def test_decisions_come_at_the_first_look_that_allows_them():
     test = SequentialTest(0.1, 0.05)
-    clean, one = test.enough(0), test.enough(1)
+    clean, one = test.episodes_to_certify(0), test.episodes_to_certify(1)
     assert test.decide([False] * 1000) == ("certified", clean, 0)
     assert test.decide([False] * (clean - 1)) == ("undecided", clean - 1, 0)
     assert test.decide([True] + [False] * 1000) == ("certified", one, 1)
-    at = next(k for k in range(1, 20) if k <= test.refuted(k))
+    at = next(k for k in range(1, 20) if k <= test.episodes_to_refute(k))
     assert test.decide([True] * 1000) == ("refused", at, at)
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from agent.falsification import __main__ as falsification
 from agent.falsification.found import fails, gap_cm, read_cases, run_again
 from agent.falsification.measurement import FalsificationReport, falsify
 from agent.method import method_policy
@@ -16,8 +15,8 @@ from agent.study.store import ResultFileError
 from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
-from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
+from minirobots.runner import FAILED_STATUS
 
 BOARD = """
 columns = 20
@@ -48,9 +47,8 @@ def policy(tmp_path_factory) -> Iterator[Path]:
 
 
 def search(policy: Path, out: Path, episodes: int = EPISODES, **options) -> FalsificationReport:
-    physics = SimulationOptions(time_limit=options.pop("time_limit", 16.0))
-    options = {"ranges": {}, "keep": 1, "jobs": 1} | options
-    return falsify(policy, physics, out, episodes=episodes, **options)
+    options = {"time_limit": 16.0, "keep": 1, "jobs": 1} | options
+    return falsify(policy, out=out, episodes=episodes, **options)
 
 
 def episodes_of(report: FalsificationReport) -> list[dict]:
@@ -130,8 +128,8 @@ def test_a_search_for_time_ends_with_the_first_time_out(policy):
 
 def test_cases_are_what_they_were_when_they_are_run_again(whole, policy, command):
     cases = policy.parent / "whole" / "cases.json"
-    ended = command(falsification, "--policy", policy, "--replay", cases, "--json")
-    assert ended.returncode == falsification.FAILS_STATUS, ended.stderr
+    ended = command("falsify", "--policy", policy, "--replay", cases, "--json")
+    assert ended.returncode == FAILED_STATUS, ended.stderr
     assert f"{whole.found} of {whole.found} cases fail" in ended.stdout
     report = json.loads(ended.stdout.splitlines()[-1])
     for then, now in zip(report["then"], report["now"], strict=True):
@@ -174,7 +172,7 @@ def test_gaps_and_failures(result, gap, failure):
     ],
 )
 def test_what_cannot_be_is_refused(policy, command, arguments, said):
-    ended = command(falsification, "--policy", policy, *arguments)
+    ended = command("falsify", "--policy", policy, *arguments)
     assert (ended.returncode, ended.stdout) == (2, "")
     assert said in ended.stderr
     assert ended.stderr.count("\n") == 1

@@ -10,8 +10,9 @@ import pytest
 from agent.baselines.measurement import baselines
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import estimate_collisions
-from agent.certification.measurement import case_of_file, certify
+from agent.certification.measurement import certify_case
 from agent.moves import observe
+from agent.study.episodes import case_of
 from agent.study.evaluate import evaluate
 from agent.study.robustness import robustness
 from agent.study.transfer import transfer
@@ -51,13 +52,13 @@ def of_baselines(place: Place, patch: pytest.MonkeyPatch) -> Any:
 
 
 def of_certify(place: Place, _: pytest.MonkeyPatch) -> Any:
-    case = case_of_file(place.policy, SimulationOptions(), 0)
-    found = certify(case, parse_claim("success > 0.5"), 0.9, place.out, where=place.where)
+    case = case_of(place.policy, SimulationOptions(), 0)
+    found = certify_case(case, parse_claim("success > 0.5"), 0.9, place.out, where=place.where)
     return msgspec.structs.replace(found, issued="")
 
 
 def of_splitting(place: Place, _: pytest.MonkeyPatch) -> Any:
-    case = case_of_file(place.policy, SimulationOptions(), 0)
+    case = case_of(place.policy, SimulationOptions(), 0)
     levels = {"roots": 2, "branches": 2, "gaps_mm": (30.0,)}
     return estimate_collisions(case, place.out, where=place.where, **levels)
 

@@ -94,9 +94,9 @@ def test_a_row_counts_the_beginning_of_its_sample(tmp_path, motor_fmu):
     file, indices = ResultFile(tmp_path, case), case.sample(None)
     for place in (0, 1, 3, 5):
         file.add(indices[place], PLAIN)
-    assert list(file.beginning(indices)) == indices[:2]
+    assert list(file.completed_prefix(indices)) == indices[:2]
     file.add(indices[2], PLAIN)
-    assert list(file.beginning(indices)) == indices[:4]
+    assert list(file.completed_prefix(indices)) == indices[:4]
     assert [job.index for job in file.missing(indices)] == [indices[4]]
 
 

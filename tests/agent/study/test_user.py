@@ -91,8 +91,8 @@ def test_the_identity_of_an_object_is_its_code_and_its_state():
     class Local(Stubborn):
         """Cannot be pickled."""
 
-    assert ObjectPolicy(Stubborn(), NEAR).lasting
-    assert not ObjectPolicy(Local(), NEAR).lasting
+    assert ObjectPolicy(Stubborn(), NEAR).recognizable
+    assert not ObjectPolicy(Local(), NEAR).recognizable
 
 
 def test_an_object_without_identity_is_kept_in_memory_only(tmp_path, caplog):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from matplotlib.patches import Rectangle
 
-from agent.experiments.__main__ import main
 from agent.experiments.results import show
 from agent.experiments.variants import EXPERIMENTS
 from analysis.figures import fig05
@@ -28,6 +27,7 @@ from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
 from analysis.reading.written import ResultError, read_experiment
 from cosim.model.built_in import BUILT_IN
+from minirobots.runner import execute
 
 
 @pytest.fixture(autouse=True)
@@ -131,7 +131,7 @@ def test_experiments_go_on_and_print_json(results, monkeypatch, capsys):
     arguments = ("fig08", "--runs", "2", "--episodes", "3000", "--jobs", "1", "--json")
     monkeypatch.setattr(sys, "argv", ["x", *arguments, "--out", str(folder)])
     before = json.loads((folder / "results.json").read_text())
-    main()
+    execute("experiments")
     content = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert content["variants"] == before["variants"]
     assert content["variants"]["1b"]["over_runs"]["success"]["runs"] == 2

@@ -9,7 +9,7 @@ import pytest
 from cosim.model.scenario import Scenario
 from cosim.model.world import Sensor, World, draw_world
 from cosim.onboard.features import DIRECTION_COUNT, Observation
-from cosim.simulation.options import Driving
+from cosim.simulation.options import SimulationOptions
 from cosim.simulation.tasks import Task, simulate_tasks
 
 EPISODES = 200
@@ -49,7 +49,7 @@ def test_shielded_robots_neither_touch_nor_leave_the_board(case):
         scenario = replace(PAIR, obstacles=RING)
     if case == "corner":
         world, scenario, limit_s = SLIPPERY, CORNER, 150.0
-    config, fmu = Driving(shield=True, through=True, time_limit=limit_s).prepare(
+    config, fmu = SimulationOptions(shield=True, through=True, time_limit=limit_s).prepare(
         scenario.robot_diameter_m, world=world
     )
     starts = tuple(cells[0] for cells in scenario.starts)

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.identification import draw_machine, observed
 from benchmarks.references.prescribed import Drive, rig, trace_body
 from cosim.machine.identification.excitation import HOLD_S, SEQUENCE, write_excitation
-from cosim.machine.identification.fit import Fit, untold
+from cosim.machine.identification.fit import Fit, unidentifiable
 from cosim.machine.identification.motion import Machine, tracks
 from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
 from cosim.machine.identification.parameters import NAMES, SPREADS, usual_values
@@ -92,7 +92,7 @@ def test_what_a_track_cannot_tell_is_said_by_name():
     nothing = np.empty((0, 3))
     noise = Noise(1.0, 1.0, 1.0, 1.0)
     found = Fit(usual_values(), shares * np.outer(SPREADS, SPREADS), noise, nothing, nothing, 1)
-    (words,) = untold(found)
+    (words,) = unidentifiable(found)
     assert (
         words == "com_height_m and foot_radius_m together: still 100% of the spread assumed before"
     )
@@ -174,7 +174,7 @@ def test_a_robot_is_identified_from_its_track(tmp_path, command):
     assert tuple(found) == NAMES
     mu = found["mu"]
     assert mu["low"] < truth.values[0] < mu["high"]
-    assert mu["told"]
+    assert mu["identifiable"]
     assert len(mu["rises"]) == 2
     preset = find_preset(out / "preset.toml")
     assert preset.robot.mu == mu["value"]

@@ -1,4 +1,4 @@
-"""Ours beside theirs: what is measured, how it is kept, what the tables say."""
+"""Simulated and published: what is measured, how it is kept, what the tables say."""
 
 import json
 import math
@@ -93,16 +93,18 @@ def made_up() -> Validation:
 def test_tables_compare_and_explain(made_up):
     report = report_of(made_up, QUICK, 0)
     speed = report.speeds[0]
-    assert (speed.ours, speed.theirs, speed.ratio) == (1.0, 0.5, 2.0)
-    assert speed.their_step_um == pytest.approx(step_um(0.5, 1050.0)) == pytest.approx(2.992, 1e-3)
+    assert (speed.simulated, speed.published, speed.ratio) == (1.0, 0.5, 2.0)
+    assert (
+        speed.published_step_um == pytest.approx(step_um(0.5, 1050.0)) == pytest.approx(2.992, 1e-3)
+    )
     rows = {row.parameter: row for row in report.sensitivities[: len(PARAMETERS) + 1]}
     assert rows["mu"].explains == pytest.approx(0.8)  # twice the friction: half the speed
     assert rows["foot_radius_m"].explains == pytest.approx(rows["foot_radius_m"].value / 2**0.5)
     assert rows["mass_kg"].explains is None  # four times as much
     assert rows["mu"].platform == -3.0
     by_speed = {(row.preset, row.motor_speed_rad_s): row for row in report.reversals}
-    assert by_speed["thesis", 1800.0].theirs == pytest.approx(2.8 / 3.9)
-    assert by_speed["icra2006", 1200.0].theirs is None
+    assert by_speed["thesis", 1800.0].published == pytest.approx(2.8 / 3.9)
+    assert by_speed["icra2006", 1200.0].published is None
     assert report.paths[0].off_mm == pytest.approx(5.0)
     text = text_of(report)
     assert "| icra2006 | forwards | 1050 | 1.00 (0.00 to 1000.00) mm/s | 50% | 0.5 | 2.00 |" in text
@@ -134,7 +136,7 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, comm
     assert done.returncode == 0, done.stderr
     printed = json.loads(done.stdout.splitlines()[-1])
     assert printed == json.loads((tmp_path / "validation.json").read_text("utf-8"))
-    assert printed["speeds"][0]["sure"] == "recalled"
+    assert printed["speeds"][0]["certainty"] == "recalled"
     assert {path.name for path in tmp_path.iterdir()} == {"validation.json", "validation.md"}
 
 

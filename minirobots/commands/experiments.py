@@ -1,0 +1,66 @@
+"""The paper's learning experiments."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from agent.experiments.variants import Name
+from agent.training.settings import LearningConfig
+from cosim.base.jobs import PROCESSES, Workers
+from cosim.base.progress import Progress
+from minirobots.options import Count, NewFolder, Seed
+
+if TYPE_CHECKING:
+    from agent.experiments.results import ExperimentResult
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiments(NewFolder):
+    """Run a learning experiment of the paper over many seeds and evaluate every run.
+
+    fig08: one robot, scenarios 1a and 1b. fig10: the coefficient c. fig11: pairs, scenarios 2, 3
+    and 4. features: which of x, y, d, g (and the bearing b) a robot needs. readings: what each
+    assumed reading of the paper changes. zone: scenarios 1a to 4 with the central zone open and
+    forbidden. factorial: c under every combination of zone, target obstacle, η and ε in scenarios 2
+    to 4, 192 variants; choose fewer --episodes. sequel: groups of four and six robots, by
+    Q-learning and double Q-learning. The same command with --out continues after an interrupt. Draw
+    the figures with `minirobots figures`.
+    """
+
+    experiment: Annotated[Name, tyro.conf.Positional]
+    """Experiment to run."""
+    runs: Count = 20
+    """Independent runs of each variant (the paper: 20)."""
+    seed: Seed = 0
+    episodes: Count = LearningConfig().episodes
+    """Training episodes of a run (Section V: 5 000 000)."""
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = PROCESSES
+
+    @property
+    def subject(self) -> str:
+        """What the results are of."""
+        return self.experiment
+
+
+def run(options: Experiments, progress: Progress) -> "ExperimentResult":
+    """Train what is missing and evaluate every run."""
+    from agent.experiments.run import run_experiment
+
+    return run_experiment(
+        options.experiment,
+        options.folder,
+        runs=options.runs,
+        seed=options.seed,
+        episodes=options.episodes,
+        where=options.where,
+        progress=progress,
+    )
+
+
+def show(_: Experiments, result: "ExperimentResult") -> "ExperimentResult":
+    """Print the variants."""
+    from agent.experiments.results import show as show_result
+
+    show_result(result)
+    return result

@@ -1,0 +1,116 @@
+"""The worst episodes of a policy, searched for."""
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import tyro
+
+from agent.falsification.search import SearchName, Sought
+from cosim.base.arguments import ConfigError
+from cosim.base.jobs import Workers
+from cosim.base.progress import Progress
+from cosim.simulation.options import SimulationOptions
+from minirobots.options import Count, File, Folder, IsolatedOptions, NotNegative, Resumable, Seed
+
+if TYPE_CHECKING:
+    from agent.falsification.found import ReplayReport
+    from agent.falsification.measurement import FalsificationReport
+
+
+@dataclass(frozen=True, kw_only=True)
+class Falsify(IsolatedOptions, Resumable):
+    """Search the worst episodes of a policy in the full co-simulation, within declared ranges.
+
+    Starts, initial phases of the motors and seeds of the noise are searched, and what --ranges
+    adds of the world. Every episode is kept as it ends: the same command resumes. All failures and
+    the worst episodes become regression cases (cases.json), which --replay runs again.
+    """
+
+    policy: File
+    """Policy (policy.npz)."""
+    out: Folder = Path("runs/falsify")
+    """Folder of results, recordings, falsification.json and cases.json."""
+    objective: Sought = "gap"
+    """What is searched: the smallest gap between two robots, which is none where robots touch or
+    one leaves the board; or the longest time."""
+    ranges: File | None = None
+    """Ranges to search (.toml with a table [ranges], see docs/falsification.md); what it does not
+    name has its default: all starts, all phases, 1000 seeds, and the world as declared."""
+    search: SearchName = "surrogate"
+    """How episodes are chosen: from the starts of which a cheap model of observed moves expects the
+    worst; by evolution (CMA-ES); or uniformly at random as a baseline."""
+    episodes: Count = 200
+    """Episodes to simulate, those of earlier runs included."""
+    until_found: bool = False
+    """End with the generation of 8 episodes in which the first failure is found."""
+    keep: NotNegative = 3
+    """Worst episodes to record."""
+    seed: Seed = 0
+    replay: File | None = None
+    """Instead of a search, simulate the cases of a cases.json with the policy again and say which
+    still fail; the exit status is 1 if one does."""
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
+    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=SimulationOptions
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.replay is not None:
+            plain = Falsify(
+                policy=self.policy, physics=SimulationOptions(motor_fmu=self.physics.motor_fmu)
+            )
+            may_be_given = {"replay", "where", "json", "isolation"}
+            names = {option.name for option in fields(self)} - may_be_given
+            if any(getattr(self, name) != getattr(plain, name) for name in names):
+                raise ConfigError(
+                    "--replay has the dynamics from its file and searches nothing; give only "
+                    "--policy, --motor-fmu, --jobs and --json with it"
+                )
+
+
+Result: TypeAlias = "FalsificationReport | ReplayReport"
+
+
+def run(options: Falsify, progress: Progress) -> Result:
+    """Search, or simulate the cases of a file again."""
+    if options.replay is not None:
+        from agent.falsification.found import replay
+
+        return replay(options.replay, options.policy, options.physics, options.where, progress)
+    from agent.falsification.measurement import falsify
+
+    return falsify(
+        options.policy,
+        out=options.out,
+        ranges=options.ranges,
+        objective=options.objective,
+        search=options.search,
+        episodes=options.episodes,
+        seed=options.seed,
+        until_found=options.until_found,
+        keep=options.keep,
+        progress=progress,
+        **vars(options.where),
+        **vars(options.physics),
+    )
+
+
+def show(options: Falsify, result: Result) -> Result:
+    """Print the worst episodes, or what the cases were and are."""
+    from agent.falsification.found import ReplayReport
+    from agent.falsification.table import show as show_report
+    from agent.falsification.table import show_replay
+
+    if isinstance(result, ReplayReport):
+        show_replay(result)
+    else:
+        show_report(result)
+        print(f"results in {options.out}/: falsification.json, cases.json")
+    return result
+
+
+def failed(result: Result) -> bool:
+    """Return whether a case that was replayed fails."""
+    return getattr(result, "failing", 0) > 0
