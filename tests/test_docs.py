@@ -6,6 +6,7 @@ import tokenize
 from collections import Counter, defaultdict
 from pathlib import Path
 
+from agent.training.settings import FACTS, METHODS
 from analysis.figures import fig07
 from analysis.motor.options import StepTest
 from analysis.motor.step_test import record
@@ -139,3 +140,10 @@ def test_prose_is_plain_english():
         if IDIOMS.search(line)
     ]
     assert found == []
+
+
+def test_methods_page_has_the_table_of_the_command():
+    page = (ROOT / "docs" / "methods.md").read_text("utf-8").replace("`", "")
+    rows = [f"| {name} | {' | '.join(facts)} |" for name, facts in FACTS.items()]
+    assert [row for row in rows if row not in page] == []
+    assert sorted(FACTS) == sorted(METHODS)

@@ -139,7 +139,6 @@ def test_installed_package_works_without_the_checkout_and_a_compiler(
     for command in (
         ["uv", "venv", "--quiet", "--python", version or sys.executable, environment],
         ["uv", "pip", "install", "--quiet", "--python", python, package],
-        ["uv", "pip", "uninstall", "--quiet", "--python", python, "ziglang"],
     ):
         targets = {"MINIROBOTS_WHEEL_TARGETS": host_target()}  # of what is built from the sdist
         subprocess.run(command, cwd=ROOT, env=os.environ | targets, check=True)

@@ -7,7 +7,7 @@ is slow to import, so that command lines can have these options.
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import msgspec
 
@@ -20,6 +20,48 @@ Method = Literal["moves", "paper", "slip", "robust", "prompt", Computed]
 METHODS: tuple[Method, ...] = get_args(Method)
 COMPUTED: tuple[Computed, ...] = get_args(Computed)
 BEST: Method = "moves"
+
+
+class MethodFacts(NamedTuple):
+    """What a user chooses a method by.
+
+    Attributes:
+        robots: number of robots that it can drive.
+        how: it makes a policy.
+        needs: options of the co-simulation that it is made for.
+        use: when to choose it.
+    """
+
+    robots: str
+    how: str
+    needs: str
+    use: str
+
+
+_OPTIMUM = "Dijkstra's algorithm over the joint grid"
+FACTS: dict[Method, MethodFacts] = {
+    "moves": MethodFacts("any", "Q-learning on moves observed in the co-simulation", "", "default"),
+    "paper": MethodFacts(
+        "any", "Q-learning on the grid (Section V of the paper)", "", "to reproduce the paper"
+    ),
+    "slip": MethodFacts(
+        "any", "Q-learning on a grid where moves go astray", "", "a simple model of errors"
+    ),
+    "robust": MethodFacts(
+        "any", "Q-learning on moves observed in many worlds", "", "worlds that are not ideal"
+    ),
+    "prompt": MethodFacts(
+        "any", "Q-learning per time, on moves through cells", "--through", "learnt, for short times"
+    ),
+    "shortest": MethodFacts("1, 2", f"computed: {_OPTIMUM}, by path", "", "bound of the path"),
+    "quickest": MethodFacts("1, 2", f"computed: {_OPTIMUM}, by moves", "", "bound of the moves"),
+    "fastest": MethodFacts(
+        "1, 2", "computed: value iteration on observed moves", "--through (2 robots)", "least time"
+    ),
+    "roundabout": MethodFacts(
+        "any", "computed: every robot turns one way about the middle", "--shield", "groups"
+    ),
+}
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal
 IN_WORLDS: tuple[Method, ...] = (*COMPARED, "robust")  # where they are not
 

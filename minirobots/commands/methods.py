@@ -1,0 +1,30 @@
+"""The methods that make policies, and when to use which."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from cosim.base.progress import Progress
+from minirobots.options import CommandOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Methods(CommandOptions):
+    """Print the methods that make policies: how, for how many robots, and when to use them.
+
+    They are the values of --method of `minirobots run`. docs/methods.md compares what they achieve.
+    """
+
+
+def run(options: Methods, _: Progress) -> list[dict[str, Any]]:
+    """Return a row for each method."""
+    from agent.training.settings import FACTS
+
+    return [{"method": method, **facts._asdict()} for method, facts in FACTS.items()]
+
+
+def show(_: Methods, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Print the table."""
+    from cosim.base.command import show_table
+
+    show_table(None, tuple(rows[0]), [tuple(row.values()) for row in rows])
+    return {"methods": rows}
