@@ -135,14 +135,20 @@ def _headless() -> Iterator[ViewerClient]:
 
 
 def _tab_names(blueprint: dict[str, Any]) -> dict[str, tuple[str, str]]:
-    """Tabs by their names: path of the container that has them, and which of its contents."""
+    """Tabs by their names: path of the container that has them, and which of its contents.
+
+    Tabs within a tab come after the others: a blueprint names its containers in any order.
+    """
     containers = {path: entry.get("ContainerBlueprint", {}) for path, entry in blueprint.items()}
     views = {path: entry.get("ViewBlueprint", {}) for path, entry in blueprint.items()}
+    tabs = {
+        path: c["contents"] for path, c in containers.items() if c.get("container_kind") == "Tabs"
+    }
+    within = {f"/{part}" for parts in tabs.values() for part in parts}
     return {
         (containers[f"/{part}"] or views[f"/{part}"])["display_name"]: (path, part)
-        for path, container in containers.items()
-        if container.get("container_kind") == "Tabs"
-        for part in container["contents"]
+        for path in sorted(tabs, key=within.__contains__)
+        for part in tabs[path]
     }
 
 

@@ -50,8 +50,11 @@ def episode_blueprint(
                 contents=[path.format(r=name) for path in paths],
                 name=f"{label} · {name}",
                 axis_x=time,
-                # A robot's colour tells its signals, the label their order; a legend hides curves.
-                plot_legend=rrb.PlotLegend(visible=any(p.endswith("/q_s") for p in paths)),
+                # A robot's colour tells its signals, the label their order; a legend hides curves,
+                # and is shown where the eight directions have room for it.
+                plot_legend=rrb.PlotLegend(
+                    visible=title == "plots" and any(p.endswith("/q_s") for p in paths)
+                ),
             )
             for label, *paths in rows
             for name in names
@@ -68,7 +71,7 @@ def episode_blueprint(
 
     speeds = "speed of D (dark), E, set points (white), rad/s"
     omega, set_point = "/sim/{r}/motors/omega", "/sim/{r}/motors/omega_des"
-    q_values = "Q of the eight directions", "/rl/{r}/q_s"
+    q_values = "Q of the eight directions (legend: tab learning)", "/rl/{r}/q_s"
     # The reward of the goal is hidden: a hundred times that of a step, it would flatten the rest.
     rewards = "reward of a step: its time (dark), nearness; not the goal", "/rl/{r}/reward_parts"
     apart = [("distance to the nearest robot, m", "/sim/{r}/distance_m")] * (robots > 1)

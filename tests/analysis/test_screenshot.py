@@ -4,13 +4,14 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import rerun as rr
 from PIL import Image
 
-from analysis.viewer import ViewerError, screenshot, shrink
+from analysis.viewer import ViewerError, _tab_names, screenshot, shrink
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +46,18 @@ def test_recording_opens_without_a_complaint(run_folder, tmp_path, recording, vi
 def test_missing_tab_is_named(run_folder, tmp_path):
     with pytest.raises(ViewerError, match="no tab 'sounds'; it has overview, motors, motion"):
         screenshot(run_folder / "episodes" / "ep_000.rrd", tmp_path / "a.png", tab="sounds")
+
+
+def test_tabs_within_a_tab_are_not_the_first():
+    def tabs(name: str, *parts: str) -> dict[str, Any]:
+        entry = {"display_name": name, "container_kind": "Tabs", "contents": parts}
+        return {"ContainerBlueprint": entry}
+
+    shown = {part: {"ViewBlueprint": {"display_name": part}} for part in ("/r1", "/overview")}
+    for order in (("/inner", "/outer"), ("/outer", "/inner")):
+        parts = {"/inner": tabs("policies", "r1"), "/outer": tabs("", "overview", "inner")}
+        names = _tab_names({path: parts[path] for path in order} | shown)
+        assert list(names) == ["/overview", "policies", "/r1"]
 
 
 def test_missing_recording_is_named(tmp_path):
