@@ -1,0 +1,104 @@
+"""Compile the sources of an unpacked FMU and pack it again."""
+
+import os
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress, under_way
+from minirobots.options import CommandOptions
+
+if TYPE_CHECKING:
+    from fmpy.model_description import BuildConfiguration
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pack(CommandOptions):
+    """Compile the sources of an unpacked FMU for this machine, and pack it again.
+
+    The folder holds what an FMI 3.0 archive does, with sources/buildDescription.xml. Get one by
+    `minirobots fmu motor --out .` and `python -m zipfile -e VibrationMotor.fmu my_motor`.
+    docs/own.md is a guide. Binaries of other platforms are left out.
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Folder of the unpacked FMU."""
+    out: Path | None = None
+    """FMU to write; by default the folder's name with .fmu, next to it."""
+
+
+def run(options: Pack, progress: Progress) -> dict[str, Any]:
+    """Compile and pack.
+
+    Raises:
+        UserError: the folder is no unpacked FMI 3.0 FMU with sources, the compiler failed, or the
+            result is no valid FMU.
+    """
+    import fmpy
+
+    from cosim.base.storage import named
+    from cosim.fmi.fmu import Fmu
+    from fmus.archive import write_archive
+
+    folder = options.folder
+    out = named(options.out or folder.with_suffix(".fmu"), ".fmu")
+    try:
+        configurations = fmpy.model_description.read_build_description(folder)
+    except Exception as error:  # fmpy raises plain Exceptions and those of XML
+        raise UserError(f"{folder}/sources/buildDescription.xml: {error}; fix it") from error
+    if not configurations or not (folder / "modelDescription.xml").is_file():
+        raise UserError(
+            f"{folder} is no unpacked FMI 3.0 FMU with sources: it needs modelDescription.xml and "
+            "sources/buildDescription.xml"
+        )
+    files = {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and "binaries" not in path.relative_to(folder).parts[:1]
+    }
+    with under_way(progress, "compiling"):
+        for configuration in configurations:
+            files |= _binary(folder, configuration)
+    write_archive(out, files)
+    fmu = Fmu(out)
+    return {"fmu": str(out), "inputs": _names(fmu, "input"), "outputs": _names(fmu, "output")}
+
+
+def _names(fmu: Any, causality: str) -> list[str]:
+    return [name for name, variable in fmu.variables.items() if variable.causality == causality]
+
+
+def _binary(folder: Path, configuration: "BuildConfiguration") -> dict[str, bytes]:
+    """Return the library of a build configuration, by its name in the archive."""
+    import fmpy
+
+    from cosim.base.storage import temporary_folder
+    from fmus.compiler import SAME_BITS, compiler_command, fmi_headers
+
+    name = f"{configuration.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    flags = ["-O2", "-shared", "-fPIC", SAME_BITS, f"-I{fmi_headers()}", "-I."]
+    sources: list[str] = []
+    for group in configuration.sourceFileSets:
+        flags += [
+            f"-D{d.name}={d.value or ''}" for d in group.preprocessorDefinitions if not d.optional
+        ]
+        flags += [f"-I{path}" for path in group.includeDirectories]
+        sources += group.sourceFiles
+    flags.append("-DFMI3_OVERRIDE_FUNCTION_PREFIX=1")
+    with temporary_folder() as work:
+        library = Path(work) / name
+        done = subprocess.run(
+            [*compiler_command(), *flags, *sources, "-o", library, "-lm"],
+            cwd=folder / "sources",
+            env=os.environ | {"ZIG_LOCAL_CACHE_DIR": work},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            raise UserError(f"the C compiler failed: {done.stderr.strip()}")
+        return {f"binaries/{fmpy.platform_tuple}/{name}": library.read_bytes()}

@@ -1,0 +1,33 @@
+"""The command pack: what it refuses; test_tutorial.py runs docs/own.md, which uses it."""
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({}, "no unpacked FMI 3.0 FMU with sources"),
+        ({"sources/buildDescription.xml": "<a/>"}, "buildDescription.xml: Unsupported"),
+        ({"sources/buildDescription.xml": "no XML"}, "buildDescription.xml: Start tag expected"),
+    ],
+)
+def test_other_folders_are_refused(files, message, tmp_path, command):
+    (tmp_path / "mine" / "sources").mkdir(parents=True)
+    for name, content in files.items():
+        (tmp_path / "mine" / name).write_text(content)
+    done = command("pack", tmp_path / "mine")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_errors_of_the_compiler_are_shown(tmp_path, command):
+    from zipfile import ZipFile
+
+    assert command("fmu", "motor", "--out", tmp_path).returncode == 0
+    ZipFile(tmp_path / "VibrationMotor.fmu").extractall(tmp_path / "mine")
+    (tmp_path / "mine" / "sources" / "motor.h").write_text("int x = ;\n")
+    done = command("pack", tmp_path / "mine")
+    assert done.returncode == 2
+    assert "the C compiler failed" in done.stderr and "motor.h:1" in done.stderr
+    assert not (tmp_path / "mine.fmu").exists()
