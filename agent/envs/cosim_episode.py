@@ -12,7 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.envs.grid_episode import FEATURE_COLUMNS, place_checked, whole_cells
+from agent.envs.grid_episode import (
+    FEATURE_COLUMNS,
+    free_directions,
+    place_checked,
+    whole_cells,
+)
 from agent.envs.state import Restorable
 from agent.envs.worlds import checked_ranges
 from agent.mdp.acting import on_grid
@@ -118,6 +123,7 @@ class CoSimPlace(Restorable):
         self.sizes = tuple(sizes.values())
         self._columns = [FEATURE_COLUMNS[name] for name in sizes]
         self._batch, self._place = batch, place
+        self._last = np.array([self.scenario.columns, self.scenario.rows])
         self.status = np.full(self.scenario.robots, MOVING)
         self.rewards = np.zeros(self.scenario.robots)
         self._positions_m = np.zeros((self.scenario.robots, 2))
@@ -212,6 +218,11 @@ class CoSimPlace(Restorable):
         world, _ = on_grid(self.process, seen._replace(cells=cells))
         world[:, SIGN] += 1
         return world[:, self._columns]
+
+    def action_mask(self, robot: int) -> np.ndarray:
+        """(8,) int8, see `agent.envs.grid_episode.free_directions`."""
+        table = free_directions(self.process)[robot]
+        return table[tuple(self._running.observation.cells[robot].clip(-1, self._last) + 1)]
 
     def path_length_cm(self) -> np.ndarray:
         """(N,) float64."""

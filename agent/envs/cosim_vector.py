@@ -134,6 +134,12 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
     def _observations(self) -> np.ndarray:
         return np.concatenate([place.observation() for place in self._places])
 
+    def action_masks(self) -> np.ndarray:
+        """Return (rows, 8) bool, which directions lead to a free cell."""
+        self._require_open()
+        robots = range(self.scenario.robots)
+        return np.array([p.action_mask(i) for p in self._places for i in robots], dtype=bool)
+
     def _infos(self) -> dict[str, Any]:
         path_cm = np.stack([place.path_length_cm() for place in self._places])
         active = np.stack([place.active for place in self._places])

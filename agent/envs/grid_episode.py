@@ -29,13 +29,13 @@ from agent.mdp.grid import (
     place_randomly,
     slipped,
 )
-from agent.mdp.readings import Process, build_process, feature_sizes
+from agent.mdp.readings import FREE, GOAL, Process, build_process, feature_sizes
 from agent.mdp.rng import seeded_state
 from cosim.base.arguments import taken
 from cosim.base.errors import UserError
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
-from cosim.onboard.features import DIRECTION_COUNT
+from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
 
@@ -100,6 +100,10 @@ class EnvEpisode(Protocol):
         """(N,) float64, path of each robot since the start."""
         ...
 
+    def action_mask(self, robot: int) -> np.ndarray:
+        """(8,) int8, 1 where a direction leads to a free cell."""
+        ...
+
     def positions_m(self) -> np.ndarray:
         """(N, 2) float64, robots' centres in the board's frame."""
         ...
@@ -134,6 +138,7 @@ class GridEpisode(Restorable):
         self.process = build_process(scenario, config)
         self.sizes = tuple(feature_sizes(scenario, config).values())
         self._features = observed_columns(scenario, config)
+        self._free = free_directions(self.process)
         n = scenario.robots
         self.world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
         self.rewards = np.zeros(n)
@@ -201,6 +206,10 @@ class GridEpisode(Restorable):
         """(N,) float64."""
         return 100.0 * self.scenario.cell_m * np.array(self._path_cells)
 
+    def action_mask(self, robot: int) -> np.ndarray:
+        """(8,) int8, see `free_directions`."""
+        return self._free[robot, self.world[robot, X] + 1, self.world[robot, Y] + 1].copy()
+
     def positions_m(self) -> np.ndarray:
         """(N, 2) float64, centres of the robots' cells."""
         return (self.world[:, [X, Y]] + 0.5) * self.scenario.cell_m
@@ -215,6 +224,19 @@ def observed_columns(scenario: Scenario, config: ProcessConfig) -> list[tuple[in
         (FEATURE_COLUMNS[name], 1 if name == "g" else 0, size - 1)
         for name, size in feature_sizes(scenario, config).items()
     ]
+
+
+def free_directions(process: Process) -> np.ndarray:
+    """Return which directions lead to a free cell or to the robot's target.
+
+    (N, columns + 2, rows + 2, 8) int8 of robot i in cell (x, y) at [i, x + 1, y + 1]. Where no
+    direction does, all count as free, as learners need one.
+    """
+    free = np.pad(np.isin(process.terrain, (FREE, GOAL)), ((0, 0), (1, 1), (1, 1)))
+    columns, rows = process.terrain.shape[1:]
+    moved = [free[:, 1 + x : 1 + x + columns, 1 + y : 1 + y + rows] for x, y in DIRECTIONS]
+    table = np.stack(moved, axis=-1)
+    return (table | ~table.any(axis=-1, keepdims=True)).astype(np.int8)
 
 
 def direction_error(action: Any, whose: str = "") -> ActionError:

@@ -18,6 +18,7 @@ from agent.envs.grid_episode import (
 from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
 from agent.envs.state import Restorable
 from agent.mdp.grid import MOVING
+from cosim.base.arguments import taken
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
@@ -93,6 +94,7 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         *,
         outcome_names: bool = False,
         max_cycles: int | None = None,
+        one_hot: bool = False,
     ) -> None:
         require_render_mode(render_mode)
         self._max_cycles = counted("max_cycles", max_cycles, int | None)
@@ -102,9 +104,10 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         self.possible_agents = agent_names(episode.scenario)
         self.agents = []
         self.state_space = spaces.MultiDiscrete([*episode.sizes] * len(self.possible_agents))
-        self.observation_spaces: dict[str, spaces.Space] = {
-            agent: spaces.MultiDiscrete(list(episode.sizes)) for agent in self.possible_agents
-        }
+        self._features = spaces.MultiDiscrete(list(episode.sizes))
+        self._one_hot = taken("one_hot", one_hot, bool)
+        seen = spaces.flatten_space(self._features) if self._one_hot else self._features
+        self.observation_spaces: dict[str, spaces.Space] = dict.fromkeys(self.possible_agents, seen)
         self.action_spaces: dict[str, spaces.Space] = {
             agent: spaces.Discrete(DIRECTION_COUNT) for agent in self.possible_agents
         }
@@ -180,14 +183,17 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
 
     def _observations(self) -> dict[str, np.ndarray]:
         rows = dict(zip(self.possible_agents, self.episode.observation(), strict=True))
-        return {agent: rows[agent] for agent in self.agents}
+        seen = {agent: rows[agent] for agent in self.agents}
+        if not self._one_hot:
+            return seen
+        return {k: np.asarray(spaces.flatten(self._features, row)) for k, row in seen.items()}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
+        robots = {agent: self.possible_agents.index(agent) for agent in self.agents}
         return {
-            agent: episode_info(
-                self.episode, self.possible_agents.index(agent), names=self._outcome_names
-            )
-            for agent in self.agents
+            agent: episode_info(self.episode, i, names=self._outcome_names)
+            | {"action_mask": self.episode.action_mask(i)}
+            for agent, i in robots.items()
         }
 
     def state(self) -> np.ndarray:

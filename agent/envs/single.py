@@ -120,6 +120,11 @@ class NavigationEnv(Restorable, gym.Env[np.ndarray, np.int64]):
             self._info(),
         )
 
+    def action_masks(self) -> np.ndarray:
+        """Return (8,) bool, which directions lead to a free cell."""
+        self._require_open()
+        return self.episode.action_mask(0).astype(bool)
+
     def _info(self) -> dict[str, Any]:
         return episode_info(self.episode, 0, names=self._outcome_names)
 
@@ -185,6 +190,7 @@ def parallel_env(
     render_mode: str | None = None,
     outcome_names: bool = False,
     max_cycles: int | None = None,
+    one_hot: bool = False,
     **physics: Any,
 ) -> NavigationParallelEnv:
     """PettingZoo environment of any scenario.
@@ -194,10 +200,15 @@ def parallel_env(
             `NavigationEnv`; of several robots a step ends when any of them waits for an action, and
             `active` says whose counts.
         max_cycles: limit of steps, after which robots still on their move are truncated.
+        one_hot: observe a Box with a 0 or 1 for each value of each feature.
     """
     episode = make_episode(scenario, process, physics, cosim=cosim, decision=decision)
     return NavigationParallelEnv(
-        episode, render_mode, outcome_names=outcome_names, max_cycles=max_cycles
+        episode,
+        render_mode,
+        outcome_names=outcome_names,
+        max_cycles=max_cycles,
+        one_hot=one_hot,
     )
 
 

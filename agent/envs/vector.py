@@ -18,10 +18,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from agent.envs.boards import Boards, board_seeds, counted
-from agent.envs.grid_episode import ActionError, direction_error
+from agent.envs.grid_episode import ActionError, direction_error, free_directions
 from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
 from agent.envs.state import Restorable
 from agent.mdp.config import ProcessConfig
+from agent.mdp.grid import X, Y
 from agent.mdp.readings import feature_sizes
 from cosim.base.arguments import require_one_of
 from cosim.base.errors import UserError
@@ -225,6 +226,13 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
         if self._view.base is not memory:  # at first, and in a copy of the environment
             self._view = memory.reshape(self.num_envs, -1)
         return self._view.copy() if self._copy else self._view
+
+    def action_masks(self) -> np.ndarray:
+        """Return (rows, 8) bool, which directions lead to a free cell."""
+        self._require_open()
+        worlds, robots = self._boards.arrays.worlds, np.arange(self.scenario.robots)
+        free = free_directions(self._boards.process)[robots, worlds[..., X] + 1, worlds[..., Y] + 1]
+        return free.astype(bool).reshape(self.num_envs, -1)
 
     def _infos(self) -> dict[str, Any]:
         arrays = self._boards.arrays

@@ -1,7 +1,7 @@
-"""Times environments of pairs on the grid: many boards in one compiled loop, and one in Python.
+"""Times environments: pairs on the grid, many boards and one, and robots in the dynamics.
 
-Both take the same random actions, in turn, by the processor time of their one thread. Steps of
-agents that have ended, and those with which a board begins again, count for nothing.
+All take random actions, on the grid the same ones in turn, by the processor time of their one
+thread. Steps of agents that have ended, and those with which a board begins again, are not counted.
 """
 
 import time
@@ -11,10 +11,18 @@ import numpy as np
 
 import agent.envs
 from agent.envs.parallel import NavigationParallelEnv
+from cosim.model.outcome import RUNNING
 from cosim.onboard.features import DIRECTION_COUNT
 
 STEPS = 200  # of every board, in each repeat
 PARALLEL_BOARDS = 20  # that PettingZoo's environment takes one after the other
+DYNAMICS_S = 10.0  # simulated time of each robot in the dynamics
+# Environment, boards and simulated time of a step in s.
+DYNAMICS = {
+    **{f"drive_{n}": ("MiniRobots/Drive-v0", n, 0.1) for n in (1, 16, 64)},
+    **{f"cosim_{n}": ("MiniRobots/CoSim-v0", n, 2.0) for n in (1, 16, 64)},
+    "cosim_8_pairs": ("MiniRobots/CoSimPair-v0", 8, 2.0),
+}
 
 
 def vector_steps_per_s(env: gym.vector.VectorEnv, actions: np.ndarray) -> float:
@@ -44,6 +52,22 @@ def parallel_steps_per_s(env: NavigationParallelEnv, actions: np.ndarray) -> flo
     return agent_steps / (time.thread_time() - began)
 
 
+def robot_seconds_per_s(name: str, boards: int, step_s: float) -> float:
+    """Return simulated seconds of all robots per second of an environment in the dynamics."""
+    env = gym.make_vec(name, num_envs=boards)
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())  # compile
+    _, infos = env.reset(seed=0)
+    robot_s, began = 0.0, time.thread_time()
+    for _ in range(round(DYNAMICS_S / step_s)):
+        robot_s += step_s * np.count_nonzero(infos["outcome"] == RUNNING)
+        _, _, _, _, infos = env.step(env.action_space.sample())
+    rate = float(robot_s / (time.thread_time() - began))
+    env.close()
+    return rate
+
+
 def measure(scenario: str, boards: int, repeats: int) -> dict[str, float]:
     """All figures by name."""
     env = gym.make_vec("MiniRobots/Pair-v0", num_envs=boards, scenario=scenario)
@@ -65,6 +89,12 @@ def measure(scenario: str, boards: int, repeats: int) -> dict[str, float]:
         "agent_steps_per_s": best,
         "parallel_agent_steps_per_s": best_parallel,
         "ratio_to_parallel_env": best / best_parallel,
+        **{
+            f"{label}_robot_s_per_s": max(
+                robot_seconds_per_s(*what) for _ in range(min(repeats, 3))
+            )
+            for label, what in DYNAMICS.items()
+        },
     }
 
 

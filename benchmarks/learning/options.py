@@ -7,9 +7,9 @@ from benchmarks.options import Benchmark
 
 @dataclass(frozen=True, kw_only=True)
 class Envs(Benchmark):
-    """Time the environments of many boards on the grid, and PettingZoo's of one.
+    """Time the environments of many boards on the grid, PettingZoo's of one, and the dynamics.
 
-    With the same random actions, on one core.
+    With random actions, on one core.
     """
 
     scenario: str = "2"

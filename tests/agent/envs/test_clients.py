@@ -1,0 +1,173 @@
+"""Environments in the hands of other libraries: Gymnasium, PettingZoo, SuperSuit, SB3, TorchRL."""
+
+# pyright: reportMissingImports=false
+
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
+from pettingzoo.test.max_cycles_test import max_cycles_test
+from pettingzoo.utils import parallel_to_aec
+
+from agent import envs
+from cosim.model.scenario import Scenario
+
+IDS = ("SingleA", "SingleB", "CoSim", "Drive")
+
+
+# Robots that neither touch nor leave the board within a few moves.
+MIDDLE = Scenario("middle", "", ((5, 5), (25, 25)), (((8, 15),), ((22, 15),)))
+
+
+def parallel(**options) -> Any:
+    return envs.parallel_env(MIDDLE, **options)
+
+
+def aec(render_mode=None, **options) -> Any:
+    """PettingZoo's tests ask for "human", too."""
+    mode = None if render_mode == "human" else render_mode
+    return parallel_to_aec(parallel(render_mode=mode, **options))
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasium_accepts_all_environments(name):
+    env = gym.make(f"MiniRobots/{name}-v0", render_mode="rgb_array")
+    check_env(env.unwrapped, skip_render_check=name in {"CoSim", "Drive"})
+    env.close()
+
+
+@pytest.mark.parametrize("name", [*IDS, "Pair", "CoSimPair"])
+def test_vector_wrappers_count_and_rows_have_pictures(name):
+    env = gym.make_vec(f"MiniRobots/{name}-v0", num_envs=2, render_mode="rgb_array")
+    pictures = env.reset(seed=0) and env.render()
+    assert pictures is not None
+    assert len(pictures) == env.num_envs
+    env = RecordEpisodeStatistics(env)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(5):
+        env.step(env.action_space.sample())
+    env.close()
+
+
+def test_pettingzoo_accepts_robots_in_the_dynamics():
+    def make():
+        return envs.parallel_env("2", cosim=True, time_limit=20.0)
+
+    parallel_api_test(make(), num_cycles=12)
+    parallel_seed_test(make, num_cycles=6)
+
+
+def test_pettingzoo_counts_cycles_and_renders():
+    max_cycles_test(SimpleNamespace(parallel_env=parallel, env=aec))
+    render_test(aec)
+
+
+def test_observations_can_be_one_hot():
+    seen = [parallel(one_hot=one).reset(seed=0)[0]["robot_1"] for one in (False, True)]
+    sizes = parallel().episode.sizes
+    assert seen[1].shape == (sum(sizes),)
+    starts = np.cumsum([0, *sizes[:-1]])
+    assert np.flatnonzero(seen[1]).tolist() == (starts + seen[0]).tolist()
+
+
+def test_masks_say_which_moves_end_an_episode():
+    env: Any = gym.make("MiniRobots/SingleA-v0").unwrapped
+    env.reset(seed=0, options={"starts": [[0, 29]]})
+    assert env.action_masks().tolist() == [1, 0, 0, 0, 0, 0, 1, 1]
+    for action, free in enumerate(env.action_masks()):
+        env.reset(options={"starts": [[0, 29]]})
+        assert env.step(action)[2] == (not free)
+    rows: Any = gym.make_vec("MiniRobots/Pair-v0", num_envs=3).unwrapped
+    pair = envs.parallel_env("2")
+    rows.reset(seed=4)
+    _, infos = pair.reset(seed=4)
+    assert rows.action_masks().shape == (6, 8)
+    mask = infos["robot_2"]["action_mask"]
+    assert rows.action_masks()[1].tolist() == mask.astype(bool).tolist()
+    driven: Any = gym.make_vec("MiniRobots/CoSim-v0", num_envs=1).unwrapped
+    driven.reset(options={"starts": [[[0, 29]]]})
+    assert driven.action_masks().tolist() == [[True, *[False] * 5, True, True]]
+    driven.close()
+
+
+@pytest.mark.learners
+@pytest.mark.parametrize("name", IDS)
+def test_sb3_accepts_the_environments(name):
+    from stable_baselines3.common.env_checker import check_env
+
+    check_env(gym.make(f"MiniRobots/{name}-v0"))
+
+
+@pytest.mark.learners
+def test_sb3_trains_in_forked_processes():
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    env = make_vec_env(
+        "MiniRobots/Drive-v0",
+        2,
+        vec_env_cls=SubprocVecEnv,
+        vec_env_kwargs={"start_method": "fork"},
+    )
+    PPO("MlpPolicy", env, n_steps=8, batch_size=16, device="cpu").learn(32)
+    env.close()
+
+
+@pytest.mark.learners
+def test_maskable_ppo_takes_the_masks():
+    from sb3_contrib import MaskablePPO
+
+    env = gym.wrappers.FlattenObservation(gym.make("MiniRobots/SingleA-v0"))
+    model = MaskablePPO("MlpPolicy", env, n_steps=32, batch_size=32, device="cpu")
+    assert model.learn(64).num_timesteps >= 64
+
+
+@pytest.mark.learners
+def test_supersuit_makes_rows_of_robots_for_sb3():
+    import supersuit
+    from stable_baselines3 import PPO
+
+    env = supersuit.black_death_v3(parallel(max_cycles=50, one_hot=True))
+    env = supersuit.pettingzoo_env_to_vec_env_v1(env)
+    env = supersuit.concat_vec_envs_v1(env, 2, base_class="stable_baselines3")
+    PPO("MlpPolicy", env, n_steps=8, batch_size=16, device="cpu").learn(32)
+
+
+@pytest.mark.learners
+@pytest.mark.parametrize("name", ["SingleA", "Drive"])
+def test_torchrl_accepts_single_robots(name):
+    from torchrl.envs import GymWrapper
+    from torchrl.envs.utils import check_env_specs
+
+    check_env_specs(GymWrapper(gym.make(f"MiniRobots/{name}-v0")))
+
+
+@pytest.mark.learners
+@pytest.mark.parametrize("cosim", [False, True])
+def test_torchrl_accepts_groups_of_robots(cosim):
+    from torchrl.envs import PettingZooWrapper
+    from torchrl.envs.utils import check_env_specs
+
+    env = envs.parallel_env("2", cosim=cosim)
+    check_env_specs(PettingZooWrapper(env, use_mask=True, done_on_any=False))
+
+
+@pytest.mark.learners
+def test_minari_makes_the_environment_again(tmp_path, monkeypatch):
+    import minari
+
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    env = minari.DataCollector(envs.FlattenState(gym.make("MiniRobots/SingleA-v0")))
+    env.reset(seed=0, options={"starts": [[9, 9]]})
+    for action in (0, 2, 4):
+        env.step(action)
+    data = env.create_dataset("minirobots/test-v0")
+    again = data.recover_environment()
+    assert again.reset(seed=3)[0] == env.reset(seed=3)[0]
