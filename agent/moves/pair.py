@@ -56,26 +56,28 @@ def _squared(p: int, q: int, rows: int) -> int:
 
 
 @inlined
+def _nearest(p: int, q: int, p_after: int, q_after: int, rows: int) -> float:
+    """Least squared distance in cells² of robots that move from cells p and q at once."""
+    x, y = p // rows - q // rows, p % rows - q % rows
+    along_x, along_y = p_after // rows - q_after // rows - x, p_after % rows - q_after % rows - y
+    length = along_x * along_x + along_y * along_y
+    share = min(max(-(x * along_x + y * along_y) / max(length, 1), 0.0), 1.0)
+    x_nearest, y_nearest = x + share * along_x, y + share * along_y
+    return x_nearest * x_nearest + y_nearest * y_nearest
+
+
+@inlined
 def _keeps_apart(p: int, q: int, p_after: int, q_after: int, rows: int) -> bool:
     """Whether two robots may move from cells p and q at once.
 
     They keep `KEPT_CELLS`, or where they are nearer already move apart.
     """
-    x, y = p // rows - q // rows, p % rows - q % rows
-    to_x, to_y = p_after // rows - q_after // rows, p_after % rows - q_after % rows
-    before, ended = x * x + y * y, to_x * to_x + to_y * to_y
+    before, ended = _squared(p, q, rows), _squared(p_after, q_after, rows)
     if min(before, ended) >= _FAR_CELLS:
         return True
     if ended < KEPT_CELLS and ended <= before:
         return False
-    along_x, along_y = to_x - x, to_y - y
-    length = along_x * along_x + along_y * along_y
-    if length == 0:
-        return True
-    share = min(max(-(x * along_x + y * along_y) / length, 0.0), 1.0)
-    x_nearest, y_nearest = x + share * along_x, y + share * along_y
-    nearest = x_nearest * x_nearest + y_nearest * y_nearest
-    return nearest >= min(KEPT_CELLS, float(before)) - 1e-9
+    return _nearest(p, q, p_after, q_after, rows) >= min(KEPT_CELLS, float(before)) - 1e-9
 
 
 @inlined
@@ -191,6 +193,13 @@ def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
 
 
 @inlined
+def _axis_towards(cell: int, goal: int, rows: int) -> int:
+    """Axis of the move that leads from a cell to another one."""
+    x, y = goal // rows - cell // rows, goal % rows - cell % rows
+    return 0 if y == 0 else 2 if x == 0 else 1 if x * y > 0 else 3
+
+
+@inlined
 def _time(times: PairTimes, p: int, axis: int, q: int, other: int) -> float:
     delay = times.delay[p, axis, q, other]
     if delay == UNREACHABLE:
@@ -200,45 +209,68 @@ def _time(times: PairTimes, p: int, axis: int, q: int, other: int) -> float:
 
 @kernel
 def pair_values(
-    times: PairTimes, p: int, axis: int, q: int, other: int, values: np.ndarray
+    times: PairTimes, cells: np.ndarray, goals: np.ndarray, axes: np.ndarray, values: np.ndarray
 ) -> None:
     """Action values of two robots if the other one does what is best for both.
 
-    One joint move is preferred by a grain, so that robots that choose alone choose the same one: of
-    the best that after which they are furthest apart.
+    A robot under way ends its move. One that waits may neither meet it on the way nor at its end.
+    Of joint moves that are equally good one is preferred by a grain, so that robots that choose
+    alone choose the same one: that after which they are furthest apart. Where no move keeps apart,
+    the value is the larger the further robots stay apart.
 
     Args:
         times: see `solve_pair`.
-        p, axis: cell of the first robot, and axis that it faces.
-        q, other: those of the second.
+        cells: (2,) int64, cell of each robot.
+        goals: (2,) int64, cell that each robot drives to; its own if it waits.
+        axes: (2,) int64, axis that each robot faces.
         values: (2, 8) float32, minus the time in s of both robots; updated.
     """
+    rows = times.rows
+    p, q = cells[0], cells[1]
     values[:] = IMPOSSIBLE
-    p_choices, q_choices = _choices(times.after, 0, p), _choices(times.after, 1, q)
+    p_driven, q_driven = goals[0] != p, goals[1] != q
+    p_choices = 1 if p_driven else _choices(times.after, 0, p)
+    q_choices = 1 if q_driven else _choices(times.after, 1, q)
+    p_stays, q_stays = p_driven or p_choices == 1, q_driven or q_choices == 1
     least, best_a, best_b, farthest = math.inf, -1, -1, -1
     for a in range(p_choices):
-        p_after = times.after[0, p, a]
+        p_after = goals[0] if p_driven else times.after[0, p, a]
         if p_after == BLOCKED:
             continue
+        p_axis = _axis_towards(p, p_after, rows) if p_driven else a % AXIS_COUNT
         for b in range(q_choices):
-            q_after = times.after[1, q, b]
-            if q_after == BLOCKED or not _keeps_apart(p, q, p_after, q_after, times.rows):
+            q_after = goals[1] if q_driven else times.after[1, q, b]
+            if q_after == BLOCKED:
                 continue
+            apart = (
+                _keeps_apart(p, q, p_after, q_after, rows)
+                and (not q_driven or _keeps_apart(p, q_after, p_after, q_after, rows))
+                and (not p_driven or _keeps_apart(p_after, q, p_after, q_after, rows))
+            )
+            if not apart:
+                near = np.float32(IMPOSSIBLE + _nearest(p, q, p_after, q_after, rows))
+                values[0, a] = max(values[0, a], near)
+                values[1, b] = max(values[1, b], near)
+                continue
+            q_axis = _axis_towards(q, q_after, rows) if q_driven else b % AXIS_COUNT
             time = (
-                (0.0 if p_choices == 1 else times.seconds[a, axis])
-                + (0.0 if q_choices == 1 else times.seconds[b, other])
-                + _time(times, p_after, a % AXIS_COUNT, q_after, b % AXIS_COUNT)
+                (0.0 if p_stays else times.seconds[a, axes[0]])
+                + (0.0 if q_stays else times.seconds[b, axes[1]])
+                + _time(times, p_after, p_axis, q_after, q_axis)
             )
             if time == math.inf:
                 continue
             values[0, a] = max(values[0, a], np.float32(-time))
             values[1, b] = max(values[1, b], np.float32(-time))
-            squared = _squared(p_after, q_after, times.rows)
+            squared = _squared(p_after, q_after, rows)
             if time < least - GRAIN_S or (time <= least + GRAIN_S and squared > farthest):
                 least, best_a, best_b, farthest = min(time, least), a, b, squared
     if best_a >= 0:
         values[0, best_a] = max(values[0].max(), values[0, best_a]) + np.float32(GRAIN_S)
         values[1, best_b] = max(values[1].max(), values[1, best_b]) + np.float32(GRAIN_S)
+    for i in range(2):
+        if goals[i] != cells[i]:
+            values[i] = values[i, 0]
 
 
 @kernel
@@ -253,13 +285,13 @@ def _evaluate(
     world = np.zeros((2, COLUMN_COUNT), dtype=np.int64)
     actions, rewards = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.float32)
     values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
+    cells = np.empty(2, dtype=np.int64)
     for k in range(len(starts)):
         place(process, world, starts[k])
         outcome, step = RUNNING, 0
         while outcome == RUNNING:
-            p = world[0, X] * times.rows + world[0, Y]
-            q = world[1, X] * times.rows + world[1, Y]
-            pair_values(times, p, world[0, AXIS], q, world[1, AXIS], values)
+            cells[:] = world[:, X] * times.rows + world[:, Y]
+            pair_values(times, cells, cells, world[:, AXIS].copy(), values)
             for i in range(2):
                 actions[i] = least_rotation_argmax(values[i], world[i, AXIS])
             outcome = move(process, world, actions, rewards)

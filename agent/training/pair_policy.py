@@ -62,10 +62,11 @@ class PairPolicy(GreedyPolicy):
         seen, scenario = self.seen(observation), self.config.scenario
         if ((seen.cells < 0) | (seen.cells >= (scenario.columns, scenario.rows))).any():
             raise ValueError(f"cells {seen.cells.tolist()} are off the board")
-        p, q = (seen.cells @ (scenario.rows, 1)).tolist()
-        axis, other = (seen.direction % AXIS_COUNT).tolist()
+        cells = seen.cells @ (scenario.rows, 1)
+        last = scenario.columns - 1, scenario.rows - 1
+        goals = seen.goals.clip(0, last) @ (scenario.rows, 1) if len(seen.goals) else cells
         values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
-        pair_values(self.times, p, axis, q, other, values)
+        pair_values(self.times, cells, goals, seen.direction % AXIS_COUNT, values)
         return values
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:

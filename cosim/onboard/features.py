@@ -69,6 +69,8 @@ class Observation(NamedTuple):
         direction: (N,) int64, index of the direction the robot faces (for least-rotation ties).
         targets: (N, 2) int64, column and row of each robot's target; empty where an observation is
             made without.
+        goals: (N, 2) int64, column and row of the cell that each robot drives to, its own where it
+            waits for a decision; empty where an observation is made without.
     """
 
     cells: np.ndarray
@@ -76,3 +78,4 @@ class Observation(NamedTuple):
     gradient_sign: np.ndarray
     direction: np.ndarray
     targets: np.ndarray = np.empty((0, 2), dtype=np.int64)
+    goals: np.ndarray = np.empty((0, 2), dtype=np.int64)

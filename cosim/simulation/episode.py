@@ -290,7 +290,7 @@ class RunningEpisode:
         return positions_m
 
     def _observe(self) -> Observation:
-        return observe(
+        seen = observe(
             self._positions_m(),
             self._estimates[:, POSE + 2].copy(),
             self._board.cell_m,
@@ -298,6 +298,8 @@ class RunningEpisode:
             self._squared_at_decision,
             self._targets,
         )
+        goals = cells_of(self._commands[:, GOAL_X : GOAL_Y + 1].copy(), self._board.cell_m)
+        return seen._replace(goals=np.where(self._at_end()[:, None], seen.cells, goals))
 
     def _judge(self, event: int) -> Outcome:
         if event == RUNNING and self._arrived.all():

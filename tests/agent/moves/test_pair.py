@@ -167,3 +167,24 @@ def test_every_joint_state_has_values_that_its_process_allows(policy):
     free, end = pair.joint_states(process)
     assert reached[:, 0, :, 0][end].all()
     assert not reached[:, 0, :, 0][~free & ~end].any()
+
+
+def test_a_robot_that_waits_keeps_away_from_a_move_under_way(policy):
+    """On the way, and once the other one has arrived."""
+    rng, free = np.random.default_rng(0), 0
+    for _ in range(300):
+        cells = rng.integers(SIDE, size=(2, 2))
+        direction = rng.integers(8)
+        goals = np.stack([cells[0], cells[1] + DIRECTIONS[direction]])
+        if (goals[1] < 0).any() or (goals[1] >= SIDE).any() or tuple(cells[0]) == BOARD.targets[0]:
+            continue
+        state = [(*cell, axis) for cell, axis in zip(cells, rng.integers(4, size=2), strict=True)]
+        values = policy.q_values(seen(state)._replace(goals=goals))
+        assert (values[1] == values[1, 0]).all()  # it does not decide
+        if values[0].max() < -1e5:  # no move keeps apart
+            continue
+        free += 1
+        after = cells[0] + DIRECTIONS[values[0].argmax()]
+        for other in (cells[1], goals[1]):
+            assert keep_apart(tuple(cells[0] - other), tuple(after - goals[1]))
+    assert free > 50

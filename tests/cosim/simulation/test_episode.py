@@ -98,6 +98,17 @@ def test_action_stays_in_force_until_the_centre(short):
         assert np.array_equal(before.action[kept], after.action[kept])
 
 
+def test_observation_has_the_cells_that_robots_drive_to(short):
+    _, steps = short
+    assert steps[0].before.goals.tolist() == steps[0].before.cells.tolist()
+    for step in steps:
+        ended = step.completed
+        assert step.after.goals[ended].tolist() == step.after.cells[ended].tolist()
+    under_way = [s for s in steps if not s.completed.any()]
+    assert under_way
+    assert under_way[0].after.goals.tolist() == [[15, 28], [15, 1]]
+
+
 def test_signals_are_contiguous_in_time(short):
     _, steps = short
     for before, after in pairwise(steps):
