@@ -147,3 +147,11 @@ def test_methods_page_has_the_table_of_the_command():
     rows = [f"| {name} | {' | '.join(facts)} |" for name, facts in FACTS.items()]
     assert [row for row in rows if row not in page] == []
     assert sorted(FACTS) == sorted(METHODS)
+
+
+def test_every_page_says_first_what_it_is_for():
+    pages = [path for path in (ROOT / "docs").glob("*.md") if path.name != "index.md"]
+    lines = {path.name: path.read_text("utf-8").splitlines() for path in pages}
+    assert [n for n, text in lines.items() if not text[2].startswith("For ") or text[1]] == []
+    site = (ROOT / "mkdocs.yml").read_text("utf-8")
+    assert [path.name for path in pages if f": {path.name}" not in site] == []
