@@ -35,7 +35,7 @@ from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.physics.body_state import standing_state
+from cosim.physics.body_state import QUATERNION, standing_state
 from cosim.physics.rotation import heading
 from cosim.simulation.episode import RunningEpisode
 
@@ -77,7 +77,7 @@ class DrivenEpisode(RunningEpisode):
         """(N, 3) x, y in m and heading in rad, true or as the camera's filter estimates them."""
         if observe == "estimated":
             return self._estimates[:, POSE : POSE + 3].copy()
-        angles = [heading((q[0], q[1], q[2], q[3])) for q in self._bodies[:, 3:7].tolist()]
+        angles = [heading((q[0], q[1], q[2], q[3])) for q in self._bodies[:, QUATERNION].tolist()]
         return np.column_stack([self._bodies[:, :2], angles])
 
     def distances(self) -> np.ndarray:

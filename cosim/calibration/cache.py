@@ -23,6 +23,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
     clock = (timing.dt_s, timing.communication_step_s, timing.control_period_s)
     code = code_digest(measure)
     coupling = (config.order, config.reaction)
+    further = [given for given in config.motor_parameters if given[0] not in config.motor._fields]
     return digest_of(
         config.robot,
         config.motor,
@@ -33,6 +34,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
         (config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm),
         motor_fmu,
         code,
+        *([further] if further else []),
     )
 
 

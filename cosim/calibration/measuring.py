@@ -17,6 +17,7 @@ from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
+from cosim.physics.body_state import QUATERNION
 
 # Motor speeds of the trials as shares of the lift-off speed, closest where robots drive.
 SPEEDS = (0.5, 0.6, 0.7, 0.78, 0.85, 0.9, 0.94, 0.955, 0.97)
@@ -152,7 +153,7 @@ def measure_batch(
             lifted.append(samples.lifted_share.mean(axis=0))
             track.append(np.concatenate([samples.position, samples.quaternion], axis=2))
     poses = np.concatenate(track)
-    angles = heading_angles(poses[:, :, 3:7])
+    angles = heading_angles(poses[:, :, QUATERNION])
     moved, middle = np.diff(poses[:, :, :2], axis=0), 0.5 * (angles[1:] + angles[:-1])
     # Library functions: numpy's round otherwise where a processor has wider vectors.
     c, s = (np.vectorize(function)(middle) for function in (math.cos, math.sin))

@@ -33,23 +33,27 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
     steering = config.steering
     if "heading" in config.open_loop:
         steering = steering._replace(max_difference_rad_s=0.0, turn_again_rad=math.inf)
+    mount_d, mount_e = motor_mounts(config.robot, config.motor)
+    volts_per_speed, friction_volts = open_loop_voltage(config.motor)
     return Plant(
-        robots,
-        body_params(config.robot, config.motor, config.timing.dt_s),
-        *motor_mounts(config.robot, config.motor),
-        steering,
-        config.estimator,
-        config.shield or SHIELD,
-        config.shield is not None,
-        PairParams(config.robot.diameter_m, config.robot.mu_robots),
-        end_on_collision,
-        config.ticks_per_period,
-        config.ticks_per_step,
-        config.order == "jacobi",
-        config.reaction,
-        "motors" in config.open_loop,
-        *open_loop_voltage(config.motor),
-        config.timing.exchange_tolerance_rad,
+        robots=robots,
+        body=body_params(config.robot, config.motor, config.timing.dt_s),
+        mount_d=mount_d,
+        mount_e=mount_e,
+        steering=steering,
+        estimator=config.estimator,
+        shield=config.shield or SHIELD,
+        shielded=config.shield is not None,
+        pair=PairParams(config.robot.diameter_m, config.robot.mu_robots),
+        end_on_collision=end_on_collision,
+        ticks_per_period=config.ticks_per_period,
+        ticks_per_step=config.ticks_per_step,
+        jacobi=config.order == "jacobi",
+        reaction=config.reaction,
+        open_loop="motors" in config.open_loop,
+        volts_per_speed=volts_per_speed,
+        friction_volts=friction_volts,
+        exchange_tolerance=config.timing.exchange_tolerance_rad,
     )
 
 

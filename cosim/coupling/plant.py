@@ -25,7 +25,20 @@ from cosim.coupling.signals import (
 )
 from cosim.model.params import EstimatorParams, ShieldParams, SteeringParams
 from cosim.physics.body import at_axis, stepped
-from cosim.physics.body_state import read_body, write_body
+from cosim.physics.body_state import (
+    Q_W,
+    Q_X,
+    Q_Y,
+    Q_Z,
+    V_X,
+    V_Y,
+    V_Z,
+    W_X,
+    W_Y,
+    W_Z,
+    read_body,
+    write_body,
+)
 from cosim.physics.collision import (
     PairParams,
     push_apart,
@@ -102,7 +115,7 @@ def begin_step(plant: Plant, state: State) -> None:
     if plant.reaction:
         for row in range(rows):
             for column in range(columns):
-                state.held_velocities[row, column] = state.bodies[7 + row, column]
+                state.held_velocities[row, column] = state.bodies[V_X + row, column]
 
 
 @inlined
@@ -261,13 +274,13 @@ def react(plant: Plant, state: State) -> None:
     rate = 1.0 / (plant.ticks_per_step * plant.body.dt)
     for column in range(state.bodies.shape[1]):
         body, held = state.bodies[:, column], state.held_velocities[:, column]
-        matrix = rotation_matrix((body[3], body[4], body[5], body[6]))
+        matrix = rotation_matrix((body[Q_W], body[Q_X], body[Q_Y], body[Q_Z]))
         change = (
-            (body[7] - held[0]) * rate,
-            (body[8] - held[1]) * rate,
-            (body[9] - held[2]) * rate,
+            (body[V_X] - held[0]) * rate,
+            (body[V_Y] - held[1]) * rate,
+            (body[V_Z] - held[2]) * rate,
         )
-        wx, wy, wz = body[10] - held[3], body[11] - held[4], body[12] - held[5]
+        wx, wy, wz = body[W_X] - held[3], body[W_Y] - held[4], body[W_Z] - held[5]
         params = read_params(state.properties, column, _ONE, plant.body)
         turn = (rate * wx, rate * wy, rate * wz)
         ax, _, az = at_axis(to_body(matrix, change), turn, params)

@@ -23,6 +23,7 @@ from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.onboard.camera import INTERVAL
 from cosim.onboard.estimation import COVARIANCE, POSE
 from cosim.onboard.steering import HEADING_ERROR, MODE
+from cosim.physics.body_state import FRICTIONS, NORMALS, Q_W, Q_X, Q_Y, Q_Z, V_X, W_Z, X, Y, Z
 from cosim.physics.rotation import heading
 
 
@@ -32,14 +33,14 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
     for column in range(state.running.shape[0] * plant.robots):
         body = state.bodies[:, column]
         for axis in range(3):
-            raw.position[row, column, axis] = body[axis]
+            raw.position[row, column, axis] = body[X + axis]
         for motor in range(MOTORS):
             raw.theta[row, column, motor] = state.outputs[motor, column]
             raw.omega[row, column, motor] = state.outputs[MOTORS + motor, column]
         for foot in range(FEET):
-            raw.normal[row, column, foot] = body[13 + foot] / plant.body.dt
+            raw.normal[row, column, foot] = body[NORMALS + foot] / plant.body.dt
             for axis in range(2):
-                impulse = body[16 + 3 * foot + axis]
+                impulse = body[FRICTIONS + 3 * foot + axis]
                 raw.friction[row, column, 2 * foot + axis] = impulse / plant.body.dt
 
 
@@ -83,10 +84,10 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
 @inlined
 def _event(plant: Plant, state: State, episode: int, column: int) -> int:
     """RUNNING, COLLISION or OUT_OF_BOARD of one robot."""
-    x, y = state.bodies[0, column], state.bodies[1, column]
+    x, y = state.bodies[X, column], state.bodies[Y, column]
     if not (0.0 <= x <= state.boards[episode, 0] and 0.0 <= y <= state.boards[episode, 1]):
         return OUT_OF_BOARD
-    if state.bodies[2, column] < 0.0:  # it has fallen over the edge of the floor
+    if state.bodies[Z, column] < 0.0:  # it has fallen over the edge of the floor
         return OUT_OF_BOARD
     if plant.end_on_collision and (
         state.touching[column] > 0.0 or _is_within(state.forbidden[column], x, y)
@@ -122,11 +123,11 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
         samples.omega_dot[row, column, motor] = state.outputs[2 * MOTORS + motor, column]
         samples.noise[row, column, motor] = state.inputs[MOTORS + motor, column]
     for axis in range(3):
-        samples.position[row, column, axis] = body[axis]
-        samples.velocity[row, column, axis] = body[7 + axis]
+        samples.position[row, column, axis] = body[X + axis]
+        samples.velocity[row, column, axis] = body[V_X + axis]
     for k in range(4):
-        samples.quaternion[row, column, k] = body[3 + k]
-    samples.yaw_rate[row, column] = body[12]
+        samples.quaternion[row, column, k] = body[Q_W + k]
+    samples.yaw_rate[row, column] = body[W_Z]
     for foot in range(FEET):
         x, y = statistics[FRICTION + 2 * foot], statistics[FRICTION + 2 * foot + 1]
         samples.normal_mean[row, column, foot] = statistics[NORMAL + foot] / period_s
@@ -139,8 +140,8 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     samples.mode[row, column] = state.commands[column, MODE]
     estimate = state.estimates[column]
     if state.cameras[column, INTERVAL] == 0.0:  # what decides next knows the pose of now
-        estimate[POSE], estimate[POSE + 1] = body[0], body[1]
-        estimate[POSE + 2] = heading((body[3], body[4], body[5], body[6]))
+        estimate[POSE], estimate[POSE + 1] = body[X], body[Y]
+        estimate[POSE + 2] = heading((body[Q_W], body[Q_X], body[Q_Y], body[Q_Z]))
     for k in range(3):
         samples.estimate[row, column, k] = estimate[POSE + k]
         for i in range(k + 1):

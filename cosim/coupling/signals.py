@@ -202,19 +202,24 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
     def whole(*shape: int) -> np.ndarray:
         return np.zeros(shape, dtype=np.int64)
 
-    rows = [2, 2 * 3, 2 * 3, 2 * 3, 6, 4 * 2, STATISTICS]
     bodies = aligned(STATE_SIZE, columns)
     bodies[QUATERNION.start] = 1.0
     state = State(
-        np.zeros((columns, ESTIMATE_SIZE)),
-        np.zeros((columns, CAMERA_SIZE)),
-        np.zeros((columns, 0, FRAME_SIZE)),
-        np.zeros((0, columns, NOISE)),
-        bodies,
-        aligned(PROPERTIES, columns),
-        np.zeros((columns, COMMAND_SIZE)),
-        np.zeros((columns, SHIELD_SIZE)),
-        *(aligned(count, columns) for count in rows),
+        estimates=np.zeros((columns, ESTIMATE_SIZE)),
+        cameras=np.zeros((columns, CAMERA_SIZE)),
+        frames=np.zeros((columns, 0, FRAME_SIZE)),
+        sight=np.zeros((0, columns, NOISE)),
+        bodies=bodies,
+        properties=aligned(PROPERTIES, columns),
+        commands=np.zeros((columns, COMMAND_SIZE)),
+        shields=np.zeros((columns, SHIELD_SIZE)),
+        set_points=aligned(MOTORS, columns),
+        inputs=aligned(3 * MOTORS, columns),
+        outputs=aligned(3 * MOTORS, columns),
+        held=aligned(3 * MOTORS, columns),
+        held_velocities=aligned(6, columns),
+        electrical=aligned(4 * MOTORS, columns),
+        statistics=aligned(STATISTICS, columns),
         touching=np.zeros(columns),
         touched=whole(columns),
         near=whole(episodes * robots * (robots - 1) // 2, 2),
@@ -265,12 +270,18 @@ def aligned(rows: int, columns: int) -> np.ndarray:
 
 def new_samples(periods: int, robots: int) -> Samples:
     """Room for the samples of `periods` control periods."""
-    motors, feet = (MOTORS,), (FEET,)
-    shapes = [motors] * 10 + [(3,), (4,), (3,), (), *[feet] * 4, *[()] * 5, (3,), (6,)]
-    return Samples(*(np.zeros((periods, robots, *shape)) for shape in shapes))
+    of_motors = ("omega", "omega_des", "theta", "voltage", "current", "omega_dot", "noise")
+    of_motors += ("command", "integral", "disturbance")
+    of_feet = ("normal_mean", "friction_mean", "impact", "slipping_share")
+    shapes = dict.fromkeys(of_motors, (MOTORS,)) | dict.fromkeys(of_feet, (FEET,))
+    shapes |= {"position": (3,), "quaternion": (4,), "velocity": (3,)}
+    shapes |= {"estimate": (3,), "covariance": (6,)}
+    return Samples._make(
+        np.zeros((periods, robots, *shapes.get(name, ()))) for name in Samples._fields
+    )
 
 
 def new_raw_samples(ticks: int, robots: int) -> RawSamples:
     """Room for a burst of `ticks` ticks."""
-    shapes = [(MOTORS,), (MOTORS,), (3,), (FEET,), (2 * FEET,)]
-    return RawSamples(*(np.zeros((ticks, robots, *shape)) for shape in shapes))
+    sizes = {"omega": MOTORS, "theta": MOTORS, "position": 3, "normal": FEET, "friction": 2 * FEET}
+    return RawSamples(**{k: np.zeros((ticks, robots, size)) for k, size in sizes.items()})

@@ -13,13 +13,16 @@ from cosim.physics.rotation import Quaternion, Vector
 
 # Layout of a body's state, one float64 vector; of many bodies, the rows of an array with a column
 # for each.
-POSITION = slice(0, 3)  # centre of mass, world frame, m
-QUATERNION = slice(3, 7)  # world from body, (w, x, y, z)
-VELOCITY = slice(7, 10)  # of the centre of mass, world frame, m/s
-ANGULAR_VELOCITY = slice(10, 13)  # body frame, rad/s
-NORMAL_IMPULSE = slice(13, 16)  # of feet A, B, C in the last step, N s
-FRICTION_IMPULSE = slice(16, 25)  # of A, B, C, body frame (x, y, z) each, N s
+X, Y, Z = 0, 1, 2  # position of the centre of mass, world frame, m
+Q_W, Q_X, Q_Y, Q_Z = 3, 4, 5, 6  # quaternion, world from body
+V_X, V_Y, V_Z = 7, 8, 9  # velocity of the centre of mass, world frame, m/s
+W_X, W_Y, W_Z = 10, 11, 12  # angular velocity, body frame, rad/s
+NORMALS = 13  # normal impulses of feet A, B, C in the last step, N s
+FRICTIONS = 16  # friction impulses of A, B, C, body frame (x, y, z) each, N s
 STATE_SIZE = 25
+POSITION, QUATERNION = slice(X, Q_W), slice(Q_W, V_X)
+VELOCITY, ANGULAR_VELOCITY = slice(V_X, W_X), slice(W_X, NORMALS)
+NORMAL_IMPULSE, FRICTION_IMPULSE = slice(NORMALS, FRICTIONS), slice(FRICTIONS, STATE_SIZE)
 BODY_SIGNALS = (  # name and size of each
     ("position", 3),
     ("orientation", 4),
@@ -61,14 +64,26 @@ class Body(NamedTuple):
 def read_body(bodies: np.ndarray, column: int, width: Width) -> Body:
     """Bodies of (STATE_SIZE, B) from a column on, one for every lane."""
     return Body(
-        _read_vector(bodies, 0, column, width),
-        (load(bodies, 3, column, width), *_read_vector(bodies, 4, column, width)),
-        _read_vector(bodies, 7, column, width),
-        _read_vector(bodies, 10, column, width),
-        (load(bodies, 13, column, width), _read_vector(bodies, 16, column, width)),
-        (load(bodies, 14, column, width), _read_vector(bodies, 19, column, width)),
-        (load(bodies, 15, column, width), _read_vector(bodies, 22, column, width)),
+        _read_vector(bodies, X, column, width),
+        (load(bodies, Q_W, column, width), *_read_vector(bodies, Q_X, column, width)),
+        _read_vector(bodies, V_X, column, width),
+        _read_vector(bodies, W_X, column, width),
+        _read_impulse(bodies, 0, column, width),
+        (
+            load(bodies, NORMALS + 1, column, width),
+            _read_vector(bodies, FRICTIONS + 3, column, width),
+        ),
+        (
+            load(bodies, NORMALS + 2, column, width),
+            _read_vector(bodies, FRICTIONS + 6, column, width),
+        ),
     )
+
+
+@inlined
+def _read_impulse(bodies: np.ndarray, foot: int, column: int, width: Width) -> Impulse:
+    normal = load(bodies, NORMALS + foot, column, width)
+    return normal, _read_vector(bodies, FRICTIONS + 3 * foot, column, width)
 
 
 @inlined
@@ -83,16 +98,16 @@ def _read_vector(bodies: np.ndarray, row: int, column: int, width: Width) -> Vec
 @inlined
 def write_body(bodies: np.ndarray, column: int, width: Width, body: Body) -> None:
     """Put bodies back to where `read_body` took them from."""
-    _write_vector(bodies, 0, column, width, body.position)
-    store(bodies, 3, column, width, body.orientation[0])
-    _write_vector(bodies, 4, column, width, body.orientation[1:])
-    _write_vector(bodies, 7, column, width, body.velocity)
-    _write_vector(bodies, 10, column, width, body.omega)
+    _write_vector(bodies, X, column, width, body.position)
+    store(bodies, Q_W, column, width, body.orientation[0])
+    _write_vector(bodies, Q_X, column, width, body.orientation[1:])
+    _write_vector(bodies, V_X, column, width, body.velocity)
+    _write_vector(bodies, W_X, column, width, body.omega)
     normal = (body.at_a[0], body.at_b[0], body.at_c[0])
-    _write_vector(bodies, 13, column, width, normal)
-    _write_vector(bodies, 16, column, width, body.at_a[1])
-    _write_vector(bodies, 19, column, width, body.at_b[1])
-    _write_vector(bodies, 22, column, width, body.at_c[1])
+    _write_vector(bodies, NORMALS, column, width, normal)
+    _write_vector(bodies, FRICTIONS, column, width, body.at_a[1])
+    _write_vector(bodies, FRICTIONS + 3, column, width, body.at_b[1])
+    _write_vector(bodies, FRICTIONS + 6, column, width, body.at_c[1])
 
 
 @inlined

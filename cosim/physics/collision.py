@@ -12,6 +12,7 @@ import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.model.scenario import touches_obstacle as definition
+from cosim.physics.body_state import V_X, V_Y, W_Z, X, Y
 from cosim.physics.contact import allowed_approach
 from cosim.physics.properties import INVERSE_INERTIA, INVERSE_MASS
 
@@ -54,7 +55,7 @@ def find_near_pairs(
     reach = pair.diameter + NEAR_M
     for i in range(first, first + robots):
         for j in range(first, i):
-            dx, dy = bodies[0, i] - bodies[0, j], bodies[1, i] - bodies[1, j]
+            dx, dy = bodies[X, i] - bodies[X, j], bodies[Y, i] - bodies[Y, j]
             if dx * dx + dy * dy < reach * reach:
                 near[count, 0], near[count, 1] = i, j
                 count += 1
@@ -82,30 +83,30 @@ def push_apart(
     Returns:
         The normal impulse in N s, 0 if they do not touch.
     """
-    dx, dy = bodies[0, b] - bodies[0, a], bodies[1, b] - bodies[1, a]
+    dx, dy = bodies[X, b] - bodies[X, a], bodies[Y, b] - bodies[Y, a]
     distance = math.sqrt(dx * dx + dy * dy)
     nx, ny = dx / distance, dy / distance  # from a to b; the tangent is (−ny, nx)
     radius = 0.5 * pair.diameter
-    vx, vy = bodies[7, b] - bodies[7, a], bodies[8, b] - bodies[8, a]
+    vx, vy = bodies[V_X, b] - bodies[V_X, a], bodies[V_Y, b] - bodies[V_Y, a]
     approach = vx * nx + vy * ny
     excess = approach - allowed_approach(distance - pair.diameter, inverse_dt)
     if excess >= 0.0:
         return 0.0
     mass_a, mass_b = properties[INVERSE_MASS, a], properties[INVERSE_MASS, b]  # inverse
     impulse = -excess / (mass_a + mass_b)
-    slip = vy * nx - vx * ny - radius * (bodies[12, a] + bodies[12, b])
+    slip = vy * nx - vx * ny - radius * (bodies[W_Z, a] + bodies[W_Z, b])
     spin_a = radius * properties[INVERSE_INERTIA + 2, a]  # per impulse
     spin_b = radius * properties[INVERSE_INERTIA + 2, b]
     stopping = -slip / (mass_a + mass_b + radius * (spin_a + spin_b))
     limit = pair.mu * impulse
     friction = min(limit, max(-limit, stopping))
     jx, jy = impulse * nx - friction * ny, impulse * ny + friction * nx
-    bodies[7, a] -= jx * mass_a
-    bodies[8, a] -= jy * mass_a
-    bodies[7, b] += jx * mass_b
-    bodies[8, b] += jy * mass_b
-    bodies[12, a] -= spin_a * friction
-    bodies[12, b] -= spin_b * friction
+    bodies[V_X, a] -= jx * mass_a
+    bodies[V_Y, a] -= jy * mass_a
+    bodies[V_X, b] += jx * mass_b
+    bodies[V_Y, b] += jy * mass_b
+    bodies[W_Z, a] -= spin_a * friction
+    bodies[W_Z, b] -= spin_b * friction
     return impulse
 
 
@@ -133,7 +134,7 @@ def find_near_obstacles(
     """
     reach = 0.5 * pair.diameter + NEAR_M
     for k in range(len(obstacles)):
-        dx, dy = away_from(obstacles[k], bodies[0, column], bodies[1, column])
+        dx, dy = away_from(obstacles[k], bodies[X, column], bodies[Y, column])
         if dx * dx + dy * dy < reach * reach:
             near[count, 0], near[count, 1] = column, k
             count += 1
@@ -169,21 +170,21 @@ def push_off(
     Returns:
         The normal impulse in N s, 0 if they do not touch.
     """
-    dx, dy = away_from(rectangle, bodies[0, column], bodies[1, column])
+    dx, dy = away_from(rectangle, bodies[X, column], bodies[Y, column])
     distance = math.sqrt(dx * dx + dy * dy)
     nx, ny = dx / distance, dy / distance  # to the robot; the tangent is (−ny, nx)
     radius = 0.5 * pair.diameter
-    vx, vy = bodies[7, column], bodies[8, column]
+    vx, vy = bodies[V_X, column], bodies[V_Y, column]
     excess = vx * nx + vy * ny - allowed_approach(distance - radius, inverse_dt)
     if excess >= 0.0:
         return 0.0
     inverse_mass = properties[INVERSE_MASS, column]
     spin = radius * properties[INVERSE_INERTIA + 2, column]  # per impulse
     impulse = -excess / inverse_mass
-    slip = vy * nx - vx * ny - radius * bodies[12, column]
+    slip = vy * nx - vx * ny - radius * bodies[W_Z, column]
     limit = pair.mu * impulse
     friction = min(limit, max(-limit, -slip / (inverse_mass + radius * spin)))
-    bodies[7, column] += inverse_mass * (impulse * nx - friction * ny)
-    bodies[8, column] += inverse_mass * (impulse * ny + friction * nx)
-    bodies[12, column] -= spin * friction
+    bodies[V_X, column] += inverse_mass * (impulse * nx - friction * ny)
+    bodies[V_Y, column] += inverse_mass * (impulse * ny + friction * nx)
+    bodies[W_Z, column] -= spin * friction
     return impulse

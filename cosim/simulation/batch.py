@@ -72,6 +72,7 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
         config.robot._replace(mu=0.0),
         config.motor,
         config.motor_parameters,
+        config.motor_fmu,
         config.noise.hold_s,
         config.timing,
         config.steering,

@@ -193,18 +193,18 @@ class RunningEpisode:
         events = self._events.copy()
         self.outcome = self._judge(int(events.max()))
         step = Step(
-            self._step,
-            first_tick,
-            before,
-            self.observation,
-            in_force,
-            self._decided,
-            completed,
-            samples,
-            raw,
-            events,
-            self.outcome,
-            ticks * self.config.timing.dt_s,
+            number=self._step,
+            first_tick=first_tick,
+            before=before,
+            after=self.observation,
+            action=in_force,
+            decided=self._decided,
+            completed=completed,
+            samples=samples,
+            raw=raw,
+            events=events,
+            outcome=self.outcome,
+            duration_s=ticks * self.config.timing.dt_s,
         )
         self._step += 1
         return step

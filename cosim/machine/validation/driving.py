@@ -12,6 +12,7 @@ from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
+from cosim.physics.body_state import QUATERNION
 
 _PHASE_S = 0.5  # in which motors come to their speed and to the phase between them
 _REST_S = 0.5  # in which robots come to rest
@@ -121,12 +122,12 @@ def drive_by_the_clock(
     dither = steering.dither_rad_s if dithered else 0.0
     half = round(math.pi / (steering.dither_rad_s * period_s))
     with Trial(fmu, config, np.zeros(robots), noise) as trial:
-        angles = [trial.bodies[3:7].T.copy()]
+        angles = [trial.bodies[QUATERNION].T.copy()]
 
         def advance(set_points: np.ndarray, periods: int) -> None:
             trial.commands[:, [OMEGA_D, OMEGA_E]] = set_points
             trial.advance(periods)
-            angles.append(trial.bodies[3:7].T.copy())
+            angles.append(trial.bodies[QUATERNION].T.copy())
 
         trial.commands[:, MODE] = DIRECT
         ahead = np.outer(phase_rad / _PHASE_S, (0.0, 1.0))

@@ -1,0 +1,114 @@
+"""Every field of a configuration is where it has to be: in batches, tables and keys of caches."""
+
+from dataclasses import fields, replace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from cosim.calibration.cache import digest
+from cosim.calibration.measuring import Point, measure_batch
+from cosim.coupling.fmu import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.model.params import SHIELD
+from cosim.model.world import Patch, Sensor, World
+from cosim.simulation.batch import shared
+
+CAMERA = Sensor(30.0, 50.0, 0.5, 1.0, 0.1)
+CONFIG = CoSimConfig(shield=SHIELD, world=World(sensor=CAMERA, payload_g=5.0))
+
+# What episodes of a batch may differ by: every lane has its own, see tests/cosim/simulation
+# (test_worlds_share_a_batch_and_keep_their_bits).
+OF_A_LANE = {"robot.mu", "noise.relative_amplitude"} | {
+    f"world.{name}" for name in World.__struct_fields__
+}
+NAMES_ALONE = {"preset", "sources"}  # of parameters, which are fields of their own
+# Obstacles are the scenario's, the FMU has a digest of its own in results; a world's friction and
+# noise are those of robot and noise, see `CoSimConfig.in_world`.
+NOT_IN_TABLE = {"world.obstacles", "motor_fmu", "world.mu", "world.motor_speed_noise"}
+
+
+def leaves(config: CoSimConfig) -> dict[str, Any]:
+    """Values of all fields, those of records one by one, by name."""
+    found = {}
+    for field in fields(config):
+        value = getattr(config, field.name)
+        if isinstance(value, msgspec.Struct):
+            inner = {name: getattr(value, name) for name in value.__struct_fields__}
+        elif hasattr(value, "_asdict"):
+            inner = value._asdict()
+        else:
+            found[field.name] = value
+            continue
+        found |= {f"{field.name}.{name}": part for name, part in inner.items()}
+    return found
+
+
+def another(name: str, value: Any) -> Any:
+    """Return another value of a field."""
+    given = {
+        "world.mu_patches": (Patch((0, 0, 1, 1), 0.3),),
+        "world.obstacles": ((0, 0),),
+        "world.payload_offset_mm": (1.0, 2.0),
+        "world.motor_phases_deg": (1.0, 2.0),
+        "world.sensor": msgspec.structs.replace(CAMERA, rate_hz=10.0),
+        "order": "jacobi",
+        "on_collision": "continue",
+        "open_loop": ("motors",),
+        "preset": "thesis",
+        "sources": (("mu", "elsewhere"),),
+        "motor_parameters": (("L", 1e-5),),
+        "motor_fmu": "another",
+    }
+    if name in given:
+        return given[name]
+    return not value if isinstance(value, bool) else (value or 0.0) + 0.125
+
+
+def changed(name: str) -> CoSimConfig:
+    """Return the configuration with another value of a field, whether it fits the others or not."""
+    config, (record, _, part) = replace(CONFIG), name.partition(".")
+    value = another(name, leaves(CONFIG)[name])
+    if part:
+        of = getattr(config, record)
+        change = msgspec.structs.replace if isinstance(of, msgspec.Struct) else type(of)._replace
+        value = change(of, **{part: value})
+    object.__setattr__(config, record, value)
+    return config
+
+
+NAMES = sorted(leaves(CONFIG))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_batch_shares_every_field_or_has_it_per_lane(name):
+    expected = name in OF_A_LANE | NAMES_ALONE
+    assert (shared(changed(name)) == shared(CONFIG)) == expected
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_table_has_every_field(name):
+    assert (changed(name).table() == CONFIG.table()) == (name in NOT_IN_TABLE)
+
+
+@pytest.fixture(scope="module")
+def trial(motor_fmu):
+    """Measures a robot that drives and one that turns, as a calibration does."""
+    points = [Point(-900.0, 900.0, 0.0, True), Point(900.0, 900.0, 0.0, True)]
+    fmu = MotorFmu(motor_fmu)
+    return lambda config: measure_batch(config, fmu, points, np.random.SeedSequence(0))
+
+
+@pytest.fixture(scope="module")
+def measured(trial):
+    return trial(CONFIG)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_calibration_is_known_by_every_field_that_changes_it(name, trial, measured, motor_fmu):
+    config = changed(name)
+    if name == "open_loop":  # `find_calibration` takes it out
+        return
+    if digest(config, motor_fmu) == digest(CONFIG, motor_fmu):
+        np.testing.assert_array_equal(trial(config), measured)
