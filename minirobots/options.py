@@ -91,8 +91,10 @@ class CommandOptions:
 
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(type(self), include_extras=True).items():
+            value = getattr(self, name)
             for check in _checks(kind):
-                check.require(name, getattr(self, name))
+                for each in value if isinstance(value, tuple) else (value,):
+                    check.require(name, each)
 
     def interrupted(self) -> str:
         """Return what is said after Ctrl-C, if anything."""

@@ -182,7 +182,7 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
     conftest = Path(__file__).parents[1] / "analysis" / "conftest.py"
     return {
         "training": Case(("-m", "agent.train", "--jobs", "1", "--out", "OUT", *short)),
-        "sweep": Case(("-m", "cosim", *sweep, "--out", "OUT")),
+        "sweep": Case(("-m", "minirobots", *sweep, "--out", "OUT")),
         "evaluation": Case(
             ("-m", "cosim.evaluate", str(policy), "--starts", "8", "--recordings", "1",
              "--time-limit", "20", "--jobs", "2", "--out", "OUT")

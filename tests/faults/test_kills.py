@@ -3,7 +3,9 @@
 Moments are shares of the time that the undisturbed command takes; they are seeded and printed.
 """
 
+import os
 import random
+import re
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +14,15 @@ from typing import Any
 
 import pytest
 
-from tests.faults.killing import CACHED, REMADE, Case, Workplace, cases
+from tests.faults.killing import (
+    CACHED,
+    REMADE,
+    Case,
+    Workplace,
+    cases,
+    errors_of,
+    without_progress,
+)
 
 MOMENTS = 12
 ONE_BY_ONE = (
@@ -26,6 +36,13 @@ PARTIAL = {
     "sweep": "experiment.json",
     "evaluation": "*.jsonl",
     "transfer": "policies/*.npz",  # episodes of the file end nearly at once
+}
+# Commands that keep rows of episodes, which end at different times.
+WRITERS = {
+    "evaluate": ("--policy", "shortest", "--scenario", "1a", "--starts", "6", "--recordings", "0"),
+    "transfer": ("--quick", "--scenarios", "1a", "--methods", "paper"),
+    "robustness": ("--quick", "--scenario", "1a", "--methods", "paper", "--axes", "nothing"),
+    "baselines": ("--quick", "--scenarios", "1b", "--learners", "shortest"),
 }
 GROWING = {"certificate.json", "checkpoint.npz", "sessions.json", "summary.json", "timings.json"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}
@@ -139,3 +156,23 @@ def test_four_at_once_with_an_empty_cache(tmp_path):
         assert not REMADE.search(text)
     files = [place.files() for place in places]
     assert all(found == files[0] for found in files)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_second_writer_is_refused(tmp_path, name):
+    """Whoever finds that another process has written meanwhile ends, in one clear error."""
+    out = ("--jobs", "1", "--out", "OUT")
+    place = Workplace(tmp_path, Case(("-m", "minirobots", name, *WRITERS[name], *out)))
+    process = place.start()
+    while not (begun := [f for f in place.out.rglob("*.jsonl") if f.read_bytes().count(b"\n") > 1]):
+        assert process.poll() is None, "it ended before another process could write"
+    os.killpg(process.pid, signal.SIGSTOP)
+    with begun[0].open("ab") as file:  # as a second one does
+        file.write(begun[0].read_bytes().splitlines(True)[-1])
+    os.killpg(process.pid, signal.SIGCONT)
+    errors = errors_of(process)
+    assert process.returncode == 2, errors
+    assert re.fullmatch(
+        r"error: .*\.jsonl: another process writes to this file; .*\n", without_progress(errors)
+    )

@@ -103,16 +103,17 @@ def test_completion_for_bash_knows_every_command_and_its_options(program):
     assert (syntax.returncode, syntax.stderr) == (0, "")
 
 
-def test_a_command_is_added_by_one_file(tmp_path):
-    """The one that CONTRIBUTING.md shows."""
-    page = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
-    (code,) = re.findall(r"^```python\n(\"\"\"Print.*?)^```$", page, re.M | re.S)
-    assert code.count("\n") <= 60
-    shutil.copytree(ROOT / "minirobots", tmp_path / "minirobots")
-    (tmp_path / "minirobots" / "commands" / "target_cells.py").write_text(code)
+@pytest.fixture
+def added(tmp_path):
+    """Returns `minirobots` with a command of CONTRIBUTING.md, by its docstring, as a file of it."""
 
-    def called(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
+    def add(docstring: str, name: str):
+        page = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+        (code,) = re.findall(rf'^```python\n("""{docstring}.*?)^```$', page, re.M | re.S)
+        assert code.count("\n") <= 60
+        shutil.copytree(ROOT / "minirobots", tmp_path / "minirobots")
+        (tmp_path / "minirobots" / "commands" / f"{name}.py").write_text(code)
+        return lambda *arguments: subprocess.run(
             [sys.executable, "-m", "minirobots", *arguments],
             cwd=tmp_path,
             env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
@@ -121,6 +122,24 @@ def test_a_command_is_added_by_one_file(tmp_path):
             check=False,
         )
 
+    return add
+
+
+@pytest.mark.long
+def test_a_study_is_added_by_one_file(added, tmp_path):
+    called = added("How success depends", "decisions")
+    small = ("--steps", "1.0", "4.0", "--episodes", "1", "--jobs", "1", "--json")
+    done = called("decisions", *small)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout.splitlines()[-1])["rows"]
+    assert [(row["policy"], row["rl_step"], row["episodes"]) for row in rows] == [
+        ("shortest", 1.0, 1), ("shortest", 4.0, 1), ("quickest", 1.0, 1), ("quickest", 4.0, 1)
+    ]  # fmt: skip
+    assert (tmp_path / "runs" / "decisions" / "study.png").exists()
+
+
+def test_a_command_is_added_by_one_file(added):
+    called = added("Print the target cells", "target_cells")
     assert "  target-cells   Print the target cells of a scenario\n" in called().stdout
     done = called("target-cells", "--scenario", "4", "--json")
     assert (done.returncode, done.stderr) == (0, "")
