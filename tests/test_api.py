@@ -13,6 +13,7 @@ import pytest
 import agent
 import analysis
 import cosim
+import minirobots as mr
 from agent.training.policy import PolicyError
 from cosim.base.errors import UserError
 from cosim.base.progress import silent
@@ -303,3 +304,18 @@ def test_load_refuses_what_does_not_fit(policy, tmp_path):
     assert agent.load(tmp_path / "policy.npz", "1a").episodes == 20_000
     with pytest.raises(PolicyError, match="was trained on scenario 1a"):
         agent.load(tmp_path / "policy.npz", cosim.find_scenario("2"))
+
+
+@pytest.mark.parametrize(
+    "read", [mr.open, agent.load, cosim.find_preset, lambda path: agent.train("1b", motor_fmu=path)]
+)
+def test_pointers_of_git_lfs_are_named(tmp_path, read):
+    path = tmp_path / "a.toml"
+    path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n")
+    with pytest.raises(UserError, match="a pointer of Git LFS, not the file; run `git lfs pull`"):
+        read(path)
+
+
+def test_robots_without_friction_are_refused_by_their_friction(policy):
+    with pytest.raises(UserError, match=r"with mu = 0 robots drive less than .* change the preset"):
+        cosim.simulate("1a", policy, mu=0.0)

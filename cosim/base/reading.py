@@ -35,6 +35,7 @@ _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # Far above what is written here, far below what fills the memory.
 MAX_TEXT_BYTES = 2**26
 MAX_ARRAY_BYTES = 2**31  # all that are read of a file together, unpacked
+_LFS = b"version https://git-lfs.github.com/"
 MAX_KEY_PARTS = 32  # tomllib takes quadratic time and memory in the parts of a dotted key
 
 
@@ -69,6 +70,14 @@ def require_file(path: Path, kind: Kind) -> None:
         raise kind.error(f"{path}: a {what}, no {kind.name}; {kind.fix}")
     if not os.access(path, os.R_OK):
         raise kind.error(f"{path}: you may not read it; change its permissions or {kind.fix}")
+    refuse_pointer(path, kind.error)
+
+
+def refuse_pointer(path: Path, error: type[UserError]) -> None:
+    """Refuse a file that only points to one in Git LFS; raises UserError, `error`."""
+    with path.open("rb") as file:
+        if file.read(len(_LFS)) == _LFS:
+            raise error(f"{path}: a pointer of Git LFS, not the file; run `git lfs pull`")
 
 
 @contextlib.contextmanager

@@ -82,7 +82,7 @@ def calibrated_slower(
     config = with_motor(config, motor_fmu)
     calibration = find_calibration(config, motor_fmu, progress)
     speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
-    calibration.require_motion()
+    calibration.require_motion(config.robot.mu)
     steering = config.steering._replace(drive_speed_m_s=min(speeds))
     return calibration.resolved(replace(config, steering=steering))
 

@@ -111,8 +111,11 @@ class Calibration:
         curve = self.curve(manoeuvre)
         return float(np.interp(self.hop_free_rad_s, curve.omega_rad_s, curve.mean))
 
-    def require_motion(self) -> None:
+    def require_motion(self, mu: float) -> None:
         """Refuse robots that do not move.
+
+        Args:
+            mu: friction coefficient, for the message.
 
         Raises:
             CalibrationError: the fastest is slower than `LEAST_M_S`; says whether the motors are
@@ -127,7 +130,7 @@ class Calibration:
                 f"{asked:.0f} rad/s; give stronger ones by --motor-fmu or --motor-parameter"
             )
         raise CalibrationError(
-            f"robots do not move: they drive less than {1e3 * LEAST_M_S:g} mm/s at any motor "
+            f"with mu = {mu:g} robots drive less than {1e3 * LEAST_M_S:g} mm/s at any motor "
             "speed; change the preset, friction or motor parameters"
         )
 
@@ -160,7 +163,7 @@ class Calibration:
         Raises:
             CalibrationError: the drive speed needs hopping.
         """
-        self.require_motion()
+        self.require_motion(config.robot.mu)
         steering = config.steering
         largest = min(self.largest(drive) for drive in DRIVES)
         if steering.drive_speed_m_s > largest:

@@ -23,6 +23,7 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.model_description import CoSimulation, ModelDescription
 
 from cosim.base.errors import UserError
+from cosim.base.reading import refuse_pointer
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.archive import require_plain, unpack
 from cosim.fmi.isolation import note_failure, restored_arithmetic, same_folder
@@ -63,6 +64,7 @@ class Fmu:
         self.path = path
         if not path.is_file():
             raise FmuError(f"{self.noun} {path} does not exist; {self.place}")
+        refuse_pointer(path, FmuError)
         needed = (*(f"binaries/{name}/" for name in _FOLDERS), "resources/")
         try:
             self.folder = unpack(path, ("modelDescription.xml", *needed))
