@@ -92,8 +92,10 @@ def train(path, minutes, options):
     else:
         settings = {"n_steps": 128, "batch_size": 256, "n_epochs": 10, "gamma": 0.98}
         model = PPO("MlpPolicy", env, learning_rate=1e-3, seed=0, device="cpu", **settings)
-    model.learn(10**9, callback=Until(60.0 * minutes), reset_num_timesteps=False)
-    model.save(path)
+    try:
+        model.learn(10**9, callback=Until(60.0 * minutes), reset_num_timesteps=False)
+    finally:  # also after Ctrl-C
+        model.save(path)
 
 
 def evaluate(path, episodes, options):
