@@ -1,4 +1,4 @@
-"""How much of everything a reproduction does: the paper's amount, or a few minutes' worth."""
+"""Profiles of a reproduction: the paper's amount, or a few minutes' worth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

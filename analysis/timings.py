@@ -1,4 +1,4 @@
-"""What a reproduction has finished, and how long each stage took: `timings.json`.
+"""Finished stages of a reproduction, and the time of each: `timings.json`.
 
 Written after every stage and on an interrupt, so that the same command resumes.
 """
@@ -111,7 +111,7 @@ class Timings:
         self._content = found
 
     def finished(self, stage: str) -> bool:
-        """Whether the stage has been completed, by code that does what it does now."""
+        """Return whether the stage has been completed, by code that does what it does now."""
         found = self._content.stages.get(stage)
         return found is not None and found.finished and found.code == code_of(stage)
 

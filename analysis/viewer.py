@@ -32,7 +32,7 @@ class ViewerError(UserError):
 
 @dataclass(frozen=True)
 class ViewerReport:
-    """What the viewer says of a recording.
+    """Return what the viewer says of a recording.
 
     Attributes:
         views: name of each view with the reports of what it could not draw.

@@ -1,4 +1,4 @@
-"""What every format has of an episode, and the formats by what their files' names end in."""
+"""Contents of an export in every format, and the formats by what their files' names end in."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -59,7 +59,7 @@ def chosen(
 
 
 def facts_of(episode: "Episode") -> dict[str, Any]:
-    """What was run, how it ended, and every parameter, as JSON has it."""
+    """Return the run, its outcome and every parameter, as JSON has it."""
     return {
         "facts": dict(episode.facts),
         "outcome": episode.outcome,

@@ -63,7 +63,7 @@ def fig11(results: Path) -> Drawing:
 
 
 def fig10(results: Path) -> Drawing:
-    """What the coefficient c of Eq. (12) changes.
+    """Draw the effect of the coefficient c of Eq. (12).
 
     Raises:
         ResultError: there are no such results.

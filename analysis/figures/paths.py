@@ -23,7 +23,7 @@ STYLES: dict[str, str] = dict(zip(DRIVEN_BY, (":", "-"), strict=True))  # of dis
 
 
 class Track(NamedTuple):
-    """What a figure needs of a recorded episode.
+    """Signals of a recorded episode that a figure needs.
 
     Attributes:
         times_s: (n,) of the positions.

@@ -1,4 +1,4 @@
-"""What all figures share: one look, with colours that colour-blind readers tell apart; their files.
+"""Style of all figures: one look, with colours that colour-blind readers tell apart; their files.
 
 A figure is a PNG, a PDF, and a JSON file with its caption: the paper's claim and our numbers.
 """

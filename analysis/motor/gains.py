@@ -1,4 +1,4 @@
-"""What the gains of Eq. (14) do to the response of the motor FMU: a table.
+"""Table of the effect of the gains of Eq. (14) on the response of the motor FMU.
 
 The FMU holds its integral while the voltage is at its limit. Without that, Eq. (14) as printed is
 computed here and its voltage given to the FMU in open loop, every internal step.

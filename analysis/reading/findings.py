@@ -1,4 +1,4 @@
-"""Where an episode looks wrong: saturation, slipping, lift-offs, near misses, moves given up.
+"""Findings in an episode: saturation, slipping, lift-offs, near misses, moves given up.
 
 Works on what a recording holds (`cosim.recording.reader`); a finding whose signals a recording
 lacks is left out. Nothing is printed here.
@@ -127,7 +127,7 @@ def _given_up(episode: Episode, robot: str) -> Iterator[Finding]:
 
 
 def _failures(episode: Episode, robot: str) -> Iterator[Finding]:
-    """What the robot was short of at the end."""
+    """Return what the robot lacked at the end."""
     failures = episode.texts.get(f"/rl/{robot}/failure")
     position = episode.signals.get(f"/sim/{robot}/position")
     if failures is None or position is None:

@@ -1,4 +1,4 @@
-"""What a recorded episode holds: statistics of every signal, robots, findings."""
+"""Contents of a recorded episode: statistics of every signal, robots, findings."""
 
 from typing import Any
 
@@ -37,7 +37,7 @@ class SignalStatistics(msgspec.Struct, frozen=True):
 
 
 class RobotSummary(msgspec.Struct, frozen=True):
-    """What a robot did: length of its path, moves begun, ended and given up."""
+    """Statistics of a robot: length of its path, moves begun, ended and given up."""
 
     path_length_m: float | None
     moves: int
@@ -113,7 +113,7 @@ def path_length_m(episode: Episode, robot: str) -> float | None:
 
 
 def inspect_episode(episode: Episode) -> Inspection:
-    """What an episode's recording holds, and where it looks wrong."""
+    """Return what an episode's recording holds, and its findings."""
     robots = {}
     for robot in episode.robots:
         moves = episode.moves[robot]

@@ -55,7 +55,7 @@ def read(path: Path) -> dict[str, Response]:
 
 
 class Rise(NamedTuple):
-    """How a speed comes up to its set point; None where it does not within the test.
+    """Rise of a speed to its set point; None where it does not get there within the test.
 
     Attributes:
         to_63_percent_s, to_90_percent_s, to_98_percent_s: time until the share is first reached.

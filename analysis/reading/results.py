@@ -1,4 +1,4 @@
-"""Where every result lies in a results folder, and which command puts it there.
+"""Places of results in a results folder, and the commands that write them.
 
 The one place that knows the layout and the order: `analysis.figures` draws from it,
 `analysis.reproduce` fills it, `analysis.report` links to it. No result is read or made here.
@@ -51,7 +51,7 @@ class Result:
         return results / self.proof
 
     def exists(self, results: Path) -> bool:
-        """Whether the result can be used."""
+        """Return whether the result can be used."""
         return self.proof_in(results).is_file()
 
     @property

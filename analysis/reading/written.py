@@ -19,7 +19,7 @@ class ResultError(UserError):
 
 
 def kind_of(name: str, results: Path) -> Kind:
-    """How messages speak of a result."""
+    """Return the name of a result in messages."""
     result = RESULTS[name]
     return Kind(
         f"result of `python -m {result.module}`", f"run `{result.command(results)}`", ResultError
@@ -27,7 +27,7 @@ def kind_of(name: str, results: Path) -> Kind:
 
 
 def read_experiment(name: str, results: Path) -> ExperimentResult:
-    """What `agent.experiments` says of an experiment.
+    """Description of an experiment by `agent.experiments`.
 
     Raises:
         ResultError: there is no such result, or it is of another experiment.

@@ -1,4 +1,4 @@
-"""What a report shows besides tables: figures and recordings, placed in the report's folder.
+"""Contents of a report besides tables: figures and recordings, placed in the report's folder.
 
 Finds what a results folder has; how it looks is the business of `analysis/templates`.
 """

@@ -44,7 +44,7 @@ class ReportTable(NamedTuple):
 
 
 def learning_tables(results: Path) -> list[ReportTable]:
-    """What training found, a table per experiment of the paper.
+    """Return the results of training, a table per experiment of the paper.
 
     Raises:
         ResultError: a file is damaged.
@@ -93,7 +93,7 @@ def _runs(count: int) -> str:
 
 
 def transfer_tables(results: Path) -> list[ReportTable]:
-    """What policies achieve in co-simulation, by training method; none if it was not evaluated.
+    """Return the table of success in co-simulation, by method; none if it was not evaluated.
 
     Raises:
         ResultError: the file is damaged.
@@ -137,7 +137,7 @@ def _named(row: TransferRow, name: str, factor: float, digits: int, unit: str) -
 
 
 def timing_table(timings: TimingsFile) -> ReportTable:
-    """How long each stage of `analysis.reproduce` took."""
+    """Return the table of the times of `analysis.reproduce`."""
     rows = [
         (
             name,

@@ -1,4 +1,4 @@
-"""What the command lines share: parsing, options that mean the same everywhere, tables.
+"""Common parts of the command lines: parsing, options that mean the same everywhere, tables.
 
 Modules with commands import only what their options need; `main` imports the rest, so that every
 `--help` comes at once.

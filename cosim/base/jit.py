@@ -1,4 +1,4 @@
-"""How kernels are compiled: numba, cached on disk, without the interpreter lock.
+"""Compilation of kernels: numba, cached on disk, without the interpreter lock.
 
 Signals wait while LLVM makes machine code. LLVM calls Python there, and an exception would not
 leave that call: either the interrupt or the machine code would be lost.

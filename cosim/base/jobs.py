@@ -52,7 +52,7 @@ class Workers:
 
     @property
     def count(self) -> int:
-        """How many work at the same time."""
+        """Return the number of jobs at the same time."""
         return _CLUSTER if self.address is not None else workers(self.jobs)
 
 
@@ -73,7 +73,7 @@ Row = TypeVar("Row")
 
 
 class JobStore(Protocol[Row]):
-    """Where rows are kept."""
+    """Store of rows."""
 
     def find(self, job: Any) -> Row | None:
         """Return the row of a job, None if it is missing."""
@@ -90,7 +90,7 @@ def always() -> bool:
 
 
 class JobKind(NamedTuple, Generic[SomeJob, Row]):
-    """How jobs of a kind are computed.
+    """Kind of jobs: how they are computed.
 
     Attributes:
         compute: yields jobs and their rows as they end; of the jobs, the number of threads, and

@@ -86,7 +86,7 @@ def _content(function: FunctionType) -> tuple[str, list[FunctionType]]:
 
 
 class _Locator(_CacheLocator):
-    """Where numba keeps a kernel: in one folder, under the hash of what it does."""
+    """Place of a kernel: in one folder, under the hash of what it does."""
 
     def __init__(self, function: Callable, file: str) -> None:
         self._py_file, self._digest = file, kernel_digest(function)

@@ -1,4 +1,4 @@
-"""What a result depends on besides code: the hash of its inputs, and versions of libraries."""
+"""Provenance of results besides code: the hash of its inputs, and versions of libraries."""
 
 import hashlib
 import importlib.metadata

@@ -145,7 +145,7 @@ def _submodule(origin: str, inner: str) -> str | None:
 
 
 class _Definition(NamedTuple):
-    """What a name stands for.
+    """Return what a name stands for.
 
     Attributes:
         text: its syntax, without what does not decide bits.

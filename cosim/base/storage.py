@@ -1,4 +1,4 @@
-"""Where files go: the cache, which repairs itself, and writing that leaves a whole file or none."""
+"""The cache, which repairs itself, and writing that leaves a whole file or none."""
 
 import contextlib
 import fcntl
@@ -58,7 +58,7 @@ def lock_of(path: Path) -> FileLock:
 def load_or_create(
     path: Path, load: Callable[[], Value | None], make: Callable[[], Value]
 ) -> Value:
-    """What the cache has at `path`, or what is made now: by one process, while others wait for it.
+    """Return what the cache has at `path`, or make it: in one process, while others wait for it.
 
     Args:
         path: of the cached file or folder.
@@ -85,7 +85,7 @@ def cached(
     *,
     again: bool = False,
 ) -> Value:
-    """What a file of the cache holds; made and kept there if it is missing, or not as it was kept.
+    """Return what a file of the cache holds; it is made if it is missing or damaged.
 
     Args:
         path: of the file; its SHA-256 is kept next to it.
@@ -120,7 +120,7 @@ def write_checksum(path: Path) -> None:
 
 
 def is_intact(path: Path) -> bool:
-    """Whether a file is there as it was when it was sealed."""
+    """Return whether a file exists and has its checksum."""
     try:
         return _seal_of(path).read_bytes() == _sha256(path).encode()
     except OSError:

@@ -1,1 +1,1 @@
-"""What motor speeds do: trials of single robots, and the map that turns drive speeds into them."""
+"""Calibration: trials of single robots, and the map from drive speeds to motor speeds."""

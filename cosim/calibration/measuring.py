@@ -31,7 +31,7 @@ BATCH = 16  # trials that are co-simulated together
 
 
 class Point(NamedTuple):
-    """What one trial commands; fields as in `Calibration`."""
+    """Commands of one trial; fields as in `Calibration`."""
 
     omega_d: float
     omega_e: float

@@ -1,4 +1,4 @@
-"""What a calibration says: numbers for a file and a plot."""
+"""Report of a calibration: numbers for a file and a plot."""
 
 from pathlib import Path
 
@@ -45,7 +45,7 @@ class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def report_of(calibration: Calibration, config: CoSimConfig, motor_fmu: Path) -> CalibrationReport:
-    """What a calibration found."""
+    """Results of a calibration."""
     curves = {}
     for manoeuvre in MANOEUVRES:
         unit = "m_s" if manoeuvre in DRIVES else "rad_s"

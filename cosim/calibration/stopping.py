@@ -1,4 +1,4 @@
-"""How far robots go until they rest, measured: what the shield's margin rests on (docs/shield.md).
+"""Measured stopping distances, from which the shield's margin follows (docs/shield.md).
 
 Robots drive every which way, motors at speeds up to the largest that the steering asks for, changed
 at random times, and are stopped at random times.

@@ -1,4 +1,4 @@
-"""How far estimates are from the truth, measured: what the shield's bound on errors rests on.
+"""Measured errors of estimates, from which the shield's bound follows.
 
 Robots of a world drive, turn and wait in it, and are steered by what its camera shows. Of the error
 of an estimate one part is the noise of the frames, which is Gaussian with at most the filter's

@@ -62,7 +62,7 @@ def robot_properties(
     gravity: Vector | None = None,
     motors: tuple[MotorParams, MotorParams] | None = None,
 ) -> np.ndarray:
-    """What a robot is in the world of a configuration: its column of `State.properties`.
+    """Return the properties of a robot in its world: its column of `State.properties`.
 
     Args:
         config: robot and world.

@@ -28,7 +28,7 @@ def do_step(function: int, instance: int, time: float, step: float) -> int:
 
 
 class Calls(NamedTuple):
-    """What compiled code needs to reach the FMUs of all motors; integers are addresses.
+    """Addresses by which compiled code reaches the FMUs of all motors; integers are addresses.
 
     Attributes:
         instances: (I,) int64: one of all motors; or those of motors D and E of every column, 0

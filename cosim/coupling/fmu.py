@@ -108,7 +108,7 @@ class MotorFmu(Fmu):
 
     @property
     def samples(self) -> bool:
-        """Whether an instance hands out samples within a step, see `cosim.coupling.interface`."""
+        """Whether an instance gives samples within a step, see `cosim.coupling.interface`."""
         return self.arrays and {SAMPLES, *SAMPLED} <= set(self.variables)
 
     @functools.cached_property

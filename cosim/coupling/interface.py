@@ -1,4 +1,4 @@
-"""What the master asks of a motor FMU, compared with the modelDescription; nothing here runs one.
+"""Interface of a motor FMU, compared with its modelDescription; nothing here runs one.
 
 Units are those of the project's own motor (`fmus.variables`). A unit is what its definition in SI
 base units says, whatever its name; a variable without a unit is taken to be in the right one.

@@ -11,7 +11,7 @@ from cosim.onboard.features import DIRECTION_COUNT, Observation
 
 
 class Decision(NamedTuple):
-    """What a policy decides, with what it knows about the alternatives.
+    """Decision of a policy, with the values of the alternatives.
 
     Attributes:
         action: (N,) direction index of each robot.
@@ -23,7 +23,7 @@ class Decision(NamedTuple):
 
 
 class SupportsAct(Protocol):
-    """What the co-simulation needs of an agent."""
+    """Interface that the co-simulation needs of an agent."""
 
     def act(self, observation: Observation) -> np.ndarray | Decision:
         """Return the direction index of each robot, shape (N,), or a decision."""

@@ -1,4 +1,4 @@
-"""What is sampled of the coupled system, and what ends an episode; kernels of both drivers."""
+"""Sampling of the coupled system and ends of episodes; kernels of both drivers."""
 
 import math
 
@@ -98,7 +98,7 @@ def _event(plant: Plant, state: State, episode: int, column: int) -> int:
 
 @inlined
 def _is_within(rectangles: np.ndarray, x: float, y: float) -> bool:
-    """Whether a point is in one of some rectangles left, bottom, right, top."""
+    """Return whether a point is in one of some rectangles left, bottom, right, top."""
     for k in range(len(rectangles)):
         left, bottom, right, top = rectangles[k]
         if left <= x < right and bottom <= y < top:

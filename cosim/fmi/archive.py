@@ -134,7 +134,7 @@ def _read_whole(packed: IO[bytes], size: int) -> bytes:
 
 
 def _is_whole(target: Path, entry: zipfile.ZipInfo) -> bool:
-    """Whether a file has the size and the checksum of its entry."""
+    """Return whether a file has the size and the checksum of its entry."""
     try:
         same_size = target.stat().st_size == entry.file_size
         return same_size and zlib.crc32(target.read_bytes()) == entry.CRC

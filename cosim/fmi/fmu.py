@@ -221,7 +221,7 @@ def _text(message: bytes | None) -> str:
 
 
 def _callbacks(log: deque[str]) -> Any:
-    """What an FMU of FMI 2.0 is given: a logger into `log`, and the C library's memory."""
+    """Return the callbacks of an FMI 2.0 FMU: a logger into `log`, and the C library's memory."""
     allocate = ctypes.cast(fmpy.calloc, fmi2CallbackAllocateMemoryTYPE)
     release = ctypes.cast(fmpy.free, fmi2CallbackFreeMemoryTYPE)
 

@@ -1,4 +1,4 @@
-"""How an episode ends: one enumeration for grid, moves and dynamics, with one precedence."""
+"""Outcomes of episodes: one enumeration for grid, moves and dynamics, with one precedence."""
 
 from enum import StrEnum
 

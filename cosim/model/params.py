@@ -190,7 +190,7 @@ class SteeringParams(NamedTuple):
 
 
 class EstimatorParams(NamedTuple):
-    """What a robot's filter takes for granted of its motion; see `cosim.onboard.estimation`."""
+    """Assumptions of a robot's filter about its motion; see `cosim.onboard.estimation`."""
 
     position_drift_m2_s: Annotated[
         float,
@@ -207,7 +207,7 @@ class EstimatorParams(NamedTuple):
 
 
 class ShieldParams(NamedTuple):
-    """What the shield keeps, see `cosim.onboard.shield` and docs/shield.md."""
+    """Distances that the shield keeps, see `cosim.onboard.shield` and docs/shield.md."""
 
     stopping_m: Annotated[
         float,

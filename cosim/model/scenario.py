@@ -33,7 +33,7 @@ class ScenarioError(UserError):
 
 
 def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:
-    """Whether a disc touches an obstacle: its centre is no further from it than its radius.
+    """Return whether a disc touches an obstacle: its centre is no further from it than its radius.
 
     The one definition, for the grid (exact, in half cells), for moves that last and for the
     dynamics; kernels compile it with `cosim.base.jit.inlined`.
@@ -202,7 +202,7 @@ class Scenario:
         return padded
 
     def blocks(self, x: Any, y: Any) -> Any:
-        """Whether a robot at (x, y), in half cells, touches an obstacle; numbers or arrays."""
+        """Return whether a robot at (x, y), in half cells, touches an obstacle; also arrays."""
         return touches_obstacle(x, y, self.squared_contact, 2 * self.walls)
 
     @property

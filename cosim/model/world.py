@@ -158,7 +158,7 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
 
     @property
     def draws(self) -> bool:
-        """Whether episodes draw anything."""
+        """Return whether episodes draw anything."""
         return bool(self.motor_spread) or self.floor_tilt_deg > 0.0
 
     @property
@@ -180,7 +180,7 @@ IDEAL = World()  # the paper's
 
 
 class Drawn(msgspec.Struct, frozen=True):
-    """What an episode has drawn from its world.
+    """Values that an episode has drawn from its world.
 
     Attributes:
         motors: of every robot motors D and E, with their own K_T, R, J and r.
@@ -191,7 +191,7 @@ class Drawn(msgspec.Struct, frozen=True):
     tilt_direction_deg: float
 
     def table(self) -> dict[str, dict[str, float]]:
-        """What summaries and recordings list: K_T, R, J and r of every motor, and the slope."""
+        """Return what summaries list: K_T, R, J and r of every motor, and the slope."""
         return {
             f"r{robot + 1}.{name}": {key: getattr(motor, key) for key in ("K_T", "R", "J", "r")}
             for robot, pair in enumerate(self.motors)
@@ -212,7 +212,7 @@ def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
 def draw_world(
     world: World, motor: MotorParams, robots: int, seed: np.random.SeedSequence
 ) -> Drawn:
-    """What an episode draws.
+    """Draw the values of an episode.
 
     Args:
         world: as declared.

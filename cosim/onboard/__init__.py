@@ -1,1 +1,1 @@
-"""What runs on a robot: estimate, observation, steering, shield, yielding rule."""
+"""Software of a robot: estimate, observation, steering, shield, yielding rule."""

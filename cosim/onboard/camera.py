@@ -49,7 +49,7 @@ def camera_of(sensor: Sensor, control_period_s: float) -> np.ndarray:
 
 
 def frames_in_flight(sensor: Sensor) -> int:
-    """How many frames can be under way at once."""
+    """Return the number of frames that can be under way at once."""
     return math.ceil(1e-3 * sensor.delay_ms * sensor.rate_hz) + 2 if sensor.rate_hz else 0
 
 
@@ -59,7 +59,7 @@ def frames_within(sensor: Sensor, seconds: float) -> int:
 
 
 def draw_sight(sensor: Sensor, rng: np.random.Generator, frames: int) -> np.ndarray:
-    """What the camera makes of one robot in some frames, shape (frames, NOISE)."""
+    """Draw the camera's noise of one robot in some frames, shape (frames, NOISE)."""
     sight = rng.standard_normal((frames, NOISE))
     sight[:, :2] *= 1e-3 * sensor.position_noise_mm
     sight[:, 2] *= math.radians(sensor.heading_noise_deg)

@@ -1,4 +1,4 @@
-"""Where a robot thinks it is: extended Kalman filter over camera poses and commanded motion.
+"""Pose estimation: extended Kalman filter over camera poses and commanded motion.
 
 The filter lives at the time of the last frame that has arrived (frames are late): there it is
 predicted from frame to frame by the commanded motion in between, and corrected. What steers is

@@ -1,4 +1,4 @@
-"""What a robot sees of the others: distance class (Eq. 9) and gradient sign (Eq. 10).
+"""Features that a robot sees of the others: distance class (Eq. 9) and gradient sign (Eq. 10).
 
 Distances are squared and in cells (integers), so that no rounding decides a class. The learning
 process and the co-simulation both call these functions: one definition for both.
@@ -60,7 +60,7 @@ def gradient_sign(squared_distance: int, previous: int) -> int:
 
 
 class Observation(NamedTuple):
-    """What a policy sees at a decision: one row per robot.
+    """Observation at a decision: one row per robot.
 
     Attributes:
         cells: (N, 2) int64, column and row of each robot.

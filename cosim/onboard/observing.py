@@ -63,7 +63,7 @@ def observe(
     squared_before: np.ndarray,
     targets: np.ndarray,
 ) -> Observation:
-    """What a policy sees.
+    """Return what a policy sees.
 
     Args:
         positions_m: (N, 2) centres of the robots.

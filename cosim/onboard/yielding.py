@@ -29,7 +29,7 @@ Line = tuple[Point, Point]  # both ends
 
 
 class Board(NamedTuple):
-    """What is known of a scenario; lengths in m.
+    """Geometry of a scenario; lengths in m.
 
     Attributes:
         columns, rows: number of cells.
@@ -89,7 +89,7 @@ def line_to_line(a: Line, b: Line) -> float:
 
 @inlined
 def _cross(a: Line, b: Line) -> bool:
-    """Whether the ends of b lie on both sides of the line through a."""
+    """Return whether the ends of b lie on both sides of the line through a."""
     (x, y), (end_x, end_y) = a
     first = (end_x - x) * (b[0][1] - y) - (end_y - y) * (b[0][0] - x)
     second = (end_x - x) * (b[1][1] - y) - (end_y - y) * (b[1][0] - x)
@@ -150,7 +150,7 @@ def permitted(
 
 @inlined
 def _meets(rectangles: np.ndarray, plan: Line, least_m: float) -> bool:
-    """Whether a plan that begins outside of rectangles comes too close to one of their sides."""
+    """Return whether a plan that begins outside of rectangles comes too close to a side."""
     for k in range(len(rectangles)):
         left, bottom, right, top = rectangles[k]
         corners = ((left, bottom), (right, bottom), (right, top), (left, top))

@@ -1,4 +1,4 @@
-"""What changes of a robot, as a column of an array and as numbers; no equations."""
+"""State of a robot, as a column of an array and as numbers; no equations."""
 
 import math
 from typing import NamedTuple
@@ -42,7 +42,7 @@ def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: floa
 
 
 class Body(NamedTuple):
-    """What changes of one robot, or of the robots in the lanes of a vector; see the layout above.
+    """State of one robot, or of the robots in the lanes of a vector; see the layout above.
 
     Attributes:
         position, velocity: of the centre of mass, world frame, m and m/s.

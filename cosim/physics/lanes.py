@@ -29,12 +29,12 @@ _SCALARS = (types.Float, types.Integer)
 
 
 def width_of(lanes: int) -> Width:
-    """What tells compiled code the number of lanes, a power of two."""
+    """Type that tells compiled code the number of lanes, a power of two."""
     return (0,) * lanes
 
 
 def host_lanes() -> int:
-    """How many lanes a register of this processor has, of those that numba compiles for."""
+    """Return the number of lanes of a register of this processor that numba compiles for."""
     # what numba is set to compile for, or what the processor can do
     told = numba.core.config.CPU_FEATURES  # pyright: ignore[reportAttributeAccessIssue]
     features = told or llvmlite.binding.get_host_cpu_features().flatten()
@@ -43,7 +43,7 @@ def host_lanes() -> int:
 
 
 class _Vector(types.Type):
-    """What lanes and masks have in common: one element may stand for all."""
+    """Common base of lanes and masks: one element may stand for all."""
 
     elements: tuple[type, ...]
 
@@ -191,7 +191,7 @@ def _select(_typing, condition, yes, no):
 
 
 def _any_lane(_typing, condition):
-    """Whether a condition holds in any lane."""
+    """Return whether a condition holds in any lane."""
 
     def codegen(_context, builder, _signature, arguments):
         if not isinstance(condition, Mask):

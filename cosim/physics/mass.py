@@ -15,7 +15,7 @@ from cosim.physics.rotation import Vector
 
 
 class Mass(NamedTuple):
-    """What a robot's equations of motion know of its mass; body frame.
+    """Mass properties of a robot's equations of motion; body frame.
 
     Attributes:
         total: in kg.

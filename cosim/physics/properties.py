@@ -1,4 +1,4 @@
-"""What a robot is: constants of its equations of motion, as numbers and as a column of an array.
+"""Constants of a robot's equations of motion, as numbers and as a column of an array.
 
 Robots of one batch may live in different worlds: everything that a world changes has a row here.
 """

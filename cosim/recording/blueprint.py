@@ -1,4 +1,4 @@
-"""What the Rerun viewer shows when a recording is opened: the layout of views.
+"""Layout that the Rerun viewer shows when a recording is opened: the arrangement of views.
 
 Entity paths are listed one by one: wildcards inside a path match nothing, without a warning.
 """

@@ -238,7 +238,7 @@ class EpisodeRecorder:
                 self.file.columns(f"/raw/{name}/{path}", times, rows)
 
     def _write_decisions(self, name: str, robot: int) -> None:
-        """What was seen and decided at the start of each RL step, and seen at the very end."""
+        """Write what was seen and decided at the start of each RL step, and seen at the end."""
         times, numbers = self._starts()
         seen = [decided.step.before for decided in self._batch]
         action = [int(decided.step.action[robot]) for decided in self._batch]

@@ -1,4 +1,4 @@
-"""What moves in the 3D view of an episode: robots, eccentric masses, forces, tracks and plans.
+"""Moving parts of the 3D view of an episode: robots, eccentric masses, forces, tracks and plans.
 
 What stands still is `cosim.recording.scene`; signals over time are `cosim.recording.series`.
 """

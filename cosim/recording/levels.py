@@ -1,4 +1,4 @@
-"""How much of an episode is recorded: rates of the levels of `--record`.
+"""Amount of an episode that is recorded: rates of the levels of `--record`.
 
 A row of a Rerun table costs some 35 bytes whatever it holds, so rates decide what a recording
 weighs; docs/performance.md has the sizes. What the signals are is `cosim.recording.series`.

@@ -1,4 +1,4 @@
-"""What a policy says of each cell of the board: the record between the agent and the recordings."""
+"""Values and actions of a policy in each cell: the record between the agent and the recordings."""
 
 from typing import NamedTuple
 

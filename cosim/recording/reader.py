@@ -224,7 +224,7 @@ def read_episode(path: Path, folder: tempfile.TemporaryDirectory[str] | None = N
 
 
 def _fact(value: Any) -> Any:
-    """What a property stands for: start cells, versions and the like are JSON, see `properties`."""
+    """Return the value of a property: start cells and versions are JSON, see `properties`."""
     if isinstance(value, str) and value[:1] in {"[", "{"}:
         try:
             return json.loads(value)

@@ -70,7 +70,7 @@ class Texts(NamedTuple):
 
 @dataclass(frozen=True)
 class RecordingData:
-    """What a recording holds.
+    """Contents of a recording.
 
     Attributes:
         path: of the file.

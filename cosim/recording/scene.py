@@ -1,4 +1,4 @@
-"""What stands still in a recording of an episode: arena, robots, policies, and the colours.
+"""Static parts of an episode's recording: arena, robots, policies, and the colours.
 
 How the maps of a policy come out of a robot's table is the agent's; here they are tiles and arrows.
 """
@@ -116,7 +116,7 @@ def faint(colour: int) -> int:
 
 
 def shaft_end_m(robot: RobotParams, side: float) -> float:
-    """Where on the body's y axis the mass of the motor on that side is drawn, in m.
+    """Return the position in m on the body's y axis at which a motor's mass is drawn.
 
     At the outer end of the motor, where it can be seen; the forces act at the motor's middle.
     """

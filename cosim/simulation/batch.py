@@ -64,7 +64,7 @@ def chosen_driver(name: str | None, motor_fmu: Path, config: CoSimConfig) -> str
 
 
 def shared(config: CoSimConfig) -> tuple[Any, ...]:
-    """What episodes of a batch have in common of a configuration.
+    """Return what all episodes of a batch must share of a configuration.
 
     That is all but the world, the floor's friction and the speed noise.
     """
@@ -87,7 +87,7 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
 
 
 class BatchState(NamedTuple):
-    """What `Batch.set_state` restores a batch from; it can be pickled."""
+    """State of a batch for `Batch.set_state`; it can be pickled."""
 
     state: State
     episodes: list[RunningEpisode | None]

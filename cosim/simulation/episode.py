@@ -259,7 +259,7 @@ class RunningEpisode:
         return (mode == HOLD) | (mode == PAST)
 
     def _permitted(self, robot: int, direction: int) -> int:
-        """What the shield lets a robot do that wants to go in a direction; WAIT to stand."""
+        """Return the direction that the shield permits instead of one; WAIT to stand."""
         if not self.config.shield:
             return direction
         goals = self._commands[:, GOAL_X : GOAL_Y + 1].copy()
@@ -281,7 +281,7 @@ class RunningEpisode:
         return int(self._shields[:, STOPS].sum())
 
     def _positions_m(self) -> np.ndarray:
-        """Where the robots think they are, (N, 2)."""
+        """Return the estimated positions of the robots, (N, 2)."""
         positions_m = self._estimates[:, POSE : POSE + 2].copy()
         if (
             self.config.world.camera.rate_hz

@@ -234,7 +234,7 @@ def options_of(call: str, given: Mapping[str, Any]) -> SimulationOptions:
 
 
 class Setup(NamedTuple):
-    """What decides an episode, but for its policy, start cells and seed.
+    """Everything that determines an episode but for its policy, start cells and seed.
 
     Attributes:
         scenario: with the obstacles of its world.

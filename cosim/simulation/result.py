@@ -97,7 +97,7 @@ def result_of(episode: RunningEpisode, starts: tuple[Cell, ...], wall_s: float) 
 
 
 def facts_of(result: EpisodeResult) -> dict[str, float | int | str]:
-    """What a recording says of its episode's result; the same whenever it is simulated."""
+    """Return the facts of a result for a recording; the same whenever it is simulated."""
     facts = {
         "outcome": str(result.outcome),
         "path_length_cm": result.path_length_cm,

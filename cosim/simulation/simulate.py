@@ -132,7 +132,7 @@ def episode_facts(
     starts: tuple[Cell, ...],
     driver: str = "compiled",
 ) -> dict[str, Any]:
-    """What identifies an episode in its recording, by name."""
+    """Return what identifies an episode in its recording, by name."""
     return {
         "scenario": scenario.name,
         "title": scenario.title,

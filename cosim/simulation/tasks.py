@@ -27,7 +27,7 @@ from cosim.simulation.result import EpisodeResult, facts_of, result_of
 
 
 class EpisodeOrigin(msgspec.Struct, frozen=True):
-    """What determines an episode besides its policy and the code, as recordings keep it.
+    """Everything that determines an episode besides its policy and the code, as recordings keep it.
 
     Attributes:
         scenario, config, starts, driver: of the task.
@@ -75,7 +75,7 @@ class Task:
 
     @property
     def origin(self) -> EpisodeOrigin:
-        """What determines the episode."""
+        """Return what determines the episode."""
         seed, fmu = self.seed, digest_of(self.fmu)
         return EpisodeOrigin(
             self.scenario,

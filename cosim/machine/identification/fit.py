@@ -156,7 +156,7 @@ def rises(track: SeenTrack, simulated: Simulated, found: Fit) -> np.ndarray:
 
 
 def unidentifiable(found: Fit) -> list[str]:
-    """What the track says nothing of, in words: directions hardly better known than before."""
+    """Name what is not identifiable from the track: directions hardly better known than before."""
     shares, directions = np.linalg.eigh(found.covariance / np.outer(SPREADS, SPREADS))
     said = []
     for share, direction in zip(np.sqrt(shares), directions.T, strict=True):

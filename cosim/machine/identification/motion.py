@@ -44,7 +44,7 @@ class Machine(NamedTuple):
 def tracks(
     machines: Sequence[Machine], omega: np.ndarray, ticks: int, dt_s: float, every: int
 ) -> np.ndarray:
-    """What an overhead camera sees of robots that start at the origin, at rest, heading along +x.
+    """Simulate what an overhead camera sees of robots that start at rest, heading along +x.
 
     Args:
         machines: B of them.
@@ -141,7 +141,7 @@ def _drive(
 
 @inlined
 def _shaped(body: BodyParams, shapes: np.ndarray, column: int, width: Width) -> BodyParams:
-    """What robots share, with feet of their own."""
+    """Return the plant that robots share, with feet of their own."""
     x, y = load(shapes, _A, column, width), load(shapes, _A + 1, column, width)
     z, behind = load(shapes, _A + 2, column, width), load(shapes, _B, column, width)
     feet = body.contact

@@ -17,7 +17,7 @@ _LEAST_VARIANCE = 1e-14  # of a frame in m² or rad², where a track has no nois
 
 
 class Noise(NamedTuple):
-    """How tracks differ from a simulation with the right parameters.
+    """Model of the difference of tracks from a simulation with the right parameters.
 
     Attributes:
         position_m, heading_rad: standard deviations of the camera, x and y each.

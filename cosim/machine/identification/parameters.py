@@ -1,4 +1,4 @@
-"""What is identified: the parameters, what is known of them before, and machines that have them."""
+"""Identified parameters, prior knowledge of them, and machines that have them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What identification says, as files: numbers, a preset for the simulation, and a page."""
+"""Results of identification as files: numbers, a preset for the simulation, and a page."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -34,7 +34,7 @@ class Simulated:
     config: CoSimConfig
 
     def frames(self, values: np.ndarray) -> np.ndarray:
-        """What the camera would see, from the origin, heading along +x.
+        """Return what the camera would see, from the origin, heading along +x.
 
         Args:
             values: (C, 8) parameters, see `cosim.machine.identification.parameters`.
@@ -54,7 +54,7 @@ class Simulated:
         return found
 
     def drifts(self, values: np.ndarray) -> np.ndarray:
-        """How a robot's own noise makes its tracks differ, by simulations with other noise.
+        """Estimate how a robot's noise makes its tracks differ, by simulations with other noise.
 
         Args:
             values: (8,) parameters.

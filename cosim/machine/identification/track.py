@@ -26,7 +26,7 @@ _KIND = Kind("track", "record it again, see docs/identification.md", TrackError)
 
 
 class SeenTrack(NamedTuple):
-    """What was seen, and what was commanded.
+    """Observed poses and commanded motor speeds.
 
     Attributes:
         times: (n,) of the frames in s, from 0, increasing.

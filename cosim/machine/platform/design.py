@@ -1,4 +1,4 @@
-"""What gives a robot a wanted speed: motor speed, eccentric masses or feet, by closed forms.
+"""Design for a wanted speed of a robot: motor speed, eccentric masses or feet, by closed forms.
 
 The robot is the 1-DOF platform (`cosim.machine.platform.motion`) on three feet
 (`cosim.machine.platform.feet`), both motors in phase. In the dynamics, where phases differ, robots
@@ -59,7 +59,7 @@ class Design(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def design(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> Design:
-    """What a robot needs for a speed.
+    """Requirements of a speed.
 
     Args:
         robot, motor: as they are.

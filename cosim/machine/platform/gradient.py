@@ -1,4 +1,4 @@
-"""What the platform's stroke and speed depend on: their derivatives, in closed form.
+"""Derivatives of the platform's stroke and speed, in closed form.
 
 Derivatives are carried along a stroke after the other, as the motion itself is: in units of
 `cosim.physics.stroke` a stroke depends on α and s alone. Where a stroke begins by slip it begins at

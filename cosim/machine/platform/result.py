@@ -1,4 +1,4 @@
-"""What `python -m cosim.platform` finds, as a file: the data of Fig. 3, and a table of speeds."""
+"""Result file of `python -m cosim.platform`: the data of Fig. 3, and a table of speeds."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What robots do without feedback: speeds, and paths by the clock alone."""
+"""Robots without feedback: their speeds, and paths by the clock alone."""
 
 import math
 from collections.abc import Sequence

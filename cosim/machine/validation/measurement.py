@@ -40,7 +40,7 @@ _FILE = Kind("kept measurement", "measure it again", PresetError)
 
 
 class Effort(NamedTuple):
-    """How much is simulated: phases between the motors, and robots that drive each path."""
+    """Amount of simulation: phases between the motors, and robots that drive each path."""
 
     phases: int = 8
     robots: int = 8

@@ -94,7 +94,7 @@ class ValidationReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def report_of(found: Validation, effort: Effort, seed: int) -> ValidationReport:
-    """What was measured, next to what was published."""
+    """Measured numbers next to published ones."""
     speeds = tuple(_speed_row(*pair) for pair in found.speeds)
     return ValidationReport(
         phases=effort.phases,
