@@ -1,14 +1,17 @@
 """Runs a command of `minirobots.commands`: what the modules there have in common."""
 
 import sys
+from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from cosim.base.command import parse, print_json
 from cosim.base.errors import run_command
 from cosim.base.progress import progress_bars
-from minirobots.options import CommandOptions, IsolatedOptions
+from cosim.fmi.isolation import isolated
+from minirobots.options import CommandOptions, IsolatedOptions, NewFolder
 
 FAILED_STATUS = 1
 
@@ -49,12 +52,28 @@ def execute(name: str, module: str = "minirobots") -> None:
     options: CommandOptions = parse(kind, module, arguments, kind.defaults(arguments))
     if isinstance(options, IsolatedOptions):
         options.isolation.enter(f"minirobots {name}", options.foreign)
+        if isolated():
+            options = _fixed(options)
     result = _result(command, options)
     content = command.show(options, result) if hasattr(command, "show") else _shown(result)
     if options.json:
         print_json(content)
     if hasattr(command, "failed") and command.failed(result):
         sys.exit(FAILED_STATUS)
+
+
+def _fixed(options: Any) -> Any:
+    """Return options with absolute paths: an FMU may change the working directory."""
+    if isinstance(options, NewFolder):
+        options = replace(options, out=options.folder)
+    fixed = {}
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if isinstance(value, Path):
+            fixed[field.name] = value.absolute()
+        elif is_dataclass(value):
+            fixed[field.name] = _fixed(value)
+    return replace(options, **fixed)
 
 
 def _shown(result: dict[str, Any]) -> dict[str, Any]:

@@ -28,6 +28,7 @@ Value = TypeVar("Value")
 _FOLDERS = "minirobots-tmp-"  # beginning of the names of temporary folders
 _YOUNG_S = 60.0  # in which a new folder is locked
 _LOCK = threading.Lock()
+CACHE = "MINIROBOTS_CACHE"  # environment variable with another folder of the cache
 
 
 class StorageError(UserError):
@@ -39,7 +40,7 @@ def cache_dir(kind: str) -> Path:
 
     `MINIROBOTS_CACHE` overrides the user's cache folder.
     """
-    root = os.environ.get("MINIROBOTS_CACHE") or platformdirs.user_cache_dir("minirobots")
+    root = os.environ.get(CACHE) or platformdirs.user_cache_dir("minirobots")
     folder = Path(root) / kind
     folder.mkdir(parents=True, exist_ok=True)
     return folder

@@ -33,7 +33,7 @@ from cosim.coupling.interface import (
 )
 from cosim.fmi.abi import FMI_ERROR
 from cosim.fmi.fmu import Fmu, FmuError, end, function_address, new_log, status_of
-from cosim.fmi.isolation import calling
+from cosim.fmi.isolation import calling, free_late
 
 
 class Addresses(NamedTuple):
@@ -358,4 +358,7 @@ class Motor:
 
     def close(self) -> None:
         """Free the instance; further calls are errors."""
-        self._finalizer()
+        if self.fmu.interface.canBeInstantiatedOnlyOncePerProcess:
+            self._finalizer()
+        else:
+            free_late(self._finalizer)

@@ -14,7 +14,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+import weakref
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -22,7 +24,7 @@ from typing import Annotated, NoReturn
 import tyro
 
 from cosim.base.errors import Terminated, at_end
-from cosim.base.storage import temporary_folder
+from cosim.base.storage import CACHE, temporary_folder
 from cosim.model.config import ConfigError
 
 _NOTES = "MINIROBOTS_NOTES"  # folder of the notes, in the environment of a child
@@ -30,6 +32,8 @@ _ENDED = "ended"  # note of a child whose results are whole, with its exit statu
 _FAILED = "failed"  # note of what an FMU failed with
 _LOOK_S = 0.1  # between two looks at the notes, and at the parent
 _LIMIT_S = 300.0  # the reference driver may take a minute for an RL step
+_MOST_WAITING = 256  # instances that are kept until results are complete
+_waiting: deque[Callable[[], object]] = deque()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +89,31 @@ def note_failure(message: str) -> None:
     """Note what an FMU failed with, which a crash in its end must not hide."""
     if _NOTES in os.environ:
         _note(_FAILED).write_text(message)
+
+
+def isolated() -> bool:
+    """Return whether this is the process of its own in which FMUs run."""
+    return _NOTES in os.environ
+
+
+def free_late(finalizer: weakref.finalize) -> None:
+    """Free an instance at once; in a process of its own when results are complete.
+
+    There a crash in the FMU's end would cost results that are not written yet.
+    """
+    if not isolated():
+        finalizer()
+    elif found := finalizer.detach():
+        _, function, arguments, _ = found
+        _waiting.append(lambda: function(*arguments))
+        if len(_waiting) == 1:
+            at_end.append(lambda _: _free_waiting(0))
+        _free_waiting(_MOST_WAITING)
+
+
+def _free_waiting(most: int) -> None:
+    while len(_waiting) > most:
+        _waiting.popleft()()
 
 
 @contextlib.contextmanager
@@ -172,9 +201,10 @@ def _run_in_child(module: str, foreign: Path | None, limit_s: float) -> NoReturn
         notes = Path(folder)
         command = [sys.executable, "-m", *module.split(), *sys.argv[1:]]
         # A session of its own: Ctrl-C reaches it through its parent, once.
-        with subprocess.Popen(
-            command, env=os.environ | {_NOTES: folder}, start_new_session=True
-        ) as child:
+        # No path depends on the working directory, which an FMU may change.
+        cache = {k: str(Path(v).absolute()) for k, v in os.environ.items() if k == CACHE and v}
+        environment = os.environ | cache | {_NOTES: folder}
+        with subprocess.Popen(command, env=environment, start_new_session=True) as child:
             late = _wait(child, notes, limit_s)
             with contextlib.suppress(ProcessLookupError):  # nothing of it is left
                 os.killpg(child.pid, signal.SIGKILL)

@@ -20,9 +20,13 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.simulation.cosimulation import CoSimulation
+from cosim.simulation.options import SimulationOptions
 from cosim.system.graph import Component
 from cosim.system.system import System
 from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
+from minirobots.commands.run import Run
+from minirobots.commands.system import SimulateSystem
+from minirobots.runner import _fixed
 from tests.faults.killing import without_progress
 
 SCENARIO = """
@@ -229,6 +233,24 @@ def test_results_that_are_whole_are_kept(simulate, tmp_path, fault, options):
 
 
 @pytest.mark.faults
+@pytest.mark.parametrize("fault", ["end", "unload"])
+def test_results_of_episodes_are_complete_before_instances_are_freed(drive, fault):
+    out, ended = drive(fault, fault_from=0.0, check=False)
+    assert ended.returncode == 0, ended.stderr
+    (episode,) = json.loads((out / "summary.json").read_text())["episodes"]
+    assert (out / episode["recording"]).is_file()
+
+
+def test_paths_are_absolute_where_foreign_code_runs(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    options = Run(physics=SimulationOptions(motor_fmu=Path("motor.fmu")))
+    fixed = _fixed(options)
+    assert fixed.folder == options.folder.absolute() == fixed.out
+    assert fixed.physics.motor_fmu == tmp_path / "motor.fmu"
+    assert _fixed(SimulateSystem(file=Path("a.ssp"), out=Path("a.csv"))).out == tmp_path / "a.csv"
+
+
+@pytest.mark.faults
 def test_results_are_where_they_were_asked_for(simulate, tmp_path):
     ended = simulate("chdir", "--out", "run.csv")
     assert ended.returncode == 0, ended.stderr
@@ -262,7 +284,7 @@ def test_nan_is_named_with_component_variable_and_time(faulty_fmu, monkeypatch):
 
 @pytest.mark.faults
 def test_earlier_episodes_are_whole(drive, monkeypatch):
-    monkeypatch.setenv("FAULT_AFTER", "2")  # motors of the first of two episodes, one by one
+    monkeypatch.setenv("FAULT_AFTER", "3")  # one read for its parameters, two of the first episode
     options = ("--episodes", "2", "--jobs", "1", "--driver", "reference")
     out, ended = drive("crash", *options, time_limit=2, fault_from=1.5, check=False)
     assert ended.returncode == 2
