@@ -54,6 +54,7 @@ static Instance *make(const char *token) {
     case 'f': c->s.whole[8] = 1; break;                                   /* feedthrough */
     case 'a': c->s.whole[1] = 3; break;                                   /* array */
     case 'r': break;                                                      /* restless */
+    case 'c': r[2] = 1; break;                                            /* curve */
     default: free(c); return NULL;
     }
     return c;
@@ -83,6 +84,15 @@ static int step(Instance *c, double time, double h, bool *event) {
     case 'o': {
         double w = sqrt((r[2] + r[3]) / r[1]), rest = (r[6] + r[3] * r[7]) / (r[2] + r[3]);
         double x = r[4] - rest, v = r[5], co = cos(w * h), si = sin(w * h);
+        double a = r[9] / (2 * r[1]), b = w * w - a * a, q = sqrt(fabs(b)), e = exp(-a * h);
+        if (r[9] > 0) { /* damped by the coupling: about another place of rest, or slower */
+            rest += r[9] * r[10] / (r[2] + r[3]), x = r[4] - rest;
+            co = e * (b > 0 ? cos(q * h) : cosh(q * h));
+            si = e * (b > 0 ? sin(q * h) : sinh(q * h)) / q;
+            r[4] = rest + x * co + (v + a * x) * si;
+            r[5] = v * co - (a * v + w * w * x) * si;
+            break;
+        }
         r[4] = rest + x * co + v / w * si;
         r[5] = v * co - w * x * si;
         break;
@@ -113,12 +123,17 @@ static int step(Instance *c, double time, double h, bool *event) {
 
 static double real_of(const Instance *c, unsigned vr) {
     const double *r = c->s.real;
-    if (c->model == 'o' && vr == 8) return r[3] * (r[4] - r[7]);
+    if (c->model == 'o' && vr == 8) return r[3] * (r[4] - r[7]) + r[9] * (r[5] - r[10]);
     if (c->model == 'f' && vr % 2) return r[vr - 1];
+    if (c->model == 'c' && vr == 5) {
+        double u = r[3], kind = (double)c->s.whole[1];
+        return r[2] * (kind == 1 ? cos(u) : kind == 2 ? u * u : kind == 3 ? sqrt(u) : u) + r[4];
+    }
     return r[vr];
 }
 
 static int64_t whole_of(const Instance *c, unsigned vr) {
+    if (c->model == 'c' && vr == 7) return c->s.whole[6] + 1;
     return c->model == 'f' && vr % 2 ? c->s.whole[vr - 1] : c->s.whole[vr];
 }
 

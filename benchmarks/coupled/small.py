@@ -76,7 +76,9 @@ MODELS = {
         Variable(5, "v", start="0"),
         Variable(6, "F_in", causality="input", start="0", unit="N"),
         Variable(7, "x_in", causality="input", start="0", unit="m"),
-        Variable(8, "F", unit="N", needs=(7,)),
+        Variable(8, "F", unit="N", needs=(7, 10)),
+        Variable(9, "c_c", causality="parameter", start="0"),
+        Variable(10, "v_in", causality="input", start="0"),
     ),
     "dahlquist": (
         Variable(1, "k", causality="parameter", start="1"),
@@ -98,6 +100,15 @@ MODELS = {
     "restless": (
         Variable(1, "mood", "Int32", "parameter", "0"),  # 1: never content, 2: wants to end
         Variable(2, "x", start="0"),
+    ),
+    "curve": (
+        Variable(1, "kind", "Int32", "parameter", "0"),  # y = a u + w; cos u, u², √u in place of u
+        Variable(2, "a", causality="parameter", start="1"),
+        Variable(3, "u", causality="input", start="0"),
+        Variable(4, "w", causality="input", start="0"),
+        Variable(5, "y", needs=(3, 4)),
+        Variable(6, "count", "Int32", "input", "0"),
+        Variable(7, "next", "Int32", needs=(6,)),  # count + 1
     ),
     "feedthrough": tuple(_feedthrough()),
     "array": (

@@ -5,20 +5,34 @@ of a compiled step of both oscillators, and of the same step through fmpy's Pyth
 first held to the same bits.
 """
 
+import contextlib
 import math
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
-from benchmarks.coupled.two_masses import CONNECTIONS, PLACES, error, simulated, two_masses
-from cosim.fmi.fmu import Fmu, end, new_log
+import numpy as np
+
+from benchmarks.coupled.two_masses import (
+    CONNECTIONS,
+    PLACES,
+    error,
+    exact_stiff,
+    places,
+    simulated,
+    stiff_masses,
+    two_masses,
+)
+from cosim.fmi.fmu import Fmu, FmuError, end, new_log
 from cosim.system.graph import Component
 from cosim.system.system import Algorithm, System
 
 UNTIL_S = 1.0
-STEPS_S = (4e-4, 2e-4, 1e-4, 5e-5)
-TOLERANCES = (1e-2, 1e-3, 1e-4)
+STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4)
+TOLERANCES = (1e-3, 1e-4, 1e-5)
+STIFF_STEPS_S = (1e-3, 1e-4, 1e-5)
 SHORTEST_S = 1e-6
 _STEP_S = 1e-4
 
@@ -70,7 +84,7 @@ class PythonLoop:
 
 def measure(rounds: int) -> dict[str, Any]:
     """Errors by algorithm and step, orders, errors by tolerance, and times of a step in ns."""
-    found: dict[str, Any] = {"fixed": [], "adaptive": []}
+    found: dict[str, Any] = {"fixed": [], "adaptive": [], "stiff": []}
     with tempfile.TemporaryDirectory() as folder:
         components = two_masses(Path(folder))
         for algorithm in get_args(Algorithm):
@@ -84,9 +98,25 @@ def measure(rounds: int) -> dict[str, Any]:
             for tolerance in TOLERANCES:
                 run, system = simulated(components, UNTIL_S, SHORTEST_S, algorithm, tolerance)
                 row = {"algorithm": algorithm, "tolerance": tolerance, "error_m": error(run)}
-                found["adaptive"].append(row | {"steps": system.steps, "rejected": system.rejected})
+                calls = run.profile["first"].steps
+                row |= {"steps": system.steps, "rejected": system.rejected, "calls": calls}
+                found["adaptive"].append(row)
+        found["stiff"] = list(_stiff(Path(folder)))
         found |= _costs(components, rounds)
     return found
+
+
+def _stiff(folder: Path) -> Iterator[dict[str, Any]]:
+    """Errors with the stiff coupling, by algorithm and step; infinite where values overflow."""
+    components, links = stiff_masses(folder)
+    for algorithm in get_args(Algorithm):
+        for step_s in STIFF_STEPS_S:
+            worst = math.inf
+            options = {"algorithm": algorithm, "step_s": step_s}
+            with contextlib.suppress(FmuError), System(components, links, **options) as system:
+                run = system.run(UNTIL_S)
+                worst = float(np.abs(places(run) - exact_stiff(run.time_s)).max())
+            yield {"algorithm": algorithm, "step_s": step_s, "error_m": worst}
 
 
 def _costs(components: list[Component], rounds: int) -> dict[str, float]:
@@ -122,11 +152,16 @@ def show(found: dict[str, Any]) -> None:
     for row in found["fixed"]:
         order = "" if row["order"] is None else f"{row['order']:8.3f}"
         print(f"{row['algorithm']:14s}{row['step_s']:9g}{row['error_m']:12.3e}{order}")
-    print(f"{'algorithm':14s}{'tolerance':>9s}{'error':>12s}{'steps':>8s}{'rejected':>10s}")
+    print(
+        f"{'algorithm':14s}{'tolerance':>9s}{'error':>12s}{'steps':>8s}{'rejected':>10s}{'doStep':>8s}"
+    )
     for row in found["adaptive"]:
         print(
             f"{row['algorithm']:14s}{row['tolerance']:9g}{row['error_m']:12.3e}"
-            f"{row['steps']:8d}{row['rejected']:10d}"
+            f"{row['steps']:8d}{row['rejected']:10d}{row['calls']:8d}"
         )
+    print("stiff coupling")
+    for row in found["stiff"]:
+        print(f"{row['algorithm']:14s}{row['step_s']:9g}{row['error_m']:12.3e}")
     print(f"a step of both: fmpy {found['ns_fmpy']:.0f} ns, compiled {found['ns_compiled']:.0f} ns")
     print(f"fmpy's loop takes {found['ratio_fmpy_to_compiled']:.0f} times as long")

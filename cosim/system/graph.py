@@ -5,11 +5,13 @@ A variable is named "component.variable"; names of either may have points in the
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from fmpy.model_description import ModelVariable
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from cosim.base.errors import UserError
 from cosim.fmi.fmu import Fmu
@@ -235,35 +237,36 @@ def convert(said: str, source: UnitUse | None, target: UnitUse | None) -> tuple[
     return found
 
 
-def exchanges_to_settle(fmus: Mapping[str, Fmu], links: Sequence[Link]) -> int:
-    """How many exchanges of all outputs initialisation takes, so that each input is up to date.
+def links_in_loops(fmus: Mapping[str, Fmu], links: Sequence[Link]) -> list[Link]:
+    """Return the connections that are part of an algebraic loop, in their order.
 
-    Outputs pass on what their components' inputs get, where the modelDescription says so or does
-    not say.
-
-    Raises:
-        GraphError: inputs and outputs pass on one to the other in a circle.
+    Outputs depend on the inputs of their components that the modelDescription names, and on all of
+    them where it names none.
     """
-    before: dict[Node, set[Node]] = {}  # of every connected output, those it depends on
-    sources_of: dict[Node, set[Node]] = {}
-    for link in links:
-        sources_of.setdefault(link.target, set()).add(link.source)
-    for source in {link.source: None for link in links}:
-        component, name = source
-        ends = [sources_of.get((component, v), set()) for v in _passed_on(fmus[component], name)]
-        before[source] = set().union(*ends)
-    try:
-        order = list(TopologicalSorter(before).static_order())
-    except CycleError as error:
-        circle = " <- ".join(".".join(node) for node in error.args[1])
-        raise GraphError(
-            f"outputs depend on one another in a circle at initialisation ({circle}); open it, or "
-            "declare in the modelDescription which inputs an output does not depend on"
-        ) from error
-    depth: dict[Node, int] = {}
-    for node in order:
-        depth[node] = 1 + max((depth[each] for each in before[node]), default=0)
-    return max(depth.values(), default=0)
+    into: dict[Node, list[int]] = {}
+    for k, link in enumerate(links):
+        into.setdefault(link.target, []).append(k)
+    ends = [
+        (before, k)
+        for k, link in enumerate(links)
+        for name in _passed_on(fmus[link.source[0]], link.source[1])
+        for before in into.get((link.source[0], name), ())
+    ]
+    if not ends:
+        return []
+    rows, columns = np.array(ends).T
+    graph = coo_array((np.ones(len(ends)), (rows, columns)), shape=(len(links), len(links)))
+    _, part = connected_components(graph, connection="strong")
+    found = {int(k) for k in columns[rows == columns]}
+    found |= set(np.flatnonzero(np.bincount(part)[part] > 1).tolist())
+    return [link for k, link in enumerate(links) if k in found]
+
+
+def is_continuous(fmus: Mapping[str, Fmu], link: Link) -> bool:
+    """Return whether a connection passes on float64 values that vary without jumps."""
+    ends = [fmus[component].variables[name] for component, name in (link.source, link.target)]
+    types = {str(v.type) for v in ends}
+    return types <= {"Real", "Float64"} and all(v.variability != "discrete" for v in ends)
 
 
 def _passed_on(fmu: Fmu, output: str) -> list[str]:

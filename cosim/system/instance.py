@@ -116,7 +116,8 @@ class Instance:
         kind = self.kind(variable)
         assert kind is not None
         get = getattr(self._slave, f"get{kind.function}")
-        return np.array(get([variable.valueReference], int(np.prod(self.shape(variable)))))
+        number = () if self.fmu.standard == 2 else (int(np.prod(self.shape(variable))),)
+        return np.array(get([variable.valueReference], *number))
 
     def begin(self, start_s: float, tolerance: float | None) -> None:
         """Enter Initialization Mode; raises FmuError."""

@@ -1,10 +1,13 @@
 """One step of a system, compiled: copy, set, step, get.
 
 With Gauss–Seidel every component gets, in their order, what those before it have just put out;
-with Jacobi all get what was there before the step. Time is an integer number of ticks.
+with Jacobi all get the outputs before the step. Methods of second order have inputs in place
+already. Time is an integer number of ticks.
 """
 
 from typing import NamedTuple
+
+import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.fmi.abi import (
@@ -24,22 +27,29 @@ from cosim.system.layout import (
     DO_STEP,
     END_COPY,
     END_GET,
+    END_REAL,
     END_SET,
+    END_SINGLE,
     ENTER_EVENTS,
     ENTER_STEPS,
     EVENTS,
     FIRST_COPY,
     FIRST_GET,
+    FIRST_REAL,
     FIRST_SET,
+    FIRST_SINGLE,
     HANDLE,
     STANDARD,
     UPDATE,
     Memory,
     Tables,
 )
-from cosim.system.transfer import copy, exchange_values
+from cosim.system.transfer import copy, exchange_values, feed
 
-ENDED, STUCK = 100, 101  # beyond every status: asks to end, returns early without an end
+# Beyond every status: asks to end, returns early without an end, puts out NaN; equations of inputs
+# that are not solved, values that never stay.
+ENDED, STUCK, NOT_A_NUMBER, NO_SOLUTION, UNSETTLED = range(100, 105)
+JACOBI, GAUSS_SEIDEL, EXTRAPOLATED, IMPLICIT = range(4)  # algorithms
 # What was going on when a call failed.
 SETTING, STEPPING, GETTING, SAVING, RESTORING = range(5)
 STEPS, ROLLBACKS, NANOSECONDS = range(3)  # columns of `Tables.counts`
@@ -52,7 +62,7 @@ class Scheme(NamedTuple):
     """How a system is stepped.
 
     Attributes:
-        jacobi: or Gauss–Seidel.
+        algorithm: number of it.
         start_s: time of tick 0.
         tick_s: duration of a tick.
         tolerance: of the error of a step of several ticks, relative to the larger of a value and
@@ -61,9 +71,13 @@ class Scheme(NamedTuple):
         every: steps from one recorded row to the next.
         clock: address of clock_gettime to measure with, or 0.
         clock_kind: its argument.
+        solves: 1 if algebraic loops are solved, 0 if values pass with a delay.
+        exchanges: limit of those at one point of time.
+        loop_tolerance, step_tolerance: of equations at a point of time and over a step, relative
+            to the larger of a value and its nominal one.
     """
 
-    jacobi: bool
+    algorithm: int
     start_s: float
     tick_s: float
     tolerance: float
@@ -71,6 +85,10 @@ class Scheme(NamedTuple):
     every: int
     clock: int
     clock_kind: int
+    solves: int
+    exchanges: int
+    loop_tolerance: float
+    step_tolerance: float
 
 
 @inlined
@@ -92,7 +110,7 @@ def _handle_events(t: Tables, c: int) -> int:
 
 
 @inlined
-def _set(t: Tables, c: int) -> int:
+def set_inputs(t: Tables, c: int) -> int:
     """Set the inputs of a component; discrete ones are an event where it leaves those to us."""
     first, end = t.components[c, FIRST_SET], t.components[c, END_SET]
     if not (t.components[c, EVENTS] and t.components[c, DISCRETE]):
@@ -150,6 +168,19 @@ def _nanoseconds(t: Tables, scheme: Scheme) -> int:
 
 
 @inlined
+def find_nan(t: Tables, m: Memory) -> int:
+    """Number of the first component with an output that is NaN, -1 if there is none."""
+    for c in range(t.components.shape[0]):
+        for k in range(t.components[c, FIRST_REAL], t.components[c, END_REAL]):
+            if np.isnan(m.f8[k]):
+                return c
+        for k in range(t.components[c, FIRST_SINGLE], t.components[c, END_SINGLE]):
+            if np.isnan(m.f4[k]):
+                return c
+    return -1
+
+
+@inlined
 def advance(
     t: Tables, m: Memory, scheme: Scheme, tick: int, count: int, final: int
 ) -> tuple[int, int, int]:
@@ -160,13 +191,16 @@ def advance(
     """
     dt = scheme.tick_s
     ended = -1
-    if scheme.jacobi:
-        copy(t, m, 0, t.copies.shape[0])
+    if scheme.algorithm == JACOBI and copy(t, m, 0, t.copies.shape[0]):
+        return NOT_A_NUMBER, find_nan(t, m), GETTING
+    if t.feeds.shape[0]:
+        middle = 0.5 * count if scheme.algorithm >= EXTRAPOLATED else 0.0
+        feed(t, m, scheme.start_s + (tick + middle) * dt, dt)
     begin = _nanoseconds(t, scheme)
     for c in range(t.components.shape[0]):
-        if not scheme.jacobi:
+        if scheme.algorithm == GAUSS_SEIDEL:
             copy(t, m, t.components[c, FIRST_COPY], t.components[c, END_COPY])
-        status = _set(t, c)
+        status = set_inputs(t, c)
         if status > FMI_WARNING:
             return status, c, SETTING
         status = _step(t, c, scheme.start_s + tick * dt, count * dt, final)

@@ -4,12 +4,13 @@ The block begins with what is got from components (outputs that are connected or
 that are set follow. A getter or setter takes all variables of one type of a component in one call.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.system.graph import GraphError, Link, Node
+from cosim.system.inputs import Input
 from cosim.system.instance import Instance
 
 WORD = 8  # bytes; what every variable begins at a multiple of
@@ -18,11 +19,13 @@ TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")  # of value
 # Columns of `Tables.components`: addresses, then first and last + 1 rows of the other tables.
 (
     STANDARD, HANDLE, DO_STEP, GET_STATE, SET_STATE, ASK, ENTER_EVENTS, UPDATE, ENTER_STEPS,
-    EVENTS, DISCRETE, FIRST_SET, END_SET, FIRST_GET, END_GET, FIRST_COPY, END_COPY, COLUMNS,
-) = range(18)  # fmt: skip
-# Columns of `Tables.exchanges`, and of `Tables.copies`.
+    EVENTS, DISCRETE, FIRST_SET, END_SET, FIRST_GET, END_GET, FIRST_COPY, END_COPY,
+    FIRST_REAL, END_REAL, FIRST_SINGLE, END_SINGLE, COLUMNS,
+) = range(22)  # fmt: skip
+# Columns of `Tables.exchanges`, of `Tables.copies`, and of `Tables.feeds`.
 FUNCTION, REFERENCES, COUNT, VALUES, SIZE = range(5)
 SOURCE, TARGET, SOURCE_TYPE, TARGET_TYPE, NUMBER, SCALED = range(6)
+PLACE, KIND, FIRST_ROW, LAST_ROW, ROW_NOW = range(5)
 
 
 class Place(NamedTuple):
@@ -76,15 +79,18 @@ class Tables(NamedTuple):
     """What compiled code needs of a system; int64 unless said otherwise.
 
     Attributes:
-        components: (C, COLUMNS).
+        components: (C, COLUMNS); floats that are got are values FIRST_REAL to END_REAL - 1 of the
+            block as float64, FIRST_SINGLE to END_SINGLE - 1 as float32.
         exchanges: (E, 5), getters and setters to call.
         copies: (K, 6), from outputs to inputs; places in multiples of the values' sizes.
         scales: (K, 2) float64, factor and offset.
         checked: (V, 2), indices of the first values of checked outputs, and their number.
         nominal: (V,) float64, their usual sizes.
-        states: (C,), saved states.
+        states: (2, C), saved states, of two points of time.
         counts: (C, 3): steps, rollbacks, and ns spent where that is measured.
         room: (10,), for what calls write.
+        feeds: (J, 5), inputs that are given over time, and the rows of their values.
+        given: (2, R) float64, times in s and values.
     """
 
     components: np.ndarray
@@ -96,6 +102,8 @@ class Tables(NamedTuple):
     states: np.ndarray
     counts: np.ndarray
     room: np.ndarray
+    feeds: np.ndarray
+    given: np.ndarray
 
 
 class Layout:
@@ -118,6 +126,7 @@ class Layout:
         links: Sequence[Link],
         recorded: Sequence[Node],
         checked: Sequence[Node],
+        inputs: Sequence[Input],
     ) -> None:
         """Make both.
 
@@ -126,6 +135,7 @@ class Layout:
             links: between them.
             recorded: variables that are got, too.
             checked: outputs of 64 bits whose errors matter, which are got, too.
+            inputs: that are given over time.
         """
         self._instances = instances
         self.parts = [link.target for link in links if link.target_index]
@@ -134,7 +144,8 @@ class Layout:
         got = dict.fromkeys([*(link.source for link in links), *recorded, *checked])
         gets = self._groups(list(got))
         self.words = self._end // WORD
-        sets = self._groups([*dict.fromkeys(link.target for link in links)])
+        targets = [*(link.target for link in links), *(each.target for each in inputs)]
+        sets = self._groups([*dict.fromkeys(targets)])
         if self._end > MOST_BYTES:
             raise GraphError(
                 f"the values of the system take {self._end >> 20} MiB, more than "
@@ -147,6 +158,7 @@ class Layout:
         components = np.zeros((len(names), COLUMNS), dtype=np.int64)
         exchanges: list[tuple[int, ...]] = []
         by_target = sorted(links, key=lambda link: names.index(link.target[0]))
+        self.links = by_target
         for row, (name, instance) in zip(components, instances.items(), strict=True):
             self._fill(row, instance)
             row[FIRST_SET] = len(exchanges)
@@ -156,8 +168,19 @@ class Layout:
             row[END_GET] = len(exchanges)
             mine = [k for k, link in enumerate(by_target) if link.target[0] == name]
             row[FIRST_COPY], row[END_COPY] = (mine[0], mine[-1] + 1) if mine else (0, 0)
-            inputs = [v for group in sets.get(name, {}).values() for v in group]
-            row[DISCRETE] = any(instance.fmu.variables[v].variability == "discrete" for v in inputs)
+            mine = [v for group in sets.get(name, {}).values() for v in group]
+            for first, width, function in ((FIRST_REAL, 8, "8"), (FIRST_SINGLE, 4, "4")):
+                floats = [
+                    self.places[name, v]
+                    for group in gets.get(name, {}).values()
+                    for v in group
+                    if self.places[name, v].dtype == f"f{function}"
+                ]
+                if floats:
+                    last = floats[-1]
+                    row[first] = floats[0].offset // width
+                    row[first + 1] = (last.offset + last.size) // width
+            row[DISCRETE] = any(instance.fmu.variables[v].variability == "discrete" for v in mine)
         self.tables = Tables(
             components,
             np.array(exchanges, dtype=np.int64).reshape(-1, 5),
@@ -165,10 +188,11 @@ class Layout:
             np.array([link[2:4] for link in by_target]).reshape(-1, 2),
             np.array([(self.places[n].offset // WORD, self.places[n].number) for n in checked],
                      dtype=np.int64).reshape(-1, 2),
-            np.array([self._nominal(n) for n in checked]),
-            np.zeros(len(names), dtype=np.int64),
+            np.array([self.nominal(n) for n in checked]),
+            np.zeros((2, len(names)), dtype=np.int64),
             np.zeros((len(names), 3), dtype=np.int64),
             np.zeros(10, dtype=np.int64),
+            *self._feeds(inputs),
         )  # fmt: skip
 
     def _groups(self, nodes: Sequence[Node]) -> dict[str, dict[str, list[str]]]:
@@ -226,6 +250,45 @@ class Layout:
             sum(place.number for place in places),
         )
 
+    def feed(self, inputs: Sequence[Input]) -> None:
+        """Replace the values of inputs that are given over time."""
+        feeds, given = self._feeds(inputs)
+        self.tables = self.tables._replace(feeds=feeds, given=given)
+
+    def _feeds(self, inputs: Sequence[Input]) -> tuple[np.ndarray, np.ndarray]:
+        """Tables of inputs that are given over time."""
+        rows, end = [], 0
+        for each in inputs:
+            place = self.places[each.target]
+            if place.shape:
+                raise GraphError(
+                    f"input {'.'.join(each.target)} is an array; inputs over time are scalars"
+                )
+            first, end = end, end + len(each.time_s)
+            at = place.offset // np.dtype(place.dtype).itemsize
+            rows.append((at, TYPES.index(place.dtype), first, end - 1, first))
+        given = [np.array([each.time_s, each.values]) for each in inputs]
+        return (
+            np.array(rows, dtype=np.int64).reshape(-1, 5),
+            np.ascontiguousarray(np.concatenate([np.empty((2, 0)), *given], axis=1)),
+        )
+
+    def places_of(self, links: Collection[Link]) -> np.ndarray:
+        """Places in the block of the inputs that some links set, all of type float64."""
+        return np.array(
+            [
+                self.tables.copies[k, TARGET] + i
+                for k, link in enumerate(self.links)
+                if link in links
+                for i in range(self.tables.copies[k, NUMBER])
+            ],
+            dtype=np.int64,
+        )
+
+    def node_at(self, byte: int) -> Node:
+        """Variable whose values are at a byte of the block."""
+        return next(n for n, p in self.places.items() if p.offset <= byte < p.offset + p.size)
+
     def _copy(self, link: Link) -> tuple[int, ...]:
         """Row of `Tables.copies`."""
         said = f"connection {'.'.join(link.source)} -> {'.'.join(link.target)}"
@@ -258,7 +321,8 @@ class Layout:
         within = [k - 1 for k in index]
         return place._replace(shape=()), int(np.ravel_multi_index(within, place.shape))
 
-    def _nominal(self, node: Node) -> float:
+    def nominal(self, node: Node) -> float:
+        """Usual size of a variable."""
         variable = self._instances[node[0]].fmu.variables[node[1]]
         declared = variable.nominal or (variable.declaredType and variable.declaredType.nominal)
         return abs(float(declared or 1.0)) or 1.0

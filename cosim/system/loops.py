@@ -1,62 +1,73 @@
-"""The loops over a system's steps, compiled: initialisation, fixed steps, steps taken back.
+"""The loops over a system's steps, compiled: initialisation, steps of one tick, solved or varied.
 
-Each goes on where the one before it has ended, until a tick is reached, the rows are full, or it is
+Each resumes where the one before it has ended, until a tick is reached, the rows are full, or it is
 time to look at the keyboard.
 """
 
 import numpy as np
 
 from cosim.base.jit import inlined, kernel
-from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING, exchange_state
+from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING
+from cosim.system.coupling import (
+    BEFORE,
+    KEPT,
+    KEPT_PREVIOUS,
+    LAST_ERROR,
+    OUTER,
+    PREVIOUS,
+    RUNNING,
+    Coupling,
+    Z,
+    get_all,
+    restore,
+    save,
+    solve,
+    step,
+)
 from cosim.system.kernels import (
     ENDED,
+    EXTRAPOLATED,
+    GAUSS_SEIDEL,
     GETTING,
-    RESTORING,
+    NO_SOLUTION,
+    NOT_A_NUMBER,
     ROLLBACKS,
-    SAVING,
-    SETTING,
+    UNSETTLED,
     Scheme,
     advance,
+    find_nan,
 )
-from cosim.system.layout import (
-    END_GET,
-    END_SET,
-    FIRST_GET,
-    FIRST_SET,
-    GET_STATE,
-    HANDLE,
-    SET_STATE,
-    WORD,
-    Memory,
-    Tables,
-)
-from cosim.system.transfer import copy, exchange_values
+from cosim.system.layout import Memory, Tables
 
 # Of a run, in an array: ticks reached, ticks of the next step, steps accepted, rows recorded,
 # steps rejected.
 TICK, NEXT, DONE, ROW, REJECTED = range(5)
 STEPS_AT_ONCE = 200_000
-# The error of a step grows with the square of its length: one with this share of what is tolerated
-# may be tried twice as long.
-_SMALL = 0.2
+# The PI controller of Gustafsson: the next step is as long as the errors of this one and of the
+# one before it let be, with a margin, and within limits of growth.
+_INTEGRAL, _PROPORTIONAL, _MARGIN, _LEAST, _MOST = 0.7, 0.4, 0.9, 0.2, 5.0
 
 
 @kernel
-def settle(t: Tables, m: Memory, exchanges: int) -> tuple[int, int, int]:
-    """Exchange all values so many times, and get what is put out then; returns as `advance`."""
-    for k in range(exchanges + 1):
-        for c in range(t.components.shape[0]):
-            status = exchange_values(t, c, t.components[c, FIRST_GET], t.components[c, END_GET])
-            if status > FMI_WARNING:
-                return status, c, GETTING
-        if k == exchanges:
-            break
-        copy(t, m, 0, t.copies.shape[0])
-        for c in range(t.components.shape[0]):
-            status = exchange_values(t, c, t.components[c, FIRST_SET], t.components[c, END_SET])
-            if status > FMI_WARNING:
-                return status, c, SETTING
-    return FMI_OK, 0, GETTING
+def settle(t: Tables, m: Memory, s: Coupling, scheme: Scheme) -> tuple[int, int, int]:
+    """Make inputs and outputs agree in Initialization Mode; returns as `advance`."""
+    status, c, phase = get_all(t, m)
+    if status > FMI_WARNING:
+        return status, c, phase
+    for i in range(s.torn.shape[0]):
+        s.unknowns[Z, i] = m.f8[s.torn[i]]
+    return solve(t, m, s, scheme, 0, 0)
+
+
+@kernel
+def begin(t: Tables, m: Memory, s: Coupling) -> tuple[int, int, int]:
+    """Get all outputs after Initialization Mode; returns as `advance`."""
+    s.flags[RUNNING] = 1
+    status, c, phase = get_all(t, m)
+    wrong = find_nan(t, m)
+    return (NOT_A_NUMBER, wrong, GETTING) if status <= FMI_WARNING and wrong >= 0 else (
+        status, c, phase
+    )  # fmt: skip
 
 
 @inlined
@@ -78,7 +89,7 @@ def run_fixed(
     ticks: np.ndarray,
     rows: np.ndarray,
 ) -> tuple[int, int, int]:
-    """Steps of one tick.
+    """Steps of one tick, in which nothing is solved.
 
     Args:
         t: tables.
@@ -99,6 +110,77 @@ def run_fixed(
             return status, component, phase
         now[TICK] += 1
         now[DONE] += 1
+        recorded = now[DONE] % scheme.every == 0 or now[TICK] == until or status == ENDED
+        if recorded or scheme.algorithm == GAUSS_SEIDEL:  # which has passed on new values already
+            wrong = find_nan(t, m)
+            if wrong >= 0:
+                return NOT_A_NUMBER, wrong, GETTING
+        if recorded:
+            _record(m, now, ticks, rows)
+        if status == ENDED:
+            return status, component, phase
+    return FMI_OK, 0, 0
+
+
+@kernel
+def run_solved(
+    t: Tables,
+    m: Memory,
+    s: Coupling,
+    scheme: Scheme,
+    now: np.ndarray,
+    until: int,
+    ticks: np.ndarray,
+    rows: np.ndarray,
+) -> tuple[int, int, int]:
+    """Steps in which inputs are solved for or extrapolated, or whose length varies.
+
+    With a tolerance a step is tried in one, taken back, and made in two halves, whose difference
+    tells the error of the halves by the order of the method. Where that is more than the tolerance,
+    the halves are taken back too, and a shorter step is tried. The error of a step of one tick is
+    not known. See `run_fixed`.
+    """
+    exponent = 3.0 if scheme.algorithm >= EXTRAPOLATED else 2.0
+    stop = now[DONE] + STEPS_AT_ONCE
+    while now[TICK] < until and now[ROW] < rows.shape[0] and now[DONE] < stop:
+        tick = now[TICK]
+        count = min(now[NEXT], until - tick) if scheme.tolerance else 1
+        error, growth = 0.0, 2.0
+        if count == 1:
+            final = 0 if scheme.tolerance else 1
+            status, component, phase = step(t, m, s, scheme, tick, 1, final)
+        else:
+            count -= count % 2
+            status, component, phase = _step_twice(t, m, s, scheme, tick, count)
+            error = np.inf
+            if status == FMI_OK:
+                error = _error(t, m, s, scheme.tolerance) / (2.0 ** (exponent - 1.0) - 1.0)
+            tried = status in (FMI_OK, FMI_DISCARD, ENDED, NOT_A_NUMBER, NO_SOLUTION, UNSETTLED)
+            if not error <= 1.0 and tried:
+                status, component, phase = _return(t, m, s)
+                if status > FMI_WARNING:
+                    return status, component, phase
+                for c in range(t.components.shape[0]):
+                    t.counts[c, ROLLBACKS] += 1
+                shrink = 0.5
+                if error < np.inf:
+                    shrink = min(0.5, max(_LEAST, _MARGIN * error ** (-1.0 / exponent)))
+                now[NEXT] = max(1, int(shrink * count))
+                now[REJECTED] += 1
+                continue
+            least = max(error, 1e-6)
+            growth = _MARGIN * least ** (-_INTEGRAL / exponent)
+            growth *= s.numbers[LAST_ERROR] ** (_PROPORTIONAL / exponent)
+            s.numbers[LAST_ERROR] = least
+        if status not in (FMI_OK, ENDED):
+            return status, component, phase
+        now[TICK] += count
+        wrong = find_nan(t, m)
+        if wrong >= 0:
+            return NOT_A_NUMBER, wrong, GETTING
+        now[DONE] += 1
+        longer = int(min(_MOST, max(_LEAST, growth)) * count)
+        now[NEXT] = min(max(longer, 1), scheme.longest)
         if now[DONE] % scheme.every == 0 or now[TICK] == until or status == ENDED:
             _record(m, now, ticks, rows)
         if status == ENDED:
@@ -107,98 +189,39 @@ def run_fixed(
 
 
 @kernel
-def run_adaptive(
-    t: Tables,
-    m: Memory,
-    scheme: Scheme,
-    now: np.ndarray,
-    until: int,
-    ticks: np.ndarray,
-    rows: np.ndarray,
+def _step_twice(
+    t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
 ) -> tuple[int, int, int]:
-    """Steps that are tried in one, taken back, and made in two halves; see `run_fixed`.
-
-    Where the outputs of both differ by more than the tolerance, the halves are taken back too, and
-    half of the step is tried. A step of one tick is as it is.
-    """
-    before, tried = np.empty_like(m.i8), np.empty_like(m.i8)
-    stop = now[DONE] + STEPS_AT_ONCE
-    while now[TICK] < until and now[ROW] < rows.shape[0] and now[DONE] < stop:
-        tick = now[TICK]
-        count = min(now[NEXT], until - tick)
-        if count == 1:
-            status, component, phase = advance(t, m, scheme, tick, 1, 1)
-            error = 0.0
-        else:
-            status, component, phase = _save(t, m, before)
-            if status == FMI_OK:
-                status, component, phase = advance(t, m, scheme, tick, count, 0)
-            if status == FMI_OK:
-                _keep(m.i8, tried)
-                status, component, phase = _restore(t, m, before)
-            if status == FMI_OK:
-                half = count // 2
-                status, component, phase = advance(t, m, scheme, tick, half, 0)
-                if status == FMI_OK:
-                    rest = count - half
-                    status, component, phase = advance(t, m, scheme, tick + half, rest, 0)
-            error = _error(t, m, tried, scheme.tolerance) if status == FMI_OK else np.inf
-            if not error <= 1.0 and status in (FMI_OK, FMI_DISCARD, ENDED):
-                status, component, phase = _restore(t, m, before)
-                if status != FMI_OK:
-                    return status, component, phase
-                for c in range(t.components.shape[0]):
-                    t.counts[c, ROLLBACKS] += 1
-                now[NEXT] = count // 2
-                now[REJECTED] += 1
-                continue
-        if status not in (FMI_OK, ENDED):
-            return status, component, phase
-        now[TICK] += count
-        now[DONE] += 1
-        now[NEXT] = min(2 * count, scheme.longest) if error <= _SMALL else count
-        if now[DONE] % scheme.every == 0 or now[TICK] == until or status == ENDED:
-            _record(m, now, ticks, rows)
-        if status == ENDED:
-            return status, component, phase
-    return FMI_OK, 0, 0
+    """Step in one, keep the block, go back, and step in two halves."""
+    s.inputs[KEPT], s.flags[KEPT_PREVIOUS] = s.inputs[BEFORE], s.flags[PREVIOUS]
+    status, c, phase = save(t, m, s, OUTER)
+    if status == FMI_OK:
+        status, c, phase = step(t, m, s, scheme, tick, count, 0)
+    if status == FMI_OK:
+        s.tried[:] = m.i8
+        status, c, phase = _return(t, m, s)
+    half = count // 2
+    for k in range(2):
+        if status == FMI_OK:
+            status, c, phase = step(t, m, s, scheme, tick + k * half, half, 0)
+            wrong = find_nan(t, m)
+            if status == FMI_OK and wrong >= 0:
+                return NOT_A_NUMBER, wrong, GETTING
+    return status, c, phase
 
 
-@inlined
-def _keep(values: np.ndarray, room: np.ndarray) -> None:
-    for k in range(values.shape[0]):
-        room[k] = values[k]
+@kernel
+def _return(t: Tables, m: Memory, s: Coupling) -> tuple[int, int, int]:
+    """Go back to the outer saved point."""
+    s.inputs[BEFORE], s.flags[PREVIOUS] = s.inputs[KEPT], s.flags[KEPT_PREVIOUS]
+    return restore(t, m, s, OUTER)
 
 
-@inlined
-def _save(t: Tables, m: Memory, room: np.ndarray) -> tuple[int, int, int]:
-    """Save all components' states, and the block."""
-    _keep(m.i8, room)
-    for c in range(t.components.shape[0]):
-        place = t.states.ctypes.data + WORD * c
-        status = exchange_state(t.components[c, GET_STATE], (t.components[c, HANDLE], place))
-        if status > FMI_WARNING:
-            return status, c, SAVING
-    return FMI_OK, 0, SAVING
-
-
-@inlined
-def _restore(t: Tables, m: Memory, room: np.ndarray) -> tuple[int, int, int]:
-    """Go back to what was saved."""
-    _keep(room, m.i8)
-    for c in range(t.components.shape[0]):
-        arguments = (t.components[c, HANDLE], t.states[c])
-        status = exchange_state(t.components[c, SET_STATE], arguments)
-        if status > FMI_WARNING:
-            return status, c, RESTORING
-    return FMI_OK, 0, RESTORING
-
-
-@inlined
-def _error(t: Tables, m: Memory, tried: np.ndarray, tolerance: float) -> float:
+@kernel
+def _error(t: Tables, m: Memory, s: Coupling, tolerance: float) -> float:
     """Largest difference of checked outputs to what they were, by what is tolerated."""
     worst = 0.0
-    values = tried.view(np.float64)
+    values = s.tried.view(np.float64)
     for k in range(t.checked.shape[0]):
         for i in range(t.checked[k, 0], t.checked[k, 0] + t.checked[k, 1]):
             size = max(abs(m.f8[i]), t.nominal[k])

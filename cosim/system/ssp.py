@@ -42,11 +42,13 @@ class SystemFile(NamedTuple):
     Attributes:
         components: in the order of the file.
         connections: between them.
+        entries: from inputs of the system to those of components, by their names.
         start_s, stop_s: of its default experiment, in s; None if it does not say.
     """
 
     components: list[Component]
     connections: list[Connection]
+    entries: list[Connection]
     start_s: float | None
     stop_s: float | None
 
@@ -117,7 +119,12 @@ class _Reader:
         if len(systems) != 1:
             raise GraphError(f"{self._path}: it has no system; {_SYSTEM_FILE.fix}")
         self._read_system(systems[0], "", {}, 0)
-        connections = list(self._connections())
+        connections, entries = [], []
+        for each in self._connections():
+            if each.source.startswith("."):  # of no component
+                entries.append(each._replace(source=each.source[1:]))
+            else:
+                connections.append(each)
         times = {}
         for experiment in children(self._root, "DefaultExperiment"):
             times = {k: float(v) for k, v in experiment.items() if k in ("startTime", "stopTime")}
@@ -129,7 +136,9 @@ class _Reader:
                 for key, value in self._given[name].items()
             }
             components.append(Component(name, fmu, start))
-        return SystemFile(components, connections, times.get("startTime"), times.get("stopTime"))
+        return SystemFile(
+            components, connections, entries, times.get("startTime"), times.get("stopTime")
+        )
 
     def _read_system(
         self, system: Element, place: str, above: dict[str, Value], level: int
@@ -235,7 +244,7 @@ class _Reader:
         return str(variable.causality)
 
     def _connections(self) -> Iterator[Connection]:
-        """From component to component; values for connectors of systems become start values."""
+        """To components; values for connectors of systems become start values."""
         for target, wires in self._wires.items():
             if target[0] not in self._components:
                 continue
@@ -298,6 +307,8 @@ class _Reader:
             flow = held = None
             for wire in self._wires.get(at, ()):
                 flow, held = self._through(wire, at)
+            if not at[0] and self._connectors[at].get("kind") == "input":  # of the whole system
+                flow = _Signal(at, (), 1.0, 0.0, self._declared_unit(at))
             own = self._held.get(at)
             if own and not (held and isinstance(held.origin, Value)
                             and held.origin.level < own.level):  # fmt: skip

@@ -5,41 +5,64 @@ import math
 import time
 import weakref
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
-from cosim.fmi.fmu import check_steps, function_address
+from cosim.fmi.fmu import FmuError, check_steps, function_address
 from cosim.fmi.isolation import calling
 from cosim.model.config import whole_ratio
+from cosim.system.coupling import LARGEST, SIZE, WORST, Z, make_coupling
 from cosim.system.graph import (
     Component,
     Connection,
     GraphError,
+    Node,
     check_connections,
-    exchanges_to_settle,
     find,
+    is_continuous,
+    links_in_loops,
     load_fmus,
     outputs,
 )
+from cosim.system.inputs import Given, check_inputs, sampled
 from cosim.system.instance import Instance
 from cosim.system.kernels import (
     ENDED,
+    EXTRAPOLATED,
     GETTING,
+    IMPLICIT,
+    NO_SOLUTION,
+    NOT_A_NUMBER,
     RESTORING,
     SAVING,
     SETTING,
     STEPPING,
     STUCK,
+    UNSETTLED,
     Scheme,
 )
 from cosim.system.layout import Layout
-from cosim.system.loops import DONE, REJECTED, ROW, TICK, run_adaptive, run_fixed, settle
+from cosim.system.loops import (
+    DONE,
+    REJECTED,
+    ROW,
+    STEPS_AT_ONCE,
+    TICK,
+    begin,
+    run_fixed,
+    run_solved,
+    settle,
+)
 from cosim.system.run import Share, SystemRun
 
-Algorithm = Literal["jacobi", "gauss-seidel"]
+Algorithm = Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"]
+Loops = Literal["solve", "explicit"]
+ALGORITHMS = get_args(Algorithm)  # by their numbers
+_TOLERANCE = 1e-10  # of what is solved for
+_MOST_EXCHANGES = 1000  # of values at one point of time
 ROWS_AT_ONCE = 4096
 _LONGEST = 1 << 40  # ticks of a step, by default: any
 _WHAT = {
@@ -72,14 +95,19 @@ class System:
         record: Sequence[str] | None = None,
         event_mode: bool = False,
         profile: bool = False,
+        loops: Loops = "solve",
+        inputs: Mapping[str, Given] | None = None,
     ) -> None:
         """Make the components and initialise them.
 
         Args:
             components: in the order in which Gauss–Seidel steps them.
             connections: from outputs to inputs.
-            algorithm: whether all components step with the outputs of the step before, or each with
-                those that stand before it in the list.
+            algorithm: what inputs are during a step. "jacobi": outputs before the step;
+                "gauss-seidel": the newest outputs, of components earlier in the list those after
+                the step; of second order are "extrapolated": the mean of the values at both ends,
+                of which the later one is extrapolated, and "implicit": the same, but steps are
+                taken back and repeated until the later one is the one that outputs then have.
             step_s: communication step in s; the shortest one if there is a tolerance.
             tolerance: of the error of one step in Float64 outputs, relative to the larger
                 of a value and its nominal one; None for steps that are all equal.
@@ -89,6 +117,12 @@ class System:
             event_mode: whether FMUs that can (FMI 3.0, hasEventMode) leave their events to the
                 master, and return early to do so.
             profile: whether to measure the time that each component takes.
+            loops: whether algebraic loops are solved at every communication point, or values go
+                around them once per step.
+            inputs: values over time of inputs by "component.variable": times in s, which may not
+                decrease, and values at them; or a function of an array of times in s that returns
+                an array of values, of which those at multiples of `step_s` are used. Between
+                times floats are interpolated linearly, others hold.
 
         Raises:
             GraphError: the system cannot be; the message names component, variable, connection.
@@ -101,11 +135,21 @@ class System:
             _require_positive("tolerance", tolerance)
         fmus = load_fmus(components)
         links = check_connections(fmus, connections)
-        exchanges = exchanges_to_settle(fmus, links)
-        needs = "which a tolerance needs; leave the tolerance out" if tolerance else None
+        number = ALGORITHMS.index(algorithm)
+        continuous = [link for link in links if is_continuous(fmus, link)]
+        torn = continuous if number == IMPLICIT else []
+        if loops == "solve" and number != IMPLICIT:
+            looped = links_in_loops(fmus, links)
+            torn = [link for link in continuous if link in looped]
         for name, fmu in fmus.items():
             said = f"FMU {fmu.path.name} of component {name}"
+            needs = "which a tolerance needs; leave the tolerance out" if tolerance else None
             check_steps(fmu.interface, said, ("step", step_s), needs)
+            if number == IMPLICIT and not fmu.interface.canGetAndSetFMUstate:
+                raise FmuError(
+                    f"{said} cannot save its state (canGetAndSetFMUState), which --algorithm "
+                    "implicit needs; choose extrapolated"
+                )
         self._recorded = (
             outputs(fmus, "String", "Binary", "Clock", but=True)
             if record is None
@@ -117,7 +161,7 @@ class System:
             _require_positive("longest step", longest_step_s)
             longest = whole_ratio("longest step", longest_step_s, "step", step_s)
         self._scheme = Scheme(
-            algorithm == "jacobi",
+            number,
             start_s,
             step_s,
             tolerance or 0.0,
@@ -125,7 +169,12 @@ class System:
             1,
             _clock() if profile else 0,
             time.CLOCK_MONOTONIC,
+            int(loops == "solve"),
+            _MOST_EXCHANGES if loops == "solve" else len(links) + 1,
+            _TOLERANCE,
+            min(1e-2 * tolerance, 1e-6) if tolerance else _TOLERANCE,
         )
+        self._inputs = check_inputs(fmus, links, inputs or {})
         self._now = np.array([0, 1, 0, 0, 0], dtype=np.int64)
         self._over = False
         self._instances: dict[str, Instance] = {}
@@ -134,28 +183,33 @@ class System:
                 for component in components:
                     instance = Instance(component, fmus[component.name], events=event_mode)
                     self._instances[component.name] = instance
-                self._layout = Layout(self._instances, links, self._recorded, checked)
-                self._initialise(exchanges)
+                start = sampled(self._inputs, np.array([start_s]))
+                layout = Layout(self._instances, links, self._recorded, checked, start)
+                held = layout.places_of(continuous if number >= EXTRAPOLATED else [])
+                self._layout = layout
+                self._coupling = make_coupling(layout, held, layout.places_of(torn))
+                self._solved = bool(tolerance or torn or number >= EXTRAPOLATED)
+                self._initialise([*layout.parts, *(link.target for link in torn)])
         except BaseException:
             self.close()
             raise
         self._finalizer = weakref.finalize(self, _free, self._instances, self._layout.tables.states)
 
-    def _initialise(self, exchanges: int) -> None:
-        """Bring the instances to the start."""
+    def _initialise(self, kept: Sequence[Node]) -> None:
+        """Bring the instances to the start; inputs in `kept` begin with the values they have."""
         for instance in self._instances.values():
             instance.begin(self._scheme.start_s, self._scheme.tolerance or None)
         layout = self._layout
-        for component, name in layout.parts:  # what is not connected of arrays stays as it is
+        for component, name in kept:
             place, instance = layout.places[component, name], self._instances[component]
             values = instance.read(instance.fmu.variables[name]).astype(place.dtype)
             end = place.offset + place.size
             layout.memory.u1[place.offset : end] = values.view(np.uint8)
-        self._check(*settle(layout.tables, layout.memory, exchanges))
+        block = layout.tables, layout.memory, self._coupling
+        self._check(*settle(*block, self._scheme))
         for instance in self._instances.values():
             instance.end_initialization()
-        self._check(*settle(layout.tables, layout.memory, 0))
-        self._require_numbers(self._now[[TICK]], layout.memory.i8[None])
+        self._check(*begin(*block))
         self._over = any(instance.ends for instance in self._instances.values())
 
     @property
@@ -206,19 +260,22 @@ class System:
         left = -(-(until - int(self._now[TICK])) // every) + 1
         ticks = [self._now[[TICK]]]
         rows = [layout.memory.i8[None, : layout.words].copy()]
-        run = run_adaptive if scheme.tolerance else run_fixed
         status, component = FMI_OK, 0
         while self._now[TICK] < until and status == FMI_OK:
             self._now[ROW] = 0
             size = min(left, ROWS_AT_ONCE)
             room = np.empty(size, dtype=np.int64), np.empty((size, layout.words), dtype=np.int64)
+            reach = self._feed(until)
+            block = layout.tables, layout.memory
             with calling(f"what begins at {self.time_s:g} s of simulated time"):
-                found = run(layout.tables, layout.memory, scheme, self._now, until, *room)
+                if self._solved:
+                    block = (*block, self._coupling)
+                    found = run_solved(*block, scheme, self._now, reach, *room)
+                else:
+                    found = run_fixed(*block, scheme, self._now, reach, *room)
             status, component, _ = found
             self._over = status != FMI_OK
             self._check(*found)
-            self._require_numbers(*(part[: self._now[ROW]] for part in room))
-            self._require_numbers(self._now[[TICK]], layout.memory.i8[None])  # recorded or not
             ticks.append(room[0][: self._now[ROW]])
             rows.append(room[1][: self._now[ROW]])
             (progress or silent)("simulating", self.time_s - scheme.start_s, duration_s)
@@ -238,29 +295,56 @@ class System:
         time_s = self._scheme.start_s + ticks * self._scheme.tick_s
         return SystemRun(time_s, signals, ended, profile)
 
-    def _require_numbers(self, ticks: np.ndarray, rows: np.ndarray) -> None:
-        """Raise the FmuError of the first row (words of the block) with an output that is NaN."""
-        found: list[tuple[int, str, str]] = []
-        for (component, name), place in self._layout.places.items():
-            within = place.offset + place.size <= 8 * rows.shape[1]
-            if "f" in place.dtype and within and place.offset < 8 * self._layout.words:
-                wrong = np.isnan(place.read(rows.view(np.uint8))).reshape(len(rows), -1).any(axis=1)
-                if wrong.any():
-                    found.append((int(np.argmax(wrong)), component, name))
-        if found:
-            row, component, name = min(found, key=lambda each: each[0])
-            self._over = True
-            time_s = self._scheme.start_s + int(ticks[row]) * self._scheme.tick_s
-            raise self._instances[component].failure(time_s, f"puts out nan ({name})")
+    def _feed(self, until: int) -> int:
+        """Sample inputs that are functions; returns the tick up to which a run may go with them."""
+        if any(callable(given) for _, given in self._inputs.values()):
+            begin = int(self._now[TICK])
+            until = min(until, begin + STEPS_AT_ONCE)
+            ticks = np.arange(begin, until + 1)
+            found = sampled(self._inputs, self._scheme.start_s + ticks * self._scheme.tick_s)
+            self._layout.feed(found)
+        return until
 
     def _check(self, status: int, component: int, phase: int) -> None:
-        """Raise the FmuError of a failed call."""
+        """Raise the error of a failed call."""
         if status in (FMI_OK, ENDED):
             return
-        instance = list(self._instances.values())[component]
+        if status in (NO_SOLUTION, UNSETTLED):
+            raise self._not_solved(status)
+        name, instance = list(self._instances.items())[component]
         said = f"{_WHAT[phase]} (fmi{instance.fmu.standard}Status {status})"
-        what = "returned early for ever" if status == STUCK else said
-        raise instance.failure(self.time_s, what, status if status <= FMI_FATAL else FMI_ERROR)
+        if status == STUCK:
+            said = "returned early for ever"
+        elif status == NOT_A_NUMBER:
+            block = self._layout.memory.u1[None, : 8 * self._layout.words]
+            wrong = [
+                variable
+                for (owner, variable), place in self._layout.places.items()
+                if owner == name and "f" in place.dtype and place.offset < block.shape[1]
+                and np.isnan(place.read(block)).any()
+            ]  # fmt: skip
+            said = f"puts out nan ({', '.join(wrong)})"
+        raise instance.failure(self.time_s, said, status if status <= FMI_FATAL else FMI_ERROR)
+
+    def _not_solved(self, status: int) -> GraphError:
+        """Return the error of inputs and outputs that do not come to agree."""
+        s, layout = self._coupling, self._layout
+        worst = int(s.flags[WORST])
+        byte = 8 * int(s.torn[worst] if status == NO_SOLUTION else layout.words + worst)
+        node = layout.node_at(byte)
+        sources = {link.target: ".".join(link.source) for link in layout.links}
+        said = f"at {self.time_s:.5f} s the loop through {sources.get(node)} -> {'.'.join(node)}"
+        if status == UNSETTLED:
+            return GraphError(
+                f"{said} does not settle after {self._scheme.exchanges} exchanges; pass --loops "
+                "explicit to accept a delay of one step in it"
+            )
+        residual = s.numbers[LARGEST] * s.unknowns[SIZE, worst]
+        return GraphError(
+            f"{said} has no solution that is found: the residual is {residual:.3g} where its value "
+            f"is {s.unknowns[Z, worst]:.6g}; pass --loops explicit to accept a delay of one step "
+            "in loops, another start value, or a shorter step"
+        )
 
     @calling("its end")
     def close(self) -> None:
@@ -279,8 +363,9 @@ class System:
 
 def _free(instances: Mapping[str, Instance], states: np.ndarray | None) -> None:
     for k, instance in enumerate(instances.values()):
-        if states is not None and states[k]:
-            instance.free_state(int(states[k]))
+        for state in () if states is None else states[:, k]:
+            if state:
+                instance.free_state(int(state))
         instance.close()
 
 

@@ -1,13 +1,20 @@
 """Values passed on, compiled: from outputs to inputs in the block, and between it and FMUs."""
 
+import numpy as np
+
 from cosim.base.jit import inlined
 from cosim.fmi.abi import FMI_OK, exchange_2, exchange_3
 from cosim.system.layout import (
     COUNT,
+    FIRST_ROW,
     FUNCTION,
     HANDLE,
+    KIND,
+    LAST_ROW,
     NUMBER,
+    PLACE,
     REFERENCES,
+    ROW_NOW,
     SCALED,
     SIZE,
     SOURCE,
@@ -67,17 +74,21 @@ def _put_integer(m: Memory, kind: int, place: int, value: int) -> None:
 
 
 @inlined
-def copy(t: Tables, m: Memory, first: int, end: int) -> None:
-    """Copy outputs to the inputs of connections `first` to `end` − 1."""
+def copy(t: Tables, m: Memory, first: int, end: int) -> bool:
+    """Copy outputs to inputs of connections `first` to `end` − 1; returns whether one is NaN."""
+    wrong = False
     for k in range(first, end):
         source, target = t.copies[k, SOURCE], t.copies[k, TARGET]
         kind, to = t.copies[k, SOURCE_TYPE], t.copies[k, TARGET_TYPE]
         scaled = t.copies[k, SCALED]
         for i in range(t.copies[k, NUMBER]):
             if kind == 0 and to == 0 and not scaled:
-                m.f8[target + i] = m.f8[source + i]
+                value = m.f8[source + i]
+                wrong |= np.isnan(value)
+                m.f8[target + i] = value
             elif to <= 1:
                 value = _float(m, kind, source + i)
+                wrong |= np.isnan(value)
                 if scaled:
                     value = t.scales[k, 0] * value + t.scales[k, 1]
                 if to == 0:
@@ -86,6 +97,35 @@ def copy(t: Tables, m: Memory, first: int, end: int) -> None:
                     m.f4[target + i] = value
             else:
                 _put_integer(m, to, target + i, _integer(m, kind, source + i))
+    return wrong
+
+
+@inlined
+def feed(t: Tables, m: Memory, time_s: float, tick_s: float) -> None:
+    """Set inputs that are given over time: floats interpolated linearly, others held.
+
+    Of rows of one time the last one counts from then on. Before the first row its values hold, and
+    behind the last one those.
+    """
+    at_s = time_s + 1e-6 * tick_s  # a row within the rounding of a tick is at the tick
+    for k in range(t.feeds.shape[0]):
+        place, kind, row = t.feeds[k, PLACE], t.feeds[k, KIND], t.feeds[k, ROW_NOW]
+        while row < t.feeds[k, LAST_ROW] and t.given[0, row + 1] <= at_s:
+            row += 1
+        while row > t.feeds[k, FIRST_ROW] and t.given[0, row] > at_s:
+            row -= 1
+        t.feeds[k, ROW_NOW] = row
+        value, since_s = t.given[1, row], time_s - t.given[0, row]
+        if kind > 1:
+            _put_integer(m, kind, place, int(value))
+            continue
+        if since_s > 0.0 and row < t.feeds[k, LAST_ROW]:
+            slope = (t.given[1, row + 1] - value) / (t.given[0, row + 1] - t.given[0, row])
+            value += slope * since_s
+        if kind == 0:
+            m.f8[place] = value
+        else:
+            m.f4[place] = value
 
 
 @inlined

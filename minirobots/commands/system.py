@@ -31,9 +31,19 @@ class SimulateSystem(IsolatedOptions):
     """Simulated time to reach, in s; by default that of the file's default experiment."""
     step: Seconds = 1e-3
     """Communication step in s; with a tolerance the shortest one."""
-    algorithm: Literal["jacobi", "gauss-seidel"] = "jacobi"
-    """Whether components step with the outputs of the step before, or one after the other, each
-    with the newest outputs, in the order of the file."""
+    algorithm: Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"] = "jacobi"
+    """Inputs during a step. jacobi: outputs before it. gauss-seidel: the newest outputs, as
+    components step one after the other in the order of the file. Of second order are extrapolated
+    (means over the step, continued from the step before) and implicit (the same, but steps are
+    taken back and repeated until outputs agree; for stiff couplings; FMUs must be able to save
+    their states)."""
+    loops: Literal["solve", "explicit"] = "solve"
+    """Whether algebraic loops are solved at every communication point, or a delay of one step is
+    accepted in them."""
+    input: File | None = None
+    """Inputs over time: a .csv or .parquet file with a column time (in s) and columns named
+    component.variable or as an input of the system, with a unit if it is another one, as in
+    "motor.u [mV]". Between times floats are interpolated, others hold."""
     tolerance: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None
     """Vary the step so that the error of one in Float64 outputs stays below this share of the
     larger of a value and its nominal one; FMUs must be able to save their states."""
@@ -49,12 +59,12 @@ class SimulateSystem(IsolatedOptions):
     profile: bool = False
     """Print time, steps and rollbacks of every FMU."""
     out: File | None = None
-    """Where to write what was recorded: .csv or .parquet."""
+    """Where to write what was recorded: .csv, .parquet, or .rrd for the Rerun viewer."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.out is not None and self.out.suffix not in (".csv", ".parquet"):
-            raise UserError(f"--out {self.out}: name a .csv or .parquet file")
+        if self.out is not None and self.out.suffix not in (".csv", ".parquet", ".rrd"):
+            raise UserError(f"--out {self.out}: name a .csv, .parquet or .rrd file")
 
     @property
     def foreign(self) -> Path:
@@ -64,6 +74,8 @@ class SimulateSystem(IsolatedOptions):
 
 def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, SystemRun]":
     """Simulate the system and write what was recorded."""
+    from cosim.system.graph import load_fmus
+    from cosim.system.inputs import read_inputs
     from cosim.system.run import write_run
     from cosim.system.ssp import read_system
     from cosim.system.system import System
@@ -72,6 +84,10 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
     until_s = found.stop_s if options.until is None else options.until
     if until_s is None:
         raise UserError(f"{options.file} has no default experiment; pass --until")
+    inputs = None
+    if options.input is not None:
+        fmus = load_fmus(found.components)
+        inputs = read_inputs(options.input, fmus, found.entries)
     system = System(
         found.components,
         found.connections,
@@ -83,12 +99,32 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
         record=options.record or None,
         event_mode=options.event_mode,
         profile=options.profile,
+        loops=options.loops,
+        inputs=inputs,
     )
     at_end.append(lambda _: system.close())  # whatever its FMUs do in their end, results are whole
     simulated = system.run(until_s, every=options.every, progress=progress)
     if options.out is not None:
-        write_run(options.out, simulated)
+        (_write_recording if options.out.suffix == ".rrd" else write_run)(options.out, simulated)
     return len(found.components), system, simulated
+
+
+def _write_recording(path: Path, run: "SystemRun") -> None:
+    """Write what was recorded for the Rerun viewer: an entity "component/variable" per signal."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    from cosim.recording.file import Recording, scalars, simulated
+
+    views = [
+        rrb.TimeSeriesView(name=name, origin=rr.new_entity_path([name])) for name in run.profile
+    ]
+    with Recording(path, "system", rrb.Blueprint(rrb.Tabs(*views))) as recording:
+        for name, values in run.signals.items():
+            component = max((c for c in run.profile if name.startswith(f"{c}.")), key=len)
+            entity = rr.new_entity_path([component, name.removeprefix(f"{component}.")])
+            flat = values if values.ndim == 1 else values.reshape(len(values), -1)
+            recording.columns(entity, simulated(run.time_s), scalars(flat))
 
 
 def show(options: SimulateSystem, simulated: "tuple[int, System, SystemRun]") -> dict[str, Any]:

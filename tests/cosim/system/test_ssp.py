@@ -231,7 +231,7 @@ def test_command_writes_what_it_recorded(archive, command, tmp_path, suffix):
     [
         (("--step", "3e-4"), "time to run to = 0.1 s is no whole multiple of step = 0.0003 s"),
         (("--record", "first.q"), "component first has no variable 'q'"),
-        (("--out", "run.txt"), "--out run.txt: name a .csv or .parquet file"),
+        (("--out", "run.txt"), "--out run.txt: name a .csv, .parquet or .rrd file"),
         (("--every", "0"), "every 0 steps: choose 1 or more"),
     ],
 )

@@ -58,11 +58,9 @@ def test_errors_of_varied_steps_follow_the_tolerance(masses, algorithm):
     runs = [simulated(masses[3, 3], 1.0, 1e-6, algorithm, tol) for tol in (1e-2, 1e-4)]
     errors = [error(run) for run, _ in runs]
     order = math.log10(errors[0] / errors[1]) / 2.0
-    # An input that is a step late shows in Jacobi's force at once, else in the step's square.
-    assert order == pytest.approx(1.0 if algorithm == "jacobi" else 0.5, abs=0.1)
+    assert order == pytest.approx(0.5, abs=0.1)  # the error of a step is of second order
     (_, coarse), (run, fine) = runs
     assert 0 < coarse.steps < fine.steps
-    assert fine.rejected > 0
     assert all(share.rollbacks == fine.rejected for share in run.profile.values())
     assert all(share.steps > 2 * fine.rejected for share in run.profile.values())
     assert (np.diff(run.time_s) > 0.0).all()
@@ -264,6 +262,19 @@ def test_failure_names_component_time_and_log(small):
         ),
     ):
         system.run(1.0)
+
+
+@pytest.mark.parametrize("algorithm", [*ALGORITHMS, "extrapolated"])
+def test_nan_that_passes_unrecorded_is_named_at_its_time(small, algorithm):
+    root = Component("p", small("curve"), {"kind": 3})  # of an input that falls below 0 at 0.26 s
+    components = [root, Component("q", small("curve"))]
+    options = {"record": ["q.next"], "inputs": {"p.u": ([0.0, 1.0], [1.04, -2.96])}}
+    links = [Connection("p.y", "q.u")]
+    with (
+        System(components, links, step_s=0.05, algorithm=algorithm, **options) as system,
+        pytest.raises(FmuError, match=r"instance p, at 0\.3[05]000 s puts out nan \(y\)"),
+    ):
+        system.run(1.0, every=1000)
 
 
 def test_time_of_components_is_measured_where_wanted(masses):

@@ -1,0 +1,418 @@
+"""Inputs that are solved for: algebraic loops, and implicit steps, by a quasi-Newton method.
+
+Unknowns z are values of connected inputs. The residual is what their outputs then give minus z:
+at one point of time for algebraic loops, and over a step, which is taken back and repeated, for
+implicit coupling. The inverse of the residual's Jacobian is made by finite differences, kept from
+step to step, updated by Broyden's formula, and made again where convergence is slow.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.base.jit import kernel
+from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING, exchange_state
+from cosim.system.kernels import (
+    ENDED,
+    EXTRAPOLATED,
+    GAUSS_SEIDEL,
+    GETTING,
+    NO_SOLUTION,
+    NOT_A_NUMBER,
+    RESTORING,
+    SAVING,
+    SETTING,
+    STEPPING,
+    UNSETTLED,
+    Scheme,
+    advance,
+    set_inputs,
+)
+from cosim.system.layout import (
+    END_GET,
+    END_SET,
+    FIRST_GET,
+    FIRST_SET,
+    GET_STATE,
+    HANDLE,
+    SET_STATE,
+    WORD,
+    Layout,
+    Memory,
+    Tables,
+)
+from cosim.system.transfer import copy, exchange_values, feed
+
+# Rows of `Coupling.unknowns`: present values, residual, both before an update, the update, and the
+# size to which residuals are compared.
+Z, RESIDUAL, OLD_Z, OLD_RESIDUAL, UPDATE, SIZE = range(6)
+# Rows of `Coupling.inputs`: at the beginning of a step, of the step before it, a copy of that.
+START, BEFORE, KEPT = range(3)
+# Of `Coupling.flags`: whether there is an inverse, ticks of the step before and a copy, component
+# that asked to end or -1, unknown (or word of the inputs) that is worst, whether steps are made.
+HAS_INVERSE, PREVIOUS, KEPT_PREVIOUS, ENDING, WORST, RUNNING = range(6)
+# Of `Coupling.numbers`: largest residual relative to its scale, error of the step before.
+LARGEST, LAST_ERROR = range(2)
+OUTER, INNER = range(2)  # saved points: of a varied step, of an implicit one
+_MOST_ITERATIONS = 50
+_MOST_HALVINGS = 8
+_ROUGH = 1e-6  # residual of a step that is accepted where no iteration lowers it: FMUs round
+_SLOW = 0.1  # share of a residual that an iteration leaves, above which the Jacobian is renewed
+_DIFFERENCE = 1e-6  # of finite differences, relative to the scale of an unknown
+
+
+class Coupling(NamedTuple):
+    """Unknowns and what is known of them.
+
+    Attributes:
+        held: (H,) places of inputs that methods of second order vary within a step.
+        torn: (N,) places of inputs that are solved for.
+        scale: (N,) their nominal sizes.
+        inputs: (3, H) values of held ones, by the rows above.
+        unknowns: (6, N) values of torn ones, by the rows above.
+        inverse: (N, 2 N), inverse of the Jacobian in the first N columns; room.
+        sent: (words,) int64, inputs as they were set last.
+        saved: (2, words) int64, the block at saved points.
+        tried: (words,) int64, the block after a step in one.
+        flags: (6,) int64 and
+        numbers: (2,) float64, see above.
+    """
+
+    held: np.ndarray
+    torn: np.ndarray
+    scale: np.ndarray
+    inputs: np.ndarray
+    unknowns: np.ndarray
+    inverse: np.ndarray
+    sent: np.ndarray
+    saved: np.ndarray
+    tried: np.ndarray
+    flags: np.ndarray
+    numbers: np.ndarray
+
+
+def make_coupling(layout: Layout, held: np.ndarray, torn: np.ndarray) -> Coupling:
+    """Return room for the inputs at some places of the block, which are float64."""
+    size, count = len(layout.memory.i8), len(torn)
+    flags = np.array([0, 0, 0, -1, 0, 0], dtype=np.int64)
+    scale = np.array([layout.nominal(layout.node_at(WORD * int(place))) for place in torn])
+    words = np.zeros(size - layout.words, dtype=np.int64)
+    return Coupling(
+        held, torn, scale, np.zeros((3, len(held))), np.zeros((6, count)),
+        np.zeros((count, 2 * count)), words, np.zeros((2, size), dtype=np.int64),
+        np.zeros(size, dtype=np.int64), flags, np.array([0.0, 1.0]),
+    )  # fmt: skip
+
+
+@kernel
+def save(t: Tables, m: Memory, s: Coupling, point: int) -> tuple[int, int, int]:
+    """Save all components' states and the block; returns as `advance`."""
+    s.saved[point] = m.i8
+    for c in range(t.components.shape[0]):
+        place = t.states.ctypes.data + WORD * (point * t.components.shape[0] + c)
+        status = exchange_state(t.components[c, GET_STATE], (t.components[c, HANDLE], place))
+        if status > FMI_WARNING:
+            return status, c, SAVING
+    return FMI_OK, 0, SAVING
+
+
+@kernel
+def restore(t: Tables, m: Memory, s: Coupling, point: int) -> tuple[int, int, int]:
+    """Go back to a saved point."""
+    m.i8[:] = s.saved[point]
+    for c in range(t.components.shape[0]):
+        arguments = (t.components[c, HANDLE], t.states[point, c])
+        status = exchange_state(t.components[c, SET_STATE], arguments)
+        if status > FMI_WARNING:
+            return status, c, RESTORING
+    return FMI_OK, 0, RESTORING
+
+
+@kernel
+def get_all(t: Tables, m: Memory) -> tuple[int, int, int]:
+    """Get the outputs of all components."""
+    for c in range(t.components.shape[0]):
+        status = exchange_values(t, c, t.components[c, FIRST_GET], t.components[c, END_GET])
+        if status > FMI_WARNING:
+            return status, c, GETTING
+    return FMI_OK, 0, GETTING
+
+
+@kernel
+def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> tuple[int, int, int]:
+    """Pass on values, with the unknowns as inputs, until no input changes; find the residual."""
+    first = m.i8.shape[0] - s.sent.shape[0]
+    for k in range(scheme.exchanges):
+        copy(t, m, 0, t.copies.shape[0])
+        feed(t, m, scheme.start_s + tick * scheme.tick_s, scheme.tick_s)
+        for i in range(s.torn.shape[0]):
+            s.unknowns[RESIDUAL, i] = m.f8[s.torn[i]] - s.unknowns[Z, i]
+            m.f8[s.torn[i]] = s.unknowns[Z, i]
+        same = k > 0 or s.flags[RUNNING] == 1
+        for word in range(s.sent.shape[0]):
+            if s.sent[word] != m.i8[first + word]:
+                same = False
+                s.sent[word] = m.i8[first + word]
+                s.flags[WORST] = word
+        if same:
+            return FMI_OK, 0, GETTING
+        for c in range(t.components.shape[0]):
+            if s.flags[RUNNING]:
+                status = set_inputs(t, c)
+            else:
+                status = exchange_values(t, c, t.components[c, FIRST_SET], t.components[c, END_SET])
+            if status == ENDED:
+                s.flags[ENDING] = c
+            elif status > FMI_WARNING:
+                return status, c, SETTING
+        status, c, phase = get_all(t, m)
+        if status > FMI_WARNING:
+            return status, c, phase
+    return UNSETTLED if scheme.solves else FMI_OK, 0, GETTING
+
+
+@kernel
+def _try(
+    t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
+) -> tuple[int, int, int]:
+    """Find the residual of the unknowns: at a tick, or after a step from the inner saved point."""
+    if count:
+        status, c, phase = restore(t, m, s, INNER)
+        if status > FMI_WARNING:
+            return status, c, phase
+        copy(t, m, 0, t.copies.shape[0])
+        for i in range(s.held.shape[0]):
+            m.f8[s.held[i]] = 0.5 * (s.inputs[START, i] + s.unknowns[Z, i])
+        status, c, phase = _step_all(t, m, s, scheme, tick, count, 0)
+        if status > FMI_WARNING:
+            return status, c, phase
+    status, c, phase = _evaluate(t, m, s, scheme, tick + count)
+    s.numbers[LARGEST] = 0.0
+    for i in range(s.torn.shape[0]):
+        share = abs(s.unknowns[RESIDUAL, i]) / s.unknowns[SIZE, i]
+        if not share <= s.numbers[LARGEST]:
+            s.numbers[LARGEST], s.flags[WORST] = share, i
+    return status, c, phase
+
+
+@kernel
+def _step_all(
+    t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int, final: int
+) -> tuple[int, int, int]:
+    """Step all components, and note one that asks to end."""
+    s.flags[ENDING] = -1
+    status, c, phase = advance(t, m, scheme, tick, count, final)
+    first = m.i8.shape[0] - s.sent.shape[0]
+    s.sent[:] = m.i8[first:]
+    if status == ENDED:
+        s.flags[ENDING] = c
+        return FMI_OK, c, phase
+    return status, c, phase
+
+
+@kernel
+def solve(
+    t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
+) -> tuple[int, int, int]:
+    """Solve for the unknowns, which begin at what they are.
+
+    Args:
+        t: tables.
+        m: the block of values.
+        s: unknowns.
+        scheme: how to step.
+        tick: point of time, or beginning of a step whose state is saved at the inner point.
+        count: ticks of the step, 0 for a point of time.
+
+    Returns:
+        As `advance`; NO_SOLUTION if it does not converge.
+    """
+    n = s.torn.shape[0]
+    for i in range(n):
+        s.unknowns[SIZE, i] = max(s.scale[i], abs(s.unknowns[Z, i]))
+    status, c, phase = _try(t, m, s, scheme, tick, count)
+    if n == 0 or status > FMI_WARNING:
+        return status, c, phase
+    if not s.numbers[LARGEST] < np.inf:
+        return NOT_A_NUMBER, c, GETTING
+    tolerance = scheme.step_tolerance if count else scheme.loop_tolerance
+    slow, fresh = False, False
+    for _ in range(_MOST_ITERATIONS):
+        size = s.numbers[LARGEST]
+        if s.flags[HAS_INVERSE]:
+            if _update(s) <= tolerance:
+                return FMI_OK, 0, GETTING
+        elif size == 0.0:
+            return FMI_OK, 0, GETTING
+        s.unknowns[OLD_Z], s.unknowns[OLD_RESIDUAL] = s.unknowns[Z], s.unknowns[RESIDUAL]
+        worst = s.flags[WORST]
+        if not s.flags[HAS_INVERSE] or (slow and not fresh):
+            status, c, phase = _differentiate(t, m, s, scheme, tick, count)
+            if status > FMI_WARNING:
+                s.numbers[LARGEST], s.flags[WORST] = size, worst
+                return status, c, phase
+            fresh = True
+        _update(s)
+        share, refused = 1.0, False
+        for k in range(_MOST_HALVINGS):
+            for i in range(n):
+                s.unknowns[Z, i] = s.unknowns[OLD_Z, i] + share * s.unknowns[UPDATE, i]
+            status, c, phase = _try(t, m, s, scheme, tick, count)
+            refused = status in (FMI_DISCARD, UNSETTLED, NOT_A_NUMBER)
+            if status > FMI_WARNING and not refused:
+                return status, c, phase
+            if (not refused and s.numbers[LARGEST] < size) or k == _MOST_HALVINGS - 1:
+                break
+            share *= 0.25
+        if not refused and s.numbers[LARGEST] < size:
+            slow = s.numbers[LARGEST] > _SLOW * size
+            fresh = fresh and not slow
+            _broyden(s)
+            continue
+        s.unknowns[Z] = s.unknowns[OLD_Z]
+        status, c, phase = _try(t, m, s, scheme, tick, count)
+        if status > FMI_WARNING:
+            return status, c, phase
+        if fresh:
+            enough = _ROUGH if count else tolerance
+            return FMI_OK if size <= max(enough, tolerance) else NO_SOLUTION, 0, GETTING
+        slow = True
+    return NO_SOLUTION, 0, GETTING
+
+
+@kernel
+def _update(s: Coupling) -> float:
+    """Make the update -inverse · residual; returns the largest relative size of both."""
+    n, largest = s.torn.shape[0], 0.0
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total -= s.inverse[i, j] * s.unknowns[RESIDUAL, j]
+        s.unknowns[UPDATE, i] = total
+        share = max(abs(total), abs(s.unknowns[RESIDUAL, i]))
+        share /= max(s.scale[i], abs(s.unknowns[Z, i]))
+        if not share <= largest:
+            largest = share
+    return largest
+
+
+@kernel
+def _broyden(s: Coupling) -> None:
+    """Update the inverse J⁻¹ by Broyden's formula: J⁻¹ += (δ - J⁻¹ ρ) δᵀ J⁻¹ / (δᵀ J⁻¹ ρ)."""
+    n = s.torn.shape[0]
+    below = 0.0
+    for i in range(n):
+        image = 0.0
+        for j in range(n):
+            change = s.unknowns[RESIDUAL, j] - s.unknowns[OLD_RESIDUAL, j]
+            image += s.inverse[i, j] * change
+        delta = s.unknowns[Z, i] - s.unknowns[OLD_Z, i]
+        s.unknowns[UPDATE, i] = delta - image
+        below += delta * image
+    if below == 0.0:
+        return
+    for j in range(n):
+        row = 0.0
+        for i in range(n):
+            row += (s.unknowns[Z, i] - s.unknowns[OLD_Z, i]) * s.inverse[i, j]
+        s.inverse[0, n + j] = row / below
+    for i in range(n):
+        for j in range(n):
+            s.inverse[i, j] += s.unknowns[UPDATE, i] * s.inverse[0, n + j]
+
+
+@kernel
+def _differentiate(
+    t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
+) -> tuple[int, int, int]:
+    """Make the inverse of the Jacobian at the old values by finite differences."""
+    n = s.torn.shape[0]
+    for j in range(n):
+        step = _DIFFERENCE * max(s.scale[j], abs(s.unknowns[OLD_Z, j]))
+        for sign in (1.0, -1.0):  # the other side where the first one is refused
+            s.unknowns[Z] = s.unknowns[OLD_Z]
+            s.unknowns[Z, j] += sign * step
+            status, c, phase = _try(t, m, s, scheme, tick, count)
+            if status <= FMI_WARNING and s.numbers[LARGEST] < np.inf:
+                break
+        if status > FMI_WARNING:
+            return status, c, phase
+        for i in range(n):
+            change = s.unknowns[RESIDUAL, i] - s.unknowns[OLD_RESIDUAL, i]
+            s.inverse[i, j] = change / (s.unknowns[Z, j] - s.unknowns[OLD_Z, j])
+    s.unknowns[Z], s.unknowns[RESIDUAL] = s.unknowns[OLD_Z], s.unknowns[OLD_RESIDUAL]
+    s.flags[HAS_INVERSE] = _inverted(s.inverse)
+    return FMI_OK if s.flags[HAS_INVERSE] else NO_SOLUTION, 0, GETTING
+
+
+@kernel
+def _inverted(a: np.ndarray) -> int:
+    """Invert the first N columns of (N, 2 N) in place; returns 0 if they are singular."""
+    n = a.shape[0]
+    for i in range(n):
+        for j in range(n):
+            a[i, n + j] = 1.0 if i == j else 0.0
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(a[i, k]) > abs(a[pivot, k]):
+                pivot = i
+        if not abs(a[pivot, k]) > 0.0:
+            return 0
+        for j in range(2 * n):
+            value = a[k, j]
+            a[k, j] = a[pivot, j]
+            a[pivot, j] = value
+        scale = a[k, k]
+        for j in range(2 * n):
+            a[k, j] /= scale
+        for i in range(n):
+            share = a[i, k]
+            if i != k and share != 0.0:
+                for j in range(2 * n):
+                    a[i, j] -= share * a[k, j]
+    for i in range(n):
+        for j in range(n):
+            a[i, j] = a[i, n + j]
+    return 1
+
+
+@kernel
+def step(
+    t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int, final: int
+) -> tuple[int, int, int]:
+    """Step over `count` ticks and bring inputs and outputs to agreement; returns as `advance`.
+
+    Methods of second order hold an input at the mean of its values at both ends of the step. The
+    later one is extrapolated from the step before it, or solved for.
+    """
+    for i in range(s.torn.shape[0]):
+        s.unknowns[Z, i] = m.f8[s.torn[i]]
+    if scheme.algorithm <= GAUSS_SEIDEL:
+        status, c, phase = _step_all(t, m, s, scheme, tick, count, final)
+        if status <= FMI_WARNING and (s.torn.shape[0] or scheme.tolerance):
+            status, c, phase = solve(t, m, s, scheme, tick + count, 0)
+    else:
+        ratio = count / s.flags[PREVIOUS] if s.flags[PREVIOUS] else 0.0
+        for i in range(s.held.shape[0]):
+            s.inputs[START, i] = m.f8[s.held[i]]
+        if scheme.algorithm == EXTRAPOLATED:
+            copy(t, m, 0, t.copies.shape[0])
+            for i in range(s.held.shape[0]):
+                change = s.inputs[START, i] - s.inputs[BEFORE, i]
+                m.f8[s.held[i]] = s.inputs[START, i] + 0.5 * ratio * change
+            status, c, phase = _step_all(t, m, s, scheme, tick, count, final)
+            if status <= FMI_WARNING:
+                status, c, phase = solve(t, m, s, scheme, tick + count, 0)
+        else:
+            for i in range(s.held.shape[0]):  # they are the unknowns, in the same order
+                s.unknowns[Z, i] += ratio * (s.inputs[START, i] - s.inputs[BEFORE, i])
+            status, c, phase = save(t, m, s, INNER)
+            if status <= FMI_WARNING:
+                status, c, phase = solve(t, m, s, scheme, tick, count)
+        for i in range(s.held.shape[0]):
+            s.inputs[BEFORE, i] = s.inputs[START, i]
+        s.flags[PREVIOUS] = count
+    if status <= FMI_WARNING and s.flags[ENDING] >= 0:
+        return ENDED, s.flags[ENDING], STEPPING
+    return status, c, phase
