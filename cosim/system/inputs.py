@@ -120,7 +120,7 @@ def read_inputs(
         read = parquet.read_table if path.suffix == ".parquet" else csv.read_csv
         columns = _columns(read(path))
     if "time" not in columns:
-        raise GraphError(f"{path}: it has no column time; {_TABLE.mend}")
+        raise GraphError(f"{path}: it has no column time; {_TABLE.fix}")
     time_s = columns.pop("time")
     found: dict[str, Series] = {}
     for column, values in columns.items():

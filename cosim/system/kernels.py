@@ -5,9 +5,8 @@ with Jacobi all get the outputs before the step. Methods of second order have in
 already. Time is an integer number of ticks.
 """
 
+import math
 from typing import NamedTuple
-
-import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.fmi.abi import (
@@ -172,10 +171,10 @@ def find_nan(t: Tables, m: Memory) -> int:
     """Number of the first component with an output that is NaN, -1 if there is none."""
     for c in range(t.components.shape[0]):
         for k in range(t.components[c, FIRST_REAL], t.components[c, END_REAL]):
-            if np.isnan(m.f8[k]):
+            if math.isnan(m.f8[k]):
                 return c
         for k in range(t.components[c, FIRST_SINGLE], t.components[c, END_SINGLE]):
-            if np.isnan(m.f4[k]):
+            if math.isnan(m.f4[k]):
                 return c
     return -1
 

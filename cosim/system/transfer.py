@@ -1,6 +1,6 @@
 """Values passed on, compiled: from outputs to inputs in the block, and between it and FMUs."""
 
-import numpy as np
+import math
 
 from cosim.base.jit import inlined
 from cosim.fmi.abi import FMI_OK, exchange_2, exchange_3
@@ -84,11 +84,11 @@ def copy(t: Tables, m: Memory, first: int, end: int) -> bool:
         for i in range(t.copies[k, NUMBER]):
             if kind == 0 and to == 0 and not scaled:
                 value = m.f8[source + i]
-                wrong |= np.isnan(value)
+                wrong |= math.isnan(value)
                 m.f8[target + i] = value
             elif to <= 1:
                 value = _float(m, kind, source + i)
-                wrong |= np.isnan(value)
+                wrong |= math.isnan(value)
                 if scaled:
                     value = t.scales[k, 0] * value + t.scales[k, 1]
                 if to == 0:
