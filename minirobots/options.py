@@ -138,7 +138,7 @@ class NewFolder(CommandOptions):
 
     @property
     def subject(self) -> str:
-        """What the results are of."""
+        """Return what the results are of."""
         return find_scenario(vars(self)["scenario"]).name
 
     @cached_property

@@ -37,7 +37,7 @@ Config = PolicyConfig | NetworkConfig
 def config_of(
     learner: Learner, scenario: Scenario, seed: int, quick: bool, progress: Progress
 ) -> Config:
-    """What a learner is trained with.
+    """Return what a learner is trained with.
 
     Args:
         learner: by name.

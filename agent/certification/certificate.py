@@ -178,7 +178,7 @@ def known(
 def decide(
     claim: Claim, test: SequentialTest, results: Mapping[int, EpisodeResult]
 ) -> ClaimDecision:
-    """What episodes in their order have decided."""
+    """Return what episodes in their order have decided."""
     return test.decide(result.outcome in claim.against for result in results.values())
 
 

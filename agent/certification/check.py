@@ -154,7 +154,7 @@ def _found(rows: int, sample: int) -> float:
 
 
 def _invented(case: Case, results: Mapping[int, EpisodeResult]) -> Iterator[str]:
-    """What shows without any simulation that results are none of the case."""
+    """Return what shows without any simulation that results are none of the case."""
     moved = [k for k, result in results.items() if result.starts != case.start_cells(k)]
     if moved:
         yield f"{len(moved)} episodes begin elsewhere than their index says, as episode {moved[0]}"

@@ -34,7 +34,7 @@ def split(
     levels: int,
     simulate: Callable[[Sequence[Branch]], Iterable[tuple[Branch, Entrances, int]]],
 ) -> np.ndarray:
-    """How probable the levels are, root by root.
+    """Return how probable the levels are, root by root.
 
     Args:
         roots: numbers of independent episodes.

@@ -112,5 +112,5 @@ class DoubleQ:
         self._kept += len(moving)
 
     def network(self) -> Network:
-        """What it has learnt so far."""
+        """Return what it has learnt so far."""
         return network_of(self._state[0])

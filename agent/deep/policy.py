@@ -52,7 +52,7 @@ class Network(NamedTuple):
     b3: np.ndarray
 
     def fits(self, inputs: Inputs) -> bool:
-        """Whether the shapes are those of a network for these inputs."""
+        """Return whether the shapes are those of a network for these inputs."""
         hidden = len(self.b1)
         shapes = [(inputs.first[-1], hidden), (hidden,), (hidden, hidden), (hidden,)]
         shapes += [(hidden, DIRECTION_COUNT), (DIRECTION_COUNT,)]
@@ -132,7 +132,7 @@ class NetworkPolicy(GreedyPolicy):
 
     @cached_property
     def inputs(self) -> Inputs:
-        """How its inputs are numbered."""
+        """Return how its inputs are numbered."""
         return Inputs.of(self.config.scenario, self.process)
 
     def _values(self, cells: np.ndarray) -> np.ndarray:
@@ -192,7 +192,7 @@ class NetworkPolicy(GreedyPolicy):
         return digest_of(self.config.process, *self.network)
 
     def maps(self) -> list[PolicyMap]:
-        """What the network says to each robot of each cell while all others have arrived."""
+        """Return what the network says to each robot of each cell while all others have arrived."""
         scenario = self.config.scenario
         columns, rows = scenario.columns, scenario.rows
         targets = np.array(scenario.targets)

@@ -126,5 +126,5 @@ class Ppo:
         return moves
 
     def network(self) -> Network:
-        """What it has learnt so far."""
+        """Return what it has learnt so far."""
         return network_of(self.actor.state_dict.params)

@@ -41,7 +41,7 @@ def minus_distances_alone(process: Process, _: float) -> np.ndarray:
 
 
 def values_alone(process: Process, gamma: float) -> np.ndarray:
-    """What Eq. (8) gives a robot that takes the fewest moves as if it were alone."""
+    """Return what Eq. (8) gives a robot that takes the fewest moves as if it were alone."""
     steps = _reachable(steps_alone(process)).astype(int)
     values = np.zeros(steps.max() + 1)
     for k in range(1, len(values)):

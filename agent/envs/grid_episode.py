@@ -240,7 +240,7 @@ def free_directions(process: Process) -> np.ndarray:
 
 
 def direction_error(action: Any, whose: str = "") -> ActionError:
-    """What is said of an action that is no direction."""
+    """Return what is said of an action that is no direction."""
     last = DIRECTION_COUNT - 1
     return ActionError(f"action {action!r}{whose} is no direction; choose one from 0 to {last}")
 

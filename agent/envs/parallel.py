@@ -44,7 +44,7 @@ def require_actions(actions: Collection[str], active: list[str], possible: list[
 
 
 def episode_info(episode: EnvEpisode, robot: int, *, names: bool) -> dict[str, Any]:
-    """What environments say about an episode in addition to the observation.
+    """Return what environments say about an episode in addition to the observation.
 
     Args:
         episode: that goes on or has ended.

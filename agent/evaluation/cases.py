@@ -107,7 +107,7 @@ class Case:
 
     @cached_property
     def identity(self) -> CaseIdentity:
-        """What decides the result of every episode."""
+        """Return what decides the result of every episode."""
         policy = self.policy
         return CaseIdentity(
             scenario=policy.config.scenario.name,
@@ -166,7 +166,7 @@ class Job:
         return self.case.digest, self.index
 
     def task(self) -> Task:
-        """What to simulate."""
+        """Return what to simulate."""
         case, path, config = self.case, self.recording, self.case.config_of(self.index)
         return Task(
             case.policy.config.scenario,

@@ -130,6 +130,6 @@ def run_experiment(
 
 
 def _variant_result(label: str, scenario: str, report: GridReport) -> VariantResult:
-    """What is kept of the report on a variant's runs: no single failures."""
+    """Return what is kept of the report on a variant's runs: no single failures."""
     rows = msgspec.convert(report.policies, tuple[PolicyMeasures, ...], from_attributes=True)
     return VariantResult(label, scenario, rows, report.over_policies[scenario])

@@ -36,7 +36,7 @@ def gap_cm(result: EpisodeResult, scenario: Scenario) -> float:
 
 
 def cost(result: EpisodeResult, scenario: Scenario, objective: Sought) -> float:
-    """What a search minimises: the gap in cm, or the time in s with its sign changed."""
+    """Return what a search minimises: the gap in cm, or the time in s with its sign changed."""
     return gap_cm(result, scenario) if objective == "gap" else -result.sim_time_s
 
 
@@ -99,7 +99,7 @@ class ReplayReport(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def failing(self) -> int:
-        """How many cases fail now."""
+        """Return how many cases fail now."""
         return sum(case.fails for case in self.now)
 
 

@@ -52,7 +52,7 @@ class SearchedCase(Case):
 
     @cached_property
     def identity(self) -> CaseIdentity:
-        """What decides the result of every episode, the search too."""
+        """Return what decides the result of every episode, the search too."""
         own = super().identity
         searched = {
             "search": self.search,

@@ -145,7 +145,7 @@ class Space:
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
-        """What each coordinate of a vector stands for, such as "start of r1"."""
+        """Return what each coordinate of a vector stands for, such as "start of r1"."""
         several = [r for r, c in zip(self._robots, self._chains, strict=True) if len(c) > 1]
         of = {START: several, PHASE: self._motors}
         searched = [name for name in NAMES if len(set(self.ranges.get(name, (0.0,)))) > 1]

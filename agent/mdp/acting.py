@@ -25,7 +25,7 @@ from cosim.onboard.features import AXIS_COUNT, Observation
 
 @kernel
 def on_grid(process: Process, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
-    """What robots see, as a world of the grid and as rows of their tables.
+    """Return what robots see, as a world of the grid and as rows of their tables.
 
     Args:
         process: the decision process.

@@ -58,11 +58,11 @@ class GreedyPolicy(ABC):
 
     @abstractmethod
     def maps(self) -> list[PolicyMap]:
-        """What each robot thinks of the cells of the board, for pictures."""
+        """Return what each robot thinks of the cells of the board, for pictures."""
 
     @abstractmethod
     def arrays(self) -> dict[str, np.ndarray]:
-        """What its file holds besides the configuration, by name."""
+        """Return what its file holds besides the configuration, by name."""
 
     def save(self, path: Path | str) -> None:
         """Write `path` (.npz) and its configuration next to it (.json), each whole or not at all.

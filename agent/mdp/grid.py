@@ -138,7 +138,7 @@ def touched_between(world: np.ndarray, i: int, j: int, contact: int) -> bool:
 
 @inlined
 def grazed_a_corner(process: Process, world: np.ndarray, i: int) -> bool:
-    """Whether robot i touched an obstacle in the middle of its last move.
+    """Return whether robot i touched an obstacle in the middle of its last move.
 
     Only in a diagonal one: all others are closest at an end, which the terrain shows.
     """

@@ -203,7 +203,7 @@ def _roundabout(process: Process) -> tuple[np.ndarray, np.ndarray]:
 def _tables_alone(
     after: np.ndarray, costs: np.ndarray, value: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What `computed_tables` returns, of robots alone."""
+    """Return what `computed_tables` returns, of robots alone."""
     free = (value > 0.0) & (value < np.inf)
     reached = costs + np.take_along_axis(value[:, None], after, axis=2)
     possible = free[..., None] & (after != BLOCKED) & (reached < np.inf)

@@ -70,7 +70,7 @@ def stand(model: MoveModel, world: np.ndarray, plans: np.ndarray, random: np.nda
 
 @inlined
 def waits(plans: np.ndarray, i: int) -> bool:
-    """Whether robot i has ended its move."""
+    """Return whether robot i has ended its move."""
     return plans[i, ELAPSED_S] >= plans[i, DURATION_S]
 
 
@@ -151,7 +151,7 @@ def _is_forbidden(process: Process, i: int, x: float, y: float, to_x: float, to_
 
 @inlined
 def _touch(process: Process, model: MoveModel, world: np.ndarray, plans: np.ndarray) -> bool:
-    """Whether robots touch each other or obstacles; those that had not arrived are HIT."""
+    """Return whether robots touch each other or obstacles; those that had not arrived are HIT."""
     touched = False
     for i in range(world.shape[0]):
         if world[i, STATUS] == MOVING and touches_obstacle(
@@ -172,7 +172,7 @@ def _touch(process: Process, model: MoveModel, world: np.ndarray, plans: np.ndar
 
 @inlined
 def _near(model: MoveModel, plans: np.ndarray) -> bool:
-    """Whether any two robots could touch within the RL steps that pass at once."""
+    """Return whether any two robots could touch within the RL steps that pass at once."""
     for i in range(plans.shape[0]):
         for j in range(i):
             dx = plans[i, AT_X] - plans[j, AT_X]

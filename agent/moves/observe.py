@@ -54,7 +54,7 @@ class _Walker:
 
     @property
     def done(self) -> bool:
-        """Whether every kind was seen often enough."""
+        """Return whether every kind was seen often enough."""
         return bool((self._seen >= self._target).all())
 
     def choose(self, seen: Observation) -> np.ndarray:
@@ -204,7 +204,7 @@ def observe_moves(
 
 
 def moves_path(config: CoSimConfig, fmu: Path, worlds: Ranges | None = None) -> Path:
-    """Where the cache keeps the moves of these parameters and this FMU."""
+    """Return where the cache keeps the moves of these parameters and this FMU."""
     code = code_digest(__name__)
     return cache_dir("moves") / f"{source_digest(config, fmu, worlds)}-{code}.json"
 

@@ -68,7 +68,7 @@ def _nearest(p: int, q: int, p_after: int, q_after: int, rows: int) -> float:
 
 @inlined
 def _keeps_apart(p: int, q: int, p_after: int, q_after: int, rows: int) -> bool:
-    """Whether two robots may move from cells p and q at once.
+    """Return whether two robots may move from cells p and q at once.
 
     They keep `KEPT_CELLS`, or where they are nearer already move apart.
     """
@@ -82,7 +82,7 @@ def _keeps_apart(p: int, q: int, p_after: int, q_after: int, rows: int) -> bool:
 
 @inlined
 def _choices(after: np.ndarray, i: int, cell: int) -> int:
-    """How many moves robot i has in a cell: one, to stay, where it is parked."""
+    """Return how many moves robot i has in a cell: one, to stay, where it is parked."""
     return 1 if after[i, cell, 0] == cell else DIRECTION_COUNT
 
 

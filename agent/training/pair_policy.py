@@ -49,7 +49,7 @@ class PairPolicy(GreedyPolicy):
 
     @cached_property
     def times(self) -> PairTimes:
-        """What moves are chosen by."""
+        """Return what moves are chosen by."""
         assert self.config.moves is not None
         return moves_of_pair(self.process, self.config.moves)._replace(delay=self.delay)
 

@@ -163,7 +163,7 @@ class Policy(GreedyPolicy):
         return digest_of(self.config.process, self.values)
 
     def maps(self) -> list[PolicyMap]:
-        """What each robot's table says of the cells of the board, for pictures."""
+        """Return what each robot's table says of the cells of the board, for pictures."""
         tables = zip(self.values, self.visits, strict=True)
         return [cell_map(self.process, values, visits) for values, visits in tables]
 

@@ -39,7 +39,7 @@ def config_digest(config: PolicyConfig) -> str:
 
 
 def policy_folder(config: PolicyConfig) -> Path:
-    """Where the cache keeps the policy of a configuration."""
+    """Return where the cache keeps the policy of a configuration."""
     return cache_dir("policies") / f"{config.scenario.name}-{config_digest(config)}"
 
 

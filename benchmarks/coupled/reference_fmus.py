@@ -125,7 +125,7 @@ def _compared(
 
 
 def _passed_on(fmus: dict[tuple[str, int], Path], source: int, target: int) -> dict[str, Any]:
-    """Whether Feedthrough puts out what Stair and Van der Pol put out, a step later."""
+    """Return whether Feedthrough puts out what Stair and Van der Pol put out, a step later."""
     components = [
         Component("stair", fmus["Stair", source]),
         Component("van_der_pol", fmus["VanDerPol", source]),

@@ -168,7 +168,7 @@ def _library() -> bytes:
 
 
 def source_key(sources: Iterable[Path]) -> str:
-    """What names a library in the cache: a hash of its sources and its compiler."""
+    """Return what names a library in the cache: a hash of its sources and its compiler."""
     found = hashlib.sha256(repr((compiler_version(), FLAGS)).encode())
     for source in sources:
         found.update(source.read_bytes())

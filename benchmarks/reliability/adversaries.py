@@ -237,7 +237,7 @@ def measure(
     jobs: int,
     out: Path,
 ) -> dict[str, Any]:
-    """What the adversaries achieve against the shield and, in fewer episodes, without it."""
+    """Return what the adversaries achieve against the shield and, in fewer episodes, without it."""
     rows = []
     for shield, count in ((False, unshielded), (True, episodes)):
         blocks = attack(count, kinds, robots, shield, world, jobs, out)

@@ -45,7 +45,7 @@ class Place(NamedTuple):
 
     @property
     def number(self) -> int:
-        """How many values there are."""
+        """Return how many values there are."""
         return int(np.prod(self.shape))
 
     @property

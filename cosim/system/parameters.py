@@ -50,7 +50,7 @@ def children(element: Element, *path: str) -> Iterator[Element]:
 
 
 def is_true(element: Element, attribute: str) -> bool:
-    """Whether an attribute of type Boolean is true; by default it is not."""
+    """Return whether an attribute of type Boolean is true; by default it is not."""
     return element.get(attribute, "false") in _TRUE
 
 

@@ -265,7 +265,7 @@ class _Reader:
                         given[name] = value._replace(unit=None)
 
     def _through(self, wire: _Wire, target: Connector) -> tuple[_Signal | None, _Signal | None]:
-        """What arrives at the target of a wire."""
+        """Return what arrives at the target of a wire."""
         flow = held = None
         if wire.source[0] not in self._components:
             flow, held = self._arriving(wire.source)
@@ -290,7 +290,7 @@ class _Reader:
         return fmu and unit_use(fmu.variables[connector[1]], fmu.description)
 
     def _arriving(self, connector: Connector) -> tuple[_Signal | None, _Signal | None]:
-        """What arrives at a connector of a system, whose wires are followed backwards."""
+        """Return what arrives at a connector of a system, whose wires are followed backwards."""
         chain: dict[Connector, None] = {}
         at = connector
         while at not in self._signals and at[0] not in self._components:

@@ -39,7 +39,7 @@ class Experiments(NewFolder):
 
     @property
     def subject(self) -> str:
-        """What the results are of."""
+        """Return what the results are of."""
         return self.experiment
 
 

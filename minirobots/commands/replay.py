@@ -175,5 +175,5 @@ def show(_: Replay, compared: Comparison) -> Comparison:
 
 
 def failed(compared: Comparison) -> bool:
-    """Whether anything differs."""
+    """Return whether anything differs."""
     return bool(compared.differences)
