@@ -6,12 +6,16 @@ import tokenize
 from collections import Counter, defaultdict
 from pathlib import Path
 
+import gymnasium
+
+import agent.envs  # noqa: F401 - which registers them
 from agent.training.settings import FACTS, METHODS
 from analysis.figures import fig07
 from analysis.motor.options import StepTest
 from analysis.motor.step_test import record
 from analysis.reading.motor_test import read
 from analysis.reading.results import FIGURES
+from cosim.model.built_in import BUILT_IN
 from minirobots.__main__ import purposes
 
 ROOT = Path(__file__).parents[1]
@@ -135,7 +139,7 @@ def test_prose_is_plain_english():
     found = [
         f"{path.relative_to(ROOT)}: {line.strip()}"
         for path in pages + code
-        if path.name not in {"CHANGELOG.md", "built_in.py"}  # titles are a part of scenarios
+        if path.name not in {"CHANGELOG.md", "built_in.py", "gallery.md"}  # titles of scenarios
         for line in path.read_text("utf-8").splitlines()
         if IDIOMS.search(line)
     ]
@@ -155,3 +159,12 @@ def test_every_page_says_first_what_it_is_for():
     assert [n for n, text in lines.items() if not text[2].startswith("For ") or text[1]] == []
     site = (ROOT / "mkdocs.yml").read_text("utf-8")
     assert [path.name for path in pages if f": {path.name}" not in site] == []
+
+
+def test_gallery_has_every_scenario():
+    page = (ROOT / "docs" / "gallery.md").read_text("utf-8")
+    rows = [f"| `{name}` | {s.title} |" for name, s in BUILT_IN.items() if "-zone" not in name]
+    assert [row for row in rows if row not in page] == []
+    assert [
+        spec for spec in gymnasium.registry if "MiniRobots" in spec and spec[-9:] not in page
+    ] == []
