@@ -1,7 +1,7 @@
 """Many boards of the decision process, stepped by one compiled loop into arrays that are kept.
 
 What `agent.envs.vector` and `agent.envs.parallel_vector` share; neither adds anything to the
-process. Every board has the bits of an `agent.envs.grid_episode.GridEpisode` with the same seed.
+process. An episode of one environment is one such board, with the same bits.
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ import numpy as np
 
 from agent.envs.grid_episode import (
     StartsError,
+    free_directions,
     known_options,
     observed_columns,
     place_checked,
@@ -31,7 +32,7 @@ from agent.mdp.grid import (
     place_randomly,
     slipped,
 )
-from agent.mdp.readings import Process, build_process
+from agent.mdp.readings import Process, build_process, feature_sizes
 from agent.mdp.rng import seeded_state
 from cosim.base.arguments import ConfigError, taken
 from cosim.base.errors import shown
@@ -209,6 +210,86 @@ class Boards(Restorable):
     def positions_m(self) -> np.ndarray:
         """(K, N, 2) float64, centres of the robots' cells."""
         return (self.arrays.worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
+
+
+class GridEpisode(Restorable):
+    """An episode on the grid, see `EnvEpisode`.
+
+    Raises:
+        ScenarioError: the scenario cannot be used with these readings.
+    """
+
+    reset_options = ("starts",)
+    _mutable = ("_boards",)
+
+    def __init__(self, scenario: Scenario, config: ProcessConfig | None = None) -> None:
+        config = config or ProcessConfig()
+        self._boards = Boards(1, scenario, config)
+        self.scenario, self.process = scenario, self._boards.process
+        self.sizes = tuple(feature_sizes(scenario, config).values())
+        self._free = free_directions(self.process)
+        self.seed(None)
+
+    @property
+    def world(self) -> np.ndarray:
+        """(N, COLUMN_COUNT) int64, see `agent.mdp.grid`."""
+        return self._boards.arrays.worlds[0]
+
+    @property
+    def rewards(self) -> np.ndarray:
+        """(N,) float64, of the last step."""
+        return self._boards.arrays.rewards[0]
+
+    @property
+    def outcome(self) -> int:
+        """Rank of the outcome."""
+        return int(self._boards.arrays.outcomes[0])
+
+    @property
+    def status(self) -> np.ndarray:
+        """(N,) int64, status of each robot."""
+        return self.world[:, STATUS]
+
+    @property
+    def active(self) -> np.ndarray:
+        """(N,) bool, robots that move."""
+        return self._boards.arrays.active[0].copy()
+
+    def seed(self, seed: int | None) -> None:
+        """Seed the generator of start cells and slips; with entropy if None."""
+        self._boards.arrays.random[0] = seeded_state(seed)
+
+    def reset(self, starts: np.ndarray | None = None) -> None:
+        """Begin an episode.
+
+        Raises:
+            StartsError: start cells are off the board, blocked or in contact.
+        """
+        cells = None if starts is None else whole_cells(starts, (len(self.world), 2))
+        self._boards.reset(None if cells is None else {"starts": cells[None]})
+
+    def step(self, actions: np.ndarray) -> None:
+        """One move of every robot that moves."""
+        self._boards.step(np.array(actions, dtype=np.int64)[None])
+
+    def observation(self) -> np.ndarray:
+        """(N, features) int64; a robot that left the board seems to be at its edge."""
+        return self._boards.arrays.observations[0].copy()
+
+    def path_length_cm(self) -> np.ndarray:
+        """(N,) float64."""
+        return self._boards.path_length_cm()[0]
+
+    def action_mask(self, robot: int) -> np.ndarray:
+        """(8,) int8, see `free_directions`."""
+        return self._free[robot, self.world[robot, X] + 1, self.world[robot, Y] + 1].copy()
+
+    def positions_m(self) -> np.ndarray:
+        """(N, 2) float64, centres of the robots' cells."""
+        return self._boards.positions_m()[0]
+
+    def close(self) -> None:
+        """Nothing to free."""
 
 
 def reset_options(

@@ -1,45 +1,31 @@
-"""One episode of the decision process, as environments step it: the kernels of the grid.
+"""What environments need of an episode, on the grid and in the dynamics, and what both refuse.
 
-`EnvEpisode` is what environments need of a world; this module has the grid, the full co-simulation
-is `agent.envs.cosim_episode`. Spaces, agents' names and pictures are the environments'.
+The grid is `agent.envs.boards`, the full co-simulation `agent.envs.cosim_episode`. Spaces, agents'
+names and pictures are the environments'.
 """
 
-import math
 from typing import Any, Protocol
 
 import numpy as np
 
-from agent.envs.state import Restorable
-from agent.mdp.config import ProcessConfig, refuse_without_effect
+from agent.mdp.config import ProcessConfig
 from agent.mdp.grid import (
     AXIS,
     BEARING,
     CLASS,
-    COLUMN_COUNT,
-    MOVING,
     PARTNER,
     SIGN,
-    STATUS,
-    VX,
-    VY,
     X,
     Y,
-    move,
     place,
-    place_randomly,
-    slipped,
 )
-from agent.mdp.readings import FREE, GOAL, Process, build_process, feature_sizes
-from agent.mdp.rng import seeded_state
+from agent.mdp.readings import FREE, GOAL, Process, feature_sizes
 from cosim.base.arguments import taken
 from cosim.base.errors import UserError
-from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
-
-_LENGTHS = (0.0, 1.0, math.sqrt(2.0))  # of a move over so many rows and columns
 
 
 class StartsError(UserError, ValueError):
@@ -119,103 +105,6 @@ class EnvEpisode(Protocol):
     def set_state(self, state: dict[str, Any]) -> None:
         """See `agent.envs.state.Restorable`."""
         ...
-
-
-class GridEpisode(Restorable):
-    """An episode on the grid, see `EnvEpisode`.
-
-    Raises:
-        ScenarioError: the scenario cannot be used with these readings.
-    """
-
-    reset_options = ("starts",)
-    _mutable = ("world", "rewards", "outcome", "_random", "_steps", "_path_cells")
-
-    def __init__(self, scenario: Scenario, config: ProcessConfig | None = None) -> None:
-        config = config or ProcessConfig()
-        refuse_without_effect(config, "environments on the grid")
-        self.scenario = scenario
-        self.process = build_process(scenario, config)
-        self.sizes = tuple(feature_sizes(scenario, config).values())
-        self._features = observed_columns(scenario, config)
-        self._free = free_directions(self.process)
-        n = scenario.robots
-        self.world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
-        self.rewards = np.zeros(n)
-        self.outcome = TIMEOUT  # none is running yet
-        self._cells = np.zeros((n, 2), dtype=np.int64)
-        self._float_rewards = np.zeros(n, dtype=np.float32)
-        self._slips = config.slip_probability > 0.0
-        self._steps, self._path_cells = 0, [0.0] * n
-        self.seed(None)
-
-    @property
-    def status(self) -> np.ndarray:
-        """(N,) int64, status of each robot."""
-        return self.world[:, STATUS]
-
-    @property
-    def active(self) -> np.ndarray:
-        """(N,) bool, robots that move."""
-        return (self.status == MOVING) & (self.outcome == RUNNING)
-
-    def seed(self, seed: int | None) -> None:
-        """Seed the generator of start cells and slips; with entropy if None."""
-        self._random = seeded_state(seed)
-
-    def reset(self, starts: np.ndarray | None = None) -> None:
-        """Begin an episode.
-
-        Raises:
-            StartsError: start cells are off the board, blocked or in contact.
-        """
-        if starts is None:
-            place_randomly(self.process, self.world, self._cells, self._random)
-        else:
-            place_checked(self.process, self.world, starts)
-        self.outcome = RUNNING
-        self.rewards[:] = 0.0
-        self._steps = 0
-        self._path_cells = [0.0] * len(self.world)
-
-    def step(self, actions: np.ndarray) -> None:
-        """One move of every robot that moves."""
-        executed = np.array(actions, dtype=np.int64)
-        if self._slips:
-            for i in np.flatnonzero(self.world[:, STATUS] == MOVING):
-                executed[i] = slipped(self.process, executed[i], self._random)
-        outcome = move(self.process, self.world, executed, self._float_rewards)
-        self._steps += 1
-        if outcome == RUNNING and self._steps == self.process.step_limit:
-            outcome = TIMEOUT
-        self.outcome = outcome
-        self.rewards[:] = self._float_rewards
-        for i, row in enumerate(self.world.tolist()):
-            # plain numbers: for a robot or two numpy would take longer than the move itself
-            self._path_cells[i] += _LENGTHS[abs(row[VX]) + abs(row[VY])]
-
-    def observation(self) -> np.ndarray:
-        """(N, features) int64; a robot that left the board seems to be at its edge."""
-        rows = [
-            [min(max(row[column] + shift, 0), last) for column, shift, last in self._features]
-            for row in self.world.tolist()
-        ]
-        return np.array(rows, dtype=np.int64)
-
-    def path_length_cm(self) -> np.ndarray:
-        """(N,) float64."""
-        return 100.0 * self.scenario.cell_m * np.array(self._path_cells)
-
-    def action_mask(self, robot: int) -> np.ndarray:
-        """(8,) int8, see `free_directions`."""
-        return self._free[robot, self.world[robot, X] + 1, self.world[robot, Y] + 1].copy()
-
-    def positions_m(self) -> np.ndarray:
-        """(N, 2) float64, centres of the robots' cells."""
-        return (self.world[:, [X, Y]] + 0.5) * self.scenario.cell_m
-
-    def close(self) -> None:
-        """Nothing to free."""
 
 
 def observed_columns(scenario: Scenario, config: ProcessConfig) -> list[tuple[int, int, int]]:

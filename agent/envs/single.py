@@ -8,10 +8,10 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
+from agent.envs.boards import GridEpisode
 from agent.envs.grid_episode import (
     ActionError,
     EnvEpisode,
-    GridEpisode,
     direction_error,
     known_options,
 )

@@ -5,7 +5,6 @@ import functools
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeVar
 
 if TYPE_CHECKING:
@@ -131,19 +130,3 @@ def showing(call: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
             return call(*args, **options)
 
     return shown
-
-
-@contextlib.contextmanager
-def resumable_bars(folder: Path, kept: str = "episodes") -> Iterator[Progress]:
-    """`progress_bars` of a command that resumes after an interrupt, and says so then.
-
-    Args:
-        folder: of the results.
-        kept: what the folder holds.
-    """
-    try:
-        with progress_bars() as progress:
-            yield progress
-    except KeyboardInterrupt:
-        print(f"{kept} so far are in {folder}/; the same command resumes", file=sys.stderr)
-        raise
