@@ -12,8 +12,10 @@ import tyro
 
 from cosim.base.command import Json, require_at_least, workers
 from cosim.base.errors import UserError
+from cosim.base.jobs import Workers
 from cosim.fmi.isolation import Isolation
 from cosim.model.scenario_file import find_scenario
+from cosim.simulation.options import SimulationOptions
 
 
 class Check(NamedTuple):
@@ -125,6 +127,22 @@ class IsolatedOptions(CommandOptions):
         """FMU that is not built in, or archive of such, if any."""
         options: Any = getattr(self, "physics", self)
         return options.motor_fmu
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulating(IsolatedOptions):
+    """Options of a command that simulates episodes."""
+
+    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=SimulationOptions
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distributed(CommandOptions):
+    """Options of a command whose jobs other processes and machines can compute."""
+
+    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
 
 
 @dataclass(frozen=True, kw_only=True)

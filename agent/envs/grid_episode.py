@@ -42,14 +42,20 @@ class EnvEpisode(Protocol):
     Attributes:
         scenario: board, targets and start cells.
         sizes: number of values of each feature that a robot observes.
-        outcome: RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD or TIMEOUT of `agent.mdp.grid`.
-        rewards: (N,) float64, rewards of the last step.
     """
 
     scenario: Scenario
     sizes: tuple[int, ...]
-    outcome: int
-    rewards: np.ndarray
+
+    @property
+    def outcome(self) -> int:
+        """RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD or TIMEOUT of `agent.mdp.grid`."""
+        ...
+
+    @property
+    def rewards(self) -> np.ndarray:
+        """(N,) float64, rewards of the last step."""
+        ...
 
     @property
     def reset_options(self) -> tuple[str, ...]:

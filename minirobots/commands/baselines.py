@@ -1,16 +1,13 @@
 """What learners achieve on the same boards, and at what price."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
+from typing import TYPE_CHECKING
 
 from agent.baselines import LEARNERS, NETWORKS, Learner
 from cosim.base.errors import UserError
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
-from minirobots.options import BudgetMinutes, Count, Folder, Resumable
+from minirobots.options import BudgetMinutes, Count, Distributed, Folder, Resumable
 
 if TYPE_CHECKING:
     from agent.baselines.table import BaselinesReport
@@ -20,7 +17,7 @@ _LAST_SEED = 4_000_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Baselines(Resumable):
+class Baselines(Distributed, Resumable):
     """Compare learners on the same boards: success, paths and times over the optimum, and effort.
 
     Tables by the paper's Q-learning and by double Q-learning, on observed moves (moves, prompt),
@@ -44,7 +41,6 @@ class Baselines(Resumable):
     episodes: Count | None = None
     """Episodes in the dynamics of every training, 8 by default."""
     budget_minutes: BudgetMinutes = None
-    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,6 +1,6 @@
 """A claim about a policy, certified or refused with a declared confidence."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -9,17 +9,17 @@ import tyro
 from agent.certification.claims import LEAST_CONFIDENCE, USUAL_CONFIDENCE, parse_claim
 from cosim.base.command import require_falling
 from cosim.base.errors import UserError
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
 from cosim.simulation.options import SimulationOptions
 from minirobots.options import (
     BudgetMinutes,
     Count,
+    Distributed,
     File,
     Folder,
-    IsolatedOptions,
     Resumable,
     Seed,
+    Simulating,
 )
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _OF = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Certify(IsolatedOptions, Resumable):
+class Certify(Distributed, Simulating, Resumable):
     """Certify or refuse a claim about a policy in the dynamics, such as 'collision < 1e-3'.
 
     Episodes go round all starts, each with noise of its own, until the claim is decided at the
@@ -75,10 +75,6 @@ class Certify(IsolatedOptions, Resumable):
     supersede: bool = False
     """Replace the certificate of another attempt in --out; the new certificate lists it."""
     seed: Seed = 0
-    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
-    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
-        default_factory=SimulationOptions
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,23 +1,28 @@
 """What policies achieve in the full dynamics, start by start, with intervals."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
-from cosim.simulation.options import SimulationOptions
-from minirobots.options import Folder, IsolatedOptions, NotNegative, Resumable, Seed
+from minirobots.options import (
+    Distributed,
+    Folder,
+    NotNegative,
+    Resumable,
+    Seed,
+    Simulating,
+)
 
 if TYPE_CHECKING:
     from agent.study.evaluate import EvaluationReport
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(IsolatedOptions, Resumable):
+class Evaluate(Distributed, Simulating, Resumable):
     """Evaluate policies in the full co-simulation: motors, friction, noise, decisions every 2 s.
 
     Every start, or a sample drawn with the seed, gives one episode; rates have 95 % Wilson
@@ -42,10 +47,6 @@ class Evaluate(IsolatedOptions, Resumable):
     """Folder of results and recordings; results of other configurations are kept apart in it."""
     recordings: NotNegative = 3
     """Episodes of each policy to record: at most this number of failures and of successes."""
-    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
-    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
-        default_factory=SimulationOptions
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

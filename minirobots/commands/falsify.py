@@ -1,17 +1,23 @@
 """The worst episodes of a policy, searched for."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
-
-import tyro
+from typing import TYPE_CHECKING, TypeAlias
 
 from agent.falsification.search import SearchName, Sought
 from cosim.base.arguments import ConfigError
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
 from cosim.simulation.options import SimulationOptions
-from minirobots.options import Count, File, Folder, IsolatedOptions, NotNegative, Resumable, Seed
+from minirobots.options import (
+    Count,
+    Distributed,
+    File,
+    Folder,
+    NotNegative,
+    Resumable,
+    Seed,
+    Simulating,
+)
 
 if TYPE_CHECKING:
     from agent.falsification.found import ReplayReport
@@ -19,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Falsify(IsolatedOptions, Resumable):
+class Falsify(Distributed, Simulating, Resumable):
     """Search the worst episodes of a policy in the full co-simulation, within declared ranges.
 
     Starts, initial phases of the motors and seeds of the noise are searched, and what --ranges
@@ -50,10 +56,6 @@ class Falsify(IsolatedOptions, Resumable):
     replay: File | None = None
     """Instead of a search, simulate the cases of a cases.json with the policy again and say which
     still fail; the exit status is 1 if one does."""
-    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
-    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
-        default_factory=SimulationOptions
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

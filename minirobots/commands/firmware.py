@@ -1,14 +1,12 @@
 """A policy and its steering as C for a microcontroller."""
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any
-
-import tyro
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from cosim.base.progress import Progress, under_way
 from cosim.model.config import ConfigError
 from cosim.simulation.options import SimulationOptions, resolve
-from minirobots.options import File, Folder, IsolatedOptions
+from minirobots.options import File, Folder, Simulating
 
 if TYPE_CHECKING:
     from agent.firmware.build import FirmwareSize
@@ -18,7 +16,7 @@ _OF_EPISODES = ("on_collision", "time_limit")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Firmware(IsolatedOptions):
+class Firmware(Simulating):
     """Write a policy, the steering and the motors' speed loops as C99 for a microcontroller.
 
     Without heap and C library; set points and actions are those of the co-simulation in every bit
@@ -30,9 +28,6 @@ class Firmware(IsolatedOptions):
     """Policy that acts by tables (policy.npz)."""
     out: Folder
     """Folder that receives the sources; made if missing."""
-    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
-        default_factory=SimulationOptions
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,25 +1,22 @@
 """How policies succeed in worlds that are not ideal."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
+from typing import TYPE_CHECKING
 
 from agent.study.axes import AXES, Axis
 from agent.training.settings import IN_WORLDS, Method
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError, require_one_of
 from cosim.model.scenario_file import ROUGH, find_scenario, read_world
-from minirobots.options import BudgetMinutes, Count, File, Folder, Resumable, Seed
+from minirobots.options import BudgetMinutes, Count, Distributed, File, Folder, Resumable, Seed
 
 if TYPE_CHECKING:
     from agent.study.robustness import RobustnessReport
 
 
 @dataclass(frozen=True, kw_only=True)
-class Robustness(Resumable):
+class Robustness(Distributed, Resumable):
     """Measure how policies succeed in worlds that none of them was trained for.
 
     One thing at a time is not ideal (friction, patches, motors, camera, delay, noise, load, slope,
@@ -45,7 +42,6 @@ class Robustness(Resumable):
     methods: tuple[Method, ...] = IN_WORLDS
     """Methods to measure, of those of the default; see `minirobots run --help`."""
     seed: Seed = 0
-    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
 
     def __post_init__(self) -> None:
         super().__post_init__()

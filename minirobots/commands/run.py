@@ -1,6 +1,6 @@
 """Train, co-simulate and record episodes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,16 +11,16 @@ from cosim.base.command import workers
 from cosim.base.progress import Progress, under_way
 from cosim.model.config import ConfigError
 from cosim.recording.live import DEFAULT_VIEWER
-from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.options import resolve
 from minirobots.options import (
     Count,
     File,
-    IsolatedOptions,
     Jobs,
     NewFolder,
     NotNegative,
     ScenarioName,
     Seed,
+    Simulating,
 )
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(NewFolder, IsolatedOptions):
+class Run(NewFolder, Simulating):
     """Mini-robots learn to reach their targets, then drive there with motors, mass and friction.
 
     The agents are trained (or found in the cache if this configuration was trained before), and
@@ -85,9 +85,6 @@ class Run(NewFolder, IsolatedOptions):
     faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower);
     adaptive does so with a communication step that it adapts by rolling the FMUs back. By default
     fmpy, and compiled with --reaction or a motor FMU that hands out no samples of its outputs."""
-    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
-        default_factory=SimulationOptions
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,22 +1,21 @@
 """A study of your own: policies, scenarios, worlds and any options as axes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from cosim.base.arguments import taken
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
-from minirobots.options import BudgetMinutes, Folder, Resumable
+from minirobots.options import BudgetMinutes, Distributed, Folder, Resumable
 
 if TYPE_CHECKING:
     from agent.study.user import StudyTable
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study(Resumable):
+class Study(Distributed, Resumable):
     """Measure policies in every combination of scenarios, worlds and options of a TOML file.
 
     docs/studies.md describes the file. Every episode is kept when it ends: the same command
@@ -29,7 +28,6 @@ class Study(Resumable):
     """Folder of the tables (study.json, .md, .parquet, .png, episodes.parquet) and results; by
     default that of the file, or runs/ and its name."""
     budget_minutes: BudgetMinutes = None
-    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
 
 
 def run(options: Study, progress: Progress) -> tuple["StudyTable", Path]:

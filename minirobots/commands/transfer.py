@@ -1,25 +1,22 @@
 """How many episodes of the full dynamics succeed, by method of training."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
+from typing import TYPE_CHECKING
 
 from agent.training.settings import COMPARED, Method
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
 from cosim.model.built_in import PAPER
 from cosim.model.config import ConfigError
 from cosim.model.scenario_file import find_scenario
-from minirobots.options import BudgetMinutes, Folder, Resumable, Seed
+from minirobots.options import BudgetMinutes, Distributed, Folder, Resumable, Seed
 
 if TYPE_CHECKING:
     from agent.study.transfer import TransferReport
 
 
 @dataclass(frozen=True, kw_only=True)
-class Transfer(Resumable):
+class Transfer(Distributed, Resumable):
     """Measure how policies trained by different methods succeed in the full co-simulation.
 
     Rows are scenarios 1a to 4, methods, friction coefficients, and the shield off and on; the most
@@ -37,7 +34,6 @@ class Transfer(Resumable):
     methods: tuple[Method, ...] = COMPARED
     """Methods to measure; see `minirobots run --help`."""
     seed: Seed = 0
-    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,22 +1,19 @@
 """Simulated speeds and paths compared with published numbers of machines."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
+from typing import TYPE_CHECKING
 
 from cosim.base.command import MotorFmuFile
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress
-from minirobots.options import Folder, IsolatedOptions, Resumable, Seed
+from minirobots.options import Distributed, Folder, IsolatedOptions, Resumable, Seed
 
 if TYPE_CHECKING:
     from cosim.machine.validation.report import ValidationReport
 
 
 @dataclass(frozen=True, kw_only=True)
-class Validate(IsolatedOptions, Resumable):
+class Validate(Distributed, IsolatedOptions, Resumable):
     """Compare the simulation with published machines, each with the preset that stands for it.
 
     Speeds at their motor speeds, steps per turn, turning, closed paths driven by the clock,
@@ -29,7 +26,6 @@ class Validate(IsolatedOptions, Resumable):
     quick: bool = False
     """Two phases and two robots instead of eight each: to see that it works."""
     seed: Seed = 0
-    where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
     motor_fmu: MotorFmuFile = None
 
     def interrupted(self) -> str:
