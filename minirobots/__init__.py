@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from agent import load, train
-    from agent.certification.measurement import certify
-    from agent.falsification.measurement import falsify
+    from agent.certification.certify import certify
+    from agent.falsification.falsify import falsify
     from agent.study.user import evaluate, study
     from agent.training.policy import Policy
     from analysis import open  # noqa: A004 - to be called as minirobots.open
@@ -45,9 +45,9 @@ _MODULES = {
     "Scenario": "cosim",
     "UserError": "cosim",
     "World": "cosim",
-    "certify": "agent.certification.measurement",
+    "certify": "agent.certification.certify",
     "evaluate": "agent.study.user",
-    "falsify": "agent.falsification.measurement",
+    "falsify": "agent.falsification.falsify",
     "load": "agent",
     "open": "analysis",
     "simulate": "cosim",

@@ -18,9 +18,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from agent.certification.certify import certify_case
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import estimate_collisions
-from agent.certification.measurement import certify_case
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.outcomes import summary
 from agent.mdp.config import ProcessConfig

@@ -11,7 +11,7 @@ import gymnasium
 import agent.envs  # noqa: F401 - which registers them
 from agent.training.settings import FACTS, METHODS
 from analysis.figures import fig07
-from analysis.motor.options import StepTest
+from analysis.motor.loop_options import StepTest
 from analysis.motor.step_test import record
 from analysis.reading.motor_test import read
 from analysis.reading.results import FIGURES

@@ -2,10 +2,10 @@
 
 from typing import Literal, get_args
 
-from agent.deep import Algorithm
+from agent.deep import NetworkAlgorithm
 from agent.mdp.config import Objective
 
 Table = Literal["paper", "double_q", "moves", "prompt", Objective]
-Learner = Literal[Table, Algorithm]
-NETWORKS: tuple[Algorithm, ...] = get_args(Algorithm)
+Learner = Literal[Table, NetworkAlgorithm]
+NETWORKS: tuple[NetworkAlgorithm, ...] = get_args(NetworkAlgorithm)
 LEARNERS: tuple[Learner, ...] = get_args(Learner)

@@ -233,7 +233,7 @@ def _worst_start(starts: np.ndarray, against: np.ndarray, count: int) -> float:
 
 def code_of_certificates() -> str:
     """Hash of all code that simulates and judges."""
-    return code_digest(__name__, f"{__package__}.measurement:certify_case")
+    return code_digest(__name__, f"{__package__}.certify:certify_case")
 
 
 def covered(case: Case, episodes: int) -> CoveredStarts:

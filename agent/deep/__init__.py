@@ -5,7 +5,7 @@ from typing import Literal
 
 from cosim.base.errors import UserError
 
-Algorithm = Literal["ddqn", "ippo", "mappo"]
+NetworkAlgorithm = Literal["ddqn", "ippo", "mappo"]
 
 
 def require_learners() -> None:

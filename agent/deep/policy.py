@@ -13,7 +13,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from agent.deep import Algorithm
+from agent.deep import NetworkAlgorithm
 from agent.deep.inputs import GROUPS, Inputs, look
 from agent.envs.boards import Boards
 from agent.mdp.config import ProcessConfig
@@ -107,7 +107,7 @@ class NetworkConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     scenario: Scenario
     process: ProcessConfig
-    algorithm: Algorithm
+    algorithm: NetworkAlgorithm
     steps: int
     seed: Seed
     network: int = SCHEMA_VERSION

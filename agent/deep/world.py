@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.deep import Algorithm
+from agent.deep import NetworkAlgorithm
 from agent.deep.inputs import GROUPS, NOTHING, Inputs, look_at_boards
 from agent.envs.boards import Boards
 from agent.mdp.config import ProcessConfig
@@ -58,7 +58,7 @@ def _reachable(costs: np.ndarray) -> np.ndarray:
 _PPO = Shaping(ProcessConfig(), 0.98, minus_distances_alone)
 # Values of moves are compared with each other: they differ by some tenths, and next to the paper's
 # 100 for a target a network would not see it. Of what a robot alone would earn nothing is left.
-SHAPING: dict[Algorithm, Shaping] = {
+SHAPING: dict[NetworkAlgorithm, Shaping] = {
     "ddqn": Shaping(ProcessConfig(goal_reward=10.0), 0.95, values_alone),
     "ippo": _PPO,
     "mappo": _PPO,

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from agent.falsification.falsify import FalsificationReport
 from agent.falsification.found import FoundCase, ReplayReport
-from agent.falsification.measurement import FalsificationReport
 from cosim.base.command import show_table
 from cosim.base.table import known
 

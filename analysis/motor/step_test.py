@@ -13,7 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from analysis.motor.instance import running
-from analysis.motor.options import StepTest
+from analysis.motor.loop_options import StepTest
 from analysis.reading.motor_test import LOOPS, SIGNALS, MotorTestError, Response
 from cosim.base.arguments import require_one_of
 from cosim.coupling.fmu import MotorFmu

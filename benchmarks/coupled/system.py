@@ -27,7 +27,7 @@ from benchmarks.coupled.two_masses import (
 )
 from cosim.fmi.fmu import Fmu, FmuError, end, new_log
 from cosim.system.graph import Component
-from cosim.system.system import Algorithm, System
+from cosim.system.system import MasterAlgorithm, System
 
 UNTIL_S = 1.0
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4)
@@ -87,7 +87,7 @@ def measure(rounds: int) -> dict[str, Any]:
     found: dict[str, Any] = {"fixed": [], "adaptive": [], "stiff": []}
     with tempfile.TemporaryDirectory() as folder:
         components = two_masses(Path(folder))
-        for algorithm in get_args(Algorithm):
+        for algorithm in get_args(MasterAlgorithm):
             errors = []
             for step_s in STEPS_S:
                 run, _ = simulated(components, UNTIL_S, step_s, algorithm)
@@ -109,7 +109,7 @@ def measure(rounds: int) -> dict[str, Any]:
 def _stiff(folder: Path) -> Iterator[dict[str, Any]]:
     """Errors with the stiff coupling, by algorithm and step; infinite where values overflow."""
     components, links = stiff_masses(folder)
-    for algorithm in get_args(Algorithm):
+    for algorithm in get_args(MasterAlgorithm):
         for step_s in STIFF_STEPS_S:
             worst = math.inf
             options = {"algorithm": algorithm, "step_s": step_s}

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.coupled.small import small_fmu
 from cosim.fmi.fmu import Fmu
 from cosim.system.graph import Component, Connection
-from cosim.system.system import Algorithm, System, SystemRun
+from cosim.system.system import MasterAlgorithm, System, SystemRun
 
 MASS_KG, SPRINGS, COUPLING = 1.0, (10.0, 1000.0), 100.0
 STIFF = (1e6, 500.0)  # spring in N/m and damper in N s/m of the stiff coupling
@@ -41,7 +41,7 @@ def simulated(
     components: list[Component],
     until_s: float,
     step_s: float,
-    algorithm: Algorithm,
+    algorithm: MasterAlgorithm,
     tolerance: float | None = None,
 ) -> tuple[SystemRun, System]:
     """The run of the coupled oscillators, and their system as it is then, closed."""

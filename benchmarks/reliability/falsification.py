@@ -5,7 +5,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from agent.falsification.measurement import FalsificationReport, falsify
+from agent.falsification.falsify import FalsificationReport, falsify
 from agent.falsification.ranges import read_ranges
 from agent.falsification.search import SEARCHES
 from agent.method import method_policy

@@ -12,6 +12,7 @@ import numpy as np
 
 from cosim.base.jit import kernel
 from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING, exchange_state
+from cosim.system.exchange import copy, exchange_values, feed
 from cosim.system.kernels import (
     ENDED,
     EXTRAPOLATED,
@@ -41,7 +42,6 @@ from cosim.system.layout import (
     Memory,
     Tables,
 )
-from cosim.system.transfer import copy, exchange_values, feed
 
 # Rows of `Coupling.unknowns`: present values, residual, both before an update, the update, and the
 # size to which residuals are compared.

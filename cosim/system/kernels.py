@@ -20,6 +20,7 @@ from cosim.fmi.abi import (
     read_clock,
     update_discrete_states,
 )
+from cosim.system.exchange import copy, exchange_values, feed
 from cosim.system.layout import (
     ASK,
     DISCRETE,
@@ -43,7 +44,6 @@ from cosim.system.layout import (
     Memory,
     Tables,
 )
-from cosim.system.transfer import copy, exchange_values, feed
 
 # Beyond every status: asks to end, returns early without an end, puts out NaN; equations of inputs
 # that are not solved, values that never stay.

@@ -58,9 +58,9 @@ from cosim.system.loops import (
 )
 from cosim.system.run import Share, SystemRun
 
-Algorithm = Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"]
+MasterAlgorithm = Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"]
 Loops = Literal["solve", "explicit"]
-ALGORITHMS = get_args(Algorithm)  # by their numbers
+ALGORITHMS = get_args(MasterAlgorithm)  # by their numbers
 _TOLERANCE = 1e-10  # of what is solved for
 _MOST_EXCHANGES = 1000  # of values at one point of time
 ROWS_AT_ONCE = 4096
@@ -87,7 +87,7 @@ class System:
         components: Sequence[Component],
         connections: Sequence[Connection] = (),
         *,
-        algorithm: Algorithm = "jacobi",
+        algorithm: MasterAlgorithm = "jacobi",
         step_s: float = 1e-3,
         tolerance: float | None = None,
         longest_step_s: float | None = None,

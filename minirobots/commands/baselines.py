@@ -57,7 +57,7 @@ def run(options: Baselines, progress: Progress) -> "BaselinesReport":
         from agent.deep import require_learners
 
         require_learners()
-    from agent.baselines.measurement import baselines
+    from agent.baselines.comparison import baselines
 
     return baselines(
         options.out,

@@ -135,7 +135,7 @@ def run(options: Certify, progress: Progress) -> Result:
             where=options.where,
             progress=progress,
         )
-    from agent.certification.measurement import certify
+    from agent.certification.certify import certify
 
     return certify(
         options.policy,

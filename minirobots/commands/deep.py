@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from agent.deep import Algorithm, require_learners
+from agent.deep import NetworkAlgorithm, require_learners
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
 from minirobots.options import Count, NewFolder, ScenarioName, Seed
@@ -29,7 +29,7 @@ class Deep(NewFolder):
     prefix: ClassVar[str] = "deep-"
 
     scenario: ScenarioName = "2"
-    algorithm: Algorithm = "ippo"
+    algorithm: NetworkAlgorithm = "ippo"
     """Learner: PPO of skrl, whose critic sees what the robot sees (ippo) or the cells of all robots
     too (mappo), or double Q-learning with a network (ddqn)."""
     steps: Count = 1_500_000

@@ -20,8 +20,8 @@ from minirobots.options import (
 )
 
 if TYPE_CHECKING:
+    from agent.falsification.falsify import FalsificationReport
     from agent.falsification.found import ReplayReport
-    from agent.falsification.measurement import FalsificationReport
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +81,7 @@ def run(options: Falsify, progress: Progress) -> Result:
         from agent.falsification.found import replay
 
         return replay(options.replay, options.policy, options.physics, options.where, progress)
-    from agent.falsification.measurement import falsify
+    from agent.falsification.falsify import falsify
 
     return falsify(
         options.policy,

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from analysis.motor.options import StepTest
+from analysis.motor.loop_options import StepTest
 from cosim.base.command import MotorFmuFile
 from cosim.base.progress import Progress
 from minirobots.options import File, IsolatedOptions

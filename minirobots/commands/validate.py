@@ -36,9 +36,9 @@ class Validate(Distributed, IsolatedOptions, Resumable):
 def run(options: Validate, progress: Progress) -> "ValidationReport":
     """Measure what is missing and write the tables."""
     from cosim.base.table import write_report
-    from cosim.machine.validation.measurement import QUICK, Effort, validate
     from cosim.machine.validation.report import report_of
     from cosim.machine.validation.tables import text_of
+    from cosim.machine.validation.validate import QUICK, Effort, validate
     from cosim.simulation.options import Physics
 
     effort = QUICK if options.quick else Effort()

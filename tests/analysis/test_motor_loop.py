@@ -12,7 +12,7 @@ import pytest
 
 from analysis.figures import fig07
 from analysis.motor import gains
-from analysis.motor.options import StepTest
+from analysis.motor.loop_options import StepTest
 from analysis.motor.speed_loop import figures_of_merit, measured_response, speed_loop
 from analysis.motor.step_test import record, simulate
 from analysis.reading.motor_test import MotorTestError, read, rise

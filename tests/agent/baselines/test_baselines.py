@@ -5,7 +5,7 @@ import json
 import msgspec
 import pytest
 
-from agent.baselines import measurement
+from agent.baselines import comparison
 from agent.baselines.learners import config_of, digest
 from agent.baselines.table import Drive, LearnerRun, markdown, report_of
 from agent.deep.policy import NetworkConfig
@@ -94,7 +94,7 @@ def test_boards_of_one_name_are_told_apart_or_refused(board, tmp_path):
     other = tmp_path / board.name
     other.write_text(BOARD.replace("[3, 6]", "[4, 6]"))
     with pytest.raises(UserError, match="two boards called near"):
-        measurement.baselines(
+        comparison.baselines(
             tmp_path,
             scenarios=[str(board), str(other)],
             learners=["shortest"],
@@ -108,9 +108,9 @@ def test_it_goes_on_where_it_ended(done, board, monkeypatch):
     def refuse(*_):
         raise AssertionError("trained again")
 
-    monkeypatch.setattr(measurement, "train", refuse)
+    monkeypatch.setattr(comparison, "train", refuse)
     monkeypatch.setattr(EpisodeStore, "keep", refuse)
-    report = measurement.baselines(
+    report = comparison.baselines(
         board.parent / "out",
         scenarios=[str(board)],
         learners=["double_q", "shortest"],
@@ -123,7 +123,7 @@ def test_it_goes_on_where_it_ended(done, board, monkeypatch):
         report.rows[0].time_s.mean
     )
     assert (report.quick, report.seed, report.seeds, report.episodes) == (True, 0, 1, 2)
-    late = measurement.baselines(
+    late = comparison.baselines(
         board.parent / "out",
         scenarios=[str(board)],
         learners=["shortest"],
@@ -148,7 +148,7 @@ def test_episodes_of_a_session_that_was_cut_are_in_the_table(done, board):
         path.write_bytes(msgspec.json.encode(msgspec.structs.replace(kept, drives=old)))
 
     def table(budget_minutes=None, episodes=2):
-        return measurement.baselines(
+        return comparison.baselines(
             out,
             scenarios=[str(board)],
             learners=["double_q", "shortest"],
@@ -213,9 +213,9 @@ def test_rows_are_means_over_seeds_with_intervals():
 
 
 def test_what_cannot_be_computed_is_left_out_with_its_reason():
-    reason = measurement.left_out(find_scenario("4-cross"), "shortest")
+    reason = comparison.left_out(find_scenario("4-cross"), "shortest")
     assert reason == "n/a: 7e+11 joint states"
-    assert measurement.left_out(find_scenario("1b"), "shortest") is None
+    assert comparison.left_out(find_scenario("1b"), "shortest") is None
 
 
 def test_budgets_and_seeds_are_part_of_what_a_training_is():

@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from agent.certification import certify as certifying
 from agent.certification import check as checking
-from agent.certification import measurement
 from agent.certification.certificate import (
     Certificate,
     claim_test,
@@ -18,10 +18,10 @@ from agent.certification.certificate import (
     judge,
     read_certificate,
 )
+from agent.certification.certify import certify_case
 from agent.certification.check import CheckReport, check
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import SplittingReport, estimate_collisions
-from agent.certification.measurement import certify_case
 from agent.certification.text import show_certificate
 from agent.evaluation.cases import Job, run_jobs
 from agent.evaluation.statistics import rate
@@ -164,7 +164,7 @@ def test_an_attempt_is_registered_before_its_episodes(case, tmp_path, monkeypatc
         assert read(tmp_path).verdict == "undecided"
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(measurement, "EPISODES", EPISODES._replace(compute=interrupted))
+    monkeypatch.setattr(certifying, "EPISODES", EPISODES._replace(compute=interrupted))
     with pytest.raises(KeyboardInterrupt):
         certify_case(case, CLAIM, CONFIDENCE, tmp_path)
     assert (read(tmp_path).verdict, read(tmp_path).evidence.episodes) == ("undecided", 0)

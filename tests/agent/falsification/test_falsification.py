@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from agent.falsification.falsify import FalsificationReport, falsify
 from agent.falsification.found import fails, gap_cm, read_cases, run_again
-from agent.falsification.measurement import FalsificationReport, falsify
 from agent.method import method_policy
 from agent.moves import observe
 from agent.study.store import ResultFileError

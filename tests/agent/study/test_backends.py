@@ -7,10 +7,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from agent.baselines.measurement import baselines
+from agent.baselines.comparison import baselines
+from agent.certification.certify import certify_case
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import estimate_collisions
-from agent.certification.measurement import certify_case
 from agent.moves import observe
 from agent.study.episodes import case_of
 from agent.study.evaluate import evaluate
@@ -18,7 +18,7 @@ from agent.study.robustness import robustness
 from agent.study.transfer import transfer
 from agent.study.user import study
 from cosim.base.jobs import Workers
-from cosim.machine.validation import measurement
+from cosim.machine.validation import validate as measurement
 from cosim.machine.validation.published import SPEEDS
 from cosim.model.scenario_file import ROUGH, read_world
 from cosim.simulation.options import SimulationOptions

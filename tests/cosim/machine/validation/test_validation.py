@@ -9,7 +9,7 @@ import pytest
 from cosim.base.errors import USER_ERROR_STATUS
 from cosim.coupling.fmu import MotorFmu
 from cosim.machine.platform.motion import net_speed, robot_platform
-from cosim.machine.validation import measurement
+from cosim.machine.validation import validate as measurement
 from cosim.machine.validation.driving import (
     Leg,
     MeasuredSpeed,
@@ -18,17 +18,17 @@ from cosim.machine.validation.driving import (
     polygon,
     sideways,
 )
-from cosim.machine.validation.measurement import (
+from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, step_um
+from cosim.machine.validation.report import report_of
+from cosim.machine.validation.sensitivity import PARAMETERS, closed_form
+from cosim.machine.validation.tables import text_of
+from cosim.machine.validation.validate import (
     QUICK,
     DrivenPath,
     Sensitivity,
     Validation,
     validate,
 )
-from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, step_um
-from cosim.machine.validation.report import report_of
-from cosim.machine.validation.sensitivity import PARAMETERS, closed_form
-from cosim.machine.validation.tables import text_of
 from cosim.model.config import CoSimConfig
 
 
