@@ -20,6 +20,7 @@ PAGES = {
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
     "SECURITY.md": "security.md",
+    "minirobots/commands.md": "commands.md",
     "fmus/vibration_motor/README.md": "motor.md",
     "fmus/vibration_motors/README.md": "motors.md",
     "fmus/mini_robot/README.md": "robot.md",

@@ -1,5 +1,6 @@
 """Runs a command of `minirobots.commands`: what the modules there have in common."""
 
+import re
 import sys
 from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
@@ -49,7 +50,12 @@ def execute(name: str, module: str = "minirobots") -> None:
     """
     command = module_of(name)
     kind, arguments = options_of(command), sys.argv[1:]
-    options: CommandOptions = parse(kind, module, arguments, kind.defaults(arguments))
+    try:
+        options: CommandOptions = parse(kind, module, arguments, kind.defaults(arguments))
+    except SystemExit as end:
+        if not end.code:  # after --help
+            print("\nexamples:", *_examples(name), sep="\n  ")
+        raise
     if isinstance(options, IsolatedOptions):
         options.isolation.enter(f"minirobots {name}", options.foreign)
         if isolated():
@@ -74,6 +80,12 @@ def _fixed(options: Any) -> Any:
         elif is_dataclass(value):
             fixed[field.name] = _fixed(value)
     return replace(options, **fixed)
+
+
+def _examples(name: str) -> list[str]:
+    """Return the lines of commands.md, a page of the site, that show a command."""
+    page = Path(__file__).with_name("commands.md").read_text("utf-8")
+    return re.findall(rf"^uv run (?:--extra \w+ )?(minirobots {name} .*)$", page, re.MULTILINE)
 
 
 def _shown(result: dict[str, Any]) -> dict[str, Any]:

@@ -128,7 +128,7 @@ def test_no_two_classes_have_one_name():
 
 
 def test_commands_page_has_every_command():
-    page = (ROOT / "docs" / "commands.md").read_text("utf-8")
+    page = (ROOT / "minirobots" / "commands.md").read_text("utf-8")
     shown = set(re.findall(r"minirobots ([a-z][a-z-]+)", page))
     assert shown == {*purposes()}
 

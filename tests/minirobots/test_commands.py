@@ -153,3 +153,9 @@ def test_a_command_is_added_by_one_file(added):
         assert (refused.returncode, refused.stdout) == (2, "")
         assert refused.stderr.startswith(f"error: {said}")
     assert "target-cells" in called("--tyro-print-completion", "bash").stdout
+
+
+def test_help_ends_with_examples_of_the_page(program):
+    done = program("certify", "--help")
+    assert done.returncode == 0
+    assert "\nexamples:\n  minirobots certify --policy P.npz --claim" in done.stdout
