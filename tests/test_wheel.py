@@ -47,6 +47,10 @@ reveal_type(mr.train("1a", method="paper"))
 reveal_type(mr.simulate("1a", mr.load("policy.npz")).outcome)
 reveal_type(mr.open("a.rrd").time_s)
 reveal_type(mr.World(mu=0.2).mu)
+reveal_type(mr.evaluate("moves", "1a", starts=4, mu=0.1).success)
+reveal_type(mr.study(["moves"], "1a", mu=[0.1, 0.2]).to_markdown())
+reveal_type(mr.certify("policy.npz", "collision < 1e-3").confidence)
+reveal_type(mr.falsify("policy.npz", episodes=8).episodes)
 mr.simulate()
 """
 
@@ -102,7 +106,10 @@ def test_pyright_sees_the_types_of_an_installed_wheel(wheel, tmp_path):
     )
     said = json.loads(done.stdout)["generalDiagnostics"]
     types = [row["message"].split(" is ")[-1] for row in said if row["severity"] == "information"]
-    assert types == ['"GreedyPolicy"', '"str"', '"float"', '"float | None"']
+    assert types == [
+        '"GreedyPolicy"', '"str"', '"float"', '"float | None"',
+        '"float | None"', '"str"', '"float"', '"int"',
+    ]  # fmt: skip
     (error,) = (row["message"] for row in said if row["severity"] == "error")
     assert '"scenario"' in error
 
