@@ -3,10 +3,12 @@
 Moments are shares of the time that the undisturbed command takes; they are seeded and printed.
 """
 
+import fcntl
 import os
 import random
 import re
 import signal
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +39,7 @@ PARTIAL = {
     "evaluation": "*.jsonl",
     "transfer": "policies/*.npz",  # episodes of the file end nearly at once
 }
-# Commands that keep rows of episodes, which end at different times.
+# Commands that keep rows of episodes.
 WRITERS = {
     "evaluate": ("--policy", "shortest", "--scenario", "1a", "--starts", "6", "--recordings", "0"),
     "transfer": ("--quick", "--scenarios", "1a", "--methods", "paper"),
@@ -161,16 +163,21 @@ def test_four_at_once_with_an_empty_cache(tmp_path):
 @pytest.mark.faults
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_second_writer_is_refused(tmp_path, name):
-    """Whoever finds that another process has written meanwhile ends, in one clear error."""
+    """A command that finds that another process has written meanwhile ends, in one clear error."""
     out = ("--jobs", "1", "--out", "OUT")
     place = Workplace(tmp_path, Case(("-m", "minirobots", name, *WRITERS[name], *out)))
-    process = place.start()
-    while not (begun := [f for f in place.out.rglob("*.jsonl") if f.read_bytes().count(b"\n") > 1]):
-        assert process.poll() is None, "it ended before another process could write"
-    os.killpg(process.pid, signal.SIGSTOP)
-    with begun[0].open("ab") as file:  # as a second one does
-        file.write(begun[0].read_bytes().splitlines(True)[-1])
-    os.killpg(process.pid, signal.SIGCONT)
+    place.run()
+    rows = next(place.out.rglob("*.jsonl"))
+    header, first, *_ = rows.read_bytes().splitlines(True)
+    rows.write_bytes(header + first)  # the others are missing
+    with rows.open("ab") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        process = place.start()
+        waits = re.compile(rf"-> FLOCK .* {process.pid} .*:{os.fstat(other.fileno()).st_ino} ")
+        while not waits.search(Path("/proc/locks").read_text()):  # to write its first row
+            assert process.poll() is None, "it ended without a row"
+            time.sleep(0.05)
+        other.write(first)
     errors = errors_of(process)
     assert process.returncode == 2, errors
     assert re.fullmatch(
