@@ -200,8 +200,8 @@ def study(
 
     >>> import minirobots as mr
     >>> table = mr.study(["shortest"], "1a", mu=[0.1, 0.15], episodes=1, progress=None)
-    >>> [(row.options["mu"], row.success) for row in table.rows]
-    [(0.1, 1.0), (0.15, 1.0)]
+    >>> print(*(f"{row.options['mu']}: {row.success}" for row in table.rows))
+    0.1: 1.0 0.15: 1.0
     >>> table.plot().savefig("success.png")
 
     Args:
