@@ -72,7 +72,7 @@ def test_what_is_wrong_is_named(write, world, said):
 
 def test_two_worlds_are_refused(write):
     own, other = write("own.toml", SCENARIO + WORLD), write("world.toml", WORLD)
-    with pytest.raises(UserError, match="a world of its own beside that of"):
+    with pytest.raises(UserError, match="a world of its own in addition to"):
         find_in_world(own, other)
 
 
