@@ -319,3 +319,31 @@ def test_pointers_of_git_lfs_are_named(tmp_path, read):
 def test_robots_without_friction_are_refused_by_their_friction(policy):
     with pytest.raises(UserError, match=r"with mu = 0 robots drive less than .* change the preset"):
         cosim.simulate("1a", policy, mu=0.0)
+
+
+def test_recordings_are_known_by_what_determines_the_episode(policy, tmp_path):
+    class Told:
+        """Cannot be pickled, as it is local."""
+
+        def act(self, observation):
+            return [2] * len(observation.cells)
+
+    def one(name, policy, **options):
+        options = {"time_limit": 2.0, "record": "summary", "progress": None} | options
+        episode = cosim.simulate("1a", policy, seed=3, **options)
+        episode.save(tmp_path / f"{name}.rrd")
+        return episode.recording_id
+
+    shortest = agent.train("1a", method="shortest")
+    found = [one("a", policy), one("b", policy, mu=0.2), one("c", shortest), one("d", Told())]
+    assert len(set(found)) == 4
+    assert one("again", policy) == found[0]
+    merge = [sys.executable, "-m", "rerun", "rrd", "merge"]
+    for names, said in (("ab", "holds 2 recordings"), ("ae", "holds 2 episodes merged into one")):
+        files = [tmp_path / f"{name}.rrd" for name in names]
+        if not files[1].exists():  # the same recording twice
+            cosim.simulate("1a", policy, seed=3, time_limit=2.0, record="summary").save(files[1])
+        both = tmp_path / f"{names}_both.rrd"
+        subprocess.run([*merge, *files, "-o", both], check=True, capture_output=True)
+        with pytest.raises(UserError, match=said):
+            analysis.open(both)

@@ -131,7 +131,7 @@ class Series:
                 self._recording(number),
                 self.scenario,
                 self.config,
-                f"{self.scenario.name}-{self.seed}-{number}",
+                task.recording_id,
                 self.facts.builtins() | {"episode": number, "starts": starts},
                 level=self.record,
                 viewer=self.viewer,
@@ -139,7 +139,7 @@ class Series:
                 drawn=episode.drawn,
             )
 
-        return Task(
+        task = Task(
             self.scenario,
             self.fmu,
             self.config,
@@ -150,3 +150,4 @@ class Series:
             watch,
             self.driver,
         )
+        return task

@@ -1,9 +1,6 @@
 """Policies as studies take them: files, methods by name, and any object with `act`."""
 
-import hashlib
 import importlib
-import inspect
-import pickle
 import sys
 import uuid
 from functools import cached_property
@@ -20,6 +17,7 @@ from agent.training.settings import METHODS
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError, shown
 from cosim.base.progress import Progress, silent
+from cosim.base.provenance import identity_of
 from cosim.coupling.rl_step import SupportsAct
 from cosim.model.scenario import Scenario
 
@@ -72,21 +70,6 @@ class ObjectPolicy:
         if name.startswith("__") or name == "policy":
             raise AttributeError(name)
         return getattr(self.policy, name)
-
-
-def identity_of(policy: object) -> str | None:
-    """Return what an object is known by: its module's source, its class, and its pickled state.
-
-    None if its source is not in a file, or it cannot be pickled: its episodes are not found again.
-    """
-    kind = type(policy)
-    try:
-        module = sys.modules[kind.__module__]
-        source = Path(inspect.getfile(module)).read_bytes()
-        parts = (source, kind.__qualname__.encode(), pickle.dumps(policy))
-    except Exception:  # whatever an object does when it is pickled
-        return None
-    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
 def policy_of(

@@ -12,6 +12,7 @@ import rerun as rr
 
 from agent.mdp.greedy import GreedyPolicy
 from agent.training.loop import TrainingLog
+from cosim.base.provenance import digest_of
 from cosim.recording.blueprint import robot_names, training_blueprint
 from cosim.recording.file import Recording, properties, scalars
 from cosim.recording.policy_map import PolicyMap
@@ -44,7 +45,7 @@ def write_training(
         RecordingError: the file cannot be written.
     """
     robots = policy.config.scenario.robots
-    identity = f"training-{facts.get('scenario')}-{facts.get('seed')}"
+    identity = f"training-{facts.get('scenario')}-{policy.digest()}"
     with Recording(path, identity, training_blueprint(robots)) as file:
         file.stream.send_property("training", properties(facts))
         for entity, times, values, name in _CURVES:
@@ -72,7 +73,7 @@ def write_runs(path: Path, logs: Sequence[TrainingLog], facts: dict[str, Any]) -
     Raises:
         RecordingError: the file cannot be written.
     """
-    identity = f"training-{facts.get('scenario')}-{facts.get('seed')}-runs"
+    identity = f"trainings-{facts.get('scenario')}-{digest_of(*(log.returns for log in logs))}"
     with Recording(path, identity, training_blueprint(0)) as file:
         file.stream.send_property("training", properties(facts | {"runs": len(logs)}))
         for entity, times, values, name in _CURVES:

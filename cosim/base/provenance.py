@@ -2,8 +2,11 @@
 
 import hashlib
 import importlib.metadata
+import inspect
 import json
+import pickle
 import platform
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +33,21 @@ def digest_of(*parts: Any) -> str:
         else:
             found.update(json.dumps(msgspec.to_builtins(part), sort_keys=True).encode())
     return found.hexdigest()[:16]
+
+
+def identity_of(thing: object) -> str | None:
+    """Return what an object is known by: its module's source, its class, and its pickled state.
+
+    None if its source is not in a file, or it cannot be pickled.
+    """
+    kind = type(thing)
+    try:
+        module = sys.modules[kind.__module__]
+        source = Path(inspect.getfile(module)).read_bytes()
+        parts = (source, kind.__qualname__.encode(), pickle.dumps(thing))
+    except Exception:  # whatever an object does when it is pickled
+        return None
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
 def versions() -> dict[str, str]:

@@ -200,6 +200,11 @@ def read_episode(path: Path, folder: tempfile.TemporaryDirectory[str] | None = N
     robots = sorted(found, key=lambda name: (len(name), name))  # r10 after r2
     if not robots or "episode" not in data.properties:
         raise RecordingReadError(f"{path} holds no episode; record one with `python -m cosim.run`")
+    outcomes = [t for t in data.texts.get(OUTCOME, _NOTHING).texts if t != STILL_RUNNING]
+    if len(outcomes) > 1:
+        raise RecordingReadError(
+            f"{path} holds {len(outcomes)} episodes merged into one; name a file with one"
+        )
     ends = [s.time_s[-1] for key, s in data.signals.items() if _ROBOT.match(key) and len(s.time_s)]
     time_s = float(max(ends))
     with parsing(path, EPISODE):
@@ -211,7 +216,7 @@ def read_episode(path: Path, folder: tempfile.TemporaryDirectory[str] | None = N
         path=path,
         recording_id=data.recording_id,
         complete=data.complete,
-        outcome="".join(t for t in data.texts.get(OUTCOME, _NOTHING).texts if t != STILL_RUNNING),
+        outcome="".join(outcomes),
         time_s=time_s,
         robots=tuple(robots),
         facts={key: _fact(value) for key, value in data.properties["episode"].items()},

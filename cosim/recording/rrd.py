@@ -132,6 +132,10 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
         entries = reader.recordings()
         if not entries:
             raise ValueError("it holds no recording")
+        if len(entries) > 1:
+            raise RecordingReadError(
+                f"{original or file} holds {len(entries)} recordings; name a file with one"
+            )
         complete = original is None and _has_footer(reader)
         chunks = reader.stream().to_chunks()
     moving: dict[tuple[str, str], list[pa.RecordBatch]] = defaultdict(list)

@@ -103,14 +103,13 @@ def simulate(
     path = Path(folder.name) / "episode.rrd"
 
     def recorder(episode: RunningEpisode) -> EpisodeRecorder:
-        identity = f"{scenario.name}-{seed}-0"
         facts = episode_facts(scenario, seed, fmu, 0, starts, driver)
         maps = getattr(policy, "maps", list)()
         return EpisodeRecorder(
             path,
             scenario,
             config,
-            identity,
+            task.recording_id,
             facts,
             level=record,
             policies=maps,

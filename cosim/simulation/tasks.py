@@ -7,16 +7,18 @@ import contextlib
 import queue
 import threading
 import time
+import uuid
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from cosim.base.provenance import digest_of
+from cosim.base.provenance import digest_of, identity_of
 from cosim.coupling.rl_step import Step, SupportsAct, decide
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.scenario import Cell, Scenario
@@ -86,6 +88,16 @@ class Task:
             seed.spawn_key,
             fmu,
         )
+
+    @cached_property
+    def recording_id(self) -> str:
+        """Identity of a recording: equal for equal episodes of equal policies.
+
+        A policy that is known by nothing has another one in every task.
+        """
+        digest = getattr(self.policy, "digest", None)
+        known = digest() if callable(digest) else identity_of(self.policy) or uuid.uuid4().hex
+        return f"{self.scenario.name}-{digest_of(self.origin, known)}"
 
     @classmethod
     def again(cls, origin: EpisodeOrigin, fmu: Path, policy: SupportsAct) -> "Task":
