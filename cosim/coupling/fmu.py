@@ -65,11 +65,12 @@ class MotorFmu(Fmu):
         OSError: the file cannot be read, or the cache cannot be written.
     """
 
-    noun = "motor FMU"
+    noun, leniency = "motor FMU", ""
     place, fix = "check the path given by --motor-fmu", "build one with `python -m fmus.build`"
 
     def __init__(self, path: Path, *, open_loop: bool = False) -> None:
         super().__init__(path)
+        self.warn(f"{self.noun} {path}")
         self._size = array_size(path, self.variables)
         self.arrays = self._size is not None
         self.closed_loop: int | None = None

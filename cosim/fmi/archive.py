@@ -52,16 +52,24 @@ def unpack(path: Path, needed: tuple[str, ...]) -> Path:
         with zipfile.ZipFile(file) as archive:
             _check(archive.infolist(), packed_bytes)
             for name in needed:
-                if not name.endswith("/") and name not in archive.namelist():
+                if not name.endswith("/") and name not in map(_name, archive.infolist()):
                     raise zipfile.BadZipFile(f"it has no {name}")
             folder = (cache_dir("unpacked") / digest).absolute()
             for entry in archive.infolist():
-                if entry.filename.startswith(needed):
-                    _unpack_entry(archive, entry, folder / entry.filename)
+                if _name(entry).startswith(needed):
+                    _unpack_entry(archive, entry, folder / _name(entry))
     return folder
 
 
-def require_plain(description: Path) -> None:
+def _name(entry: zipfile.ZipInfo) -> str:
+    """Name of an entry as the standards write it: without "./", and with "/" as separator."""
+    name = entry.filename.replace("\\", "/")
+    while name.startswith("./"):
+        name = name[2:]
+    return name
+
+
+def require_plain(description: Path, most_bytes: int = MAX_DESCRIPTION_BYTES) -> None:
     """Refuse a description that could be far more than it looks, before it is parsed.
 
     Raises:
@@ -69,8 +77,8 @@ def require_plain(description: Path) -> None:
             from, and no FMU or system needs one.
         xml.parsers.expat.ExpatError: it is no XML.
     """
-    if description.stat().st_size > MAX_DESCRIPTION_BYTES:
-        raise ValueError(f"{description.name} is larger than {MAX_DESCRIPTION_BYTES >> 20} MiB")
+    if description.stat().st_size > most_bytes:
+        raise ValueError(f"{description.name} is larger than {most_bytes >> 20} MiB")
 
     def refuse(*_: object) -> None:
         raise ValueError(f"{description.name} has a document type; export it without")
@@ -91,13 +99,13 @@ def _check(entries: list[zipfile.ZipInfo], packed_bytes: int) -> None:
         )
     if unpacked_bytes > MAX_RATIO * packed_bytes:
         raise zipfile.BadZipFile(f"it unpacks to more than {MAX_RATIO} times its size")
-    files = {PurePosixPath(e.filename) for e in entries if not e.is_dir()}
+    files = {PurePosixPath(_name(e)) for e in entries if not _name(e).endswith("/")}
     names = set()
     for entry in entries:
-        name, shown = PurePosixPath(entry.filename), repr(entry.orig_filename[:80])
+        name, shown = PurePosixPath(_name(entry)), repr(entry.orig_filename[:80])
         # zipfile cuts names at a zero byte; a colon stands behind the letter of a drive.
         changed = entry.filename != entry.orig_filename
-        if changed or name.is_absolute() or {*"\\:"} & {*entry.filename} or ".." in name.parts:
+        if changed or name.is_absolute() or ":" in entry.filename or ".." in name.parts:
             raise zipfile.BadZipFile(f"its entry {shown} leaves the archive's folder")
         if stat.S_ISLNK(entry.external_attr >> 16):
             raise zipfile.BadZipFile(f"its entry {shown} is a symbolic link")
@@ -112,7 +120,7 @@ def _check(entries: list[zipfile.ZipInfo], packed_bytes: int) -> None:
 
 def _unpack_entry(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path) -> None:
     """Write one entry, unless it is there already."""
-    if entry.is_dir():
+    if _name(entry).endswith("/"):
         target.mkdir(parents=True, exist_ok=True)
         return
     if _is_whole(target, entry):

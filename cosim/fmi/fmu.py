@@ -3,6 +3,8 @@
 import copy
 import ctypes
 import errno
+import logging
+import re
 import threading
 import weakref
 from collections import deque
@@ -20,12 +22,13 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 from fmpy.fmi3 import FMU3Slave
-from fmpy.model_description import CoSimulation, ModelDescription
+from fmpy.model_description import CoSimulation, ModelDescription, ValidationError
+from fmpy.validation import validate_model_description
 
 from cosim.base.errors import UserError
 from cosim.base.reading import refuse_pointer
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
-from cosim.fmi.archive import require_plain, unpack
+from cosim.fmi.archive import MAX_DESCRIPTION_BYTES, require_plain, unpack
 from cosim.fmi.isolation import note_failure, restored_arithmetic, same_folder
 from cosim.model.config import whole_ratio
 
@@ -34,6 +37,14 @@ from cosim.model.config import whole_ratio
 _LOADING = threading.Lock()
 # What is kept of an FMU's messages, which may come in floods.
 _LOG_LENGTH, _LOG_BYTES = 100, 2000
+_LOG = logging.getLogger(__name__)
+# Violations of the standard in a modelDescription.xml that change no result: what they are about is
+# not read, or has one meaning all the same.
+_HARMLESS = re.compile(
+    r"has no start value|provides a start value|The combination .* is not allowed|must have variability != "
+    r"|unit \"[^\"]*\" of .* is not defined|VendorAnnotations.*not expected"
+    r"|attribute 'stepSize' is not allowed"
+)
 _FOLDERS = (fmpy.platform_tuple, fmpy.platform)  # of binaries, of FMI 3.0 and 2.0
 
 
@@ -46,6 +57,7 @@ class Fmu:
 
     Attributes:
         path: the .fmu file.
+        oddities: how its description violates the standard without a consequence.
         folder: where it is unpacked.
         description: fmpy's model description.
         interface: fmpy's description of its Co-Simulation capabilities.
@@ -59,17 +71,31 @@ class Fmu:
 
     # What messages call it, where its path comes from, and how to get another one.
     noun, place, fix = "FMU", "check its path", "export it again"
+    leniency = ", or accept it with --lenient (lenient=True in Python)"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(
+        self, path: Path, *, lenient: bool = False, most_bytes: int = MAX_DESCRIPTION_BYTES
+    ) -> None:
+        """Unpack and read an FMU.
+
+        Args:
+            path: of the .fmu file.
+            lenient: whether to accept every violation of the standard that the description can be
+                read with, not only those that change no results.
+            most_bytes: of the modelDescription.xml.
+        """
         self.path = path
+        self.oddities: list[str] = []
         if not path.is_file():
             raise FmuError(f"{self.noun} {path} does not exist; {self.place}")
         refuse_pointer(path, FmuError)
         needed = (*(f"binaries/{name}/" for name in _FOLDERS), "resources/")
         try:
             self.folder = unpack(path, ("modelDescription.xml", *needed))
-            require_plain(self.folder / "modelDescription.xml")
-            self.description: ModelDescription = fmpy.read_model_description(self.folder)
+            require_plain(self.folder / "modelDescription.xml", most_bytes)
+            self.description: ModelDescription = self._read_description(lenient)
+        except FmuError:
+            raise
         except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
             # Not the archive's fault, unless it leads to a place in the file that cannot be.
             if isinstance(error, OSError) and error.errno != errno.EINVAL:
@@ -95,6 +121,32 @@ class Fmu:
         self.variables = {v.name: v for v in self.description.modelVariables}
         self._read_differences()
         self._loaded: Any = None  # the binary in fmpy's hands; slaves are copies of it
+
+    def _read_description(self, lenient: bool) -> ModelDescription:
+        """Read the modelDescription.xml, and note how it violates the standard."""
+        try:
+            return fmpy.read_model_description(self.folder)
+        except (ValidationError, KeyError) as error:  # KeyError of an undefined unit
+            description = fmpy.read_model_description(self.folder, validate=False)
+            for each in (v for one in description.modelVariables for v in (one, *one.aliases)):
+                each.displayUnit = None  # is used by nothing here
+            found = [*getattr(error, "problems", ()), *validate_model_description(description)]
+            problems = [" ".join(each.split()) for each in dict.fromkeys(found)]
+            serious = [each for each in problems if not _HARMLESS.search(each)]
+            if serious and not lenient:
+                more = f" and {len(serious) - 1} more" if serious[1:] else ""
+                raise FmuError(
+                    f"{self.noun} {self.path} violates the standard ({serious[0]}{more}); "
+                    f"{self.fix}{self.leniency}"
+                ) from error
+            self.oddities = problems
+            return description
+
+    def warn(self, said: str) -> None:
+        """Log one warning that an FMU violates the standard; `said` is what it is called."""
+        if self.oddities:
+            more = f" (and {len(self.oddities) - 1} more)" if self.oddities[1:] else ""
+            _LOG.warning("%s violates the standard: %s%s", said, self.oddities[0], more)
 
     def _read_differences(self) -> None:
         """Note which variables are relative quantities, which fmpy does not read."""

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from cosim.base.errors import UserError
-from cosim.fmi.fmu import Fmu
+from cosim.fmi.fmu import Fmu, FmuError
 from cosim.fmi.units import UnitUse, conversion, unit_use
 
 Node = tuple[str, str]  # component and variable
@@ -93,9 +93,11 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
         path = given.path if isinstance(given, Fmu) else given
         if name in found:
             raise GraphError(f"two components are named {name}; rename one")
-        fmu = found[name] = files.setdefault(
-            path, given if isinstance(given, Fmu) else files.get(path) or Fmu(path)
-        )
+        try:
+            fmu = files.get(path) or (given if isinstance(given, Fmu) else Fmu(path))
+        except FmuError as error:
+            raise FmuError(f"component {name}: {error}") from error
+        found[name] = files[path] = fmu
         for identity in (fmu.folder, str(fmu.description.guid)):
             other = owners.setdefault(identity, name)
             if other != name and fmu.interface.canBeInstantiatedOnlyOncePerProcess:

@@ -5,15 +5,15 @@ Systems in systems are taken apart: what remains are components, named by their 
 """
 
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element, fromstring
 
 from cosim.base.reading import Kind, parsing, require_file
-from cosim.fmi.archive import require_plain, unpack
-from cosim.fmi.fmu import Fmu
+from cosim.fmi.archive import MAX_DESCRIPTION_BYTES, require_plain, unpack
+from cosim.fmi.fmu import Fmu, FmuError
 from cosim.fmi.units import UnitUse, base_unit, unit_use
 from cosim.system.graph import Component, Connection, GraphError, convert
 from cosim.system.parameters import (
@@ -80,8 +80,14 @@ class _Signal(NamedTuple):
     unit: UnitUse | None
 
 
-def read_system(path: Path) -> SystemFile:
+def read_system(
+    path: Path, *, lenient: bool = False, most_bytes: int = MAX_DESCRIPTION_BYTES
+) -> SystemFile:
     """Read an .ssp or .ssd file.
+
+    Args:
+        path: of the file.
+        lenient, most_bytes: how FMUs are read, see `Fmu`.
 
     Raises:
         GraphError: it is none, or has in it what is not supported.
@@ -89,14 +95,14 @@ def read_system(path: Path) -> SystemFile:
         OSError: the file cannot be read.
     """
     try:
-        return _Reader(path).result()
+        return _Reader(path, lambda fmu: Fmu(fmu, lenient=lenient, most_bytes=most_bytes)).result()
     except ValueError as error:  # of a number in it
         raise GraphError(f"{path}: {error}; {_SYSTEM_FILE.fix}") from error
 
 
 class _Reader:
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, load: Callable[[Path], Fmu]) -> None:
+        self._path, self._load = path, load
         require_file(path, _SYSTEM_FILE)
         with parsing(path, _SYSTEM_FILE):
             self._folder, description = path.parent, path
@@ -185,7 +191,12 @@ class _Reader:
         if name in self._components:
             raise GraphError(f"{said} stands there twice; rename one")
         path = self._resolve(element.get("source", ""))
-        fmu = self._fmus.setdefault(path, self._fmus.get(path) or Fmu(path))
+        if path not in self._fmus:
+            try:
+                self._fmus[path] = self._load(path)
+            except FmuError as error:
+                raise FmuError(f"component {name}: {error}") from error
+        fmu = self._fmus[path]
         values = bound_values(element, self._read, said, level) | above
         # SSP says to ignore values for what the FMU does not have.
         self._given[name] = {key: v for key, v in values.items() if key in fmu.variables}

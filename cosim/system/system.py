@@ -143,6 +143,7 @@ class System:
             torn = [link for link in continuous if link in looped]
         for name, fmu in fmus.items():
             said = f"FMU {fmu.path.name} of component {name}"
+            fmu.warn(said)
             needs = "which a tolerance needs; leave the tolerance out" if tolerance else None
             check_steps(fmu.interface, said, ("step", step_s), needs)
             if number == IMPLICIT and not fmu.interface.canGetAndSetFMUstate:

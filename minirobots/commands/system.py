@@ -8,7 +8,8 @@ import tyro
 
 from cosim.base.errors import UserError, at_end
 from cosim.base.progress import Progress
-from minirobots.options import File, IsolatedOptions
+from cosim.fmi.archive import MAX_DESCRIPTION_BYTES
+from minirobots.options import Count, File, IsolatedOptions
 
 if TYPE_CHECKING:
     from cosim.system.run import SystemRun
@@ -58,6 +59,11 @@ class SimulateSystem(IsolatedOptions):
     """Record every so many steps."""
     profile: bool = False
     """Print time, steps and rollbacks of every FMU."""
+    lenient: bool = False
+    """Accept FMUs whose modelDescription.xml violates the standard. Without it only violations are
+    accepted that change no result; a warning names each FMU."""
+    max_description: Annotated[Count, tyro.conf.arg(metavar="MIB")] = MAX_DESCRIPTION_BYTES >> 20
+    """Largest modelDescription.xml in MiB; parsed, it takes some thirty times as much memory."""
     out: File | None = None
     """Where to write what was recorded: .csv, .parquet, or .rrd for the Rerun viewer."""
 
@@ -80,7 +86,8 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
     from cosim.system.ssp import read_system
     from cosim.system.system import System
 
-    found = read_system(options.file)
+    most_bytes = options.max_description << 20
+    found = read_system(options.file, lenient=options.lenient, most_bytes=most_bytes)
     until_s = found.stop_s if options.until is None else options.until
     if until_s is None:
         raise UserError(f"{options.file} has no default experiment; pass --until")
