@@ -25,7 +25,7 @@ from benchmarks.coupled.two_masses import (
     stiff_masses,
     two_masses,
 )
-from cosim.fmi.fmu import Fmu, FmuError, end, new_log
+from cosim.fmi.fmu import Fmu, FmuError, Log, end
 from cosim.system.graph import Component
 from cosim.system.system import MasterAlgorithm, System
 
@@ -45,7 +45,7 @@ class PythonLoop:
         fmu = self._fmu = components[0].fmu
         assert isinstance(fmu, Fmu)
         for component in components:
-            slave = fmu.load(component.name, new_log())
+            slave = fmu.load(component.name, Log())
             for name, value in component.start.items():
                 slave.setFloat64([fmu.variables[name].valueReference], [value])
             slave.enterInitializationMode()

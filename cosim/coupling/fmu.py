@@ -32,7 +32,7 @@ from cosim.coupling.interface import (
     require_fmi_3,
 )
 from cosim.fmi.abi import FMI_ERROR
-from cosim.fmi.fmu import Fmu, FmuError, end, function_address, new_log, status_of
+from cosim.fmi.fmu import Fmu, FmuError, Log, end, function_address, status_of
 from cosim.fmi.isolation import calling, free_late
 
 
@@ -234,7 +234,7 @@ class Motor:
         self.fmu = fmu
         self.name = name
         self._motors = motors
-        self.log = new_log()
+        self.log = Log()
         self._returns = False  # whether the state before a step will be restored
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         self.slave: Any = None

@@ -3,13 +3,16 @@
 import copy
 import ctypes
 import errno
+import functools
+import itertools
 import logging
 import re
+import sys
 import threading
 import weakref
 from collections import deque
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from xml.etree.ElementTree import fromstring
 
 import fmpy
@@ -22,6 +25,7 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 from fmpy.fmi3 import FMU3Slave
+from fmpy.logging import addLoggerProxy
 from fmpy.model_description import CoSimulation, ModelDescription, ValidationError
 from fmpy.validation import validate_model_description
 
@@ -37,11 +41,13 @@ from cosim.model.config import whole_ratio
 _LOADING = threading.Lock()
 # What is kept of an FMU's messages, which may come in floods.
 _LOG_LENGTH, _LOG_BYTES = 100, 2000
+LogLevel = Literal["off", "warnings", "all"]
 _LOG = logging.getLogger(__name__)
 # Violations of the standard in a modelDescription.xml that change no result: what they are about is
 # not read, or has one meaning all the same.
 _HARMLESS = re.compile(
-    r"has no start value|provides a start value|The combination .* is not allowed|must have variability != "
+    r"has no start value|provides a start value|The combination .* is not allowed"
+    r"|must have variability != "
     r"|unit \"[^\"]*\" of .* is not defined|VendorAnnotations.*not expected"
     r"|attribute 'stepSize' is not allowed"
 )
@@ -172,7 +178,7 @@ class Fmu:
                 "Co-Simulation"
             )
 
-    def load(self, name: str, log: deque[str], *, events: bool = False) -> Any:
+    def load(self, name: str, log: "Log", *, events: bool = False) -> Any:
         """A new instance, as fmpy's slave, to be freed by `free`.
 
         Args:
@@ -198,17 +204,17 @@ class Fmu:
             # A reference to the slave in the callback would keep both for ever.
             if self.standard == 3:
                 slave.instantiate(
-                    loggingOn=True,
+                    loggingOn=log.level != "off",
                     eventModeUsed=events,
                     earlyReturnAllowed=events,
-                    logMessage=lambda *told: log.append(_text(told[3])),
+                    logMessage=lambda *told: log.take(told[1], told[3]),
                 )
             else:
-                slave.instantiate(callbacks=_callbacks(log), loggingOn=True)
+                slave.instantiate(callbacks=_callbacks(log), loggingOn=log.level != "off")
         return slave
 
     def failure(
-        self, slave: Any, name: str, log: deque[str], time_s: float, what: str, status: int
+        self, slave: Any, name: str, log: "Log", time_s: float, what: str, status: int
     ) -> FmuError:
         """Return the error that names the instance that failed, the time, and its last message.
 
@@ -263,25 +269,58 @@ def check_steps(
         whole_ratio(*step, f"fixedInternalStepSize of {said}", internal_s)
 
 
-def new_log() -> deque[str]:
-    """Room for what an FMU reports last, oldest first."""
-    return deque(maxlen=_LOG_LENGTH)
+class Log(deque[str]):
+    """What an FMU has reported last, oldest first.
+
+    Attributes:
+        level: "off" to have it report nothing, "warnings", or "all" to print each message at once.
+        name: what messages that are printed begin with.
+        warning: the last message that was no mere information.
+    """
+
+    def __init__(self, level: LogLevel = "warnings", name: str = "") -> None:
+        super().__init__(maxlen=_LOG_LENGTH)
+        self.level, self.name, self.warning = level, name, ""
+
+    def take(self, status: int, message: bytes | None) -> None:
+        """Keep a message of an FMU."""
+        self.append((message or b"")[:_LOG_BYTES].decode("utf-8", "replace"))
+        if status != FMI_OK:
+            self.warning = self[-1]
+        if self.level == "all":
+            print(f"{self.name}: {self[-1]}", file=sys.stderr)
 
 
-def _text(message: bytes | None) -> str:
-    return (message or b"")[:_LOG_BYTES].decode("utf-8", "replace")
+_LOGS: weakref.WeakValueDictionary[int, Log] = weakref.WeakValueDictionary()
+_numbers = itertools.count(1)  # of logs, as environments of FMI 2.0, of which 0 is none
 
 
-def _callbacks(log: deque[str]) -> Any:
-    """Return the callbacks of an FMI 2.0 FMU: a logger into `log`, and the C library's memory."""
-    allocate = ctypes.cast(fmpy.calloc, fmi2CallbackAllocateMemoryTYPE)
-    release = ctypes.cast(fmpy.free, fmi2CallbackFreeMemoryTYPE)
+@fmi2CallbackLoggerTYPE
+def _told(environment: int, _name: Any, status: int, _category: Any, text: Any) -> None:
+    if (log := _LOGS.get(environment)) is not None:
+        log.take(status, text)
 
-    def told(_environment: Any, _name: Any, _status: int, _category: Any, text: Any) -> None:
-        log.append(_text(text))
 
+@functools.cache
+def _formatting_logger() -> Any:
+    """Return fmpy's C function that fills in arguments as printf does, then calls `_told`.
+
+    It calls one function for the whole process, whose environment tells the instance.
+    """
+    callbacks = fmi2CallbackFunctions(logger=_told)
+    addLoggerProxy(ctypes.addressof(callbacks))
+    return callbacks.logger
+
+
+def _callbacks(log: Log) -> Any:
+    """What an FMU of FMI 2.0 is given: a logger into `log`, and the C library's memory."""
+    number = next(_numbers)
+    _LOGS[number] = log
     return fmi2CallbackFunctions(
-        logger=fmi2CallbackLoggerTYPE(told), allocateMemory=allocate, freeMemory=release
+        logger=_formatting_logger(),
+        allocateMemory=ctypes.cast(fmpy.calloc, fmi2CallbackAllocateMemoryTYPE),
+        freeMemory=ctypes.cast(fmpy.free, fmi2CallbackFreeMemoryTYPE),
+        componentEnvironment=number,
     )
 
 

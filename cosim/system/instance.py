@@ -14,11 +14,12 @@ from cosim.fmi.abi import FMI_ERROR
 from cosim.fmi.fmu import (
     Fmu,
     FmuError,
+    Log,
+    LogLevel,
     end,
     fault_of,
     free,
     function_address,
-    new_log,
     status_of,
 )
 from cosim.system.graph import Component, GraphError
@@ -75,9 +76,16 @@ class Instance:
         FmuError: the FMU does not load, or refuses a start value.
     """
 
-    def __init__(self, component: Component, fmu: Fmu, *, events: bool = False) -> None:
+    def __init__(
+        self,
+        component: Component,
+        fmu: Fmu,
+        *,
+        events: bool = False,
+        fmu_log: LogLevel = "warnings",
+    ) -> None:
         self.name, self.fmu = component.name, fmu
-        self.log = new_log()
+        self.log = Log(fmu_log, self.name)
         self.events = events and fmu.standard == 3 and fmu.interface.hasEventMode
         self._start = {name: self._checked(name) for name in component.start}
         self._values = component.start

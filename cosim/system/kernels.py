@@ -51,7 +51,7 @@ ENDED, STUCK, NOT_A_NUMBER, NO_SOLUTION, UNSETTLED = range(100, 105)
 JACOBI, GAUSS_SEIDEL, EXTRAPOLATED, IMPLICIT = range(4)  # algorithms
 # What was going on when a call failed.
 SETTING, STEPPING, GETTING, SAVING, RESTORING = range(5)
-STEPS, ROLLBACKS, NANOSECONDS = range(3)  # columns of `Tables.counts`
+STEPS, ROLLBACKS, NANOSECONDS, WARNINGS = range(4)  # columns of `Tables.counts`
 MOST_RETURNS = 100_000  # of an FMU in one step
 _LEAST = 1e-12  # share of a step that is no step
 _FMI_2_TERMINATED = 3  # of fmi2StatusKind
@@ -128,6 +128,7 @@ def _step(t: Tables, c: int, begin_s: float, step_s: float, final: int) -> int:
     if t.components[c, STANDARD] == 2:
         t.counts[c, STEPS] += 1
         status = do_step_2(function, (handle, begin_s, step_s, final))
+        t.counts[c, WARNINGS] += status == FMI_WARNING
         if status == FMI_DISCARD:
             t.room[0] = 0
             place = t.room.ctypes.data
@@ -140,6 +141,7 @@ def _step(t: Tables, c: int, begin_s: float, step_s: float, final: int) -> int:
     for _ in range(MOST_RETURNS):
         t.counts[c, STEPS] += 1
         status, event, ends, early, reached_s = do_step_3(function, handle, time_s, left_s, final)
+        t.counts[c, WARNINGS] += status == FMI_WARNING
         if status > FMI_WARNING:
             return status
         if event and t.components[c, EVENTS]:

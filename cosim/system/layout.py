@@ -87,7 +87,7 @@ class Tables(NamedTuple):
         checked: (V, 2), indices of the first values of checked outputs, and their number.
         nominal: (V,) float64, their usual sizes.
         states: (2, C), saved states, of two points of time.
-        counts: (C, 3): steps, rollbacks, and ns spent where that is measured.
+        counts: (C, 4): steps, rollbacks, ns spent where that is measured, warnings.
         room: (10,), for what calls write.
         feeds: (J, 5), inputs that are given over time, and the rows of their values.
         given: (2, R) float64, times in s and values.
@@ -190,7 +190,7 @@ class Layout:
                      dtype=np.int64).reshape(-1, 2),
             np.array([self.nominal(n) for n in checked]),
             np.zeros((2, len(names)), dtype=np.int64),
-            np.zeros((len(names), 3), dtype=np.int64),
+            np.zeros((len(names), 4), dtype=np.int64),
             np.zeros(10, dtype=np.int64),
             *self._feeds(inputs),
         )  # fmt: skip

@@ -17,11 +17,13 @@ class Share(NamedTuple):
         steps: calls of its DoStep, those taken back included.
         rollbacks: steps that were too inaccurate and taken back.
         time_s: that its calls took; 0 if that was not measured.
+        warnings: steps of this run that returned a warning.
     """
 
     steps: int
     rollbacks: int
     time_s: float
+    warnings: int
 
 
 class SystemRun(NamedTuple):

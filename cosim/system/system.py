@@ -1,6 +1,7 @@
 """A system of FMUs that runs: made, initialised, stepped, and freed."""
 
 import ctypes
+import logging
 import math
 import time
 import weakref
@@ -11,7 +12,7 @@ import numpy as np
 
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
-from cosim.fmi.fmu import FmuError, check_steps, function_address
+from cosim.fmi.fmu import FmuError, LogLevel, check_steps, function_address
 from cosim.fmi.isolation import calling
 from cosim.model.config import whole_ratio
 from cosim.system.coupling import LARGEST, SIZE, WORST, Z, make_coupling
@@ -42,6 +43,7 @@ from cosim.system.kernels import (
     STEPPING,
     STUCK,
     UNSETTLED,
+    WARNINGS,
     Scheme,
 )
 from cosim.system.layout import Layout
@@ -58,6 +60,7 @@ from cosim.system.loops import (
 )
 from cosim.system.run import Share, SystemRun
 
+_LOG = logging.getLogger(__name__)
 MasterAlgorithm = Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"]
 Loops = Literal["solve", "explicit"]
 ALGORITHMS = get_args(MasterAlgorithm)  # by their numbers
@@ -97,6 +100,7 @@ class System:
         profile: bool = False,
         loops: Loops = "solve",
         inputs: Mapping[str, Given] | None = None,
+        fmu_log: LogLevel = "warnings",
     ) -> None:
         """Make the components and initialise them.
 
@@ -123,6 +127,8 @@ class System:
                 decrease, and values at them; or a function of an array of times in s that returns
                 an array of values, of which those at multiples of `step_s` are used. Between
                 times floats are interpolated linearly, others hold.
+            fmu_log: "off" to have FMUs report nothing, "warnings" to log how many of their steps
+                returned a warning, and "all" to print each of their messages, too.
 
         Raises:
             GraphError: the system cannot be; the message names component, variable, connection.
@@ -182,7 +188,8 @@ class System:
         try:
             with calling("its initialisation"):
                 for component in components:
-                    instance = Instance(component, fmus[component.name], events=event_mode)
+                    fmu = fmus[component.name]
+                    instance = Instance(component, fmu, events=event_mode, fmu_log=fmu_log)
                     self._instances[component.name] = instance
                 start = sampled(self._inputs, np.array([start_s]))
                 layout = Layout(self._instances, links, self._recorded, checked, start)
@@ -290,9 +297,16 @@ class System:
         signals = {".".join(n): self._layout.places[n].read(block) for n in self._recorded}
         counts = self._layout.tables.counts
         profile = {
-            name: Share(int(steps), int(rollbacks), 1e-9 * int(ns))
-            for name, (steps, rollbacks, ns) in zip(self._instances, counts, strict=True)
+            name: Share(int(steps), int(rollbacks), 1e-9 * int(ns), int(warnings))
+            for name, (steps, rollbacks, ns, warnings) in zip(self._instances, counts, strict=True)
         }
+        for name, instance in self._instances.items():
+            log, number = instance.log, profile[name].warnings
+            if (number or log.warning) and log.level != "off":
+                said = "; the last one: " + log.warning if log.warning else ""
+                _LOG.warning("component %s: %d of its steps gave a warning%s", name, number, said)
+                log.warning = ""
+        counts[:, WARNINGS] = 0
         time_s = self._scheme.start_s + ticks * self._scheme.tick_s
         return SystemRun(time_s, signals, ended, profile)
 

@@ -59,6 +59,9 @@ class SimulateSystem(IsolatedOptions):
     """Record every so many steps."""
     profile: bool = False
     """Print time, steps and rollbacks of every FMU."""
+    fmu_log: Literal["off", "warnings", "all"] = "warnings"
+    """What is shown of the FMUs' own messages: nothing (FMUs are asked to report none, which is
+    faster), how many steps of each gave a warning and the last one, or all."""
     lenient: bool = False
     """Accept FMUs whose modelDescription.xml violates the standard. Without it only violations are
     accepted that change no result; a warning names each FMU."""
@@ -108,6 +111,7 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
         profile=options.profile,
         loops=options.loops,
         inputs=inputs,
+        fmu_log=options.fmu_log,
     )
     at_end.append(lambda _: system.close())  # whatever its FMUs do in their end, results are whole
     simulated = system.run(until_s, every=options.every, progress=progress)

@@ -1,12 +1,11 @@
 """Loading an FMU, for which fmpy changes the working directory, next to calls in other threads."""
 
 import threading
-from collections import deque
 from pathlib import Path
 
 import fmpy.fmi1
 
-from cosim.fmi.fmu import Fmu, free
+from cosim.fmi.fmu import Fmu, Log, free
 from cosim.fmi.isolation import calling
 
 
@@ -32,7 +31,7 @@ def test_calls_that_begin_during_loading_leave_the_working_directory(
     monkeypatch.setattr(fmpy.fmi1.cdll, "LoadLibrary", slow)
     thread = threading.Thread(target=call)
     thread.start()
-    slave = fmu.load("motor", deque())
+    slave = fmu.load("motor", Log())
     loaded.set()
     thread.join()
     free(slave)

@@ -249,6 +249,24 @@ def test_step_that_is_discarded_is_tried_shorter(small):
         system.run(1.0)
 
 
+@pytest.mark.parametrize(("fmi", "text"), [(2, "x is 0.522 of 7 m"), (3, "x is large")])
+def test_warnings_are_counted_and_shown(small, caplog, capsys, fmi, text):
+    component = Component("a", small("dahlquist", fmi), {"warns_above": 0.5})
+    other = Component("b", small("dahlquist", fmi), {"warns_above": 0.01, "x": 2.0})
+    for level in ("off", "warnings", "all"):
+        caplog.clear()
+        with System([component, other], step_s=0.05, fmu_log=level) as system:
+            run = system.run(1.0)
+        assert (run.profile["a"].warnings, run.profile["b"].warnings) == (13, 20)
+        if level == "off":
+            assert not caplog.messages
+        else:
+            first, second = caplog.messages
+            assert first == f"component a: 13 of its steps gave a warning; the last one: {text}"
+            assert second.startswith("component b: 20 of its steps")
+        assert capsys.readouterr().err.count("a: x is ") == (13 if level == "all" else 0)
+
+
 def test_failure_names_component_time_and_log(small):
     components = [
         Component("good", small("dahlquist")),
