@@ -118,7 +118,7 @@ static int step(Instance *c, double time, double h, bool *event) {
         break;
     }
     s->time = end;
-    if (c->model == 'd' && r[6] > 0 && r[2] > r[6]) {
+    if (c->model == 'd' && r[2] > r[6]) {
         if (c->log_3) c->log_3(c->environment, fmi3Warning, "logStatusWarning", "x is large");
         if (c->log_2)
             c->log_2(c->environment, "", fmi2Warning, "logStatusWarning", "x is %.3f of %d %s", r[2], 7, "m");

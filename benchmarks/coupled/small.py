@@ -86,7 +86,7 @@ MODELS = {
         Variable(3, "u", causality="input", start="0"),
         Variable(4, "fails_at", causality="parameter", start="1e300", unit="s"),
         Variable(5, "longest", causality="parameter", start="1e300", unit="s"),
-        Variable(6, "warns_above", causality="parameter", start="0"),
+        Variable(6, "warns_above", causality="parameter", start="1e300"),
     ),
     "ball": (
         Variable(1, "h", start="1"),
