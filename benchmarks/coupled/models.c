@@ -48,7 +48,7 @@ static Instance *make(const char *token) {
     c->model = token[0];
     switch (c->model) {
     case 'o': r[1] = 1, r[2] = 1, r[4] = 1; break;                        /* oscillator */
-    case 'd': r[1] = 1, r[2] = 1, r[4] = r[5] = INFINITY; break;          /* dahlquist */
+    case 'd': r[1] = 1, r[2] = 1, r[4] = r[5] = r[6] = INFINITY; break;   /* dahlquist */
     case 'b': r[1] = 1, r[3] = 9.81, r[4] = 0.7; break;                   /* ball */
     case 's': c->s.whole[1] = 1, c->s.whole[2] = 10; break;               /* stair */
     case 'f': c->s.whole[8] = 1; break;                                   /* feedthrough */
@@ -84,8 +84,8 @@ static int step(Instance *c, double time, double h, bool *event) {
     case 'o': {
         double w = sqrt((r[2] + r[3]) / r[1]), rest = (r[6] + r[3] * r[7]) / (r[2] + r[3]);
         double x = r[4] - rest, v = r[5], co = cos(w * h), si = sin(w * h);
-        double a = r[9] / (2 * r[1]), b = w * w - a * a, q = sqrt(fabs(b)), e = exp(-a * h);
         if (r[9] > 0) { /* damped by the coupling: about another place of rest, or slower */
+            double a = r[9] / (2 * r[1]), b = w * w - a * a, q = sqrt(fabs(b)), e = exp(-a * h);
             rest += r[9] * r[10] / (r[2] + r[3]), x = r[4] - rest;
             co = e * (b > 0 ? cos(q * h) : cosh(q * h));
             si = e * (b > 0 ? sin(q * h) : sinh(q * h)) / q;

@@ -128,7 +128,8 @@ def _step(t: Tables, c: int, begin_s: float, step_s: float, final: int) -> int:
     if t.components[c, STANDARD] == 2:
         t.counts[c, STEPS] += 1
         status = do_step_2(function, (handle, begin_s, step_s, final))
-        t.counts[c, WARNINGS] += status == FMI_WARNING
+        if status == FMI_WARNING:
+            t.counts[c, WARNINGS] += 1
         if status == FMI_DISCARD:
             t.room[0] = 0
             place = t.room.ctypes.data
@@ -141,7 +142,8 @@ def _step(t: Tables, c: int, begin_s: float, step_s: float, final: int) -> int:
     for _ in range(MOST_RETURNS):
         t.counts[c, STEPS] += 1
         status, event, ends, early, reached_s = do_step_3(function, handle, time_s, left_s, final)
-        t.counts[c, WARNINGS] += status == FMI_WARNING
+        if status == FMI_WARNING:
+            t.counts[c, WARNINGS] += 1
         if status > FMI_WARNING:
             return status
         if event and t.components[c, EVENTS]:
@@ -193,7 +195,7 @@ def advance(
     dt = scheme.tick_s
     ended = -1
     if scheme.algorithm == JACOBI and copy(t, m, 0, t.copies.shape[0]):
-        return NOT_A_NUMBER, find_nan(t, m), GETTING
+        return NOT_A_NUMBER, 0, GETTING
     if t.feeds.shape[0]:
         middle = 0.5 * count if scheme.algorithm >= EXTRAPOLATED else 0.0
         feed(t, m, scheme.start_s + (tick + middle) * dt, dt)

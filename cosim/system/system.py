@@ -326,19 +326,21 @@ class System:
             return
         if status in (NO_SOLUTION, UNSETTLED):
             raise self._not_solved(status)
-        name, instance = list(self._instances.items())[component]
+        instance = list(self._instances.values())[component]
         said = f"{_WHAT[phase]} (fmi{instance.fmu.standard}Status {status})"
         if status == STUCK:
             said = "returned early for ever"
         elif status == NOT_A_NUMBER:
             block = self._layout.memory.u1[None, : 8 * self._layout.words]
             wrong = [
-                variable
-                for (owner, variable), place in self._layout.places.items()
-                if owner == name and "f" in place.dtype and place.offset < block.shape[1]
+                node
+                for node, place in self._layout.places.items()
+                if "f" in place.dtype and place.offset < block.shape[1]
                 and np.isnan(place.read(block)).any()
             ]  # fmt: skip
-            said = f"puts out nan ({', '.join(wrong)})"
+            first = min(wrong, key=lambda node: list(self._instances).index(node[0]))[0]
+            instance = self._instances[first]
+            said = f"puts out nan ({', '.join(v for component, v in wrong if component == first)})"
         raise instance.failure(self.time_s, said, status if status <= FMI_FATAL else FMI_ERROR)
 
     def _not_solved(self, status: int) -> GraphError:

@@ -242,6 +242,7 @@ def test_step_that_is_discarded_is_tried_shorter(small):
         run = system.run(1.0)
     assert system.rejected > 0
     assert run.signals["a.x"][-1] == pytest.approx(math.exp(-1.0))
+    assert run.profile["a"].warnings == 0
     with (
         System([component], step_s=0.05) as system,
         pytest.raises(FmuError, match=r"instance a, at 0.00000 s failed .*: the step is too long"),
