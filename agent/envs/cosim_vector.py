@@ -15,7 +15,7 @@ import numpy as np
 
 from agent.envs.boards import board_options, counted
 from agent.envs.cosim_episode import CoSimPlace, set_up
-from agent.envs.vector import Ends, RobotRowsVectorEnv
+from agent.envs.vector import Ends, RobotRowsVectorEnv, interpreted
 from agent.mdp.config import ProcessConfig
 from agent.mdp.grid import MOVING
 from cosim.base.arguments import ConfigError
@@ -62,7 +62,7 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
                 f"decision = {decision} is not possible for boards that advance together; leave "
                 'it out and look at infos["active"], or make_vec with vectorization_mode="sync"'
             )
-        process = process or ProcessConfig()
+        process = interpreted(process)
         setup = set_up(scenario, physics)
         super().__init__(
             num_envs, setup.scenario, process, render_mode, ends=ends, outcome_names=outcome_names

@@ -19,7 +19,7 @@ from agent.envs.parallel import NavigationParallelEnv, episode_info, render_epis
 from agent.envs.parallel_vector import ParallelVectorEnv
 from agent.envs.rendering import RENDER_MODES, require_render_mode
 from agent.envs.state import Restorable
-from agent.envs.vector import found, lone
+from agent.envs.vector import found, interpreted, lone
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError
 from cosim.model.outcome import RUNNING, TIMEOUT
@@ -220,7 +220,7 @@ def parallel_vector_env(
     outcome_names: bool = False,
 ) -> ParallelVectorEnv:
     """Boards of `parallel_env` on the grid, `num_envs` of them stepped together."""
-    process = process or ProcessConfig()
+    process = interpreted(process)
     return ParallelVectorEnv(num_envs, found(scenario), process, outcome_names=outcome_names)
 
 
@@ -242,7 +242,7 @@ def make_episode(
     Raises:
         UserError: the scenario or an option cannot be used.
     """
-    only = lone if alone else found
+    only, process = lone if alone else found, interpreted(process)
     if cosim:
         # here, because the grid needs no FMUs
         from agent.envs.cosim_episode import CoSimEpisode, set_up  # noqa: PLC0415

@@ -24,7 +24,7 @@ from agent.envs.state import Restorable
 from agent.mdp.config import ProcessConfig
 from agent.mdp.grid import X, Y
 from agent.mdp.readings import feature_sizes
-from cosim.base.arguments import require_one_of
+from cosim.base.arguments import require_one_of, taken
 from cosim.base.errors import UserError
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.model.scenario import Scenario
@@ -175,7 +175,7 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
         Raises:
             UserError: the scenario cannot be used.
         """
-        process = process or ProcessConfig()
+        process = interpreted(process)
         limit = counted("max_episode_steps", max_episode_steps, int | None)
         if limit is not None:
             process = replace(process, step_limit=min(process.step_limit, limit))
@@ -269,6 +269,15 @@ def found(scenario: str | Scenario) -> Scenario:
         UserError: it cannot be used.
     """
     return scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
+
+
+def interpreted(process: ProcessConfig | None) -> ProcessConfig:
+    """Return the interpretations of an environment, by default those of the project.
+
+    Raises:
+        UserError: they are no `ProcessConfig`.
+    """
+    return ProcessConfig() if process is None else taken("process", process, ProcessConfig)
 
 
 def lone(scenario: Scenario) -> Scenario:

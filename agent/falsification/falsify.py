@@ -167,7 +167,7 @@ def falsify(
     for name, value, least in (("episodes", episodes, 1), ("keep", keep, 0)):
         if taken(name, value, int) < least:
             raise ConfigError(f"{name} = {value} must be at least {least}")
-    out, name = Path(out), name_of(policy)
+    out, name = Path(out).absolute(), name_of(policy)  # an FMU may change the working directory
     where = Workers(jobs=jobs, backend=backend, address=address)
     report, seed = progress or silent, taken_seed(seed)
     physics, searched = options_of("falsify", options), ranges_of(ranges or {})

@@ -37,15 +37,14 @@ class Rows(VecEnv):
     def step_wait(self):
         seen, rewards, terminated, truncated, infos = self.env.step(self.actions)
         done = terminated | truncated
-        told = [{"is_success": bool(success)} for success in infos["is_success"]]
+        ends = [{"is_success": bool(success)} for success in infos["is_success"]]
         if done.any():
             begun, _ = self.env.reset(options={"reset_mask": done})
             for row in np.flatnonzero(done):
-                told[row] |= {"terminal_observation": seen[row]}
-                told[row] |= {"TimeLimit.truncated": bool(truncated[row])}
-                told[row] |= {"episode": {"r": 0.0, "l": 0, "t": 0.0}}
+                ends[row] |= {"terminal_observation": seen[row]}
+                ends[row] |= {"TimeLimit.truncated": bool(truncated[row])}
             seen = np.where(done[:, None], begun, seen)
-        return seen, rewards, done, told
+        return seen, rewards, done, ends
 
     def close(self):
         self.env.close()
@@ -54,7 +53,7 @@ class Rows(VecEnv):
         return [False] * self.num_envs
 
     def env_method(self, name, *args, indices=None, **kwargs):
-        raise NotImplementedError(name)
+        return [getattr(self.env, name)(*args, **kwargs)] * self.num_envs
 
     def get_attr(self, name, indices=None):
         return [getattr(self.env, name)] * self.num_envs

@@ -41,6 +41,14 @@ def evaluate_seldom(patch):
         patch.setattr(import_module(module), "replace", partial(replace, greedy_points=6))
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark what needs the reproduction as long: it trains and drives for half a minute."""
+    for item in items:
+        if "reproduction" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.long)
+
+
 @pytest.fixture(autouse=True)
 def few_evaluations(monkeypatch):
     """The same while a test goes on with a reproduction."""

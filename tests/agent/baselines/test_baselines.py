@@ -19,6 +19,8 @@ from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
 from minirobots.commands.baselines import Baselines
 
+pytestmark = pytest.mark.long  # it trains
+
 BOARD = """
 columns = 14
 rows = 14

@@ -24,6 +24,8 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import DIRECTIONS, Observation
 
+pytestmark = pytest.mark.long  # it trains networks
+
 TINY = """
 title = "two robots on a small board"
 columns = 4

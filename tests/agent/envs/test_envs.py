@@ -584,3 +584,19 @@ def test_a_bystander_of_a_collision_is_truncated_without_penalty(cosim):
     assert truncations == {"robot_1": False, "robot_2": False, "robot_3": True}
     assert infos["robot_3"]["outcome"] == COLLISION
     env.close()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda **options: gym.make("MiniRobots/SingleA-v0", **options),
+        lambda **options: gym.make("MiniRobots/CoSim-v0", **options),
+        lambda **options: gym.make_vec("MiniRobots/Pair-v0", num_envs=2, **options),
+        lambda **options: gym.make_vec("MiniRobots/CoSimPair-v0", num_envs=2, **options),
+        lambda **options: envs.parallel_env("2", **options),
+        lambda **options: envs.parallel_vector_env("2", **options),
+    ],
+)
+def test_interpretations_of_another_type_are_refused(make):
+    with pytest.raises(UserError, match="process = 3 is invalid"):
+        make(process=3)

@@ -17,6 +17,8 @@ from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from tests.agent.moves.test_moves import ideal_moves
 
+pytestmark = pytest.mark.long  # it searches
+
 # Robots that swap sides.
 SWAP = Scenario(
     "swap",

@@ -37,6 +37,8 @@ from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.simulate import draw_episode
 
+pytestmark = pytest.mark.long  # it compiles C for every case
+
 # The library's arctangent in place of our own: the kernels call it, and it may differ by an ulp.
 LIBRARY_ARCTANGENT = """
 double (*library)(double);

@@ -19,6 +19,8 @@ from cosim.model.scenario import Scenario, ScenarioError
 from cosim.simulation.result import EpisodeResult
 from minirobots.commands.transfer import Transfer
 
+pytestmark = pytest.mark.long  # it trains and drives
+
 BOARD = """
 columns = 14
 rows = 14

@@ -9,6 +9,14 @@ from benchmarks.coupled.small import small_fmu
 from cosim.fmi.fmu import Fmu
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark all tests of systems as long: their kernels take a minute to compile."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.long)
+
+
 @pytest.fixture(scope="session")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Fmu]:
     """An FMU by model, standard, and what differs from the usual one."""
