@@ -25,14 +25,15 @@ from fmus.compiler import (
 )
 from fmus.description import render_fmi2, render_fmi3
 from fmus.documentation import render_html
-from fmus.models import ROOT, Fmi, Model, folders, read_bytes
-from fmus.origin import license_text, read_origin
+from fmus.models import MODELS, ROOT, Fmi, Model, folders, read_bytes
+from fmus.origin import Origin, license_text, read_origin
 from fmus.references import reference_files
 from fmus.variables import Table, load_table, render_header
 
 __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
 
 CARRIED = Path("fmus/built")  # folder of FMUs in a wheel
+_CARRIED = ROOT.parent / CARRIED
 
 
 def build_fmu(
@@ -119,18 +120,41 @@ def cached_fmu(model: Model = "VibrationMotors") -> Path:
         BuildError: no compiler was found, or it failed.
         OSError: the cache cannot be written.
     """
-    carried = ROOT.parent / CARRIED / f"{model}.fmu"
+    path = _place(model)
+    if path.parent == _CARRIED:
+        return path
+    return cached(path, lambda path: path, lambda: path, lambda _, at: build_fmu(at.parent, model))
+
+
+def _place(model: Model) -> Path:
+    """Return where a model's FMU is, or is to be."""
+    carried = _CARRIED / f"{model}.fmu"
     if carried.is_file():
         return carried
     token = instantiation_token(load_table(model))
     key = digest_of(token, host_target(), FLAGS, compiler_version())
-    path = cache_dir("fmus") / key / f"{model}.fmu"
-    return cached(path, lambda path: path, lambda: path, lambda _, at: build_fmu(at.parent, model))
+    return cache_dir("fmus") / key / f"{model}.fmu"
+
+
+def identity_of_fmu(path: Path) -> Path | str:
+    """Return what `digest_of` is given for an FMU: a built-in one is known by its sources.
+
+    They, the model description and the compiler's flags decide what it computes on every platform
+    (`SAME_BITS`; `tests/test_packaged.py` compares bits), while the bytes of binaries differ. Any
+    other FMU is known by its bytes.
+    """
+    for model in MODELS:
+        if path.stem == model and is_built_in(path) and path == _place(model):
+            table = load_table(model)
+            sources = source_files(model, "3", render_header(table, ""))
+            sources["modelDescription.xml"] = render_fmi3(table, "", Origin("", "", "", ""))
+            return digest_of({name: text.decode() for name, text in sources.items()}, FLAGS)
+    return path
 
 
 def is_built_in(path: Path) -> bool:
     """Whether a file is one that `cached_fmu` returns."""
-    return path.parent == ROOT.parent / CARRIED or cache_dir("fmus") in path.parents
+    return path.parent == _CARRIED or cache_dir("fmus") in path.parents
 
 
 def instantiation_token(table: Table) -> str:

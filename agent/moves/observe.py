@@ -27,6 +27,7 @@ from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
 from cosim.onboard.steering import DRIVE, HOLD, PAST
 from cosim.simulation.batch import Batch
+from fmus.build import identity_of_fmu
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
 # Each has a world of its own where worlds are drawn.
@@ -117,7 +118,7 @@ class _Walker:
 
 def source_digest(config: CoSimConfig, fmu: Path, worlds: Ranges | None = None) -> str:
     """Hash (16 hex digits) of the parameters, motor FMU and worlds that moves depend on."""
-    return digest_of(config, fmu, worlds)
+    return digest_of(config, identity_of_fmu(fmu), worlds)
 
 
 def observe_moves(
@@ -205,7 +206,7 @@ def observe_moves(
 
 def moves_path(config: CoSimConfig, fmu: Path, worlds: Ranges | None = None) -> Path:
     """Return where the cache keeps the moves of these parameters and this FMU."""
-    code = code_digest(__name__)
+    code = code_digest(__name__, but=["fmus.build"])  # whose results `source_digest` has
     return cache_dir("moves") / f"{source_digest(config, fmu, worlds)}-{code}.json"
 
 

@@ -253,7 +253,7 @@ class _SyntaxReader:
         for name, value in ast.iter_fields(node):
             if name in ("annotation", "returns"):
                 self._read_annotation(value)
-            elif name not in ("ctx", "type_comment", "kind", "simple"):
+            elif name not in ("ctx", "type_comment", "kind", "simple", "type_params"):
                 fields.append(self.text(value))
         return f"{type(node).__name__}({','.join(fields)})"
 

@@ -29,6 +29,7 @@ _FOLDERS = "minirobots-tmp-"  # beginning of the names of temporary folders
 _YOUNG_S = 60.0  # in which a new folder is locked
 _LOCK = threading.Lock()
 CACHE = "MINIROBOTS_CACHE"  # environment variable with another folder of the cache
+PACKAGED = Path(__file__).parents[1] / "packaged"  # results of the default configuration, by kind
 
 
 class StorageError(UserError):
@@ -86,7 +87,7 @@ def cached(
     *,
     again: bool = False,
 ) -> Value:
-    """Return what a file of the cache holds; it is made if it is missing or damaged.
+    """Return what a file of the cache, or of `PACKAGED`, holds; make it if missing or damaged.
 
     Args:
         path: of the file; its SHA-256 is kept next to it.
@@ -111,7 +112,12 @@ def cached(
 
     if again:
         return remake()
-    return load_or_create(path, lambda: load(path) if is_intact(path) else None, remake)
+    places = path, PACKAGED / path.parent.name / path.name
+
+    def find() -> Value | None:
+        return next((load(place) for place in places if is_intact(place)), None)
+
+    return load_or_create(path, find, remake)
 
 
 def write_checksum(path: Path) -> None:

@@ -15,6 +15,7 @@ from cosim.calibration.speed_map import DRIVES, Calibration, load_calibration
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
 from cosim.model.config import CoSimConfig
+from fmus.build import identity_of_fmu
 
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:
@@ -32,7 +33,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
         config.steering.dither_rad_s,
         coupling,
         (config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm),
-        motor_fmu,
+        identity_of_fmu(motor_fmu),
         code,
         *([further] if further else []),
     )

@@ -19,6 +19,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD, TIMING
 from cosim.model.world import World
 from cosim.onboard.shield import stopping_gap
+from fmus.build import identity_of_fmu
 
 MOST_GAP = 0.5  # assumed: of the robots' diameter; with more there is no way past each other
 _FLOOR = ("motor_spread", "restitution", "floor_tilt_deg", "payload_g", "payload_offset_mm")
@@ -56,7 +57,7 @@ def _kept(
     def save(found: tuple[float, ...], path: Path) -> None:
         write_json(path, found)
 
-    key = digest_of(config, motor_fmu, code_digest(measure))
+    key = digest_of(config, identity_of_fmu(motor_fmu), code_digest(measure))
     return cached(cache_dir("calibrations") / f"{key}.json", load, make, save)
 
 

@@ -1,0 +1,102 @@
+"""Results of the default configuration that are in the packages: of this code, with these bits.
+
+Where code that decides them has changed, measure them again (40 s of processor time):
+`PACKAGED=write uv run --group test pytest -n 0 -m long tests/test_packaged.py`. If bits change
+with it, CHANGELOG says so.
+"""
+
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agent.method import method_config
+from cosim.base.storage import CACHE, PACKAGED, cache_dir
+from cosim.calibration.cache import calibrated_slower
+from cosim.calibration.shielding import with_stopping_distance
+from cosim.model.config import CoSimConfig
+from cosim.model.params import SHIELD
+from cosim.model.scenario_file import find_scenario
+from cosim.model.world import World
+from fmus.build import cached_fmu
+
+
+def driving() -> None:
+    calibrated_slower(CoSimConfig(), cached_fmu())
+
+
+def slippery() -> None:  # the example of the README
+    calibrated_slower(CoSimConfig().in_world(World(mu=0.2)), cached_fmu())
+
+
+def shielded() -> None:
+    config = calibrated_slower(replace(CoSimConfig(), shield=SHIELD), cached_fmu())
+    with_stopping_distance(config, cached_fmu())
+
+
+def learning(method: str) -> Callable[[], None]:
+    return lambda: method_config(method, find_scenario("2")) and None
+
+
+DEFAULTS = {
+    "calibration": driving,
+    "calibration on another floor": slippery,
+    "shield": shielded,
+    "moves": learning("moves"),
+    "moves through cells": learning("prompt"),
+}
+
+
+def files(folder: Path) -> dict[str, Path]:
+    """Results in a cache, by kind and name."""
+    found = [path for path in folder.glob("*/*") if path.suffix in {".json", ".npz"}]
+    kinds = ("calibrations", "moves")
+    return {f"{p.parent.name}/{p.name}": p for p in found if p.parent.name in kinds}
+
+
+@pytest.fixture
+def empty_cache(tmp_path, monkeypatch) -> Path:
+    fmus, kernels = cache_dir("fmus"), cache_dir("kernels")
+    cached_fmu()
+    for folder in (fmus, kernels):
+        (tmp_path / folder.name).symlink_to(folder, target_is_directory=True)
+    monkeypatch.setenv(CACHE, str(tmp_path))
+    return tmp_path
+
+
+def test_nothing_is_measured_where_everything_has_its_default(empty_cache, monkeypatch):
+    def make(path: Path) -> None:
+        raise AssertionError(f"{path} is of changed code: write it again as above in this file")
+
+    monkeypatch.setattr("cosim.base.storage.lock_of", make)
+    for default in DEFAULTS.values():
+        default()
+    assert not files(empty_cache)
+
+
+@pytest.mark.long
+def test_packaged_results_are_what_this_machine_measures(empty_cache, monkeypatch):
+    monkeypatch.setattr("cosim.base.storage.PACKAGED", empty_cache / "none")
+    for default in DEFAULTS.values():
+        default()
+    found = files(empty_cache)
+    if os.environ.get("PACKAGED") == "write":
+        shutil.rmtree(PACKAGED, ignore_errors=True)
+        for name, path in found.items():
+            (PACKAGED / name).parent.mkdir(parents=True, exist_ok=True)
+            for file in (path, path.with_name(f"{path.name}.sha256")):
+                shutil.copy(file, PACKAGED / Path(name).parent)
+    packaged = files(PACKAGED)
+    assert packaged.keys() == found.keys()
+    for name, path in found.items():
+        if path.suffix == ".npz":
+            with np.load(path) as new, np.load(packaged[name]) as old:
+                assert {k: v.tobytes() for k, v in new.items()} == {
+                    k: v.tobytes() for k, v in old.items()
+                }
+        else:
+            assert path.read_bytes() == packaged[name].read_bytes()
