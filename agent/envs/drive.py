@@ -8,7 +8,7 @@ share the lanes of one batch; every row is a robot, with the bits of the single 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations, starmap
 from typing import Any, Literal
@@ -28,16 +28,13 @@ from agent.envs.state import Restorable
 from agent.envs.vector import lone
 from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.errors import shown
-from cosim.coupling.signals import MOTORS, State
 from cosim.model.config import CoSimConfig, whole_ratio
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.physics.body_state import QUATERNION, standing_state
-from cosim.physics.rotation import heading
-from cosim.simulation.episode import RunningEpisode
+from cosim.physics.body_state import standing_state
+from cosim.simulation.driving import NO_EFFECT, DrivenEpisode, DriveObservation, in_frames, numbers
 
 TIME_LIMIT_S = 120.0
 REACH_M = 0.2
@@ -48,57 +45,77 @@ _DRAWS = 1000  # of poses, before a board counts as too small
 _ROOT = 0.25  # a robot's speed grows with about the fourth power of its motors' speeds
 _END_REWARD = 10.0  # of an arrival, and of a failure with its sign changed; a cm of progress has 1
 _PERIOD_S = TIMING.control_period_s
-_NO_EFFECT = ("rl_step", "through", "shield")  # options of the physics
+ACTIONS = ("velocity", "motors")
 
 Observe = Literal["true", "estimated"]
 
 
-class DrivenEpisode(RunningEpisode):
-    """An episode whose robots get motor set points in every step."""
+class FreeEpisode(DrivenEpisode):
+    """An episode from poses to targets anywhere on the board.
 
-    def bind(self, state: State) -> None:
-        """See `RunningEpisode.bind`; also the motors' speeds."""
-        super().bind(state)
-        self._speeds = state.outputs[MOTORS : 2 * MOTORS, self._columns].T
+    A robot has arrived within 5 mm of its target; `observe` "true" shows true poses whatever the
+    camera sees.
+    """
 
-    def __getstate__(self) -> dict[str, Any]:
-        """See `RunningEpisode`."""
-        return {k: v for k, v in super().__getstate__().items() if k != "_speeds"}
+    observe: Observe = "true"
 
-    def put(self, poses: np.ndarray, targets_m: np.ndarray) -> None:
+    def put(self, poses: np.ndarray, targets_m: np.ndarray, observe: Observe) -> None:
         """Set the robots down at (N, 3) x, y in m and heading in rad, for (N, 2) targets in m."""
-        self.targets_m = targets_m
+        self.targets_m, self.observe = targets_m, observe
         for robot, (x, y, angle) in enumerate(poses.tolist()):
             self._bodies[robot] = standing_state(self.config.robot, x, y, angle)
-        self._estimates[:, POSE : POSE + 3] = poses
+        self._estimates[:, POSE : POSE + 3] = self._poses = poses
         self.measures._last_m[:], self.measures._last_rad[:] = poses[:, :2], poses[:, 2]
 
-    def poses(self, observe: Observe) -> np.ndarray:
-        """(N, 3) x, y in m and heading in rad, true or as the camera's filter estimates them."""
-        if observe == "estimated":
-            return self._estimates[:, POSE : POSE + 3].copy()
-        angles = [heading((q[0], q[1], q[2], q[3])) for q in self._bodies[:, QUATERNION].tolist()]
-        return np.column_stack([self._bodies[:, :2], angles])
+    def poses(self) -> np.ndarray:
+        """See `DrivenEpisode.poses`."""
+        return super().poses() if self.observe == "estimated" else self.true_poses()
 
     def distances(self) -> np.ndarray:
         """(N,) true distances from the targets in m."""
         return np.hypot(*(self._bodies[:, :2] - self.targets_m).T)
 
-    def speeds_rad_s(self) -> np.ndarray:
-        """(N, 2) of motors D and E."""
-        return self._speeds.copy()
-
-    def _directions(self, action: Any) -> np.ndarray:
-        return action
-
-    def _adopt(self, action: np.ndarray) -> np.ndarray:
-        moving = ~self._arrived
-        self._commands[moving, OMEGA_D], self._commands[moving, OMEGA_E] = action[moving].T
-        self._commands[moving, MODE] = DIRECT
-        return moving
-
     def _arriving(self, completed: np.ndarray) -> np.ndarray:
         return self.distances() <= REACHED_M
+
+
+class DrivePolicy:
+    """A policy of `Drive-v0` as one that drives in any scenario.
+
+    >>> ahead = DrivePolicy(lambda seen: [[1.0, 0.0]] * len(seen))
+
+    Args:
+        predict: (N, F) float32 observations of `DriveVectorEnv` to (N, 2) actions.
+        action, context, control_interval: of the environment that it was trained in.
+
+    Attributes:
+        interval_s: time between two commands.
+    """
+
+    def __init__(
+        self,
+        predict: Callable[[np.ndarray], ArrayLike],
+        *,
+        action: str = "velocity",
+        context: bool = False,
+        control_interval: float = 0.1,
+    ) -> None:
+        require_one_of("action", action, ACTIONS)
+        self._predict, self._velocity = predict, action == "velocity"
+        self._context = taken("context", context, bool)
+        self.interval_s = positive("control_interval", control_interval)
+
+    def drive(self, motion: DriveObservation) -> np.ndarray:
+        """Return the set points of motors D and E in rad/s, (N, 2).
+
+        Raises:
+            ActionError: the policy returned something else than two numbers for each robot.
+        """
+        actions = checked_actions(
+            self._predict(observed(motion, context=self._context)), len(motion.poses)
+        )
+        dither = motion.memory.setdefault("dither", new_dither(len(actions)))
+        return set_points(actions, motion.config, dither, velocity=self._velocity)
 
 
 class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -121,10 +138,7 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
     _mutable = (
         "_batch",
         "_seeds",
-        "_poses",
-        "_velocities",
         "_dither",
-        "_contexts",
         "_outcomes",
         "_arrived",
     )
@@ -166,15 +180,14 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
             UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
         """
         require_render_mode(render_mode)
-        require_one_of("action", action, ("velocity", "motors"))
+        require_one_of("action", action, ACTIONS)
         require_one_of("reward", reward, ("dense", "sparse"))
         require_one_of("observe", observe, ("true", "estimated"))
         self._context = taken("context", context, bool)
-        for name, value in (("reach", reach), ("control_interval", control_interval)):
-            if not 0.0 < taken(name, value, float) < math.inf:
-                raise ConfigError(f"{name} = {value} must be positive and finite")
+        self._interval_s = positive("control_interval", control_interval)
+        self._reach_m = positive("reach", reach)
         whole_ratio("control_interval", control_interval, "control_period_s", _PERIOD_S)
-        for name in _NO_EFFECT:
+        for name in NO_EFFECT:
             if name in physics:
                 raise ConfigError(
                     f"{name} has no effect where a learner drives; leave it out, or choose "
@@ -189,19 +202,15 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
         self.render_mode = render_mode
         self._observe: Observe = observe
         self._velocity, self._dense = action == "velocity", reward == "dense"
-        self._interval_s, self._reach_m = float(control_interval), float(reach)
         size = 13 + 2 * (self._robots > 1) + 5 * self._context
         self.single_observation_space = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
         self.single_action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._batch = self._setup.batch(self._boards)
-        rows = (self._boards, self._robots)
-        self._poses, self._velocities = np.zeros((*rows, 3)), np.zeros((*rows, 3))
-        self._dither = np.zeros((*rows, 2))  # phase that the dither has added in rad, its sign
-        self._contexts = np.zeros((self._boards, 5))
+        self._dither = new_dither(self.num_envs)
         self._outcomes = np.full(self._boards, TIMEOUT)  # none is running yet
-        self._arrived = np.zeros(rows, dtype=bool)
+        self._arrived = np.zeros((self._boards, self._robots), dtype=bool)
         self._seeds = [np.random.SeedSequence()] * self._boards
         self._seed(int(self.np_random_seed or 0))
 
@@ -250,7 +259,7 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
     def _places(self, name: str, values: Any, size: int) -> np.ndarray | None:
         if values is None:
             return None
-        array, shape = _numbers(values), (self._robots, size)
+        array, shape = numbers(values), (self._robots, size)
         if array.shape != shape or not np.isfinite(array).all() or not self._free(array[:, :2]):
             raise StartsError(
                 f"{name} = {shown(values)} must be of shape {shape}, in m on the board, off "
@@ -304,11 +313,11 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
         # no robot's target cell is forbidden to the others: its centre is what counts here
         scenario = replace(self.scenario, zone_is_obstacle=False)
         cells = tuple((int(x), int(y)) for x, y in poses[:, :2] // scenario.cell_m)
-        episode = self._batch.begin(m, scenario, cells, noise_seed, config, DrivenEpisode)
-        assert isinstance(episode, DrivenEpisode)
-        episode.put(poses, targets_m)
-        self._poses[m], self._velocities[m], self._dither[m] = poses, 0.0, (0.0, 1.0)
-        self._contexts[m] = _context_of(config)
+        episode = self._batch.begin(m, scenario, cells, noise_seed, config, FreeEpisode)
+        assert isinstance(episode, FreeEpisode)
+        episode.put(poses, targets_m, self._observe)
+        rows = slice(m * self._robots, (m + 1) * self._robots)
+        self._dither[rows] = new_dither(self._robots)
         self._outcomes[m], self._arrived[m] = RUNNING, False
 
     def step(
@@ -321,23 +330,21 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
             ClosedError: the environment is closed.
         """
         self._require_open()
-        wanted = _numbers(actions)
-        if wanted.shape != (self.num_envs, 2) or not np.isfinite(wanted).all():
-            raise ActionError(
-                f"actions = {shown(actions)}: give two finite numbers from -1 to 1 to each of the "
-                f"{self.num_envs} environments"
-            )
-        set_points = self._set_points(np.clip(wanted, -1.0, 1.0).reshape(self._boards, -1, 2))
+        speeds = set_points(
+            checked_actions(actions, self.num_envs),
+            self._setup.config,
+            self._dither,
+            velocity=self._velocity,
+        ).reshape(self._boards, -1, 2)
         running = np.flatnonzero(self._outcomes == RUNNING).tolist()
         before = {m: self._episode(m).distances() for m in running}
-        steps = self._batch.advance({m: set_points[m] for m in running}) if running else {}
+        steps = self._batch.advance({m: speeds[m] for m in running}) if running else {}
         rewards = np.zeros((self._boards, self._robots))
         for m in range(self._boards):
             if m not in steps:
                 self._begin(m)
                 continue
             episode, arrived_before = self._episode(m), self._arrived[m].copy()
-            self._move(m, episode.poses(self._observe))
             self._outcomes[m] = BY_RANK.index(steps[m].outcome)
             if self._outcomes[m] == RUNNING and steps[m].number + 1 == self._limit:
                 self._outcomes[m] = TIMEOUT
@@ -353,66 +360,16 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
         cut = np.repeat(self._outcomes == TIMEOUT, self._robots) & ~self._arrived.reshape(-1)
         return self._observations(), rewards.reshape(-1), ended & ~cut, cut, self._infos()
 
-    def _move(self, m: int, poses: np.ndarray) -> None:
-        moved = poses - self._poses[m]
-        moved[:, 2] = (moved[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
-        self._poses[m], self._velocities[m] = poses, _turned(moved, poses[:, 2]) / self._interval_s
-
-    def _episode(self, m: int) -> DrivenEpisode:
+    def _episode(self, m: int) -> FreeEpisode:
         episode = self._batch.episodes[m]
-        if not isinstance(episode, DrivenEpisode):
+        if not isinstance(episode, FreeEpisode):
             raise ActionError("no episode has begun; call reset first")
         return episode
 
-    def _set_points(self, actions: np.ndarray) -> np.ndarray:
-        """(K, N, 2) speeds of motors D and E in rad/s.
-
-        The calibrated speeds realise an action of 1. The dither alternates once per interval, like
-        that of `cosim.onboard.steering`.
-        """
-        steering = self._setup.config.steering
-        most = steering.max_speed_rad_s
-        if not self._velocity:
-            return most * actions
-        ahead, turn = actions[..., 0], actions[..., 1]
-        full = np.where(ahead > 0, steering.forward_speed_rad_s, steering.backward_speed_rad_s)
-        drive = np.sign(ahead) * np.abs(ahead) ** _ROOT * full
-        rotate = np.sign(turn) * np.abs(turn) ** _ROOT * steering.turn_speed_rad_s
-        largest = np.maximum(np.abs(drive) + np.abs(rotate), 1e-9)
-        share = np.minimum(1.0, np.maximum(np.abs(drive), np.abs(rotate)) / largest)
-        phase, sign = self._dither[..., 0], self._dither[..., 1]
-        sign[phase <= 0.0], sign[phase >= 2.0 * math.pi] = 1.0, -1.0
-        dither = sign * steering.dither_rad_s * (largest > 1.0)
-        phase += 2.0 * dither * self._interval_s
-        dither_d = np.where(np.abs(drive) >= np.abs(rotate), dither, -dither)
-        pair = [share * (rotate - drive) + dither_d, share * (rotate + drive) + dither]
-        return np.clip(np.stack(pair, axis=-1), -most, most)
-
     def _observations(self) -> np.ndarray:
         """(rows, F) float32."""
-        steering, size_m = self._setup.config.steering, self.scenario.size_m
-        rows = []
-        for m, poses in enumerate(self._poses):
-            episode, angle = self._episode(m), poses[:, 2]
-            error_m = _turned(episode.targets_m - poses[:, :2], angle)
-            parts = [
-                error_m / _LENGTH_M,
-                np.column_stack([np.sin(angle), np.cos(angle)]),
-                poses[:, :2] / size_m,
-                self._velocities[m, :, :2] / steering.drive_speed_m_s,
-                self._velocities[m, :, 2:] / steering.turn_rate_rad_s,
-                episode.speeds_rad_s() / steering.max_speed_rad_s,
-                error_m / np.maximum(np.hypot(*error_m.T), 1e-9)[:, None],
-            ]
-            if self._robots > 1:
-                apart = poses[None, :, :2] - poses[:, None, :2]
-                gaps = np.hypot(*np.moveaxis(apart, -1, 0)) + np.diag([np.inf] * self._robots)
-                nearest = apart[np.arange(self._robots), gaps.argmin(axis=1)]
-                parts.append(_turned(nearest, angle) / _LENGTH_M)
-            if self._context:
-                parts.append(np.tile(self._contexts[m], (self._robots, 1)))
-            rows.append(np.concatenate(parts, axis=1))
-        return np.clip(np.concatenate(rows), -_LIMIT, _LIMIT).astype(np.float32)
+        motions = [self._episode(m).motion() for m in range(self._boards)]
+        return np.concatenate([observed(motion, context=self._context) for motion in motions])
 
     def _infos(self) -> dict[str, Any]:
         outcomes = np.repeat(self._outcomes, self._robots)
@@ -433,10 +390,11 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
             return None
         draw = board_text if self.render_mode == "ansi" else board_pixels
         pictures = []
-        for m, poses in enumerate(self._poses):
-            cells = (self._episode(m).targets_m // self.scenario.cell_m).astype(int)
+        for m in range(self._boards):
+            motion = self._episode(m).motion()
+            cells = (motion.targets_m // self.scenario.cell_m).astype(int)
             scene = replace(self.scenario, targets=tuple((int(x), int(y)) for x, y in cells))
-            pictures += [draw(scene, poses[:, :2])] * self._robots
+            pictures += [draw(scene, motion.poses[:, :2])] * self._robots
         return tuple(pictures)
 
     def close_extras(self, **_: Any) -> None:
@@ -497,21 +455,92 @@ class DriveEnv(Restorable, gym.Env[np.ndarray, np.ndarray]):
         self.closed = True
 
 
-def _numbers(values: Any) -> np.ndarray:
-    """float64 of what a user gave; of no shape that anything has if it is not an array."""
-    try:
-        array = np.asarray(values)
-    except ValueError:  # rows of several lengths
-        return np.empty(0)
-    return array.astype(np.float64) if array.dtype.kind in "fiu" else np.empty(0)
+def positive(name: str, value: Any) -> float:
+    """Return a finite positive number as float.
+
+    Raises:
+        ConfigError: it is none.
+    """
+    if not 0.0 < taken(name, value, float) < math.inf:
+        raise ConfigError(f"{name} = {value} must be positive and finite")
+    return float(value)
 
 
-def _turned(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(N, 2 or 3) vectors of the board in the frames of robots with (N,) headings."""
-    turned, c, s = vectors.copy(), np.cos(angle), np.sin(angle)
-    turned[:, 0] = c * vectors[:, 0] + s * vectors[:, 1]
-    turned[:, 1] = c * vectors[:, 1] - s * vectors[:, 0]
-    return turned
+def checked_actions(actions: Any, rows: int) -> np.ndarray:
+    """(rows, 2) float64 from -1 to 1 of what a learner returned, cut where it is beyond.
+
+    Raises:
+        ActionError: it is something else than two finite numbers per row.
+    """
+    wanted = numbers(actions)
+    if wanted.shape != (rows, 2) or not np.isfinite(wanted).all():
+        raise ActionError(
+            f"actions = {shown(actions)}: give two finite numbers from -1 to 1 to each of the "
+            f"{rows} robots"
+        )
+    return np.clip(wanted, -1.0, 1.0)
+
+
+def new_dither(robots: int) -> np.ndarray:
+    """(N, 2) state of the dither: the phase that it has added, in rad, and its sign."""
+    return np.tile([0.0, 1.0], (robots, 1))
+
+
+def set_points(
+    actions: np.ndarray, config: CoSimConfig, dither: np.ndarray, *, velocity: bool
+) -> np.ndarray:
+    """(N, 2) speeds of motors D and E in rad/s.
+
+    The calibrated speeds realise an action of 1. The dither alternates once per interval, like
+    that of `cosim.onboard.steering`.
+
+    Args:
+        actions: (N, 2) from -1 to 1.
+        config: calibrated; an RL step is a control interval.
+        dither: (N, 2) of `new_dither`, written.
+        velocity: whether actions are velocity and yaw rate, else set points.
+    """
+    steering = config.steering
+    most = steering.max_speed_rad_s
+    if not velocity:
+        return most * actions
+    ahead, turn = actions.T
+    full = np.where(ahead > 0, steering.forward_speed_rad_s, steering.backward_speed_rad_s)
+    drive = np.sign(ahead) * np.abs(ahead) ** _ROOT * full
+    rotate = np.sign(turn) * np.abs(turn) ** _ROOT * steering.turn_speed_rad_s
+    largest = np.maximum(np.abs(drive) + np.abs(rotate), 1e-9)
+    share = np.minimum(1.0, np.maximum(np.abs(drive), np.abs(rotate)) / largest)
+    phase, sign = dither.T
+    sign[phase <= 0.0], sign[phase >= 2.0 * math.pi] = 1.0, -1.0
+    added = sign * steering.dither_rad_s * (largest > 1.0)
+    phase += 2.0 * added * config.timing.rl_step_s
+    added_d = np.where(np.abs(drive) >= np.abs(rotate), added, -added)
+    pair = [share * (rotate - drive) + added_d, share * (rotate + drive) + added]
+    return np.clip(np.stack(pair, axis=-1), -most, most)
+
+
+def observed(motion: DriveObservation, *, context: bool) -> np.ndarray:
+    """(N, F) float32, see `DriveVectorEnv`; `context` adds the world."""
+    poses, steering, robots = motion.poses, motion.config.steering, len(motion.poses)
+    angle = poses[:, 2]
+    error_m = in_frames(motion.targets_m - poses[:, :2], angle)
+    parts = [
+        error_m / _LENGTH_M,
+        np.column_stack([np.sin(angle), np.cos(angle)]),
+        poses[:, :2] / motion.scenario.size_m,
+        motion.velocities[:, :2] / steering.drive_speed_m_s,
+        motion.velocities[:, 2:] / steering.turn_rate_rad_s,
+        motion.speeds / steering.max_speed_rad_s,
+        error_m / np.maximum(np.hypot(*error_m.T), 1e-9)[:, None],
+    ]
+    if robots > 1:
+        apart = poses[None, :, :2] - poses[:, None, :2]
+        gaps = np.hypot(*np.moveaxis(apart, -1, 0)) + np.diag([np.inf] * robots)
+        nearest = apart[np.arange(robots), gaps.argmin(axis=1)]
+        parts.append(in_frames(nearest, angle) / _LENGTH_M)
+    if context:
+        parts.append(np.tile(_context_of(motion.config), (robots, 1)))
+    return np.clip(np.concatenate(parts, axis=1), -_LIMIT, _LIMIT).astype(np.float32)
 
 
 def _context_of(config: CoSimConfig) -> tuple[float, ...]:

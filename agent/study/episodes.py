@@ -19,6 +19,7 @@ from cosim.base.table import Column
 from cosim.base.table import field as column
 from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_in_world
+from cosim.simulation.driving import options_for
 from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import compile_kernels
@@ -68,7 +69,7 @@ def case_of(
     name = f"{name or name_of(policy)}: the policy"
     policy = policy_of(policy, only, seed=seed, progress=progress)
     _, config, fmu = resolve(
-        options,
+        options_for(policy, options),
         policy.config.scenario if scenario is None else scenario,
         progress,
         world=world,

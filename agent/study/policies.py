@@ -1,9 +1,9 @@
-"""Policies as studies take them: files, methods by name, and any object with `act`."""
+"""Policies as studies take them: files, methods by name, and any object with `act` or `drive`."""
 
 import importlib
 import sys
 import uuid
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,20 +20,22 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import identity_of
 from cosim.coupling.rl_step import SupportsAct
 from cosim.model.scenario import Scenario
+from cosim.simulation.driving import SupportsDrive, drives
 
 
 class ObjectPolicy:
-    """Any object with `act`, in a scenario, as a case takes it.
+    """Any object with `act` or `drive`, in a scenario, as a case takes it.
 
     Args:
         policy: the object; what else it has, such as `q_values`, is recorded.
+            Its own failures are UserErrors that name it.
         scenario: in which it acts.
     """
 
     episodes = 0  # of training
     require_scenario = GreedyPolicy.require_scenario
 
-    def __init__(self, policy: SupportsAct, scenario: Scenario) -> None:
+    def __init__(self, policy: SupportsAct | SupportsDrive, scenario: Scenario) -> None:
         self.policy, self.config = policy, SimpleNamespace(scenario=scenario)
         self._digest = identity_of(policy)
         self.recognizable = self._digest is not None
@@ -44,18 +46,13 @@ class ObjectPolicy:
         """The paper's process in the scenario, for the starts."""
         return build_process(self.config.scenario, ProcessConfig())
 
-    def act(self, observation: Any) -> Any:
-        """Return what the object decides.
-
-        Raises:
-            UserError: its `act` fails, or leaves the process.
-        """
+    def _ask(self, method: str, seen: Any) -> Any:
         try:
-            return self.policy.act(observation)
+            return getattr(self.policy, method)(seen)
         except (Exception, SystemExit) as error:  # whatever a user's code does
             name, said = type(self.policy).__name__, f"{type(error).__name__}: {error}"
             raise UserError(
-                f"act(observation) of policy {name} failed ({' '.join(said.split())}); correct it"
+                f"{method} of policy {name} failed ({' '.join(said.split())}); correct it"
             ) from error
 
     def digest(self) -> str:
@@ -69,7 +66,8 @@ class ObjectPolicy:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "policy":
             raise AttributeError(name)
-        return getattr(self.policy, name)
+        found = getattr(self.policy, name)
+        return partial(self._ask, name) if name in ("act", "drive") else found
 
 
 def policy_of(
@@ -83,7 +81,7 @@ def policy_of(
 
     Args:
         given: policy, file, name of a method, "module:Name" of an object or class, or an object
-            with `act`.
+            with `act` or `drive`.
         scenario: in which it acts; a file has its own.
         seed: of training.
         progress: receives what is trained.
@@ -107,11 +105,7 @@ def policy_of(
         assert name is not None
         return method_policy(name, scenario, seed, progress=progress)[0]
     found: Any = given if name is None else _imported(name)
-    if isinstance(found, type) or not callable(getattr(found, "act", None)):
-        raise ConfigError(
-            f"policy = {shown(given)} has no act(observation); give an object that has, a policy "
-            'file or the name of a method, such as "moves"'
-        )
+    drives(found)
     return ObjectPolicy(found, scenario)
 
 

@@ -24,7 +24,7 @@ from cosim.onboard.features import (
     GRADIENT_SIGNS,
     Observation,
 )
-from cosim.onboard.steering import MODE_NAMES
+from cosim.onboard.steering import DIRECT, MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint, robot_names
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
 from cosim.recording.episode_scene import EpisodeScene
@@ -35,6 +35,7 @@ from cosim.recording.scene import write_floor, write_scene
 from cosim.recording.series import (
     ARRIVED,
     DIRECTION_NAMES,
+    DRIVEN,
     REWARD_PARTS,
     block_ends,
     reduce,
@@ -241,9 +242,8 @@ class EpisodeRecorder:
         """Write what was seen and decided at the start of each RL step, and seen at the end."""
         times, numbers = self._starts()
         seen = [decided.step.before for decided in self._batch]
-        action = [int(decided.step.action[robot]) for decided in self._batch]
         self._write_modes(name, robot)
-        states = {"action": [DIRECTION_NAMES[a] if a >= 0 else ARRIVED for a in action]}
+        states = {"action": [_action_name(decided.step, robot) for decided in self._batch]}
         decisions = [decided.decision for decided in self._batch]
         values = [d.values[robot] for d in decisions if d.values is not None]
         if len(values) == len(decisions):
@@ -324,3 +324,10 @@ class EpisodeRecorder:
     def _end_s(self, step: Step) -> float:
         ticks = step.first_tick + self._config.ticks_per_period * len(step.samples.omega)
         return ticks * self._config.timing.dt_s
+
+
+def _action_name(step: Step, robot: int) -> str:
+    """What a robot does in an RL step: a direction, commanded motors, or nothing more."""
+    if (action := int(step.action[robot])) >= 0:
+        return DIRECTION_NAMES[action]
+    return DRIVEN if step.samples.mode[0, robot] == DIRECT else ARRIVED

@@ -26,6 +26,7 @@ from cosim.recording.scene import (
 
 DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
 ARRIVED = "at target"
+DRIVEN = "motors"  # a policy commands them
 # States of /rl/<robot>/move besides directions, and of /rl/<robot>/failure; OUTCOME is an entity.
 ENDED, GIVEN_UP = "ended", "given up"
 OFF_THE_BOARD, ON_OBSTACLE = "leaves the board", "touches an obstacle"
@@ -195,7 +196,7 @@ def write_styles(file: Recording, signals: Sequence[SignalSpec], robots: int) ->
                 rr.AnyValues(unit=unit),
             )
         for path, values, colours in (
-            ("action", (*DIRECTION_NAMES, ARRIVED), [*EIGHT, LIGHT]),
+            ("action", (*DIRECTION_NAMES, ARRIVED, DRIVEN), [*EIGHT, LIGHT, GREY]),
             ("steering", MODE_NAMES, [GREY, *EIGHT]),
             ("move", (*DIRECTION_NAMES, ENDED, GIVEN_UP), [*EIGHT, LIGHT, GREY]),
             (

@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.errors import UserError, shown
 from cosim.coupling.assembly import draw_noise, noise_generators, robot_properties
-from cosim.coupling.rl_step import Step
+from cosim.coupling.rl_step import Decision, Step, decide
 from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK, RUNNING, Outcome
@@ -151,6 +151,10 @@ class RunningEpisode:
         """(N,) bool, robots that adopt an action next: they wait for one, or are late."""
         late = self._tick - self._moving_since >= self._move_limit
         return ~self._arrived & (self._at_end() | late)
+
+    def ask(self, policy: Any) -> Decision:
+        """Return what a policy decides on what it sees now."""
+        return decide(policy, self.observation)
 
     def begin_step(self, action: Any, noise: np.ndarray, sight: np.ndarray) -> None:
         """Adopt actions, and draw the speed noise and the camera's frames of the step.

@@ -2,8 +2,9 @@
 
 Commands run many episodes through `cosim.simulation.tasks`.
 A policy is anything with `act(observation)`, which returns directions (N,) or a `Decision` with
-their action values (N, 8). Those are recorded, as are `reward_parts(step, arrived)` (N, 3) and
-`maps()` of a policy that has them, see `agent.mdp.greedy`.
+their action values (N, 8), or with `drive(motion)`, see `cosim.simulation.driving`. Values are
+recorded, as are `reward_parts(step, arrived)` (N, 3) and `maps()` of a policy that has them, see
+`agent.mdp.greedy`.
 """
 
 from collections.abc import Mapping
@@ -12,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.arguments import ConfigError, require_one_of, taken_seed
-from cosim.base.errors import shown
+from cosim.base.arguments import require_one_of, taken_seed
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.provenance import digest_of, versions
 from cosim.base.storage import temporary_folder
@@ -25,6 +25,7 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level, with_bursts
 from cosim.recording.reader import Episode, read_episode
 from cosim.simulation.batch import DRIVERS, chosen_driver
+from cosim.simulation.driving import SupportsDrive, options_for
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import options_of, resolve
 from cosim.simulation.tasks import Task, simulate_tasks
@@ -33,7 +34,7 @@ from cosim.simulation.tasks import Task, simulate_tasks
 @showing
 def simulate(
     scenario: str | Path | Scenario,
-    policy: SupportsAct,
+    policy: SupportsAct | SupportsDrive,
     *,
     seed: int = 0,
     driver: str | None = None,
@@ -55,7 +56,8 @@ def simulate(
 
     Args:
         scenario: name of a built-in scenario, scenario file (.toml) or record.
-        policy: asked every 2 s of simulated time.
+        policy: asked every 2 s of simulated time; or, one that commands motors, at the end of
+            its control interval, see `cosim.simulation.driving`.
         seed: of start cells and speed noise.
         driver: fmpy, compiled, reference or adaptive, see `python -m cosim.run --help`.
         record: summary, default or full: how much of the episode is kept.
@@ -81,13 +83,8 @@ def simulate(
     require_one_of("driver", driver or DRIVERS[0], DRIVERS)
     require_one_of("record", record, DETAILS)
     seed = taken_seed(seed)
-    if isinstance(policy, type) or not callable(getattr(policy, "act", None)):
-        raise ConfigError(
-            f"policy = {shown(policy)} has no act(observation); give an object that has, such as "
-            'agent.load("policy.npz")'
-        )
     given = {"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options}
-    driving = options_of("simulate", given)
+    driving = options_for(policy, options_of("simulate", given))
     require = getattr(policy, "require_scenario", None)
     scenario, config, fmu = resolve(driving, scenario, report, world=world, require=require)
     config = with_bursts(config, record)

@@ -19,11 +19,12 @@ import msgspec
 import numpy as np
 
 from cosim.base.provenance import digest_of, identity_of
-from cosim.coupling.rl_step import Step, SupportsAct, decide
+from cosim.coupling.rl_step import Step, SupportsAct
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.recording.episode import EpisodeRecorder
 from cosim.simulation.batch import IN_LANES, ROBOTS_TOGETHER, Batch, shared
+from cosim.simulation.driving import DrivenEpisode, SupportsDrive, drives
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult, facts_of, result_of
 
@@ -53,7 +54,7 @@ class Task:
     Attributes:
         scenario, config: as for a co-simulation.
         fmu: motor FMU file.
-        policy: acts; the values of its decisions and its rewards are recorded.
+        policy: acts or drives; the values of its decisions and its rewards are recorded.
         starts: start cell of each robot.
         seed: of the speed noise and of what the world draws.
         recorder: opens the recording of an episode that has begun, which gets every RL step; None
@@ -67,7 +68,7 @@ class Task:
     scenario: Scenario
     fmu: Path
     config: CoSimConfig
-    policy: SupportsAct
+    policy: SupportsAct | SupportsDrive
     starts: tuple[Cell, ...]
     seed: np.random.SeedSequence
     recorder: Callable[[RunningEpisode], EpisodeRecorder] | None = None
@@ -100,7 +101,7 @@ class Task:
         return f"{self.scenario.name}-{digest_of(self.origin, known)}"
 
     @classmethod
-    def again(cls, origin: EpisodeOrigin, fmu: Path, policy: SupportsAct) -> "Task":
+    def again(cls, origin: EpisodeOrigin, fmu: Path, policy: SupportsAct | SupportsDrive) -> "Task":
         """The task of an origin.
 
         Args:
@@ -133,7 +134,8 @@ class ActiveEpisode:
         self._task = task
         self._wall_s = 0.0
         self._steps = 0
-        self.episode = batch.begin(place, task.scenario, task.starts, task.seed, task.config)
+        kind = DrivenEpisode if drives(task.policy) else RunningEpisode
+        self.episode = batch.begin(place, task.scenario, task.starts, task.seed, task.config, kind)
         self._open = contextlib.ExitStack()
         self._recorder = task.recorder and self._open.enter_context(task.recorder(self.episode))
         if self._recorder is not None:
@@ -142,10 +144,10 @@ class ActiveEpisode:
             )
 
     def act(self) -> np.ndarray:
-        """Return what the policy decides: the direction index of each robot, (N,)."""
+        """Return what the policy decides: (N,) direction indices, or (N, 2) set points."""
         if (seed := self._task.redrawn.get(self._steps)) is not None:
             self.episode.draw_from(seed)
-        self._decision = decide(self._task.policy, self.episode.observation)
+        self._decision = self.episode.ask(self._task.policy)
         return self._decision.action
 
     def take(self, step: Step, wall_s: float) -> None:

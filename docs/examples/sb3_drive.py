@@ -2,8 +2,10 @@
 
     uv run --with stable-baselines3 python docs/examples/sb3_drive.py --minutes 15 --out drive.zip
     uv run --with stable-baselines3 python docs/examples/sb3_drive.py --evaluate drive.zip
+    uv run --with stable-baselines3 python docs/examples/sb3_drive.py --simulate drive.zip
 
-A file that exists is trained further.
+The last one drives from a start of scenario 1a to its target, and keeps a recording. Training
+continues with a file that exists.
 """
 
 import argparse
@@ -17,6 +19,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
 import agent.envs
+import minirobots as mr
+from agent.envs.drive import DrivePolicy
 
 OPTIONS = {"control_interval": 0.5}
 
@@ -112,11 +116,18 @@ def evaluate(path, episodes, options):
     return reached
 
 
+def driver(path):
+    """The policy as one that drives in any scenario, also for `mr.evaluate`."""
+    model = PPO.load(path, device="cpu")
+    return DrivePolicy(lambda seen: model.predict(seen, deterministic=True)[0], **OPTIONS)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=15.0, help="processor time to train for")
     parser.add_argument("--out", type=Path, default=Path("drive.zip"))
     parser.add_argument("--evaluate", type=Path, help="evaluate this file instead")
+    parser.add_argument("--simulate", type=Path, help="simulate and record an episode instead")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--worlds", action="store_true", help="draw the world of every episode")
     arguments = parser.parse_args()
@@ -124,6 +135,10 @@ def main():
     if arguments.evaluate:
         reached = evaluate(arguments.evaluate, arguments.episodes, options)
         print(f"{reached.sum()} of {len(reached)} targets reached")
+    elif arguments.simulate:
+        episode = mr.simulate("1a", driver(arguments.simulate))
+        episode.save("drive.rrd")
+        print(f"{episode.outcome} after {episode.time_s:.1f} s, recorded in drive.rrd")
     else:
         train(arguments.out, arguments.minutes, options)
 

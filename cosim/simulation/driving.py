@@ -1,0 +1,189 @@
+"""Episodes of policies that command motors, at the end of every control interval.
+
+Such a policy has `drive(motion)`, which returns set points (N, 2) of motors D and E in rad/s, and
+`interval_s`, the time between two commands. One that chooses directions has `act(observation)`.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from cosim.base.arguments import ConfigError, taken
+from cosim.base.errors import UserError, shown
+from cosim.coupling.rl_step import Decision, Step
+from cosim.coupling.signals import MOTORS, RawSamples, Samples, State
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.onboard.estimation import POSE
+from cosim.onboard.observing import cells_of
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
+from cosim.physics.body_state import QUATERNION
+from cosim.physics.rotation import heading
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.options import SimulationOptions
+
+NO_EFFECT = ("rl_step", "through", "shield")  # options of decisions between directions
+
+
+class DriveObservation(NamedTuple):
+    """What a policy that commands motors sees: a row per robot.
+
+    Attributes:
+        poses: (N, 3) x, y in m and heading in rad, as the camera's filter estimates them where the
+            world has a camera.
+        velocities: (N, 3) ahead and to the left in m/s, yaw rate in rad/s: the mean since the
+            command before, 0 at the start.
+        speeds: (N, 2) of motors D and E in rad/s.
+        targets_m: (N, 2) in m.
+        scenario, config: of the episode.
+        memory: of the policy, for this episode alone.
+    """
+
+    poses: np.ndarray
+    velocities: np.ndarray
+    speeds: np.ndarray
+    targets_m: np.ndarray
+    scenario: Scenario
+    config: CoSimConfig
+    memory: dict[str, Any]
+
+
+class SupportsDrive(Protocol):
+    """Interface that the co-simulation needs of a policy that commands motors."""
+
+    interval_s: float
+
+    def drive(self, motion: DriveObservation) -> np.ndarray:
+        """Return the set points of motors D and E of each robot in rad/s, (N, 2)."""
+        ...
+
+
+def drives(policy: Any) -> bool:
+    """Whether a policy commands motors instead of choosing directions.
+
+    Raises:
+        ConfigError: it does neither or both.
+    """
+    known = [name for name in ("act", "drive") if callable(getattr(policy, name, None))]
+    if isinstance(policy, type) or not known:
+        raise ConfigError(
+            f"policy = {shown(policy)} has no act(observation) and no drive(motion); give an "
+            'object that has one of them, such as agent.load("policy.npz")'
+        )
+    if len(known) == 2:
+        raise ConfigError(
+            f"policy = {shown(policy)} has act(observation) and drive(motion); leave one out"
+        )
+    return known == ["drive"]
+
+
+def options_for(policy: Any, options: SimulationOptions) -> SimulationOptions:
+    """Return options in which RL steps are the control intervals of a policy that has them.
+
+    Raises:
+        ConfigError: an option has no effect on such a policy, or it has no interval.
+    """
+    if not drives(policy):
+        return options
+    given = [name for name in NO_EFFECT if getattr(options, name)]
+    if "heading" in options.open_loop:
+        given.append("open_loop = heading")
+    if given:
+        raise ConfigError(
+            f"{', '.join(given)} has no effect on a policy that commands motors; leave it out"
+        )
+    interval_s = taken("interval_s of the policy", getattr(policy, "interval_s", None), float)
+    return replace(options, rl_step=interval_s)
+
+
+class DrivenEpisode(RunningEpisode):
+    """An episode whose robots get motor set points in every RL step.
+
+    A robot has arrived when its centre is in its target's cell at the end of one.
+    """
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.memory: dict[str, Any] = {}
+        self.targets_m = np.array([self.scenario.centre_m(cell) for cell in self.scenario.targets])
+        self._poses, self._velocities = self.poses(), np.zeros((self.scenario.robots, 3))
+
+    def bind(self, state: State) -> None:
+        """See `RunningEpisode.bind`; also the motors' speeds."""
+        super().bind(state)
+        self._speeds = state.outputs[MOTORS : 2 * MOTORS, self._columns].T
+
+    def __getstate__(self) -> dict[str, Any]:
+        """See `RunningEpisode`."""
+        return {k: v for k, v in super().__getstate__().items() if k != "_speeds"}
+
+    def poses(self) -> np.ndarray:
+        """(N, 3) x, y in m and heading in rad, as the policy knows them."""
+        return self._estimates[:, POSE : POSE + 3].copy()
+
+    def true_poses(self) -> np.ndarray:
+        """(N, 3) x, y in m and heading in rad."""
+        angles = [heading((q[0], q[1], q[2], q[3])) for q in self._bodies[:, QUATERNION].tolist()]
+        return np.column_stack([self._bodies[:, :2], angles])
+
+    def motion(self) -> DriveObservation:
+        """What the policy sees now."""
+        seen = self._poses.copy(), self._velocities.copy(), self._speeds.copy()
+        return DriveObservation(
+            *seen, self.targets_m.copy(), self.scenario, self.config, self.memory
+        )
+
+    def ask(self, policy: Any) -> Decision:
+        """See `RunningEpisode.ask`."""
+        commanded: Any = policy.drive(self.motion())
+        return Decision(commanded.copy() if isinstance(commanded, np.ndarray) else commanded)
+
+    def end_step(self, samples: Samples, raw: RawSamples, periods: int) -> Step:
+        """See `RunningEpisode.end_step`."""
+        step = super().end_step(samples, raw, periods)
+        poses = self.poses()
+        moved = poses - self._poses
+        moved[:, 2] = (moved[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+        interval_s = self.config.timing.rl_step_s
+        self._poses, self._velocities = poses, in_frames(moved, poses[:, 2]) / interval_s
+        return step
+
+    def _directions(self, action: Any) -> np.ndarray:
+        n = self.scenario.robots
+        set_points = numbers(action)
+        if set_points.shape != (n, 2) or not np.isfinite(set_points).all():
+            raise UserError(
+                f"the policy returned {shown(action)}; expected {n} x 2 finite numbers, the set "
+                "points of motors D and E of each robot in rad/s"
+            )
+        return set_points
+
+    def _adopt(self, action: np.ndarray) -> np.ndarray:
+        moving = ~self._arrived
+        self._commands[moving, OMEGA_D], self._commands[moving, OMEGA_E] = action[moving].T
+        self._commands[moving, MODE] = DIRECT
+        return np.zeros_like(moving)  # none of them decided on a move
+
+    def _arriving(self, completed: np.ndarray) -> np.ndarray:
+        return (cells_of(self.true_poses()[:, :2].copy(), self._board.cell_m) == self._targets).all(
+            axis=1
+        )
+
+
+def numbers(values: Any) -> np.ndarray:
+    """float64 of what a user gave; of no shape that anything has if it is not an array."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of several lengths
+        return np.empty(0)
+    return array.astype(np.float64) if array.dtype.kind in "fiu" else np.empty(0)
+
+
+def in_frames(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """(N, 2 or 3) vectors of the board in the frames of robots with (N,) headings."""
+    turned, c, s = vectors.copy(), np.cos(angle), np.sin(angle)
+    turned[:, 0] = c * vectors[:, 0] + s * vectors[:, 1]
+    turned[:, 1] = c * vectors[:, 1] - s * vectors[:, 0]
+    return turned
