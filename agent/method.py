@@ -38,7 +38,7 @@ from cosim.simulation.options import DecisionOptions, Physics
 
 
 class MoveSource(NamedTuple):
-    """What moves a method learns on: of which worlds, and whether robots drive through cells."""
+    """Moves that a method learns on: of which worlds, and whether robots drive through cells."""
 
     worlds: Ranges | None = None
     through: bool = False

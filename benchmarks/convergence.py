@@ -1,4 +1,4 @@
-"""How mean speeds depend on the step and on the contact sweeps.
+"""Measure how mean speeds depend on the step and on the contact sweeps.
 
 Motors turn at prescribed speeds; nothing here measures wall time.
 """

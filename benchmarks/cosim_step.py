@@ -1,4 +1,4 @@
-"""What a co-simulated second costs, next to other engines.
+"""Measure the cost of a co-simulated second, next to other engines.
 
 All figures come from one run of this script. Compute-bound work is timed by the processor time of
 its one thread, and the best of several rounds counts: other work on the machine can only make a

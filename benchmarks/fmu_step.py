@@ -1,4 +1,4 @@
-"""What one exchange with a motor FMU costs: set an input, step 1e-5 s, get two outputs.
+"""Measure the cost of one exchange with a motor FMU: set an input, step 1e-5 s, get two outputs.
 
 It times, in turns in one run, fmpy from Python, the compiled calls of
 the co-simulation's driver, and the same equations inlined in one numba kernel: the floor. The three

@@ -1,4 +1,4 @@
-"""Whether identification finds the parameters of machines that are known: truth by co-simulation.
+"""Test identification on machines with known parameters: truth by co-simulation.
 
 A machine is drawn, driven by the sequence of `cosim.machine.identification.excitation` with its
 motor FMUs and speed noise, seen by a camera, and identified from nothing but that.
@@ -54,7 +54,7 @@ class Truth(NamedTuple):
 
 
 class MachineFound(msgspec.Struct, frozen=True):
-    """What was identified of a machine; values in the order of the parameters, SI units."""
+    """Identified parameters of a machine; values in the order of the parameters, SI units."""
 
     truth: list[float]
     values: list[float]

@@ -1,4 +1,4 @@
-"""How well turns and short pulses repeat: the spread of where robots come to rest.
+"""Measure how well turns and short pulses repeat: the spread of where robots come to rest.
 
 Robots do the same, each with noise of its own, on an endless floor. Their turn ends when the
 steering faces the commanded direction, or after the mean time of these turns ("by the clock");

@@ -1,4 +1,4 @@
-"""How much the paper neglects of the body's reaction.
+"""Measure how much of the body's reaction the paper neglects.
 
 Drives one robot straight with and without `reaction` (the torque that the body's acceleration
 exerts on each eccentric mass) and compares torques, motor speeds and drive speeds. No noise, so

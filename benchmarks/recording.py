@@ -1,4 +1,4 @@
-"""What recordings weigh, cost and take to open.
+"""Measure the size of recordings, their cost and the time to open them.
 
 Everything is measured in one run on two robots that drive with noise: the cost of recording as the
 ratio of short rounds with and without it in turn, the best of each counting; sizes and opening
@@ -69,7 +69,7 @@ def drive(system: CoSimulation, time_s: float, write: Callable[[Step], None]) ->
 
 
 def recorded(system: CoSimulation, path: Path, time_s: float, level: Level) -> None:
-    """The same with a recording."""
+    """Simulate with a recording."""
     values = np.zeros((2, 8))
     with EpisodeRecorder(
         path, SCENARIO, system.config, "benchmark", {"seed": 0}, level=level

@@ -1,4 +1,4 @@
-"""How drive speed and turn rate depend on what is assumed of feet, floor and centre of mass."""
+"""Measure how drive speed and turn rate depend on assumptions on feet, floor and centre of mass."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -23,7 +23,7 @@ ROBOTS = {
 
 @dataclass(frozen=True)
 class Found:
-    """What the calibration of a robot says; of each pair the first is forwards, the second left.
+    """Results of a robot's calibration; of each pair the first is forwards, the second left.
 
     Attributes:
         parameter, value: what differs from the default, SI units.

@@ -1,4 +1,4 @@
-"""How straight and how fast controllers of the steering drive.
+"""Measure how straight and how fast controllers of the steering drive.
 
 Every controller is the kernel of `cosim.onboard.steering` with other parameters, so that one code
 is compared with itself; some go without feedback. FMUs, noise and friction are those of an episode.
@@ -67,7 +67,7 @@ MOVES = {
 
 
 class Runs(NamedTuple):
-    """What N robots did on a line; arrays of shape (N,).
+    """Results of N robots on a line; arrays of shape (N,).
 
     Attributes:
         duration_s: until the end of the line, infinite beyond the limit.

@@ -153,7 +153,7 @@ def identity_of_fmu(path: Path) -> Path | str:
 
 
 def is_built_in(path: Path) -> bool:
-    """Whether a file is one that `cached_fmu` returns."""
+    """Return whether a file is one that `cached_fmu` returns."""
     return path.parent == _CARRIED or cache_dir("fmus") in path.parents
 
 

@@ -44,5 +44,5 @@ def read_bytes(model: Model, name: str) -> bytes:
 
 
 def read_text(model: Model, name: str) -> str:
-    """The same of a text."""
+    """Return the text of a model's file."""
     return read_bytes(model, name).decode()

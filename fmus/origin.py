@@ -1,4 +1,4 @@
-"""Whose work of which version the FMUs are, as this project was installed: for the archive."""
+"""Author, version and licence of the FMUs, of the installed project: for the archive."""
 
 import importlib.metadata
 import re

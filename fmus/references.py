@@ -29,7 +29,7 @@ _STANDARD = {
 
 
 class ReferenceRun(NamedTuple):
-    """What an FMU is simulated with.
+    """Settings of a reference simulation of an FMU.
 
     Attributes:
         inputs: constant, by name; all others keep their start values.
@@ -101,7 +101,7 @@ def simulate(fmu: Path, model: Model) -> list[list[float]]:
 
 
 def reference_files(model: Model) -> dict[str, bytes]:
-    """What belongs into a model's archive, by its name there; nothing if there is no experiment."""
+    """Return the reference files of a model's archive by name; none if there is no experiment."""
     if model not in EXPERIMENTS:
         return {}
     experiment = EXPERIMENTS[model]

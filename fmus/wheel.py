@@ -15,7 +15,7 @@ from hatchling.builders.hooks.plugin import interface  # pyright: ignore[reportM
 
 
 class BuiltFmus(interface.BuildHookInterface):
-    """See the module."""
+    """Hook that builds the FMUs and puts them into the wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build what the wheel is to hold; an editable installation builds FMUs when needed."""

@@ -1,4 +1,4 @@
-"""What learners achieve on the same boards, and at what price: the table of docs/baselines.md."""
+"""Measure learners on the same boards, and what they cost: the table of docs/baselines.md."""
 
 from typing import Literal, get_args
 

@@ -115,7 +115,7 @@ class _Training:
 
 
 def _through(learner: Learner) -> bool:
-    """Whether a learner's robots drive through cells, as in the moves that they learnt on."""
+    """Return whether a learner's robots drive through cells, as in the moves it learnt on."""
     return learner in ON_MOVES and ON_MOVES[learner].through
 
 
@@ -129,7 +129,7 @@ def _least_times(scenario: Scenario, through: bool) -> np.ndarray:
 
 
 def left_out(scenario: Scenario, learner: Learner) -> str | None:
-    """Why a learner is not in the table of a scenario, if so."""
+    """Return why a learner is not in the table of a scenario; None if it is."""
     if learner in COMPUTED and optimum(build_process(scenario, ProcessConfig())).relaxed:
         cells = scenario.columns * scenario.rows
         return f"n/a: {cells**scenario.robots:.1g} joint states"

@@ -53,7 +53,7 @@ class LearnerRun(msgspec.Struct, frozen=True, kw_only=True):
         return next((point for point in self.curve if point.success >= ENOUGH), None)
 
     def driven(self, episodes: int) -> bool:
-        """Whether this number of episodes in the dynamics exists, or one from every start."""
+        """Return whether there are this many episodes in the dynamics, or one from every start."""
         return len(self.drives) >= min(episodes, self.grid.starts)
 
     def succeeded(self) -> list[Drive]:

@@ -46,7 +46,7 @@ class Look(msgspec.Struct, frozen=True):
 
 
 class Evidence(msgspec.Struct, frozen=True, kw_only=True):
-    """What decided.
+    """Evidence that decided a claim.
 
     Attributes:
         episodes: until the decision, or known so far.
@@ -225,7 +225,7 @@ def judge(
 
 
 def _worst_start(starts: np.ndarray, against: np.ndarray, count: int) -> float:
-    """See `Evidence`; of the starts of episodes, and whether these speak against the claim."""
+    """Return the bound of the worst start, see `Evidence`; `against`: which episodes fail."""
     episodes, failed = (np.bincount(of, minlength=count) for of in (starts, starts[against]))
     bounds = beta.ppf(CONFIDENCE, failed + 1, np.maximum(episodes - failed, 1))
     return float(np.where(episodes > failed, bounds, 1.0).max())

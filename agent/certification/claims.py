@@ -17,7 +17,7 @@ _LEAST = 1e-6  # of a limit: some ten million episodes
 
 
 class Claim(NamedTuple):
-    """What is claimed of a policy.
+    """A statement about a policy.
 
     Attributes:
         text: in words.

@@ -1,4 +1,4 @@
-"""How probable collisions are, by splitting: levels are gaps between the robots.
+"""Estimate how probable collisions are, by splitting: levels are gaps between the robots.
 
 A branch is the episode of its root, simulated again with the same random numbers up to the RL step
 at whose end the robots were so close for the first time; from there on its speed noise and its

@@ -17,7 +17,7 @@ Verdict = Literal["certified", "refused", "undecided"]
 
 
 class ClaimDecision(NamedTuple):
-    """What episodes have decided.
+    """Result of a sequential test of a claim.
 
     Attributes:
         verdict: undecided if they are too few.
@@ -32,7 +32,7 @@ class ClaimDecision(NamedTuple):
 
 @dataclass(frozen=True)
 class SequentialTest:
-    """Whether the rate of what speaks against a claim is below a limit.
+    """Sequential test of whether the rate of what speaks against a claim is below a limit.
 
     Episodes go round strata (starts) in a random order, each round on its own, or are independent
     draws; what is tested is the mean rate over all strata.

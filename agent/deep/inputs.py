@@ -1,4 +1,4 @@
-"""What a network sees of a robot: rows of its first layer, one of each group; and possible moves.
+"""Inputs of a network for one robot: rows of its first layer, one of each group; possible moves.
 
 Groups are the robot itself, its column and row, its offset from its target, the offset of the
 nearest other robot and that one's from its own target. All but cells are cut off at `REACH` cells.
@@ -22,7 +22,7 @@ NOTHING = -1  # the group has no row: there is no other robot
 
 
 class Inputs(NamedTuple):
-    """How the inputs of a scenario are numbered, for kernels.
+    """Numbering of the inputs of a scenario, for kernels.
 
     Attributes:
         targets: (N, 2) int64 cells.
@@ -78,7 +78,7 @@ def look(inputs: Inputs, cells: np.ndarray, i: int, seen: np.ndarray) -> None:
 def look_at_boards(
     inputs: Inputs, cells: np.ndarray, seen: np.ndarray, possible: np.ndarray, rows: int
 ) -> None:
-    """The same for all robots of K boards.
+    """Write the inputs of all robots of K boards.
 
     Args:
         inputs: of the scenario.

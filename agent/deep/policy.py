@@ -103,7 +103,7 @@ def _values(inputs: Inputs, network: Network, cells: np.ndarray, rows: int) -> n
 
 
 class NetworkConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a network was trained with, kept in its file."""
+    """Settings that a network was trained with, kept in its file."""
 
     scenario: Scenario
     process: ProcessConfig

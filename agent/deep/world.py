@@ -22,7 +22,7 @@ _STEP_LIMIT = 150  # moves after which an episode is cut, and still has a value
 
 
 class Shaping(NamedTuple):
-    """What a learner's rewards are.
+    """Rewards of a learner.
 
     Attributes:
         process: readings, of which the worth of a target.
@@ -66,7 +66,7 @@ SHAPING: dict[NetworkAlgorithm, Shaping] = {
 
 
 class Gained(NamedTuple):
-    """What one step gave the R rows.
+    """Result of one step for the R rows.
 
     Attributes:
         rewards: (R,) float32, shaped and scaled.

@@ -41,7 +41,7 @@ from cosim.simulation.options import SimulationOptions, resolve
 
 
 class EnvSetup(NamedTuple):
-    """What the episodes of an environment have in common.
+    """Settings that all episodes of an environment share.
 
     Attributes:
         scenario: board, targets and start cells.

@@ -544,7 +544,7 @@ def observed(motion: DriveObservation, *, context: bool) -> np.ndarray:
 
 
 def _context_of(config: CoSimConfig) -> tuple[float, ...]:
-    """What an episode's world is: µ, motor spread, restitution, slope in deg, payload in 10 g."""
+    """Return an episode's world: µ, motor spread, restitution, slope in deg, payload in 10 g."""
     world = config.world
     spread, restitution = world.motor_spread or 0.0, world.restitution or 0.0
     return config.robot.mu, spread, restitution, world.floor_tilt_deg, 0.1 * world.payload_g

@@ -1,4 +1,4 @@
-"""What environments need of an episode, on the grid and in the dynamics, and what both refuse.
+"""Episodes as environments need them, on the grid and in the dynamics, and what both refuse.
 
 The grid is `agent.envs.boards`, the full co-simulation `agent.envs.cosim_episode`. Spaces, agents'
 names and pictures are the environments'.

@@ -113,11 +113,11 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         }
 
     def observation_space(self, agent: str) -> spaces.Space:
-        """The same object on every call, as PettingZoo asks."""
+        """Return the same object on every call, as PettingZoo requires."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space:
-        """The same object on every call, as PettingZoo asks."""
+        """Return the same object on every call, as PettingZoo requires."""
         return self.action_spaces[agent]
 
     def reset(

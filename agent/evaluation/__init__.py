@@ -1,1 +1,1 @@
-"""What policies achieve in the co-simulation."""
+"""Measure what policies achieve in the co-simulation."""

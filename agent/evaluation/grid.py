@@ -1,4 +1,4 @@
-"""What policies achieve on the grid: rates, lengths and failing starts.
+"""Evaluate policies on the grid: rates, lengths and failing starts.
 
 The report is data first (`report_of`, what `--json` prints) and tables second (`show`).
 """
@@ -27,7 +27,7 @@ _MEASURES = (*ENDS, "path_length_cm", "steps", "ratio_to_bound", "steps_ratio_to
 
 
 class PolicyMeasures(msgspec.Struct, frozen=True, kw_only=True):
-    """What a policy achieves from its `agent.mdp.exact.joint_starts`.
+    """Measures of a policy from its `agent.mdp.exact.joint_starts`.
 
     Attributes:
         policy: its name.
@@ -72,7 +72,7 @@ class GridFailure(msgspec.Struct, frozen=True):
 
 
 class PolicyReport(PolicyMeasures, frozen=True, kw_only=True):
-    """What a policy achieves, and where it fails.
+    """Measures of a policy, and the starts where it fails.
 
     Attributes:
         failures: the first `MAX_FAILURES` failing starts.
@@ -82,7 +82,7 @@ class PolicyReport(PolicyMeasures, frozen=True, kw_only=True):
 
 
 class GridReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What policies achieve.
+    """Measures of several policies.
 
     Attributes:
         schema_version: of the report.

@@ -22,7 +22,7 @@ from cosim.simulation.tasks import Task, simulate_tasks
 
 
 class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """What identifies a run, for summaries and recordings; the same for equal runs.
+    """Identity of a run, for summaries and recordings; equal runs have the same.
 
     Attributes:
         scenario, title: of the scenario.
@@ -59,7 +59,7 @@ class RunSummary(RunFacts, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Series:
-    """What the episodes of a run have in common.
+    """Settings that all episodes of a run share.
 
     Attributes:
         scenario, config, driver: of every co-simulation.

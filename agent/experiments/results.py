@@ -18,7 +18,7 @@ _COMPARED = ("success", "path_length_cm", "steps")
 
 
 class TrainingSummary(GridReport, frozen=True, kw_only=True):
-    """What `summary.json` says of the runs of one configuration.
+    """Content of `summary.json` for the runs of one configuration.
 
     Attributes:
         seed: that the runs' seeds were spawned from.
@@ -32,7 +32,7 @@ class TrainingSummary(GridReport, frozen=True, kw_only=True):
 
 
 class VariantResult(msgspec.Struct, frozen=True):
-    """What the runs of a variant achieve.
+    """Results of the runs of a variant.
 
     Attributes:
         label: for people.
@@ -48,7 +48,7 @@ class VariantResult(msgspec.Struct, frozen=True):
 
 
 class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What `results.json` says of an experiment.
+    """Content of `results.json` for an experiment.
 
     Attributes:
         schema_version: of the file.

@@ -41,7 +41,7 @@ def cost(result: EpisodeResult, scenario: Scenario, objective: Sought) -> float:
 
 
 def fails(result: EpisodeResult, scenario: Scenario, objective: Sought) -> bool:
-    """Whether an episode is what a search is after: one without a gap, or one that timed out."""
+    """Return whether a search looks for such an episode: without a gap, or timed out."""
     if objective == "time":
         return result.outcome == Outcome.TIMEOUT
     return gap_cm(result, scenario) <= 0.0
@@ -91,7 +91,7 @@ class FoundCases(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReplayReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What `--replay --json` prints: cases as they were found, and as they are, in one order."""
+    """Output of `--replay --json`: cases as they were found and as they are now, in one order."""
 
     schema_version: int = 1
     then: tuple[FoundCase, ...]

@@ -1,4 +1,4 @@
-"""What a search may choose, and the episode that a vector of it stands for.
+"""Ranges that a search may choose from, and the episode that a vector in them stands for.
 
 A vector has a coordinate for the start of every robot, for the initial phase of every motor, for
 the seed of the noise, and for everything of the world that has a range. Coordinates are any real
@@ -209,7 +209,7 @@ class Space:
 
     @cached_property
     def _without_effect(self) -> dict[str, str]:
-        """Why, by name."""
+        """Return why a range has no effect, by its name."""
         config = self._config_at(1)
         world, controlled = config.world, "motors" not in config.open_loop
         sensor = world.camera

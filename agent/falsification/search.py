@@ -1,4 +1,4 @@
-"""How a search chooses its next episodes: by evolution (CMA-ES), or at random as a baseline.
+"""Choose the next episodes of a search: by evolution (CMA-ES), or at random as a baseline.
 
 A search is asked for vectors (see `agent.falsification.ranges`) and told what became of them; it
 depends on its seed and on what it receives alone, so that it can be asked again.

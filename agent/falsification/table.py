@@ -1,4 +1,4 @@
-"""What a search has found, and what became of its cases, as tables for the terminal."""
+"""Tables for the terminal: what a search has found, and what became of its cases."""
 
 from collections.abc import Sequence
 

@@ -1,1 +1,1 @@
-"""What runs on a robot's microcontroller: C sources, and the tables of a policy for them."""
+"""Software of a robot's microcontroller: C sources, and the tables of a policy for them."""

@@ -24,7 +24,7 @@ _ALLOCATED, _WRITABLE, _WITHOUT_BITS = 2, 1, 8  # of ELF sections
 
 
 class FirmwareSize(msgspec.Struct, frozen=True):
-    """What a robot's firmware needs of a Cortex-M4, in bytes.
+    """Memory that a robot's firmware needs on a Cortex-M4, in bytes.
 
     Attributes:
         robot: which, from 1.
@@ -101,7 +101,7 @@ def _has_zig() -> bool:
 def _compile(
     flags: Sequence[str], folder: Path, out: Path, sources: Sequence[Path], robot: int
 ) -> str:
-    """What the compiler said; its own cache is left out, which keeps what it says to itself."""
+    """Compile without the compiler's cache, which suppresses messages, and return its output."""
     with temporary_folder() as cache:
         command = [*compiler_command(), *flags, f"-DROBOT={robot}", f"-I{folder}"]
         run = subprocess.run(

@@ -1,4 +1,4 @@
-"""How the paper's decision process is read: every reading that it leaves open, checked by name.
+"""Readings of the paper's decision process: every point that it leaves open, checked by name.
 
 What readings mean for a scenario is `agent.mdp.readings`; nothing here is slow to import.
 """
@@ -25,7 +25,7 @@ REWARDS_PER: tuple[RewardPer, ...] = get_args(RewardPer)
 
 @dataclass(frozen=True)
 class ProcessConfig:
-    """How the paper's decision process is read; the defaults are the readings of this project."""
+    """Readings of the paper's decision process; the defaults are those of this project."""
 
     goal_reward: float = 100.0
     """L of Eq. (8): reward of the goal, and minus the reward of a failure (Section III)."""

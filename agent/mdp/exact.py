@@ -64,7 +64,7 @@ class Evaluation(NamedTuple):
 
 
 class Milestone(NamedTuple):
-    """What greedy robots achieve on the grid after so much training.
+    """Measures of greedy robots on the grid after a number of training episodes.
 
     Attributes:
         agent_steps: moves of all robots so far.
@@ -136,7 +136,7 @@ def _draw_starts(process: Process, starts: np.ndarray, random: np.ndarray) -> No
 
 
 def enumerable(process: Process) -> bool:
-    """Whether a process has few enough combinations of start cells to evaluate all of them."""
+    """Return whether a process has few enough combinations of start cells to evaluate all."""
     return math.prod(np.diff(process.start_offsets).tolist()) <= MAX_STARTS
 
 

@@ -1,4 +1,4 @@
-"""What all trained policies have in common: they act greedily, on the process that they know."""
+"""Base of all trained policies: they act greedily, on the process that they know."""
 
 from abc import ABC, abstractmethod
 from functools import cached_property

@@ -123,7 +123,7 @@ def slipped(process: Process, action: int, random: np.ndarray) -> int:
 
 @inlined
 def touched_between(world: np.ndarray, i: int, j: int, contact: int) -> bool:
-    """Whether two robots came into contact within their last straight, simultaneous moves."""
+    """Return whether two robots touched within their last straight, simultaneous moves."""
     # relative start p and move v; |p + v t|² is least at t = −p·v/|v|²
     vx = world[j, VX] - world[i, VX]
     vy = world[j, VY] - world[i, VY]

@@ -55,7 +55,7 @@ def _cost(
 
 @inlined
 def _choices(after: np.ndarray, i: int, cell: int) -> int:
-    """How many moves robot i has to choose from in a cell: one, to stay, where it is parked."""
+    """Return the number of moves of robot i in a cell: one, to stay, where it is parked."""
     return 1 if after[i, cell, 0] == cell else DIRECTION_COUNT
 
 
@@ -114,7 +114,7 @@ def solve(
 
 @kernel
 def iterate_alone(after: np.ndarray, costs: np.ndarray, value: np.ndarray) -> None:
-    """The same for one robot: `after` and `costs` (cells, 8), `value` (cells,)."""
+    """Iterate for one robot: `after` and `costs` (cells, 8), `value` (cells,)."""
     changed = True
     while changed:
         changed = False

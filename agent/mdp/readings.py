@@ -141,7 +141,7 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
 
 
 def _blocked(scenario: Scenario, shift: int) -> np.ndarray:
-    """Where a robot touches an obstacle: over the corners of cells (shift 0) or in cells (1)."""
+    """Return where a robot touches an obstacle: over corners of cells (shift 0) or in cells (1)."""
     sizes = (2 * scenario.columns + 1 - shift, 2 * scenario.rows + 1 - shift)  # in half cells
     x, y = np.ogrid[shift : sizes[0] + shift : 2, shift : sizes[1] + shift : 2]
     return np.zeros(np.broadcast(x, y).shape, dtype=bool) | scenario.blocks(x, y)
@@ -181,7 +181,7 @@ def _terrain(
 
 
 def _has_free_starts(scenario: Scenario, contact: int) -> bool:
-    """Whether some of many draws of start cells, which episodes begin with, have no contact."""
+    """Return whether some of many draws of an episode's start cells have no contact."""
     rng = np.random.default_rng(0)
     drawn = [np.array(cells)[rng.integers(len(cells), size=DRAWS)] for cells in scenario.starts]
     free = np.full(DRAWS, fill_value=True)

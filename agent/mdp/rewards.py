@@ -17,7 +17,7 @@ from cosim.onboard.features import Observation
 
 
 class DrivenStep(Protocol):
-    """What rewards look at of a `cosim.coupling.rl_step.Step`, and of no code that makes it."""
+    """Fields of a `cosim.coupling.rl_step.Step` that rewards read, without the code behind it."""
 
     @property
     def action(self) -> np.ndarray: ...  # noqa: D102 - see there
@@ -58,7 +58,7 @@ def step_reward(process: Process, step: DrivenStep, arrived: np.ndarray) -> np.n
 
 
 def reward_parts(process: Process, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
-    """The same by parts, (N, 3) float64: goal or failure, step, nearness of another robot."""
+    """Return rewards by parts, (N, 3) float64: goal or failure, step, nearness of another robot."""
     parts = np.full((len(step.action), 3), np.nan)
     goal = float(process.goal_reward)
     share = {

@@ -1,4 +1,4 @@
-"""What greedy robots may expect on observed moves: how near they come, and how long they take.
+"""Estimate greedy episodes on observed moves: how near robots come, and how long they take.
 
 A cheap picture of an episode in the dynamics: thousands of them cost less than one there. It knows
 no noise but that of the moves, and no shield.
@@ -49,7 +49,7 @@ def foresee(
     repeats: int,
     random: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What greedy episodes from some starts are like, on moves that are drawn again every time.
+    """Simulate greedy episodes from some starts, on moves that are drawn again every time.
 
     Args:
         process: the decision process of the policy.

@@ -132,7 +132,7 @@ def _go_on(plans: np.ndarray, i: int, seconds: float) -> None:
 
 @inlined
 def _is_forbidden(process: Process, i: int, x: float, y: float, to_x: float, to_y: float) -> bool:
-    """Whether the centre of robot i enters a forbidden cell on its way between two near points."""
+    """Return whether the centre of robot i enters a forbidden cell between two near points."""
     terrain = process.terrain[i]
     if not (0.0 <= to_x < terrain.shape[0] - 2 and 0.0 <= to_y < terrain.shape[1] - 2):
         return False

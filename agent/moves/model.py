@@ -1,4 +1,4 @@
-"""What a move does under the dynamics: moves observed in co-simulation, and their distribution.
+"""Effect of a move in the dynamics: moves observed in co-simulation, and their distribution.
 
 P(Δcell, duration | direction, heading, previous direction) is kept as the moves themselves, so that
 training draws whole moves (how long the turn took, when and where the robot stopped) instead of
@@ -80,7 +80,7 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     through: bool = False
 
     def counts(self) -> dict[tuple[int, int, int], Counter[tuple[int, int, int]]]:
-        """How often (Δcolumn, Δrow, RL steps) followed (direction, heading, previous direction)."""
+        """Count (Δcolumn, Δrow, RL steps) after each (direction, heading, previous direction)."""
         counts: dict[tuple[int, int, int], Counter[tuple[int, int, int]]] = {}
         for move in self.moves:
             given = counts.setdefault((move.direction, move.heading, move.previous), Counter())

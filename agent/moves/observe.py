@@ -234,7 +234,7 @@ def cached_moves(
 
 
 def facts_of(moves: ObservedMoves) -> dict[str, Any]:
-    """How many moves there are, how long they take, and how many did not end in their cell."""
+    """Return the number of moves, their mean duration, and how many did not end in their cell."""
     durations = [m.duration_s for m in moves.moves]
     ended = [(m.columns, m.rows) == tuple(DIRECTIONS[m.direction]) for m in moves.moves]
     return {

@@ -30,7 +30,7 @@ _SETTLED_S = 1e-3  # change of a value that ends the iteration
 
 
 class PairTimes(NamedTuple):
-    """What two robots choose their moves by.
+    """Times by which two robots choose their moves.
 
     Attributes:
         after: (2, cells, 8) int64, see `agent.mdp.joint.cells_after`.

@@ -14,7 +14,7 @@ Range = tuple[float, float]
 
 
 class Ranges(NamedTuple):
-    """What a walk draws uniformly; names and units as of `cosim.model.world.World`."""
+    """Ranges that a walk draws from uniformly; names and units as of `cosim.model.world.World`."""
 
     mu: Range = (0.1, 0.26)  # of the floor, and of every patch
     patches: int = 6

@@ -1,4 +1,4 @@
-"""What policies achieve in the full dynamics, start by start: episodes, results, recordings.
+"""Evaluate policies in the full dynamics, start by start: episodes, results, recordings.
 
 The counterpart of `agent.evaluation.grid`, which is exact on the grid; the command line is
 `cosim.evaluate`.
@@ -61,7 +61,7 @@ class PolicyRow(EpisodesRow, frozen=True, kw_only=True):
 
 
 class EvaluationReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What `python -m cosim.evaluate --json` prints: the policies under one physics."""
+    """Output of `python -m cosim.evaluate --json`: the policies under one physics."""
 
     schema_version: int = 1
     seed: int

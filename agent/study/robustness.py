@@ -1,4 +1,4 @@
-"""How policies succeed in worlds that none of them was trained for: docs/robustness.md.
+"""Measure policies in worlds that none of them was trained for: docs/robustness.md.
 
 The worlds are `agent.study.axes`; the command line is `cosim.robustness`.
 """

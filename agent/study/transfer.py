@@ -1,4 +1,4 @@
-"""How policies trained by each method succeed in the full dynamics: the table of docs/transfer.md.
+"""Measure policies of each method in the full dynamics: the table of docs/transfer.md.
 
 The command line is `cosim.transfer`.
 """

@@ -78,7 +78,7 @@ class StudyRow(EpisodesRow, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class StudyTable:
-    """What a study has measured.
+    """Results of a study.
 
     Attributes:
         rows: policies in scenarios, with every combination of the axes.

@@ -1,4 +1,4 @@
-"""What a training run is made of: its schedule, and the state between two episodes.
+"""Parts of a training run: its schedule, and the state between two episodes.
 
 The compiled loop over a `TrainingState` is `agent.training.qlearning`, or
 `agent.training.moves_qlearning` for moves that last; files, progress bars and policies are

@@ -39,7 +39,7 @@ CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
 
 
 class TrainingProgress(NamedTuple):
-    """How far a run is: given to the progress callback after every chunk.
+    """Progress of a run, given to the progress callback after every chunk.
 
     Attributes:
         episode: episodes done.

@@ -36,7 +36,7 @@ _CONFIG = Kind("policy's configuration", "train it again", PolicyError)
 
 
 class Seed(msgspec.Struct, frozen=True):
-    """What a run's generator was seeded with, see `numpy.random.SeedSequence`."""
+    """Seed of a run's generator, see `numpy.random.SeedSequence`."""
 
     entropy: int
     spawn_key: tuple[int, ...] = ()

@@ -53,7 +53,7 @@ def largest(values: np.ndarray) -> tuple[int, np.float32]:
 
 @inlined
 def best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
-    """The same over the sum of the two tables of double Q-learning."""
+    """Return the best action by the sum of the two tables of double Q-learning."""
     action = 0
     best = q[0, i, s, 0] + q[1, i, s, 0]
     for k in range(1, DIRECTION_COUNT):

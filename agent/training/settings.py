@@ -23,7 +23,7 @@ BEST: Method = "moves"
 
 
 class MethodFacts(NamedTuple):
-    """What a user chooses a method by.
+    """Facts by which a user chooses a method.
 
     Attributes:
         robots: number of robots that it can drive.

@@ -11,7 +11,7 @@ from cosim.model.params import FIG_7
 
 @dataclass(frozen=True, kw_only=True)
 class StepTest:
-    """What is done to the motor."""
+    """Test to apply to the motor."""
 
     duration: Annotated[float, tyro.conf.arg(metavar="S", aliases=["--duration-s"])] = 6.0
     """Simulated time in s."""

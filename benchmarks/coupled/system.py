@@ -38,7 +38,7 @@ _STEP_S = 1e-4
 
 
 class PythonLoop:
-    """The same Jacobi master, step by step through fmpy."""
+    """The Jacobi master in Python, step by step through fmpy."""
 
     def __init__(self, components: list[Component]) -> None:
         self._slaves = []

@@ -38,7 +38,7 @@ def vector_steps_per_s(env: gym.vector.VectorEnv, actions: np.ndarray) -> float:
 
 
 def parallel_steps_per_s(env: NavigationParallelEnv, actions: np.ndarray) -> float:
-    """The same, board by board."""
+    """Return the steps per second, board by board."""
     agent_steps = 0
     began = time.thread_time()
     for board in range(actions.shape[1]):

@@ -1,4 +1,4 @@
-"""What helps policies on moves observed in co-simulation: features, learning rate, cost of failure.
+"""Compare features, learning rates and costs of failure on moves observed in co-simulation.
 
 Trains scenario 4 on the observed moves with each variant and plays the greedy policy on the same
 moves: fast enough for tens of thousands of episodes, but no substitute for `cosim.evaluate`.

@@ -88,7 +88,7 @@ def pack_with_fmpy(archive: Path, fmi: Fmi, step_s: float, folder: Path) -> Path
 def pack_with_toolbox(
     archive: Path, fmi: Fmi, step_s: float, folder: Path, *, sequential: bool = False
 ) -> Path:
-    """The same by fmu-manipulation-toolbox; `sequential`: one component steps after the other."""
+    """Pack by fmu-manipulation-toolbox; `sequential`: one component steps after the other."""
     system = robots_with_motors(motors_first=sequential)
     resources = unpacked(archive, folder / "system")
     made = resources / f"toolbox_fmi{fmi}{'_sequential' * sequential}.fmu"

@@ -1,4 +1,4 @@
-"""The same robots as a MuJoCo model: text for comparing the contact physics with another engine.
+"""Write the robots as a MuJoCo model, to compare the contact physics with another engine.
 
 Only the mechanics: a rigid body on three feet, a floor with Coulomb friction, and six actuators
 per robot that apply a wrench in the body frame at the centre of mass. MuJoCo itself is not needed

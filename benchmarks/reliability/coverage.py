@@ -1,4 +1,4 @@
-"""How often intervals of 95 % hold the mean, or the rate, that samples are drawn from.
+"""Measure how often intervals of 95 % contain the mean, or the rate, that samples are drawn from.
 
 Student intervals as `agent.evaluation.statistics.mean_intervals` gives them, percentile and BCa
 bootstrap intervals (`scipy.stats.bootstrap`) of the same samples, and Wilson intervals of rates.

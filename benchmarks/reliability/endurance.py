@@ -1,4 +1,4 @@
-"""Whether a long run stays as it began: its memory, its cost, and what must not move.
+"""Check that a long run stays as it began: its memory, its cost, and what must not move.
 
 Two robots of one endless episode, without speed noise: one drives back and forth, the other drives
 to the cell next to it, which is its target, and stands there for the rest. Once without a

@@ -1,4 +1,4 @@
-"""How many episodes searches need to find the first collision of a policy that collides rarely."""
+"""Count the episodes until searches find the first collision of a rarely colliding policy."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path

@@ -48,7 +48,7 @@ class Mutation:
 
 @dataclass(frozen=True)
 class Found:
-    """What became of the mutations; names as in the JSON output.
+    """Results of the mutations; names as in the JSON output.
 
     Attributes:
         survived, tried: their numbers.

@@ -1,4 +1,4 @@
-"""Whether splitting finds how often robots come close and collide, as plain episodes do.
+"""Compare splitting with plain episodes: how often robots come close and collide.
 
 Of a policy that collides often enough for both: the paper's in scenario 4. The episodes have other
 seeds than the roots.
@@ -23,7 +23,7 @@ from cosim.simulation.result import EpisodeResult
 
 @dataclass(frozen=True)
 class ComparedLevel:
-    """How probable a gap is; names as in the JSON output.
+    """Probability of a gap by both methods; names as in the JSON output.
 
     Attributes:
         gap_mm: that robots come so close, or touch anything; 0 is a collision.

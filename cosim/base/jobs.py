@@ -29,7 +29,7 @@ class BackendError(UserError):
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """Where jobs are computed; the results do not depend on it."""
+    """Place where jobs are computed; the results do not depend on it."""
 
     jobs: Jobs = -1
     backend: Backend = "threads"

@@ -72,7 +72,7 @@ def find_calibration(
 def calibrated_slower(
     config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
 ) -> CoSimConfig:
-    """As `calibrated`, but robots that would hop drive as fast as they can without.
+    """Return a configuration as `calibrated` does, at most at the largest speed without hopping.
 
     Args: as of `find_calibration`.
 

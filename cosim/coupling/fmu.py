@@ -109,7 +109,7 @@ class MotorFmu(Fmu):
 
     @property
     def samples(self) -> bool:
-        """Whether an instance gives samples within a step, see `cosim.coupling.interface`."""
+        """Return whether an instance samples within a step, see `cosim.coupling.interface`."""
         return self.arrays and {SAMPLES, *SAMPLED} <= set(self.variables)
 
     @functools.cached_property

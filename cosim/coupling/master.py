@@ -57,7 +57,7 @@ class NotFiniteError(UserError):
         self.value = value
 
     def named(self, robot: str, time_s: float) -> "NotFiniteError":
-        """The same with the robot's name and the simulated time."""
+        """Return a copy of this error that names the robot and the simulated time."""
         self.args = (
             f"{self.signal} of {robot} is {self.value} at {time_s:.5f} s of simulated time; choose "
             "a smaller --dt, or look at its motor FMU and at its world",

@@ -270,7 +270,7 @@ def check_steps(
 
 
 class Log(deque[str]):
-    """What an FMU has reported last, oldest first.
+    """Latest messages of an FMU, oldest first.
 
     Attributes:
         level: "off" to have it report nothing, "warnings", or "all" to print each message at once.
@@ -313,7 +313,7 @@ def _formatting_logger() -> Any:
 
 
 def _callbacks(log: Log) -> Any:
-    """What an FMU of FMI 2.0 is given: a logger into `log`, and the C library's memory."""
+    """Return the callbacks of an FMI 2.0 FMU: a logger into `log`, and the C library's memory."""
     number = next(_numbers)
     _LOGS[number] = log
     return fmi2CallbackFunctions(

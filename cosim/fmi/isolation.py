@@ -38,7 +38,7 @@ _waiting: deque[Callable[[], object]] = deque()
 
 @dataclass(frozen=True, kw_only=True)
 class Isolation:
-    """Whether FMUs run in a process of their own."""
+    """Choice of whether FMUs run in a process of their own."""
 
     isolate: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Run in a process of its own, so that an FMU which crashes, ends the process or never returns

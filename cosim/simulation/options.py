@@ -139,7 +139,7 @@ PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0
 
 @dataclass(frozen=True, kw_only=True)
 class DecisionOptions:
-    """When robots are asked, and whether they stop for it."""
+    """Options for when robots are asked, and whether they stop for it."""
 
     rl_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Time between two decisions in s: by default the paper's 2, and 0.1 with --through."""

@@ -1,4 +1,4 @@
-"""What a system is made of: components, their connections, and the refusal of what cannot be.
+"""Parts of a system: components and their connections; invalid ones are refused.
 
 A variable is named "component.variable"; names of either may have points in them, too.
 """
@@ -194,7 +194,7 @@ def _check_types(said: str, source: ModelVariable, target: ModelVariable) -> Non
 
 
 def keeps(source: str, target: str) -> bool:
-    """Whether every value of an FMI type is one of another, of the same or the other standard."""
+    """Return whether every value of an FMI type is one of another, of any standard."""
     source, target = (_OF_FMI_3.get(name, name) for name in (source, target))
     if source == target:
         return source not in ("String", "Binary", "Clock")

@@ -30,7 +30,7 @@ _TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 
 
 class Exchange(NamedTuple):
-    """How values of an FMI type are exchanged.
+    """Functions that exchange values of an FMI type.
 
     Attributes:
         function: what the names of getter and setter end in.
@@ -106,7 +106,7 @@ class Instance:
         self._set(v for v in self._start.values() if v.causality != "structuralParameter")
 
     def kind(self, variable: ModelVariable) -> Exchange | None:
-        """How a variable's values are exchanged; None of those that are not (texts, clocks)."""
+        """Return how a variable's values are exchanged; None if they are not (texts, clocks)."""
         return _KINDS[self.fmu.standard].get(str(variable.type))
 
     def shape(self, variable: ModelVariable) -> tuple[int, ...]:

@@ -58,7 +58,7 @@ _FMI_2_TERMINATED = 3  # of fmi2StatusKind
 
 
 class Scheme(NamedTuple):
-    """How a system is stepped.
+    """Rules by which a system is stepped.
 
     Attributes:
         algorithm: number of it.

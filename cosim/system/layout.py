@@ -29,7 +29,7 @@ PLACE, KIND, FIRST_ROW, LAST_ROW, ROW_NOW = range(5)
 
 
 class Place(NamedTuple):
-    """Where a variable's values are.
+    """Place of a variable's values.
 
     Attributes:
         offset: in bytes from the begin of the block.
@@ -76,7 +76,7 @@ class Memory(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """What compiled code needs of a system; int64 unless said otherwise.
+    """Tables of a system for compiled code; int64 unless said otherwise.
 
     Attributes:
         components: (C, COLUMNS); floats that are got are values FIRST_REAL to END_REAL - 1 of the

@@ -1,4 +1,4 @@
-"""What a run of a system recorded, and its files."""
+"""Results of a run of a system, and their files."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from cosim.base.storage import replacing
 
 
 class Share(NamedTuple):
-    """What a component took of a run.
+    """Share of a run's time that a component took.
 
     Attributes:
         steps: calls of its DoStep, those taken back included.
@@ -27,7 +27,7 @@ class Share(NamedTuple):
 
 
 class SystemRun(NamedTuple):
-    """What was recorded in a run.
+    """Results of a run.
 
     Attributes:
         time_s: (n,), of the rows.

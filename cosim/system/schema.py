@@ -1,4 +1,4 @@
-"""What is read of files of SSP 1.0 and 2.0, by element; everything else is refused by its name."""
+"""Elements that are read of files of SSP 1.0 and 2.0; all others are refused by name."""
 
 from xml.etree.ElementTree import Element
 

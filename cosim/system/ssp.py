@@ -37,7 +37,7 @@ _GIVING = ("output", "calculatedParameter", "local")
 
 
 class SystemFile(NamedTuple):
-    """What a file says about a system.
+    """Content of a file about a system.
 
     Attributes:
         components: in the order of the file.
@@ -65,7 +65,7 @@ class _Wire(NamedTuple):
 
 
 class _Signal(NamedTuple):
-    """What arrives at a connector: factor · origin + offset.
+    """Signal that arrives at a connector: factor · origin + offset.
 
     Attributes:
         origin: connector of a component, or a value that a parameter set has for one of a system.

@@ -1,1 +1,1 @@
-"""What FMUs share: shims of the standards, units, the frame of their documentation."""
+"""Parts that all FMUs share: shims of the standards, units, the frame of their documentation."""

@@ -1,4 +1,4 @@
-"""What learners achieve on the same boards, and at what price."""
+"""Compare what learners achieve on the same boards, and their cost."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -43,7 +43,7 @@ class Deep(NewFolder):
 
 
 class DeepReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What training achieved.
+    """Result of a training.
 
     Attributes:
         schema_version: of the report.

@@ -1,4 +1,4 @@
-"""What gives a robot a wanted speed, with all feet on the floor."""
+"""Find designs that give a robot a wanted speed, with all feet on the floor."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

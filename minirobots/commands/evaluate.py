@@ -1,4 +1,4 @@
-"""What policies achieve in the full dynamics, start by start, with intervals."""
+"""Evaluate policies in the full dynamics, start by start, with intervals."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What policies achieve on the grid, exactly: rates, lengths and failing starts."""
+"""Evaluate policies on the grid, exactly: rates, lengths and failing starts."""
 
 from dataclasses import dataclass
 from pathlib import Path

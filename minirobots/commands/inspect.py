@@ -1,4 +1,4 @@
-"""What a recording holds, and where it looks wrong."""
+"""Show what a recording contains, and where it looks wrong."""
 
 from dataclasses import dataclass
 from pathlib import Path

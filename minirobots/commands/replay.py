@@ -37,7 +37,7 @@ class Replay(IsolatedOptions):
 
 
 class Difference(msgspec.Struct, frozen=True):
-    """Where a signal first differs.
+    """Place where a signal first differs.
 
     Attributes:
         signal: entity path in the recording.

@@ -1,4 +1,4 @@
-"""How policies succeed in worlds that are not ideal."""
+"""Measure how policies succeed in worlds that are not ideal."""
 
 from dataclasses import dataclass
 from pathlib import Path

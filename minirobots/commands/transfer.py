@@ -1,4 +1,4 @@
-"""How many episodes of the full dynamics succeed, by method of training."""
+"""Count the episodes of the full dynamics that succeed, by method of training."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""When a foot of a driving robot lifts: the platform's motion and the balance of moments.
+"""Compute when a foot of a driving robot lifts: the platform's motion, the balance of moments.
 
 Both motors in phase, all three feet down: friction follows from the platform's strokes, and what
 each foot carries from the moments about the axis across the robot. The dynamics agree within 1 % of

@@ -79,7 +79,7 @@ def sensitivities(
 
 
 def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
-    """The same of the 1-DOF platform, where it has the parameter, moves on, and on the floor."""
+    """Return the 1-DOF platform's sensitivity, where it has the parameter and moves."""
     platform = robot_platform(config.robot, config.motor)
     if not drift_speed(platform) < omega_rad_s < lift_off_speed(platform):
         return {}
