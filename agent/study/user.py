@@ -60,6 +60,10 @@ class StudyRow(EpisodesRow, frozen=True, kw_only=True):
     options: dict[str, Any]
     results: dict[int, EpisodeResult]
 
+    def __repr__(self) -> str:
+        """What an interactive session shows: the row's table, and not its episodes."""
+        return StudyTable((self,), tuple(self.options), 0).to_markdown()
+
     def labels(self) -> dict[str, Any]:
         """Return what names the row, values that are no number as text."""
         plain = {
@@ -76,7 +80,7 @@ class StudyRow(EpisodesRow, frozen=True, kw_only=True):
         return self.labels() | {name: v for name, v in row.items() if name not in self.options}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StudyTable:
     """Results of a study.
 
@@ -89,6 +93,10 @@ class StudyTable:
     rows: tuple[StudyRow, ...]
     axes: tuple[str, ...]
     seed: int
+
+    def __repr__(self) -> str:
+        """What an interactive session shows: the table."""
+        return self.to_markdown()
 
     @property
     def columns(self) -> Columns:

@@ -84,6 +84,9 @@ class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
                 )
 
 
+_NO_CAMERA = Sensor()
+
+
 class World(_Record, frozen=True, forbid_unknown_fields=True):
     """A world as declared; None where nothing is said and the machine's value holds.
 
@@ -164,7 +167,7 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     @property
     def camera(self) -> Sensor:
         """The camera; exact poses where nothing is said of one."""
-        return self.sensor or Sensor()
+        return self.sensor or _NO_CAMERA
 
     def filled(self) -> "World":
         """Return this world with ideal values for what a machine could have brought along."""

@@ -2,6 +2,8 @@
 
 # pyright: reportMissingImports=false
 
+from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +16,7 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 from pettingzoo.test.max_cycles_test import max_cycles_test
 from pettingzoo.utils import parallel_to_aec
 
+import minirobots as mr
 from agent import envs
 from cosim.model.scenario import Scenario
 
@@ -157,6 +160,39 @@ def test_torchrl_accepts_groups_of_robots(cosim):
 
     env = envs.parallel_env("2", cosim=cosim)
     check_env_specs(PettingZooWrapper(env, use_mask=True, done_on_any=False))
+
+
+@pytest.mark.learners
+@pytest.mark.parametrize("name", ["SingleA", "Drive"])
+def test_gymnasium_films_single_robots(name, tmp_path):
+    env = gym.make(f"MiniRobots/{name}-v0", render_mode="rgb_array", max_episode_steps=3)
+    film(gym.wrappers.RecordVideo(env, str(tmp_path)), tmp_path)
+
+
+@pytest.mark.learners
+@pytest.mark.parametrize("name", ["Pair", "Drive", "CoSimPair"])
+def test_gymnasium_films_rows(name, tmp_path):
+    env = gym.make_vec(f"MiniRobots/{name}-v0", num_envs=2, render_mode="rgb_array")
+    film(gym.wrappers.vector.RecordVideo(env, str(tmp_path), video_length=3), tmp_path)
+
+
+def film(env, folder):
+    env.reset(seed=0)
+    for _ in range(4):
+        _, _, terminated, truncated, _ = env.step(env.action_space.sample())
+        if terminated is True or truncated is True:  # of a single environment
+            break
+    env.close()
+    assert [path.stat().st_size > 1000 for path in folder.glob("*.mp4")][:1] == [True]
+
+
+@pytest.mark.learners
+def test_the_single_file_learner_makes_a_policy(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "docs" / "examples")
+    cleanrl: Any = import_module("cleanrl_drive")
+    cleanrl.train(tmp_path / "drive.pt", 1e-9)
+    episode = mr.simulate("1a", cleanrl.policy(tmp_path / "drive.pt"), time_limit=2, progress=None)
+    assert episode.outcome == "timeout"
 
 
 @pytest.mark.learners

@@ -107,6 +107,8 @@ def test_an_object_without_identity_is_kept_in_memory_only(tmp_path, caplog):
 
 def test_evaluate_returns_rates_failures_and_episodes(near_policy):
     row = evaluate(near_policy, starts=2, jobs=1, time_limit=2.0, world=World(mu=0.15))
+    assert "success" in repr(row).splitlines()[0]
+    assert len(repr(row).splitlines()) == 3  # a table, and not every episode
     assert (row.episodes, row.timeout, row.failing_starts) == (2, 1.0, 2)
     assert [failure.index for failure in row.failures] == sorted(row.results)
     assert all(result.sim_time_s == 2.0 for result in row.results.values())
