@@ -7,11 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-_COLUMNS = 4
-# Colours told apart in any kind of colour vision (Okabe and Ito).
-_COLOURS = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#e69f00", "#56b4e9", "#000000")
+from cosim.base.plotting import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, styled
+
+_COLUMNS = 3
+_COLOURS = (BLUE, GREEN, PURPLE, VERMILION, ORANGE, SKY, BLACK)
 
 
+@styled
 def draw_success(
     panels: Mapping[str, Sequence[Any]],
     value: Callable[[Any], str],
@@ -30,13 +32,13 @@ def draw_success(
     known = {name: rows for name, rows in known.items() if rows}
     columns = min(_COLUMNS, max(1, len(known)))
     lines = max(1, -(-len(known) // columns))
-    size = (max(3.0 * columns, 5.0), 2.6 * lines + 0.6 * (lines == 1))
+    size = (max(2.8 * columns, 5.0), 2.1 * lines + 0.6 * (lines == 1))
     figure = Figure(figsize=size, layout="constrained")
     names = list(dict.fromkeys(series(row) for rows in known.values() for row in rows))
     for number, (name, rows) in enumerate(known.items()):
         panel = figure.add_subplot(lines, columns, number + 1)
         _draw_panel(panel, rows, value, series, names)
-        panel.set(title=name, ylim=(-4.0, 104.0), ylabel="success, %")
+        panel.set(title=name, ylim=(-4.0, 104.0), ylabel="success in %")
         if number == 0:
             panel.legend(fontsize=7)
     figure.suptitle(title)

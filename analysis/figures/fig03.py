@@ -8,16 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.style import (
-    BLACK,
-    BLUE,
-    GREY,
-    VERMILION,
-    WIDTH_IN,
-    Caption,
-    Drawing,
-)
+from analysis.figures.style import WIDTH_IN, Caption, Drawing
 from analysis.reading.results import FIGURES, RESULTS
+from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
 from cosim.machine.platform.result import Motion, PlatformResult
 
 TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}

@@ -8,18 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from analysis.figures.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    WIDTH_IN,
-    Caption,
-    Drawing,
-)
+from analysis.figures.style import WIDTH_IN, Caption, Drawing
+from cosim.base.plotting import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from cosim.model.built_in import AMONG_OBSTACLES, IN_GROUPS, PAPER
 from cosim.model.scenario import Scenario
 

@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.style import BLACK, BLUE, GREY, VERMILION, WIDTH_IN, Caption, Drawing
+from analysis.figures.style import WIDTH_IN, Caption, Drawing
 from analysis.reading.findings import intervals
 from analysis.reading.motor_test import LOOPS, Response, read, rise
 from analysis.reading.results import FIGURES, RESULTS
+from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
 from cosim.model.params import TABLE_II
 
 COLOURS = {"open_loop": VERMILION, "closed_loop": BLUE}

@@ -21,9 +21,10 @@ from analysis.figures.learning import (
     load_variants,
     settled_after,
 )
-from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN, Caption, Drawing, interval
+from analysis.figures.style import WIDTH_IN, Caption, Drawing, interval
 from analysis.reading.results import FIGURES, RESULTS
 from analysis.reading.written import read_experiment
+from cosim.base.plotting import BLUE, GREY, VERMILION
 
 # Success rate that counts as learnt.
 LEARNT = 0.99

@@ -13,20 +13,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.figures.paths import recorded
-from analysis.figures.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    VERMILION,
-    WIDTH_IN,
-    Caption,
-    Drawing,
-    FigureError,
-)
+from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
 from analysis.reading.findings import sliding
 from analysis.reading.results import FIGURES, episodes_of
+from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from cosim.physics.forces import MotorMount, motor_force
 from cosim.recording.reader import Episode, read_episode
 

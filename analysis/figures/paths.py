@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from analysis.figures.fig05 import draw_board, robot_colour
-from analysis.figures.style import BLACK, VERMILION, WIDTH_IN, Caption, Drawing, FigureError
+from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
 from analysis.reading.inspection import path_length_m
 from analysis.reading.results import DRIVEN_BY, FIGURES, RESULTS, episodes_of, recordings
+from cosim.base.plotting import BLACK, VERMILION
 from cosim.model.built_in import PAPER
 from cosim.model.scenario import Scenario
 from cosim.recording.reader import read_episode

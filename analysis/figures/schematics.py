@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
-from analysis.figures.style import BLACK, BLUE, GREEN, GREY, VERMILION, WIDTH_IN, Caption, Drawing
+from analysis.figures.style import WIDTH_IN, Caption, Drawing
+from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, VERMILION
 from cosim.model.params import TABLE_I, TABLE_II, RobotParams
 from cosim.physics.contact import foot_positions
 from cosim.physics.forces import motor_mounts

@@ -1,4 +1,4 @@
-"""Style of all figures: one look, with colours that colour-blind readers tell apart; their files.
+"""Figures of the paper and their files, in the style of `cosim.base.plotting`.
 
 A figure is a PNG, a PDF, and a JSON file with its caption: the paper's claim and our numbers.
 """
@@ -8,38 +8,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
-from cycler import cycler
 from matplotlib.figure import Figure
 
 from agent.evaluation.statistics import Interval, Statistics, interval_text
 from cosim.base.errors import UserError
+from cosim.base.plotting import SETTINGS
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import replacing, write_json
-
-# Okabe and Ito's palette.
-BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
-GREY = "#808080"
 
 WIDTH_IN = 7.2  # two columns of a journal page
 FORMATS = (".png", ".pdf")
 NOTHING = "–"  # where a number has no value
-
-_SETTINGS: dict[Any, Any] = {
-    "axes.grid": True,
-    "axes.labelsize": 9,
-    "axes.prop_cycle": cycler(color=[BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY]),
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlesize": 9,
-    "figure.constrained_layout.use": True,
-    "font.size": 9,
-    "grid.alpha": 0.3,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "lines.linewidth": 1.2,
-    "savefig.dpi": 200,
-}
 
 
 class FigureError(UserError):
@@ -49,7 +28,7 @@ class FigureError(UserError):
 def use_style() -> None:
     """Set matplotlib's defaults for every figure of the project."""
     mpl.use("Agg")
-    mpl.rcParams.update(_SETTINGS)
+    mpl.rcParams.update(SETTINGS)
 
 
 def save(figure: Figure, out: Path) -> list[Path]:

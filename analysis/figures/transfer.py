@@ -12,20 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agent.study.transfer import TransferRow
-from analysis.figures.style import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    WIDTH_IN,
-    Caption,
-    Drawing,
-    FigureError,
-)
+from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
 from analysis.reading.results import FIGURES
 from analysis.reading.written import read_transfer
+from cosim.base.plotting import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 _COLOURS = (VERMILION, BLUE, GREEN, ORANGE, PURPLE, SKY)
 # Of a group of bars side by side, the share of the distance between scenarios.

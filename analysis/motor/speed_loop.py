@@ -14,8 +14,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.figures.style import BLUE, GREY, VERMILION, WIDTH_IN
+from analysis.figures.style import WIDTH_IN
 from analysis.motor.instance import running
+from cosim.base.plotting import BLUE, GREY, VERMILION
 from cosim.base.progress import Progress, silent
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.params import TABLE_II, MotorParams, motor_gain, motor_time_constant

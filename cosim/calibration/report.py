@@ -7,18 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from cosim.base.plotting import BLUE, GREEN, PURPLE, VERMILION, styled
 from cosim.calibration.cache import digest
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING
 
-# Colours told apart in any kind of colour vision (Okabe and Ito).
-_COLOURS = {
-    "forwards": "#0072b2",
-    "backwards": "#d55e00",
-    "left": "#009e73",
-    "right": "#cc79a7",
-}
+_COLOURS = {"forwards": BLUE, "backwards": VERMILION, "left": GREEN, "right": PURPLE}
 
 
 class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,6 +65,7 @@ def report_of(calibration: Calibration, config: CoSimConfig, motor_fmu: Path) ->
     )
 
 
+@styled
 def draw(calibration: Calibration, title: str) -> Figure:
     """Speeds, yaw rates, and what speed differences and motor phases do."""
     figure = Figure(figsize=(10.0, 7.5), layout="constrained")

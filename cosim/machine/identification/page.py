@@ -7,13 +7,14 @@ import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
+from cosim.base.plotting import BLUE, VERMILION, styled
 from cosim.base.storage import replacing
 from cosim.machine.identification.fit import QUANTILE, Fit
 from cosim.machine.identification.parameters import PARAMETERS
 from cosim.machine.identification.result import PRESET_FILE, Identified
 from cosim.machine.identification.track import SeenTrack
 
-_MEASURED, _SIMULATED = "#0072b2", "#d55e00"  # told apart in any kind of colour vision
+_MEASURED, _SIMULATED = BLUE, VERMILION
 
 
 def write_page(identified: Identified, path: Path) -> None:
@@ -53,6 +54,7 @@ def rows(identified: Identified) -> list[tuple[str, ...]]:
     return table
 
 
+@styled
 def _draw(track: SeenTrack, fit: Fit) -> Figure:
     """Tracks seen and simulated, headings, and residuals."""
     seen, own = track.poses, _laid_over(fit.frames, track.poses)
