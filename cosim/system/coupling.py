@@ -53,7 +53,8 @@ START, BEFORE, KEPT = range(3)
 HAS_INVERSE, PREVIOUS, KEPT_PREVIOUS, ENDING, WORST, RUNNING = range(6)
 # Of `Coupling.numbers`: largest residual relative to its scale, error of the step before.
 LARGEST, LAST_ERROR = range(2)
-OUTER, INNER = range(2)  # saved points: of a varied step, of an implicit one
+# Saved points: of a varied step, of an implicit one, and one that the caller goes back to.
+OUTER, INNER, HOME = range(3)
 _MOST_ITERATIONS = 50
 _MOST_HALVINGS = 8
 _ROUGH = 1e-6  # residual of a step that is accepted where no iteration lowers it: FMUs round
@@ -72,7 +73,7 @@ class Coupling(NamedTuple):
         unknowns: (6, N) values of torn ones, by the rows above.
         inverse: (N, 2 N), inverse of the Jacobian in the first N columns; room.
         sent: (words,) int64, inputs as they were set last.
-        saved: (2, words) int64, the block at saved points.
+        saved: (3, words) int64, the block at saved points.
         tried: (words,) int64, the block after a step in one.
         flags: (6,) int64 and
         numbers: (2,) float64, see above.
@@ -99,7 +100,7 @@ def make_coupling(layout: Layout, held: np.ndarray, torn: np.ndarray) -> Couplin
     words = np.zeros(size - layout.words, dtype=np.int64)
     return Coupling(
         held, torn, scale, np.zeros((3, len(held))), np.zeros((6, count)),
-        np.zeros((count, 2 * count)), words, np.zeros((2, size), dtype=np.int64),
+        np.zeros((count, 2 * count)), words, np.zeros((3, size), dtype=np.int64),
         np.zeros(size, dtype=np.int64), flags, np.array([0.0, 1.0]),
     )  # fmt: skip
 

@@ -58,7 +58,8 @@ def check_inputs(
     return found
 
 
-def _checked(node: Node, kind: str, times: object, values: object) -> Input:
+def check_values(node: Node, kind: str, times: object, values: object) -> Input:
+    """Return values of an input of a type; raises GraphError where it cannot have them."""
     said = f"input {'.'.join(node)}"
     try:
         time_s, found = (np.asarray(each, dtype=float) for each in (times, values))
@@ -96,7 +97,7 @@ def sampled(inputs: Mapping[Node, tuple[str, Given]], time_s: np.ndarray) -> lis
             shape.
     """
     return [
-        _checked(node, kind, *((time_s, given(time_s)) if callable(given) else given))
+        check_values(node, kind, *((time_s, given(time_s)) if callable(given) else given))
         for node, (kind, given) in inputs.items()
     ]
 

@@ -4,7 +4,7 @@ The block begins with what is got from components (outputs that are connected or
 that are set follow. A getter or setter takes all variables of one type of a component in one call.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -86,7 +86,7 @@ class Tables(NamedTuple):
         scales: (K, 2) float64, factor and offset.
         checked: (V, 2), indices of the first values of checked outputs, and their number.
         nominal: (V,) float64, their usual sizes.
-        states: (2, C), saved states, of two points of time.
+        states: (3, C), saved states, of three points of time.
         counts: (C, 4): steps, rollbacks, ns spent where that is measured, warnings.
         room: (10,), for what calls write.
         feeds: (J, 5), inputs that are given over time, and the rows of their values.
@@ -189,7 +189,7 @@ class Layout:
             np.array([(self.places[n].offset // WORD, self.places[n].number) for n in checked],
                      dtype=np.int64).reshape(-1, 2),
             np.array([self.nominal(n) for n in checked]),
-            np.zeros((2, len(names)), dtype=np.int64),
+            np.zeros((3, len(names)), dtype=np.int64),
             np.zeros((len(names), 4), dtype=np.int64),
             np.zeros(10, dtype=np.int64),
             *self._feeds(inputs),
@@ -272,6 +272,21 @@ class Layout:
             np.array(rows, dtype=np.int64).reshape(-1, 5),
             np.ascontiguousarray(np.concatenate([np.empty((2, 0)), *given], axis=1)),
         )
+
+    def reader(self, nodes: Sequence[Node]) -> Callable[[], list[float]]:
+        """Return a function that reads the present values of scalar variables.
+
+        Raises:
+            GraphError: one is an array.
+        """
+        where = []
+        for node in nodes:
+            place = self.places[node]
+            if place.shape:
+                raise GraphError(f"{'.'.join(node)} is an array; choose scalars")
+            array: np.ndarray = getattr(self.memory, place.dtype)
+            where.append((array, place.offset // array.itemsize))
+        return lambda: [float(array[k]) for array, k in where]
 
     def places_of(self, links: Collection[Link]) -> np.ndarray:
         """Places in the block of the inputs that some links set, all of type float64."""

@@ -5,7 +5,7 @@ import logging
 import math
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -15,7 +15,7 @@ from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.fmu import FmuError, LogLevel, check_steps, function_address
 from cosim.fmi.isolation import calling
 from cosim.model.config import whole_ratio
-from cosim.system.coupling import LARGEST, SIZE, WORST, Z, make_coupling
+from cosim.system.coupling import HOME, LARGEST, SIZE, WORST, Z, make_coupling, restore, save
 from cosim.system.graph import (
     Component,
     Connection,
@@ -28,7 +28,7 @@ from cosim.system.graph import (
     load_fmus,
     outputs,
 )
-from cosim.system.inputs import Given, check_inputs, sampled
+from cosim.system.inputs import Given, check_inputs, check_values, sampled
 from cosim.system.instance import Instance
 from cosim.system.kernels import (
     ENDED,
@@ -140,6 +140,7 @@ class System:
         if tolerance is not None:
             _require_positive("tolerance", tolerance)
         fmus = load_fmus(components)
+        self._fmus = fmus
         links = check_connections(fmus, connections)
         number = ALGORITHMS.index(algorithm)
         continuous = [link for link in links if is_continuous(fmus, link)]
@@ -291,6 +292,66 @@ class System:
         if status == ENDED:
             ended = f"{list(self._instances)[component]} asked to end at {self.time_s:g} s"
         return self._result(np.concatenate(ticks), np.concatenate(rows), ended)
+
+    def advance(self, steps: int) -> bool:
+        """Make communication steps without recording; returns whether the system goes on after it.
+
+        Raises:
+            FmuError, GraphError: as `run`.
+        """
+        if not self._finalizer.alive or self._over:
+            raise GraphError("the system has ended, failed or been closed; make it again")
+        until = int(self._now[TICK]) + steps
+        room = np.empty(2, dtype=np.int64), np.empty((2, self._layout.words), dtype=np.int64)
+        block = self._layout.tables, self._layout.memory
+        scheme = self._scheme._replace(every=_LONGEST)
+        found = FMI_OK, 0, 0
+        with calling(f"what begins at {self.time_s:g} s of simulated time"):
+            while self._now[TICK] < until and found[0] == FMI_OK:
+                self._now[ROW] = 0
+                if self._solved:
+                    found = run_solved(*block, self._coupling, scheme, self._now, until, *room)
+                else:
+                    found = run_fixed(*block, scheme, self._now, until, *room)
+        self._over = found[0] != FMI_OK
+        self._check(*found)
+        return not self._over
+
+    def hold(self, values: Sequence[float]) -> None:
+        """Give new values to the `inputs`, each of which was given at one time, from now on."""
+        for (node, (kind, _)), value in zip(self._inputs.items(), values, strict=True):
+            check_values(node, kind, [self._scheme.start_s], [value])
+        self._layout.tables.given[1] = values
+
+    def reader(self, names: Sequence[str]) -> Callable[[], list[float]]:
+        """Return a function that reads the present values of recorded scalar variables."""
+        return self._layout.reader([find(self._fmus, name) for name in names])
+
+    @property
+    def can_go_back(self) -> bool:
+        """Whether all FMUs can save their states."""
+        return all(i.fmu.interface.canGetAndSetFMUstate for i in self._instances.values())
+
+    def keep(self) -> None:
+        """Save everything, for `go_back`; once.
+
+        Raises:
+            FmuError: an FMU cannot save its state.
+        """
+        self._check(*save(self._layout.tables, self._layout.memory, self._coupling, HOME))
+        changing = (*self._coupling, self._now)
+        self._kept = [array.copy() for array in changing], self._over
+
+    def go_back(self) -> None:
+        """Restore what `keep` has saved; the same bits follow.
+
+        Raises:
+            FmuError: an FMU refuses its state.
+        """
+        arrays, self._over = self._kept
+        for array, kept in zip((*self._coupling, self._now), arrays, strict=True):
+            array[:] = kept
+        self._check(*restore(self._layout.tables, self._layout.memory, self._coupling, HOME))
 
     def _result(self, ticks: np.ndarray, rows: np.ndarray, ended: str | None) -> SystemRun:
         block = rows.view(np.uint8)
