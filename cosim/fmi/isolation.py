@@ -150,20 +150,20 @@ def calling(what: str) -> Iterator[None]:
 
 
 _FOLDER_LOCK = threading.Lock()
-_folders: list[Path] = []  # in which calls under way began; the first counts
+_folders: list[str] = []  # in which calls under way began; the first counts
 
 
 @contextlib.contextmanager
 def same_folder() -> Iterator[None]:
     """Change back to the working directory in which the first call under way began."""
     with _FOLDER_LOCK, contextlib.suppress(FileNotFoundError):  # it may be gone
-        _folders.append(_folders[0] if _folders else Path.cwd())
+        _folders.append(_folders[0] if _folders else os.getcwd())  # noqa: PTH109 - faster
     try:
         yield
     finally:
         with _FOLDER_LOCK, contextlib.suppress(OSError):
             folder = _folders.pop() if _folders else None
-            if folder and Path.cwd() != folder:
+            if folder and os.getcwd() != folder:  # noqa: PTH109
                 os.chdir(folder)
 
 
