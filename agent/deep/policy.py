@@ -136,6 +136,7 @@ class NetworkPolicy(GreedyPolicy):
         return Inputs.of(self.config.scenario, self.process)
 
     def _values(self, cells: np.ndarray) -> np.ndarray:
+        cells = np.ascontiguousarray(cells)  # the kernel is compiled again for every layout
         return _values(self.inputs, self.network, cells, self.config.scenario.rows)
 
     def q_values(self, observation: Observation) -> np.ndarray:

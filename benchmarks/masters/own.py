@@ -52,7 +52,7 @@ def drive(
     if exchange_first:
         motors.set_inputs(state.inputs, dt_s)
         motors.get_outputs(state.outputs, dt_s)
-    driver, noise = CompiledDriver(motors), np.zeros((1, n, 2))
+    driver, noise = CompiledDriver(motors, 2 - n % 2), np.zeros((1, n, 2))
     samples, raw = new_samples(1, n), new_raw_samples(0, n)
     poses = np.empty((round(duration_s / PERIOD_S), n, 7))
     for pose in poses:

@@ -14,6 +14,7 @@ from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch, Sensor, World, WorldError
+from cosim.physics.lanes import host_lanes
 from cosim.recording.levels import with_bursts
 from cosim.simulation.batch import Batch, chosen_driver
 from cosim.simulation.tasks import Task, simulate_tasks
@@ -157,7 +158,7 @@ def test_worlds_share_a_batch_and_keep_their_bits(driver, step_s, array_fmu):
         batch.close()
         return [step.samples for step in steps.values()]
 
-    together = simulate(range(len(WORLDS)), lanes=8)
+    together = simulate(range(len(WORLDS)), lanes=host_lanes())
     assert len({samples.position[-1].tobytes() for samples in together}) == len(WORLDS)
     options = {"lanes": 2} if driver == "compiled" else {"driver": driver}
     for number, samples in enumerate(together):
@@ -185,7 +186,7 @@ def test_motors_begin_at_the_phases_of_their_world(order, motor_fmu, array_fmu):
         step = simulate(fmu, turned)
         first_rad = step.raw.theta[0].reshape(-1)
         np.testing.assert_allclose(first_rad, np.radians(phases_deg), atol=1e-3)
-        others = [{"lanes": 8}, {"driver": "reference"}]
+        others = [{"lanes": host_lanes()}, {"driver": "reference"}]
         others += [{"driver": "fmpy"}] if fmu == array_fmu else []
         for options in others:
             for a, b in zip(step.samples, simulate(fmu, turned, **options).samples, strict=True):
