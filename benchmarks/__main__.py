@@ -1,85 +1,45 @@
 """`python -m benchmarks NAME`: what things cost, how they converge, and what helps.
 
-A benchmark is a module with `show` and with `measure`, whose arguments are the options in the
-`options.py` of its folder.
+A benchmark is a module with `Options`, its command line; `measure`, whose arguments these are; and
+`show`, which prints what was measured: without it, the figures by name.
 """
 
-from dataclasses import asdict
+import sys
 from importlib import import_module
-from typing import Any, Union
+from pathlib import Path
 
-import tyro
-
-from benchmarks.coupled.options import ReferenceFmus, System
-from benchmarks.learning.options import Envs, MovesLearning, Training
-from benchmarks.masters.options import Ssp
-from benchmarks.options import (
-    Benchmark,
-    Convergence,
-    CosimStep,
-    DriveMap,
-    Evaluation,
-    FmuStep,
-    Identification,
-    Positioning,
-    Reaction,
-    Recording,
-    Sensitivity,
-    Steering,
-)
-from benchmarks.reliability.options import (
-    Adversaries,
-    Coverage,
-    Endurance,
-    Falsification,
-    Mutations,
-    Splitting,
-)
-from cosim.base.command import print_json
-from cosim.base.errors import run_command
+from cosim.base.command import parse, print_json
+from cosim.base.errors import USER_ERROR_STATUS, run_command
 from cosim.base.progress import progress_bars, under_way
 
-MODULES: dict[type[Benchmark], str] = {
-    Adversaries: "reliability.adversaries",
-    Convergence: "convergence",
-    CosimStep: "cosim_step",
-    Coverage: "reliability.coverage",
-    DriveMap: "drive_map",
-    Endurance: "reliability.endurance",
-    Envs: "learning.envs",
-    Evaluation: "evaluation",
-    Falsification: "reliability.falsification",
-    FmuStep: "fmu_step",
-    Identification: "identification",
-    Mutations: "reliability.mutations",
-    MovesLearning: "learning.moves_learning",
-    Positioning: "positioning",
-    Reaction: "reaction",
-    Recording: "recording",
-    ReferenceFmus: "coupled.reference_fmus",
-    Sensitivity: "sensitivity",
-    Splitting: "reliability.splitting",
-    Ssp: "masters.ssp",
-    Steering: "steering",
-    System: "coupled.system",
-    Training: "learning.training",
-}
+ROOT = Path(__file__).parent
 
 
 def main() -> None:
-    """Command line; see the classes above."""
-    choice: Any = Union[tuple(MODULES)]  # noqa: UP007 - of types that are listed above
-    config = (tyro.conf.FlagCreatePairsOff,)
-    options: Benchmark = tyro.cli(choice, prog="python -m benchmarks", config=config)
-    arguments = asdict(options)
-    as_json = arguments.pop("json")
-    name = MODULES[type(options)]
-    module = import_module(f"benchmarks.{name}")
-    with progress_bars() as progress, under_way(progress, f"benchmark {name.rpartition('.')[2]}"):
-        found = module.measure(**arguments)
-    module.show(found)
-    if as_json:
+    """Run the benchmark that the arguments name, or say which there are."""
+    files = (path for path in sorted(ROOT.rglob("[a-z]*.py")) if "Options(" in path.read_text())
+    known = {path.stem.replace("_", "-"): path for path in files}
+    name, *rest = sys.argv[1:] or ["--help"]
+    if name not in known:
+        print("usage: python -m benchmarks NAME [OPTIONS]   (NAME --help lists them)\n")
+        for benchmark, path in known.items():
+            purpose = path.read_text().splitlines()[0].strip('"')
+            print(f"  {benchmark:<16}{purpose}")
+        sys.exit(0 if name in {"-h", "--help"} else USER_ERROR_STATUS)
+    place = known[name].relative_to(ROOT.parent).with_suffix("")
+    module = import_module(".".join(place.parts))
+    options = parse(module.Options, f"benchmarks {name}", rest)
+    with progress_bars() as progress, under_way(progress, f"benchmark {name}"):
+        found = module.measure(**options.arguments())
+    getattr(module, "show", _show)(found)
+    if options.json:
         print_json(found)
+
+
+def _show(figures: dict[str, float]) -> None:
+    """Print figures by name."""
+    for name, value in figures.items():
+        print(f"{name:32} {value:14,.4g}")
 
 
 if __name__ == "__main__":

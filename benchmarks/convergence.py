@@ -5,12 +5,17 @@ Motors turn at prescribed speeds; nothing here measures wall time.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
-from benchmarks.references.prescribed import Drive, MeanMotion, mean_motion
+import tyro
+
+from cosim.base.errors import UserError
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.physics.contact import CONTACT_TOLERANCE
+from minirobots.options import CommandOptions, Seconds
+from tests.references.prescribed import Drive, MeanMotion, mean_motion
 
 QUARTER, HALF = math.pi / 2.0, math.pi
 DRIVES = {
@@ -26,6 +31,27 @@ DRIVES = {
 }
 _AVERAGES = ("forward_m_s", "lateral_m_s", "yaw_rate_rad_s")
 SOLVED_OUT = 1e-6  # tolerance of contacts iterated until they no longer change
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Halve the time step, solve the contacts out, and see what changes.
+
+    Mean forward speed and yaw rate at nine manoeuvres, for every time step with the usual
+    contact sweeps, and for the middle one with contacts solved out.
+    """
+
+    dt: Annotated[tuple[float, ...], tyro.conf.arg(metavar="S")] = (2e-5, 1e-5, 5e-6)
+    """Time steps in s, coarse to fine."""
+    settle: Seconds = 0.5
+    """Simulated time before the averages begin, in s."""
+    duration: Seconds = 2.0
+    """Simulated time of the averages, in s (whole turns of the motors)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.dt) < 2 or min(self.dt) <= 0.0:
+            raise UserError("--dt: name two or more time steps above 0")
 
 
 def _relative_change(coarse: MeanMotion, fine: MeanMotion) -> float:

@@ -9,16 +9,14 @@ docs/performance.md explains what bounds the figures.
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 
 from benchmarks.recording import overheads
-from benchmarks.references.mjcf import robots_mjcf
-from benchmarks.references.prescribed import Drive, Rig, drive_wrench, rig, trace_body
 from cosim.base.jit import kernel
 from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, MotorFmu
@@ -30,60 +28,23 @@ from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
 from cosim.simulation.batch import ROBOTS_TOGETHER, Batch
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Count
+from tests.references.mjcf import robots_mjcf
+from tests.references.prescribed import Drive, Rig, drive_wrench, rig, trace_body
 
 SPEED = STEERING.forward_speed_rad_s
 NORTH = 2
 SHORT_S = 0.5  # simulated time of a round: short and many, so that some meet an idle machine
 
 
-@dataclass(frozen=True)
-class StepTimes:
-    """Results; names as in the JSON output.
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Measure what a co-simulated second costs and print ratios from one run."""
 
-    Attributes:
-        batch_robot_seconds_per_s: robot-seconds that one core simulates in a second, in a batch of
-            pairs as `cosim.simulation.tasks` makes them.
-        ratio_batch_to_scalar: that to one pair on the scalar path: an FMU instance for every motor,
-            one body after the other.
-        realtime_factor: one pair as `cosim.run` simulates it, recording off.
-        ratio_episode_to_scalar: that to the scalar path.
-        lanes: bodies in a vector of the batch.
-        realtime_factor_fmpy: one pair whose FMU fmpy steps, once per control period.
-        ratio_fmpy: time of that to one of the compiled driver.
-        ratio_fmpy_batch: the same of a batch.
-        ratio_to_reference: one pair to the driver through fmpy's Python classes.
-        ratio_to_mujoco: MuJoCo's time for two bodies without motors to that of one pair.
-        tick_ns: one pair with its four motors.
-        scalar_tick_ns: the same on the scalar path.
-        batch_robot_tick_ns: a robot of the batch with its two motors.
-        batch_motor_step_ns: a motor in a call to as many as the batch has: fmi3DoStep, and
-            fmi3GetFloat64 of three outputs.
-        fmu_step_ns: the same of an instance of one motor.
-        body_step_ns: one robot on the scalar path, motor forces at prescribed speed included.
-        motor_forces_ns: the share of the two motors' forces in it (sines, mostly).
-        recording_overhead: additional wall-clock time of the default recording, as a share.
-        cost_per_robot_16_to_1: time per robot with sixteen robots over that with one.
-    """
-
-    batch_robot_seconds_per_s: float
-    ratio_batch_to_scalar: float
-    realtime_factor: float
-    ratio_episode_to_scalar: float
-    lanes: int
-    realtime_factor_fmpy: float
-    ratio_fmpy: float
-    ratio_fmpy_batch: float
-    ratio_to_reference: float
-    ratio_to_mujoco: float
-    tick_ns: float
-    scalar_tick_ns: float
-    batch_robot_tick_ns: float
-    batch_motor_step_ns: float
-    fmu_step_ns: float
-    body_step_ns: float
-    motor_forces_ns: float
-    recording_overhead: float
-    cost_per_robot_16_to_1: float
+    rounds: Count = 40
+    """Rounds of every measurement; the best counts."""
+    lanes: Literal[1, 2, 4, 8] | None = None
+    """Bodies in a vector of the batch, by default as many as the processor has."""
 
 
 def best_s(rounds: int, *works: Callable[[], object]) -> list[float]:
@@ -199,11 +160,10 @@ def recording_overhead(rounds: int) -> float:
 
 
 def measure(rounds: int, lanes: int | None) -> dict[str, float]:
-    """All figures.
+    """All figures, of `rounds` rounds and a batch with `lanes` bodies in a vector.
 
-    Args:
-        rounds: of every measurement.
-        lanes: of the batch, by default what the processor has.
+    The scalar path has an FMU instance for every motor, and moves one body after the other. A pair
+    is simulated as `cosim.run` does it, with recording off.
     """
     lanes = lanes or host_lanes()
     pairs = ROBOTS_TOGETHER // 2
@@ -222,32 +182,26 @@ def measure(rounds: int, lanes: int | None) -> dict[str, float]:
     )
     robot_s = batch_s / (2 * pairs)
     tick = TIMING.dt_s / SHORT_S
-    return asdict(
-        StepTimes(
-            batch_robot_seconds_per_s=SHORT_S / robot_s,
-            ratio_batch_to_scalar=scalar_s / 2 / robot_s,
-            realtime_factor=SHORT_S / pair_s,
-            ratio_episode_to_scalar=scalar_s / pair_s,
-            lanes=lanes,
-            realtime_factor_fmpy=SHORT_S / pair_fmpy_s,
-            ratio_fmpy=pair_fmpy_s / pair_s,
-            ratio_fmpy_batch=batch_fmpy_s / batch_s,
-            ratio_to_reference=by_python_s / reference_s * SHORT_S / pair_s,
-            ratio_to_mujoco=mujoco_step_s(rounds) / (tick * pair_s),
-            tick_ns=1e9 * tick * pair_s,
-            scalar_tick_ns=1e9 * tick * scalar_s,
-            batch_robot_tick_ns=1e9 * tick * robot_s,
-            batch_motor_step_ns=1e9 * motor_step_s(all_motors, 4 * pairs, rounds),
-            fmu_step_ns=1e9 * motor_step_s(one_motor, 1, rounds),
-            body_step_ns=1e9 * body_step_s(rounds),
-            motor_forces_ns=1e9 * motor_forces_s(rounds),
-            recording_overhead=recording_overhead(max(3, rounds // 10)),
-            cost_per_robot_16_to_1=sixteen_s / 16 / one_s,
-        )
-    )
-
-
-def show(found: dict[str, float]) -> None:
-    """Print the figures."""
-    for name, value in found.items():
-        print(f"{name:26} {value:8.3g}")
+    return {
+        # robot-seconds that one core simulates in a second, in a batch of pairs
+        "batch_robot_seconds_per_s": SHORT_S / robot_s,
+        "ratio_batch_to_scalar": scalar_s / 2 / robot_s,
+        "realtime_factor": SHORT_S / pair_s,
+        "ratio_episode_to_scalar": scalar_s / pair_s,
+        "lanes": lanes,
+        "realtime_factor_fmpy": SHORT_S / pair_fmpy_s,
+        "ratio_fmpy": pair_fmpy_s / pair_s,
+        "ratio_fmpy_batch": batch_fmpy_s / batch_s,
+        "ratio_to_reference": by_python_s / reference_s * SHORT_S / pair_s,
+        "ratio_to_mujoco": mujoco_step_s(rounds) / (tick * pair_s),
+        "tick_ns": 1e9 * tick * pair_s,  # of a pair with its four motors
+        "scalar_tick_ns": 1e9 * tick * scalar_s,
+        "batch_robot_tick_ns": 1e9 * tick * robot_s,  # of a robot with its two motors
+        # of a motor: fmi3DoStep, and fmi3GetFloat64 of three outputs
+        "batch_motor_step_ns": 1e9 * motor_step_s(all_motors, 4 * pairs, rounds),
+        "fmu_step_ns": 1e9 * motor_step_s(one_motor, 1, rounds),
+        "body_step_ns": 1e9 * body_step_s(rounds),  # on the scalar path, with its motors' forces
+        "motor_forces_ns": 1e9 * motor_forces_s(rounds),
+        "recording_overhead": recording_overhead(max(3, rounds // 10)),
+        "cost_per_robot_16_to_1": sixteen_s / 16 / one_s,
+    }

@@ -5,12 +5,45 @@ What the uncontrolled motor phases do to speed and yaw. Prescribed motor speeds,
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 
-from benchmarks.references.prescribed import Drive, mean_motion
+from cosim.base.errors import UserError
 from cosim.model.params import TABLE_I, TABLE_II, TIMING
+from minirobots.options import CommandOptions, Count, Seconds
+from tests.references.prescribed import Drive, mean_motion
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Mean forward speed and yaw rate of one robot, driving and turning.
+
+    For every motor speed: with both motors in phase, and the mean, least and greatest value over
+    all phase differences.
+    """
+
+    omega: Annotated[tuple[float, ...], tyro.conf.arg(metavar="RAD_S")] = (
+        700.0,
+        800.0,
+        900.0,
+        1000.0,
+        1100.0,
+    )
+    """Motor speeds in rad/s."""
+    mu: float = TABLE_I.mu
+    """Coulomb friction coefficient of the feet."""
+    phases: Count = 16
+    """Phase differences, evenly spread over a turn."""
+    duration: Seconds = 1.0
+    """Simulated time of the averages in s, after half a second to settle."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.omega or min(self.omega) <= 0.0:
+            raise UserError("--omega: name motor speeds above 0")
 
 
 def measure(omega: Sequence[float], mu: float, phases: int, duration: float) -> dict[str, Any]:

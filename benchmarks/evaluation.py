@@ -8,7 +8,7 @@ run before the batches and half of them after, so that both sides meet the same 
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import msgspec
 
@@ -21,33 +21,22 @@ from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult, result_of
 from cosim.simulation.tasks import compile_kernels
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Count, Jobs
 
 Results = dict[int, EpisodeResult]
 
 
-@dataclass(frozen=True)
-class EvaluationTimes:
-    """Results; names as in the JSON output.
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Evaluate a policy in the dynamics as cosim.evaluate does, and its episodes one by one."""
 
-    Attributes:
-        starts: episodes of the evaluation.
-        scalar_starts: those of them that the scalar path simulated too, with equal results.
-        threads: of both sides.
-        robot_seconds: simulated in the evaluation.
-        robot_seconds_per_s, scalar_robot_seconds_per_s: simulated per second on the clock.
-        ratio_end_to_end: the one over the other.
-        ratio_processor_time: of the scalar path to the evaluation, all threads, per simulated
-            robot-second: holds on a busy machine too, but leaves out threads that wait.
-    """
-
-    starts: int
-    scalar_starts: int
-    threads: int
-    robot_seconds: float
-    robot_seconds_per_s: float
-    scalar_robot_seconds_per_s: float
-    ratio_end_to_end: float
-    ratio_processor_time: float
+    scenario: str = "2"
+    """Scenario; the policy is trained by the method paper, or found in the cache."""
+    starts: Count = 48
+    """Episodes of the evaluation."""
+    scalar_starts: Count = 24
+    """Those of them to be simulated one by one as well."""
+    jobs: Jobs = 1
 
 
 def scalar_system(job: Job) -> CoSimulation:
@@ -104,22 +93,14 @@ def measure(scenario: str, starts: int, scalar_starts: int, jobs: int) -> dict[s
             raise AssertionError(f"start {index}: {results[index]} in a batch, {result} alone")
     speed, scalar_speed = robot_seconds(results) / batch_s, robot_seconds(alone) / scalar_s
     end_to_end, of_processor_time = (speed / scalar_speed).tolist()
-    return asdict(
-        EvaluationTimes(
-            starts=len(results),
-            scalar_starts=len(alone),
-            threads=threads,
-            robot_seconds=robot_seconds(results),
-            robot_seconds_per_s=float(speed[0]),
-            scalar_robot_seconds_per_s=float(scalar_speed[0]),
-            ratio_end_to_end=end_to_end,
-            ratio_processor_time=of_processor_time,
-        )
-    )
-
-
-def show(found: dict[str, float]) -> None:
-    """Print the figures."""
-    print(f"{found['scalar_starts']} episodes have the same results on both sides")
-    for name, value in found.items():
-        print(f"{name:26} {value:10.4g}")
+    return {
+        "starts": len(results),
+        "scalar_starts": len(alone),  # of them, with the same results one by one
+        "threads": threads,
+        "robot_seconds": robot_seconds(results),
+        "robot_seconds_per_s": float(speed[0]),
+        "scalar_robot_seconds_per_s": float(scalar_speed[0]),
+        "ratio_end_to_end": end_to_end,
+        # of all threads: holds on a busy machine too, but leaves out threads that wait
+        "ratio_processor_time": of_processor_time,
+    }

@@ -8,18 +8,36 @@ are first held to the same bits, so that they are known to do the same work.
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from cosim.base.command import MotorFmuFile
 from cosim.base.jit import kernel
 from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, Motor, MotorFmu
 from cosim.fmi.abi import exchange_3
 from cosim.model.params import FIG_7, TABLE_II, TIMING, MotorParams
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Count
 
 INPUT, OUTPUTS = "omega_noise", ("theta", "omega")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Time one exchange with the motor FMU by three drivers.
+
+    Only the built-in FMU has an inlined twin with the same bits.
+    """
+
+    motor_fmu: MotorFmuFile = None
+    exchanges: Count = 20_000
+    """Exchanges per round and compiled driver; fmpy makes a fiftieth of them."""
+    rounds: Count = 200
+    """Rounds; the drivers take turns, and the fastest round of each counts: short and many, so that
+    another process on the machine spoils some rounds and not the result."""
 
 
 @kernel

@@ -4,7 +4,7 @@ A machine is drawn, driven by the sequence of `cosim.machine.identification.exci
 motor FMUs and speed noise, seen by a camera, and identified from nothing but that.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,6 +32,7 @@ from cosim.model.world import Sensor, World, draw_world
 from cosim.onboard.camera import draw_sight
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Count, Folder, Jobs, Seed
 
 CAMERA = Sensor(FRAME_RATE_HZ, 50.0, 0.5, 1.0)
 MOTOR_SPREAD = 0.1
@@ -39,6 +40,22 @@ MOTOR_SPREAD = 0.1
 RANGES = ((0.1, 0.3), (0.01, 0.02), (-1e-3, 1e-3), (-1e-3, 1e-3), (0.02, 0.024))
 RELATIVE = ("mu", "com_height_m", "foot_radius_m", "motor_d", "motor_e")  # errors in per cent
 _KIND = Kind("result of a machine", "delete it", UserError)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Identify machines that are known, from 60 s of what a camera sees of them.
+
+    Errors and intervals of every parameter. What has been identified is kept in --out: the same
+    command resumes.
+    """
+
+    machines: Count = 40
+    """Machines, drawn at random."""
+    seed: Seed = 0
+    jobs: Jobs = -1
+    out: Folder = Path("runs/identification")
+    """Folder of results."""
 
 
 class Truth(NamedTuple):

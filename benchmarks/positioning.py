@@ -8,10 +8,11 @@ pulses end by the clock. Without speed control, motors get the voltage of their 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+import tyro
 from scipy.stats import chi2
 
 from cosim.base.command import show_table
@@ -31,11 +32,36 @@ from cosim.onboard.steering import (
     TURN,
 )
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Seed
 
 LIMIT_S = 40.0  # of a turn; slower robots do not turn
 REST_S = {True: 0.2, False: 1.0}  # with speed control, and without, where motors run down
 WARM_UP_S, WARM_UP_RAD_S = 0.15, (300.0, 1000.0)
 FORWARDS, LEFT = (-1.0, 1.0), (1.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Repeat single turns and short pulses of the motors: how far apart robots come to rest.
+
+    With the steering's feedback, with speed control alone and without, from the same motor angles
+    and from any, below and within the speeds at which robots move without hopping.
+    """
+
+    robots: int = 100
+    """Repetitions, each with a noise of its own."""
+    omega: Annotated[tuple[float, ...], tyro.conf.arg(metavar="RAD_S")] = (
+        500.0,
+        700.0,
+        900.0,
+        1050.0,
+    )
+    """Motor speeds in rad/s, below lift-off."""
+    pulses: Annotated[tuple[float, ...], tyro.conf.arg(metavar="S")] = (0.02, 0.05, 0.2)
+    """Lengths of the pulses in s."""
+    angles: Annotated[tuple[float, ...], tyro.conf.arg(metavar="DEG")] = (45.0, 85.0)
+    """Angles of the turns in degrees, below 90, beyond which robots drive backwards instead."""
+    seed: Seed = 0
 
 
 class Spread(NamedTuple):

@@ -5,7 +5,7 @@ exerts on each eccentric mass) and compares torques, motor speeds and drive spee
 that the difference is the reaction's alone.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,39 +14,18 @@ from cosim.model.params import SPEED_NOISE, TABLE_II
 from cosim.model.scenario import Scenario
 from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Count
 
 NORTH = 2
 SETTLED = 500  # control periods after which the motors run steadily
 
 
-@dataclass(frozen=True)
-class Options:
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
     """Measure the size of the body's reaction on the motors."""
 
-    steps: int = 5
+    steps: Count = 5
     """RL steps of 2 s to drive."""
-    json: bool = False
-    """Print one JSON object as the last line."""
-
-
-@dataclass(frozen=True)
-class ReactionCost:
-    """Results; names as in the JSON output.
-
-    Attributes:
-        torque_rms_over_coulomb: effective value of the reaction torque over the Coulomb torque c.
-        torque_max_over_coulomb: its largest value over c.
-        motor_speed_change_rad_s: change of the mean motor speed.
-        ripple_without_rad_s, ripple_with_rad_s: standard deviation of the motor speed.
-        drive_speed_change: relative change of the path length.
-    """
-
-    torque_rms_over_coulomb: float
-    torque_max_over_coulomb: float
-    motor_speed_change_rad_s: float
-    ripple_without_rad_s: float
-    ripple_with_rad_s: float
-    drive_speed_change: float
 
 
 def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
@@ -67,22 +46,14 @@ def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def measure(steps: int) -> dict[str, float]:
-    """All figures."""
+    """Torques relative to the Coulomb torque c, motor speeds and their ripple, and the path."""
     omega_without, _, without_m = drive(False, steps)
     omega_with, torque, with_m = drive(True, steps)
-    return asdict(
-        ReactionCost(
-            torque_rms_over_coulomb=float(np.sqrt((torque**2).mean()) / TABLE_II.c),
-            torque_max_over_coulomb=float(np.abs(torque).max() / TABLE_II.c),
-            motor_speed_change_rad_s=float(omega_with.mean() - omega_without.mean()),
-            ripple_without_rad_s=float(omega_without.std()),
-            ripple_with_rad_s=float(omega_with.std()),
-            drive_speed_change=with_m / without_m - 1.0,
-        )
-    )
-
-
-def show(found: dict[str, float]) -> None:
-    """Print the figures."""
-    for name, value in found.items():
-        print(f"{name:26} {value:9.4g}")
+    return {
+        "torque_rms_over_coulomb": float(np.sqrt((torque**2).mean()) / TABLE_II.c),
+        "torque_max_over_coulomb": float(np.abs(torque).max() / TABLE_II.c),
+        "motor_speed_change_rad_s": float(omega_with.mean() - omega_without.mean()),
+        "ripple_without_rad_s": float(omega_without.std()),
+        "ripple_with_rad_s": float(omega_with.std()),
+        "drive_speed_change": with_m / without_m - 1.0,
+    }

@@ -9,9 +9,9 @@ Rerun viewer, headless with software Vulkan, from asking it to open the file unt
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from rerun.chunk import RrdReader
@@ -25,29 +25,27 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level
 from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Count, Seconds
 
 NORTH, SOUTH = 2, 6
 NOTHING = np.full((2, 3), np.nan)
 SCENARIO = Scenario("pair", "", ((7, 27), (22, 27)), (((7, 2),), ((22, 2),)))
 
 
-@dataclass(frozen=True)
-class LevelCost:
-    """Results for one level; names as in the JSON output.
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Measure the size, the cost and the opening time of every level of --record."""
 
-    Attributes:
-        megabytes: size of the episode's recording.
-        overhead: additional wall-clock time of recording, as a share of the time without.
-        overhead_cpu: additional processor time of all threads, as a share of that without.
-        read_s: time to read all its tables in Python, best of three.
-        open_s: time in which the viewer loads it, best of three; None if it was not asked.
-    """
-
-    megabytes: float
-    overhead: float
-    overhead_cpu: float
-    read_s: float
-    open_s: float | None
+    levels: tuple[Literal["summary", "default", "full"], ...] = ("summary", "default", "full")
+    """Levels to measure."""
+    rounds: Count = 7
+    """Rounds of each kind in the measurement of cost; the best counts."""
+    round_s: Seconds = 60.0
+    """Simulated time of a round in s."""
+    episode_s: Seconds = 60.0
+    """Simulated time of the episodes whose sizes and opening times are measured, in s."""
+    viewer: bool = True
+    """Whether to open recordings in the viewer; --no-viewer where there is no Vulkan."""
 
 
 def system_of(level: Level) -> CoSimulation:
@@ -106,19 +104,19 @@ def read(path: Path) -> None:
 
 def measure_level(
     level: Level, rounds: int, round_s: float, episode_s: float, viewer: bool, folder: Path
-) -> LevelCost:
-    """All figures of a level."""
+) -> dict[str, float | None]:
+    """Size of the episode's recording, additional time as a share, best times to read and open."""
     path = folder / f"{level}.rrd"
     overhead, overhead_cpu = overheads(level, rounds, round_s, path)
     recorded(system_of(level), path, episode_s, level)
     opened = [screenshot(path, folder / "picture.png").load_s for _ in range(3 if viewer else 0)]
-    return LevelCost(
-        megabytes=path.stat().st_size / 1e6,
-        overhead=float(overhead),
-        overhead_cpu=float(overhead_cpu),
-        read_s=min(float(times_s(lambda: read(path))[0]) for _ in range(3)),
-        open_s=min(opened, default=None),
-    )
+    return {
+        "megabytes": path.stat().st_size / 1e6,
+        "overhead": float(overhead),
+        "overhead_cpu": float(overhead_cpu),
+        "read_s": min(float(times_s(lambda: read(path))[0]) for _ in range(3)),
+        "open_s": min(opened, default=None),  # of the viewer, if it was asked
+    }
 
 
 def measure(
@@ -132,9 +130,7 @@ def measure(
     with tempfile.TemporaryDirectory() as folder:
         try:
             return {
-                level: asdict(
-                    measure_level(level, rounds, round_s, episode_s, viewer, Path(folder))
-                )
+                level: measure_level(level, rounds, round_s, episode_s, viewer, Path(folder))
                 for level in levels
             }
         except ViewerError as error:

@@ -1,7 +1,7 @@
 """Measure how drive speed and turn rate depend on assumptions on feet, floor and centre of mass."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING
 from cosim.model.world import World
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Jobs
 
 RESTITUTIONS = (0.0, 0.1, 0.2, 0.3, 0.5)
 ROBOTS = {
@@ -21,26 +22,15 @@ ROBOTS = {
 }
 
 
-@dataclass(frozen=True)
-class Found:
-    """Results of a robot's calibration; of each pair the first is forwards, the second left.
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Calibrate robots with other assumed parameters, one at a time, and see what changes.
 
-    Attributes:
-        parameter, value: what differs from the default, SI units.
-        speed: at the default motor speeds, m/s and rad/s; NaN where no trial was so fast or slow.
-        lifted_share: share of time in which a foot is off the floor, then.
-        hop_free_rad_s: largest motor speed without hopping.
-        largest: speeds at that motor speed.
-        largest_lifted_share: of the time, then.
+    Speeds at the default motor speeds and at the largest ones without hopping, and the share of
+    time in which a foot is off the floor.
     """
 
-    parameter: str
-    value: float
-    speed: tuple[float, float]
-    lifted_share: tuple[float, float]
-    hop_free_rad_s: float
-    largest: tuple[float, float]
-    largest_lifted_share: tuple[float, float]
+    jobs: Jobs = 2
 
 
 def measure(jobs: int) -> dict[str, Any]:
@@ -54,23 +44,34 @@ def measure(jobs: int) -> dict[str, Any]:
         for name, values in ROBOTS.items()
         for value in values
     ]
-    return {"rows": [asdict(_found(*case, jobs)) for case in cases]}
+    return {"rows": [_found(*case, jobs) for case in cases]}
 
 
-def _found(parameter: str, value: float, config: CoSimConfig, jobs: int) -> Found:
+def _found(parameter: str, value: float, config: CoSimConfig, jobs: int) -> dict[str, Any]:
+    """What the calibration of a robot says; of each pair the first is forwards, the second left.
+
+    Speeds at the default motor speeds in m/s and rad/s, NaN where no trial was so fast or slow, and
+    the share of time in which a foot is off the floor; the same at the largest motor speed without
+    hopping.
+    """
     calibration = find_calibration(config, cached_fmu(), jobs=jobs)
     top = calibration.hop_free_rad_s
     forwards, left = calibration.curve("forwards"), calibration.curve("left")
     drive, turn = STEERING.forward_speed_rad_s, STEERING.turn_speed_rad_s
-    return Found(
-        parameter,
-        value,
-        (_at(forwards, drive, forwards.mean), _at(left, turn, left.mean)),
-        (_at(forwards, drive, forwards.lifted_share), _at(left, turn, left.lifted_share)),
-        top,
-        (_at(forwards, top, forwards.mean), _at(left, top, left.mean)),
-        (_at(forwards, top, forwards.lifted_share), _at(left, top, left.lifted_share)),
-    )
+    return {
+        "parameter": parameter,
+        "value": value,
+        "speed": (_at(forwards, drive, forwards.mean), _at(left, turn, left.mean)),
+        "lifted_share": tuple(
+            _at(curve, omega, curve.lifted_share)
+            for curve, omega in ((forwards, drive), (left, turn))
+        ),
+        "hop_free_rad_s": top,
+        "largest": (_at(forwards, top, forwards.mean), _at(left, top, left.mean)),
+        "largest_lifted_share": tuple(
+            _at(curve, top, curve.lifted_share) for curve in (forwards, left)
+        ),
+    }
 
 
 def _at(curve: Curve, omega_rad_s: float, values: np.ndarray) -> float:

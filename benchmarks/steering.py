@@ -6,6 +6,7 @@ is compared with itself; some go without feedback. FMUs, noise and friction are 
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,14 +16,33 @@ from cosim.base.errors import UserError
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import STEERING
+from cosim.model.params import STEERING, TABLE_I
 from cosim.model.world import World, draw_world
 from cosim.onboard.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Count
 
 LINE_M, CELL_M = 0.2, 0.01
 LIMIT_S = 150.0
 PERIODS = 200  # simulated at a time
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Compare controllers: a straight line of 20 cm, and moves of one cell, over seeds.
+
+    Robots have motors at rest, noise of ±5 % and unknown phases between the motors; half
+    of them drive forwards, half backwards.
+    """
+
+    seeds: Count = 20
+    """Robots of every case; each has noise of its own."""
+    mu: float = TABLE_I.mu
+    """Coulomb friction coefficient of the feet."""
+    controllers: tuple[str, ...] = ()
+    """Controllers to compare, by default all."""
+    motor_spread: float = 0.0
+    """Relative standard deviation of K_T, R, J and m r of every motor."""
 
 
 def _with(**changes: float) -> CoSimConfig:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -41,6 +41,7 @@ def _positive(name: str, value: float | None) -> None:
 Positive = Annotated[float, Check(_positive)]
 Count = Annotated[int, at_least(1)]
 NotNegative = Annotated[int, at_least(0)]
+Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 Seed = Annotated[
     int, at_least(0), tyro.conf.arg(help="Seed of everything that is drawn at random.")
 ]
@@ -97,6 +98,11 @@ class CommandOptions:
             for check in _checks(kind):
                 for each in value if isinstance(value, tuple) else (value,):
                     check.require(name, each)
+
+    def arguments(self, **others: Any) -> dict[str, Any]:
+        """Return the options by name, some replaced, for a function that takes what they say."""
+        names = {option.name for option in fields(self)} - {"json"}
+        return {name: getattr(self, name) for name in names} | others
 
     def interrupted(self) -> str:
         """Return what is said after Ctrl-C, if anything."""

@@ -10,21 +10,31 @@ the other.
 import csv
 import tempfile
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from fmpy import platform, platform_tuple, sharedLibraryExtension
 
-from benchmarks.coupled.small import compile_c
 from cosim.base.errors import UserError
 from cosim.fmi.fmu import Fmu
 from cosim.system.graph import Component, Connection
 from cosim.system.system import System
+from minirobots.options import CommandOptions, Folder
+from tests.references.small import compile_c
 
 MODELS = ("BouncingBall", "Dahlquist", "Feedthrough", "Stair", "StateSpace", "VanDerPol")
 _FLAGS = ("-std=gnu99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-DDISABLE_PREFIX")
 _TRUTHS = {"true": 1.0, "false": 0.0}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Run the reference FMUs of the Modelica Association to the outputs that they publish."""
+
+    src: Folder
+    """Copy of https://github.com/modelica/Reference-FMUs."""
 
 
 def build(source: Path, folder: Path) -> dict[tuple[str, int], Path]:

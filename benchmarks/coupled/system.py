@@ -10,12 +10,17 @@ import math
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
-from benchmarks.coupled.two_masses import (
+from cosim.fmi.fmu import Fmu, FmuError, Log, end
+from cosim.system.graph import Component
+from cosim.system.system import MasterAlgorithm, System
+from minirobots.options import CommandOptions, Count
+from tests.references.two_masses import (
     CONNECTIONS,
     PLACES,
     error,
@@ -25,9 +30,6 @@ from benchmarks.coupled.two_masses import (
     stiff_masses,
     two_masses,
 )
-from cosim.fmi.fmu import Fmu, FmuError, Log, end
-from cosim.system.graph import Component
-from cosim.system.system import MasterAlgorithm, System
 
 UNTIL_S = 1.0
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4)
@@ -35,6 +37,14 @@ TOLERANCES = (1e-3, 1e-4, 1e-5)
 STIFF_STEPS_S = (1e-3, 1e-4, 1e-5)
 SHORTEST_S = 1e-6
 _STEP_S = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Couple two oscillators by each algorithm, and time a step next to a loop through fmpy."""
+
+    rounds: Count = 20
+    """Rounds of the measurement of time; the best counts."""
 
 
 class PythonLoop:

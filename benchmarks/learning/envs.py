@@ -5,6 +5,7 @@ thread. Steps of agents that have ended, and those with which a board begins aga
 """
 
 import time
+from dataclasses import dataclass
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +14,7 @@ import agent.envs
 from agent.envs.parallel import NavigationParallelEnv
 from cosim.model.outcome import RUNNING
 from cosim.onboard.features import DIRECTION_COUNT
+from minirobots.options import CommandOptions, Count
 
 STEPS = 200  # of every board, in each repeat
 PARALLEL_BOARDS = 20  # that PettingZoo's environment takes one after the other
@@ -23,6 +25,21 @@ DYNAMICS = {
     **{f"cosim_{n}": ("MiniRobots/CoSim-v0", n, 2.0) for n in (1, 16, 64)},
     "cosim_8_pairs": ("MiniRobots/CoSimPair-v0", 8, 2.0),
 }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Time the environments of many boards on the grid, PettingZoo's of one, and the dynamics.
+
+    With random actions, on one core.
+    """
+
+    scenario: str = "2"
+    """Scenario, of any number of robots."""
+    boards: Count = 4096
+    """Boards that are stepped together."""
+    repeats: Count = 10
+    """Rounds of both, in turn; the best of each counts."""
 
 
 def vector_steps_per_s(env: gym.vector.VectorEnv, actions: np.ndarray) -> float:
@@ -96,9 +113,3 @@ def measure(scenario: str, boards: int, repeats: int) -> dict[str, float]:
             for label, what in DYNAMICS.items()
         },
     }
-
-
-def show(found: dict[str, float]) -> None:
-    """Print the figures."""
-    for name, value in found.items():
-        print(f"{name:32s} {value:16,.0f}")

@@ -5,6 +5,7 @@ moves: fast enough for tens of thousands of episodes, but no substitute for `cos
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from agent.training.policy import PolicyConfig
 from agent.training.settings import LearningConfig
 from cosim.base.command import show_table
 from cosim.model.scenario_file import find_scenario
+from minirobots.options import CommandOptions, Count
 
 PAPER: tuple[Feature, ...] = ("x", "y", "d", "g")
 WITH_BEARING: tuple[Feature, ...] = (*PAPER, "b")
@@ -39,6 +41,20 @@ VARIANTS: dict[str, tuple[tuple[Feature, ...], float, float]] = {
     "with bearing and heading, η 0.03, L 300": ((*WITH_BEARING, "h"), 0.03, 300.0),
 }
 CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Train on observed moves with several variants and play the greedy policies on them."""
+
+    episodes: Count = 1_500_000
+    """Training episodes of each variant."""
+    test_episodes: Count = 50_000
+    """Greedy episodes of each variant."""
+    scenario: str = "4"
+    """Scenario of two robots or more."""
+    variants: tuple[str, ...] = ()
+    """Variants to train, by default all."""
 
 
 def play(config: PolicyConfig, trained: TrainingState, episodes: int) -> np.ndarray:

@@ -7,6 +7,7 @@ hold on a busy machine; only `--all` is wall-clock time.
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import gymnasium as gym
@@ -19,14 +20,25 @@ from agent.training.learning import TrainingState, build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig
-from benchmarks.references.qlearning_c import build_reference, reference_state, train_reference
 from cosim.base.jobs import Workers
 from cosim.model.built_in import PAPER
 from cosim.model.scenario_file import find_scenario
+from minirobots.options import CommandOptions, Count
+from tests.references.qlearning_c import build_reference, reference_state, train_reference
 
 PAPER_S = 600.0  # "execution time about 10 min", Section V
 GYMNASIUM_STEPS = 50_000
 SECTION_V = LearningConfig()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Time the training of scenario 4 over Section V's 5 000 000 episodes."""
+
+    repeats: Count = 3
+    """Timed trainings of each kind; the fastest counts."""
+    all: bool = False
+    """Also time 20 runs of each of the five scenarios on all cores (a few minutes)."""
 
 
 def fastest(
@@ -107,9 +119,3 @@ def seconds_of_all() -> float:
             experiment = Experiment(scenario, ProcessConfig(), SECTION_V, seed=0, runs=20)
             train_runs(experiment, Path(folder) / name, where=Workers(backend="threads"))
     return time.perf_counter() - began
-
-
-def show(found: dict[str, float]) -> None:
-    """Print the figures."""
-    for name, value in found.items():
-        print(f"{name:32s} {value:16,.2f}")

@@ -7,18 +7,40 @@ bodies know the motors' first outputs in the first step. With the same algorithm
 
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.masters.containers import pack_with_fmpy, pack_with_toolbox, simulate
-from benchmarks.masters.importers import relabelled, run
-from benchmarks.masters.own import PERIOD_S, drive
-from cosim.model.config import Order
+from cosim.model.config import Order, whole_ratio
+from cosim.model.params import TIMING
 from fmus.ssp.archive import build_ssp
+from minirobots.options import CommandOptions, Seconds
+from tests.references.containers import pack_with_fmpy, pack_with_toolbox, simulate
+from tests.references.importers import relabelled, run
+from tests.references.own import PERIOD_S, drive
 
 Poses = np.ndarray  # (n, robots, 7) after every millisecond
 Case = tuple[str, Order, bool, Callable[[], Poses]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Hold masters not written here on the SSP archives of two robots against ours.
+
+    Each drives the pair with constant motor set points on an open floor.
+    """
+
+    step: Seconds = 1e-4
+    """Communication step in s: 1e-3 s is a whole number of them."""
+    duration: Seconds = 1.0
+    """Simulated time in s."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        whole_ratio("--step", self.step, "the internal step", TIMING.dt_s)
+        whole_ratio("1e-3 s", 1e-3, "--step", self.step)
+        whole_ratio("--duration", self.duration, "1e-3 s", 1e-3)
 
 
 def cases(folder: Path, step_s: float, duration_s: float) -> Iterator[Case]:

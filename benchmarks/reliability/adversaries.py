@@ -7,10 +7,10 @@ lines that they had planned. Blocks are kept as they are done: the same command 
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -19,7 +19,6 @@ from agent.evaluation.cases import RECORDS, CaseIdentity
 from agent.study.store import Header, RowFile
 from benchmarks.reliability import colliding
 from benchmarks.reliability.colliding import REACH, Greedy, Learnt, Random
-from benchmarks.reliability.options import Adversary
 from cosim.base.command import show_table, workers
 from cosim.base.errors import UserError
 from cosim.base.progress import progress_bars, under_way
@@ -35,7 +34,9 @@ from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import Task, simulate_tasks
+from minirobots.options import CommandOptions, Count, File, Folder, Jobs
 
+Adversary = Literal["short", "random", "greedy", "learnt"]
 SIDE, CELL_M = 16, 0.01
 NEAR_CELLS = 7.0  # farthest distance of robots at the start
 TARGETS = ((2, 2), (13, 13), (2, 13))
@@ -48,6 +49,28 @@ KINDS: dict[Adversary, float] = {
 }  # s of their episodes
 BLOCK = 250  # episodes of a kind
 LESSONS, LESSON_S = 1000, 8.0  # episodes that the learnt begins with, without the shield
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Let policies that want robots to collide loose on the shield, and on robots without it.
+
+    What has been simulated is kept in --out: the same command resumes.
+    """
+
+    episodes: Count = 2000
+    """Episodes with the shield, of four kinds of adversaries in turn, 250 each."""
+    unshielded: Count = 1000
+    """Episodes without it."""
+    kinds: tuple[Adversary, ...] = get_args(Adversary)
+    """Adversaries to let loose, all by default; the episodes of others are left out."""
+    robots: Literal[2, 3] = 2
+    """Robots on the board."""
+    world: File | None = None
+    """World of the episodes (.toml with a table [world]), by default the paper's."""
+    jobs: Jobs = -1
+    out: Folder = Path("runs/adversaries")
+    """Folder of results."""
 
 
 class Block(msgspec.Struct, frozen=True):

@@ -7,14 +7,33 @@ bootstrap intervals (`scipy.stats.bootstrap`) of the same samples, and Wilson in
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import binom, bootstrap
 
 from agent.evaluation.statistics import CONFIDENCE, mean_intervals, rate, rate_of_weights
 from cosim.base.command import show_table
+from cosim.base.errors import UserError
+from minirobots.options import CommandOptions, Seed
 
 Draw = Callable[[np.random.Generator, tuple[int, int]], np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Simulate how often intervals of 95 % hold the mean or the rate that they are for."""
+
+    samples: int = 2000
+    """Samples of every distribution and number of runs."""
+    runs: tuple[int, ...] = (2, 5, 20, 100)
+    """Runs in a sample."""
+    seed: Seed = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.samples < 1 or not self.runs or min(self.runs) < 2:
+            raise UserError("--samples must be at least 1, and --runs name numbers from 2 on")
 
 
 def _successes(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
@@ -32,17 +51,10 @@ DISTRIBUTIONS: dict[str, tuple[Draw, float]] = {
 _RESAMPLES = 999
 
 
-@dataclass(frozen=True)
-class MeanCoverage:
-    """Results for one distribution and number of runs; names as in the JSON output.
+class MeanCoverage(NamedTuple):
+    """Shares of the samples of a distribution whose intervals hold the mean.
 
-    Attributes:
-        distribution: of a run's value.
-        runs: in a sample.
-        student: share of the samples whose Student interval holds the mean.
-        wrong: share of the samples whose Student interval does not.
-        none: share of the samples that have no Student interval.
-        percentile, bca: shares of the samples whose bootstrap intervals hold the mean.
+    A Student interval may be wrong, and samples have none where `mean_intervals` gives none.
     """
 
     distribution: str
@@ -54,42 +66,20 @@ class MeanCoverage:
     bca: float
 
 
-@dataclass(frozen=True)
-class RateCoverage:
-    """Results for Wilson intervals, over 999 rates spread evenly between 0 and 1.
-
-    Attributes:
-        episodes: of which the rate is.
-        mean, least: probability that the interval holds the rate.
-    """
+class RateCoverage(NamedTuple):
+    """Mean and least probability that Wilson intervals hold a rate, of 999 between 0 and 1."""
 
     episodes: int
     mean: float
     least: float
 
 
-@dataclass(frozen=True)
-class SplitCoverage:
-    """Results for the intervals of `--splitting`.
-
-    Attributes:
-        roots: independent episodes.
-        rate: of collisions.
-        wilson: share of the samples whose interval holds the rate.
-    """
+class SplitCoverage(NamedTuple):
+    """Share of the samples whose interval of `--splitting` holds the rate of collisions."""
 
     roots: int
     rate: float
     wilson: float
-
-
-@dataclass(frozen=True)
-class Coverages:
-    """All results."""
-
-    means: tuple[MeanCoverage, ...]
-    rates: tuple[RateCoverage, ...]
-    splitting: tuple[SplitCoverage, ...]
 
 
 def of_means(name: str, runs: int, samples: int, seed: int) -> MeanCoverage:
@@ -142,28 +132,22 @@ def of_splitting(roots: int, samples: int, seed: int) -> SplitCoverage:
     return SplitCoverage(roots, 0.03, held / samples)
 
 
-def measure(samples: int, runs: tuple[int, ...], seed: int) -> Coverages:
+def measure(samples: int, runs: tuple[int, ...], seed: int) -> dict[str, list[dict[str, Any]]]:
     """Coverage of all intervals."""
-    return Coverages(
-        tuple(of_means(name, n, samples, seed) for name in DISTRIBUTIONS for n in runs),
-        tuple(map(of_rates, (8, 40, 200))),
-        tuple(of_splitting(roots, samples, seed) for roots in (40, 100)),
-    )
+    found = {
+        "means": [of_means(name, n, samples, seed) for name in DISTRIBUTIONS for n in runs],
+        "rates": [of_rates(episodes) for episodes in (8, 40, 200)],
+        "splitting": [of_splitting(roots, samples, seed) for roots in (40, 100)],
+    }
+    return {name: [row._asdict() for row in rows] for name, rows in found.items()}
 
 
-def show(found: Coverages) -> None:
+def show(found: dict[str, list[dict[str, Any]]]) -> None:
     """Print three tables."""
-    header = ("values", "runs", "Student", "wrong", "none", "percentile", "BCa")
-    rows = [
-        (
-            row.distribution,
-            str(row.runs),
-            *(f"{v:.1%}" for v in (row.student, row.wrong, row.none, row.percentile, row.bca)),
-        )
-        for row in found.means
-    ]
-    show_table(None, header, rows, names=1)
-    rates = [(str(row.episodes), f"{row.mean:.1%}", f"{row.least:.1%}") for row in found.rates]
-    show_table(None, ("episodes", "Wilson, mean", "least"), rates, numbers=2)
-    split = [(str(row.roots), f"{row.rate:.1%}", f"{row.wilson:.1%}") for row in found.splitting]
-    show_table(None, ("roots", "rate", "splitting"), split, numbers=2)
+    for rows in found.values():
+        cells = [[_text(value) for value in row.values()] for row in rows]
+        show_table(None, tuple(rows[0]), cells, names=1)
+
+
+def _text(value: object) -> str:
+    return f"{value:.1%}" if isinstance(value, float) else str(value)

@@ -11,11 +11,13 @@ import tempfile
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 
 from benchmarks.recording import NORTH, NOTHING, SOUTH
+from cosim.base.errors import UserError
 from cosim.coupling.rl_step import Decision
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
@@ -24,12 +26,27 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import with_bursts
 from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
+from minirobots.options import CommandOptions, Seed
 
 # The first robot never gets to its target, which is not in its column.
 SCENARIO = Scenario("endless", "", ((2, 27), (22, 4)), (((7, 4),), ((22, 3),)))
 LOW, HIGH = 4, 25  # rows between which it drives
 MINUTE_S = 60.0
 STANDING_S = 20.0  # after which the second robot is at its target, and at rest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Simulate hours of two robots, without and with a recording: memory, cost and what drifts."""
+
+    hours: Annotated[float, tyro.conf.arg(metavar="H")] = 1.0
+    """Simulated time of each of the two runs, in hours; at least two minutes."""
+    seed: Seed = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 2 / 60 <= self.hours < 1e4:
+            raise UserError("--hours must be 0.034 (two minutes) to 10000")
 
 
 @dataclass(frozen=True)

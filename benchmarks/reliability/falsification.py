@@ -1,6 +1,6 @@
 """Count the episodes until searches find the first collision of a rarely colliding policy."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -13,24 +13,32 @@ from cosim.base.command import show_table
 from cosim.base.progress import progress_bars
 from cosim.base.storage import write_json
 from cosim.model.scenario_file import find_scenario
+from minirobots.options import CommandOptions, Count, File, Folder, Jobs
 
 
-@dataclass(frozen=True)
-class Searched:
-    """A search with a seed.
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Count the episodes that searches need to find the first collision of a policy.
 
-    Attributes:
-        search, seed: of the search.
-        episodes: simulated, all of the generation in which the first collision was found.
-        first: episodes up to it, None if none was found.
-        least_gap_cm: of all episodes.
+    By a surrogate, by evolution and at random, in the same ranges and with the same seeds. Episodes
+    are kept in --out: the same command resumes.
     """
 
-    search: str
-    seed: int
-    episodes: int
-    first: int | None
-    least_gap_cm: float | None
+    scenario: str = "4"
+    """Scenario of two robots or more."""
+    method: str = "shortest"
+    """By which the policy is made, see `python -m cosim.run --help`; one that collides rarely."""
+    shield: bool = False
+    """Whether robots have the shield (docs/shield.md)."""
+    ranges: File | None = None
+    """Ranges to search, as of `minirobots falsify`."""
+    seeds: Count = 3
+    """Searches of each kind."""
+    episodes: Count = 200
+    """Episodes of a search that finds nothing."""
+    jobs: Jobs = -1
+    out: Folder = Path("runs/falsification")
+    """Folder of results and recordings."""
 
 
 def measure(
@@ -66,14 +74,15 @@ def measure(
                 )
                 rows.append(_row(report))
     found = {"scenario": scenario, "method": method, "shield": shield}
-    found |= {"ranges": declared, "budget": episodes, "rows": [asdict(row) for row in rows]}
+    found |= {"ranges": declared, "budget": episodes, "rows": rows}
     write_json(out / "falsification.json", found)
     return found
 
 
-def _row(report: FalsificationReport) -> Searched:
-    least = report.worst[0].gap_cm
-    return Searched(report.search, report.seed, report.episodes, report.first, least)
+def _row(report: FalsificationReport) -> dict[str, Any]:
+    """The search, its episodes, those up to the first collision, and the least gap of all."""
+    row = {name: getattr(report, name) for name in ("search", "seed", "episodes", "first")}
+    return row | {"least_gap_cm": report.worst[0].gap_cm}
 
 
 def show(found: dict[str, Any]) -> None:

@@ -14,16 +14,30 @@ import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal, get_args
 
 from cosim.base.command import show_table
 from cosim.base.errors import UserError
+from minirobots.options import CommandOptions
 
 ROOT = Path(__file__).parents[2]
 COPIED = (
     "fmus", "cosim", "agent", "analysis", "minirobots", "benchmarks", "tests", "docs",
     "pyproject.toml",
 )  # fmt: skip
+Part = Literal["paper", "motor", "physics", "learning", "steering", "shield"]
 PASSED, FAILED = 0, 1  # exit statuses of pytest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Write faults into a copy of the code, one at a time, and count those that no test notices.
+
+    Their list is benchmarks/reliability/mutations.toml. Run it in a checkout with the group test.
+    """
+
+    parts: tuple[Part, ...] = get_args(Part)
+    """Parts of the project whose faults are tried, all by default."""
 
 
 @dataclass(frozen=True)
@@ -44,20 +58,6 @@ class Mutation:
     old: str
     new: str
     tests: list[str]
-
-
-@dataclass(frozen=True)
-class Found:
-    """Results of the mutations; names as in the JSON output.
-
-    Attributes:
-        survived, tried: their numbers.
-        killed_by: part, change and first failing test of each, which is empty if all passed.
-    """
-
-    survived: int
-    tried: int
-    killed_by: list[tuple[str, str, str]]
 
 
 def read_mutations() -> list[Mutation]:
@@ -82,8 +82,11 @@ def _first_failure(folder: Path, tests: Iterable[str]) -> str:
     return failed[1]
 
 
-def measure(parts: tuple[str, ...]) -> Found:
-    """Try the mutations of some parts; without any the tests must pass."""
+def measure(parts: tuple[str, ...]) -> dict[str, Any]:
+    """Try the mutations of some parts; without any the tests must pass.
+
+    Part, change and first failing test of each are found; no test where all passed.
+    """
     mutations = [m for m in read_mutations() if m.part in parts]
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -105,10 +108,10 @@ def measure(parts: tuple[str, ...]) -> Found:
             killed_by.append((mutation.part, mutation.change, killer))
             print(*killed_by[-1], sep=" | ", file=sys.stderr, flush=True)
     survived = sum(not killer for _, _, killer in killed_by)
-    return Found(survived, len(killed_by), killed_by)
+    return {"survived": survived, "tried": len(killed_by), "killed_by": killed_by}
 
 
-def show(found: Found) -> None:
+def show(found: dict[str, Any]) -> None:
     """Print a table and a line."""
-    show_table(None, ("part", "mutation", "killed by"), found.killed_by, names=2)
-    print(f"{found.survived} survived of {found.tried} tried")
+    show_table(None, ("part", "mutation", "killed by"), found["killed_by"], names=2)
+    print(f"{found['survived']} survived of {found['tried']} tried")

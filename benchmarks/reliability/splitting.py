@@ -6,53 +6,50 @@ seeds than the roots.
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import agent
-from agent.certification.collisions import ReachedLevel, SplittingReport, estimate_collisions
+from agent.certification.collisions import ReachedLevel, estimate_collisions
 from agent.evaluation.cases import Case
 from agent.evaluation.statistics import rate
 from agent.study.episodes import StudyLine, simulate
 from agent.study.store import EpisodeStore
-from cosim.base.command import show_table
+from cosim.base.command import require_falling, show_table
 from cosim.base.jobs import Workers
 from cosim.base.progress import progress_bars
 from cosim.model.outcome import Outcome
 from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult
+from minirobots.options import CommandOptions, Count, Folder, Jobs, Seed
 
 
-@dataclass(frozen=True)
-class ComparedLevel:
-    """Probability of a gap by both methods; names as in the JSON output.
+@dataclass(frozen=True, kw_only=True)
+class Options(CommandOptions):
+    """Hold how often robots come close and collide, by splitting, against plain episodes.
 
-    Attributes:
-        gap_mm: that robots come so close, or touch anything; 0 is a collision.
-        plain, low, high: share of the plain episodes, and its 95 % Wilson interval.
-        splitting: the estimate.
-        overlap: whether its 95 % interval and that of the plain episodes do.
+    Of the paper's policy, without the shield. What has been simulated is kept in --out: the same
+    command resumes.
     """
 
-    gap_mm: float
-    plain: float
-    low: float
-    high: float
-    splitting: ReachedLevel
-    overlap: bool
+    scenario: str = "4"
+    """Scenario of two robots or more."""
+    episodes: Count = 100
+    """Plain episodes."""
+    roots: Count = 40
+    """Independent episodes that are split."""
+    branches: Count = 4
+    """Branches that an episode has after a level."""
+    gaps: tuple[float, ...] = (10.0, 3.0)
+    """Levels: gaps between the robots in mm."""
+    seed: Seed = 0
+    jobs: Jobs = -1
+    out: Folder = Path("runs/splitting")
+    """Folder of results."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
 
-@dataclass(frozen=True)
-class SplittingComparison:
-    """Results.
-
-    Attributes:
-        episodes: plain ones.
-        levels: the last one is the collision.
-        splitting: the estimate, and what it took.
-    """
-
-    episodes: int
-    levels: tuple[ComparedLevel, ...]
-    splitting: SplittingReport
+        require_falling(gaps=self.gaps)
 
 
 def measure(
@@ -64,8 +61,10 @@ def measure(
     seed: int,
     jobs: int,
     out: Path,
-) -> SplittingComparison:
-    """Rates of all levels; episodes that are in `out` already are not simulated again.
+) -> dict[str, Any]:
+    """Rates of all levels, the last of which is the collision, by plain episodes and by splitting.
+
+    Episodes that are in `out` already are not simulated again.
 
     Raises:
         UserError: the scenario does not exist, or its robots cannot collide.
@@ -86,34 +85,39 @@ def measure(
         store, indices = EpisodeStore(out), plain.rounds(episodes)
         simulate([StudyLine(plain, indices)], store, where, progress=progress)
     plainly = [store.file(plain).results[index] for index in indices]
-    levels = tuple(_compared(level, plainly, case=plain) for level in splitting.levels)
-    return SplittingComparison(episodes, levels, splitting)
+    levels = [_compared(level, plainly, case=plain) for level in splitting.levels]
+    return {"episodes": episodes, "levels": levels, "splitting": splitting}
 
 
-def _compared(level: ReachedLevel, episodes: list[EpisodeResult], case: Case) -> ComparedLevel:
+def _compared(level: ReachedLevel, episodes: list[EpisodeResult], case: Case) -> dict[str, Any]:
     near_cm = 0.1 * level.gap_mm + 1e2 * case.policy.config.scenario.robot_diameter_m
     reached = sum(
         episode.outcome == Outcome.COLLISION or (episode.min_distance_cm or 0.0) <= near_cm
         for episode in episodes
     )
     share, low, high = rate(reached, len(episodes))
-    overlap = low <= level.high and level.low <= high
-    return ComparedLevel(level.gap_mm, share, low, high, level, overlap)
+    compared = {"gap_mm": level.gap_mm, "plain": share, "low": low, "high": high}
+    return compared | {"splitting": level, "overlap": low <= level.high and level.low <= high}
 
 
-def show(found: SplittingComparison) -> None:
+def show(found: dict[str, Any]) -> None:
     """Print both rates, level by level."""
-    of = found.splitting
-    header = ("gap", f"{found.episodes} plain episodes", f"{of.roots} roots", "intervals overlap")
+    of = found["splitting"]
+    header = (
+        "gap",
+        f"{found['episodes']} plain episodes",
+        f"{of.roots} roots",
+        "intervals overlap",
+    )
     rows = [
         (
-            f"{level.gap_mm:g} mm",
-            f"{level.plain:.3g} [{level.low:.3g}, {level.high:.3g}]",
+            f"{level['gap_mm']:g} mm",
+            "{plain:.3g} [{low:.3g}, {high:.3g}]".format_map(level),
             f"{at.probability:.3g} [{at.low:.3g}, {at.high:.3g}]",
-            str(level.overlap),
+            str(level["overlap"]),
         )
-        for level in found.levels
-        for at in [level.splitting]
+        for level in found["levels"]
+        for at in [level["splitting"]]
     ]
     show_table(None, header, rows, numbers=3)
     print(f"{of.simulated} episodes of splitting, worth {of.worth:.0f} plain ones")

@@ -9,13 +9,11 @@ import tyro
 from cosim.base.errors import UserError, at_end
 from cosim.base.progress import Progress
 from cosim.fmi.archive import MAX_DESCRIPTION_BYTES
-from minirobots.options import Count, File, IsolatedOptions
+from minirobots.options import Count, File, IsolatedOptions, Seconds
 
 if TYPE_CHECKING:
     from cosim.system.run import SystemRun
     from cosim.system.system import System
-
-Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +26,7 @@ class SimulateSystem(IsolatedOptions):
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """The system: an archive (.ssp) or a description (.ssd) next to its FMUs."""
-    until: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    until: Seconds | None = None
     """Simulated time to reach, in s; by default that of the file's default experiment."""
     step: Seconds = 1e-3
     """Communication step in s; with a tolerance the shortest one."""
@@ -48,7 +46,7 @@ class SimulateSystem(IsolatedOptions):
     tolerance: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None
     """Vary the step so that the error of one in Float64 outputs stays below this share of the
     larger of a value and its nominal one; FMUs must be able to save their states."""
-    longest_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    longest_step: Seconds | None = None
     """With a tolerance, the longest step in s."""
     event_mode: bool = False
     """Let FMUs that can (FMI 3.0, hasEventMode) return early and leave their events to the

@@ -8,8 +8,8 @@ from agent.mdp.readings import build_process
 from agent.training.learning import build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
-from benchmarks.references.qlearning_c import build_reference, reference_state, train_reference
 from cosim.model.scenario_file import find_scenario
+from tests.references.qlearning_c import build_reference, reference_state, train_reference
 
 EPISODES = 100_000
 

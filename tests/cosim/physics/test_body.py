@@ -8,7 +8,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.references.prescribed import coast, step_body
 from cosim.base.jit import kernel
 from cosim.model.params import TABLE_I, TABLE_II, TIMING, cylinder_inertia
 from cosim.physics.body_state import (
@@ -21,6 +20,7 @@ from cosim.physics.body_state import (
 )
 from cosim.physics.properties import BodyParams, body_params
 from cosim.physics.rotation import dot, heading, rotation_matrix
+from tests.references.prescribed import coast, step_body
 
 DT, G, MU, M = TIMING.dt_s, TABLE_II.g, TABLE_I.mu, TABLE_I.mass_kg
 LEVEL = body_params(TABLE_I, TABLE_II, DT)

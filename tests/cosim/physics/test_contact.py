@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.references.prescribed import step_body
 from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.physics import body_state, contact, properties
+from tests.references.prescribed import step_body
 
 PARAMS, MU = contact.contact_params(TABLE_I, 0.0), TABLE_I.mu
 # Contacts iterated until nothing changes: their laws then hold to rounding.

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.references.mjcf import robots_mjcf
-from benchmarks.references.prescribed import Drive, Rig, drive_wrench, mean_motion, rig
 from cosim.base.jit import kernel
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.physics.contact import foot_positions
 from cosim.physics.rotation import cross, plus, rotated, rotation_matrix, to_body, to_world
+from tests.references.mjcf import robots_mjcf
+from tests.references.prescribed import Drive, Rig, drive_wrench, mean_motion, rig
 
 # Compiled modules without type information.
 mujoco: Any = importlib.import_module("mujoco")

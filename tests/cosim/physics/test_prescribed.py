@@ -8,14 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.references.prescribed import (
-    Drive,
-    MeanMotion,
-    drive_body,
-    mean_motion,
-    rig,
-    trace_body,
-)
 from cosim.machine.platform import motion as platform
 from cosim.machine.platform.feet import least_foot_force
 from cosim.model.params import (
@@ -27,6 +19,14 @@ from cosim.model.params import (
     lift_off_speed,
 )
 from cosim.physics.body_state import NORMAL_IMPULSE, STATE_SIZE, standing_state
+from tests.references.prescribed import (
+    Drive,
+    MeanMotion,
+    drive_body,
+    mean_motion,
+    rig,
+    trace_body,
+)
 
 DT = TIMING.dt_s
 RIG = rig(TABLE_I, TABLE_II, DT)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.references.prescribed import coast, step_body
 from cosim.base.jit import kernel
 from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.model.world import World
@@ -26,6 +25,7 @@ from cosim.physics.mass import mass_of
 from cosim.physics.properties import FLOOR_MU, MU, BodyParams, body_params, feel_patches
 from cosim.physics.properties import properties_of as column_of
 from cosim.physics.rotation import rotation_matrix
+from tests.references.prescribed import coast, step_body
 
 DT, G = TIMING.dt_s, TABLE_II.g
 HEAVY = World(payload_g=20.0, payload_offset_mm=(8.0, -5.0))

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.coupled.small import small_fmu
 from cosim.fmi.fmu import Fmu
+from tests.references.small import small_fmu
 
 
 @pytest.hookimpl(tryfirst=True)

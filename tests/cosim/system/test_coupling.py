@@ -6,7 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.coupled.two_masses import (
+from cosim.fmi.fmu import FmuError
+from cosim.system.graph import Component, Connection, GraphError
+from cosim.system.system import System
+from tests.references.two_masses import (
     error,
     exact_stiff,
     places,
@@ -14,9 +17,6 @@ from benchmarks.coupled.two_masses import (
     stiff_masses,
     two_masses,
 )
-from cosim.fmi.fmu import FmuError
-from cosim.system.graph import Component, Connection, GraphError
-from cosim.system.system import System
 
 CIRCLE = [Connection("p.y", "q.u"), Connection("q.y", "p.u")]
 

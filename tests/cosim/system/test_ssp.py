@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.coupled.two_masses import simulated, two_masses
 from cosim.system.graph import Connection, GraphError
 from cosim.system.ssp import DESCRIPTION, read_system
 from cosim.system.system import System
+from tests.references.two_masses import simulated, two_masses
 
 FILE = """<?xml version="1.0" encoding="UTF-8"?>
 <ssd:SystemStructureDescription version="{version}" name="masses"

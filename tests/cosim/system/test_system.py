@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from benchmarks.coupled.system import PythonLoop
-from benchmarks.coupled.two_masses import CONNECTIONS, PLACES, error, simulated, two_masses
 from cosim.coupling.assembly import Motors
 from cosim.coupling.fmu import MotorFmu
 from cosim.fmi.fmu import Fmu, FmuError
@@ -24,12 +23,13 @@ from cosim.model.params import TABLE_II
 from cosim.system.graph import Component, Connection, GraphError
 from cosim.system.instance import Instance
 from cosim.system.system import System
+from tests.references.two_masses import CONNECTIONS, PLACES, error, simulated, two_masses
 
 ALGORITHMS = ("jacobi", "gauss-seidel")
 DIGEST = """
 import sys
 from pathlib import Path
-from benchmarks.coupled.two_masses import simulated, two_masses
+from tests.references.two_masses import simulated, two_masses
 import hashlib
 run, _ = simulated(two_masses(Path(sys.argv[1]), (2, 3)), 0.2, 1e-5, "jacobi", 1e-3)
 print(hashlib.sha256(b"".join(v.tobytes() for v in run.signals.values())).hexdigest())

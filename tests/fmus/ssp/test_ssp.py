@@ -9,10 +9,10 @@ import pytest
 from fmpy.ssp.ssd import read_ssd, read_ssv
 
 from benchmarks.masters import ssp as masters
-from benchmarks.masters.own import drive
 from fmus.ssp.archive import VALUES, build_ssp
 from fmus.ssp.system import PAIR, robots_with_motors
 from fmus.variables import load_table
+from tests.references.own import drive
 
 STEP_S, DURATION_S = 1e-4, 0.05
 NAMES = [

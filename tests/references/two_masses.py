@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.coupled.small import small_fmu
 from cosim.fmi.fmu import Fmu
 from cosim.system.graph import Component, Connection
 from cosim.system.system import MasterAlgorithm, System, SystemRun
+from tests.references.small import small_fmu
 
 MASS_KG, SPRINGS, COUPLING = 1.0, (10.0, 1000.0), 100.0
 STIFF = (1e6, 500.0)  # spring in N/m and damper in N s/m of the stiff coupling

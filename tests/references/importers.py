@@ -1,6 +1,6 @@
 """Masters not written here on an archive of the pair, each in a process of its own.
 
-`python -m benchmarks.masters.importers NAME ARCHIVE STEP_S DURATION_S OUT` writes poses
+`python -m tests.references.importers NAME ARCHIVE STEP_S DURATION_S OUT` writes poses
 (n, robots, 7) after every millisecond as .npy.
 """
 
