@@ -213,7 +213,12 @@ class Boards(Restorable):
 
 
 class GridEpisode(Restorable):
-    """An episode on the grid, see `EnvEpisode`.
+    """An episode on the grid, with what environments need of one; starts are drawn by default.
+
+    Attributes:
+        scenario: board, targets and start cells.
+        sizes: number of values of each feature that a robot observes.
+        reset_options: names of what `reset` takes.
 
     Raises:
         ScenarioError: the scenario cannot be used with these readings.

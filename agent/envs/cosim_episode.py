@@ -1,6 +1,6 @@
 """One episode in the full co-simulation, as environments step it: motors and contacts.
 
-The grid's counterpart, and the interface of both, is in `agent.envs.grid_episode`. A robot adopts
+The grid's counterpart is `agent.envs.boards.GridEpisode`. A robot adopts
 an action when it waits for one. A step of `CoSimEpisode` lasts until a robot does, or one RL step
 of 2 s; its rewards cover the time that passed.
 """
@@ -102,7 +102,7 @@ def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> EnvSe
 class CoSimPlace(Restorable):
     """The episodes of an environment in one place of a batch; advancing the batch is its owner's.
 
-    Attributes as of `agent.envs.grid_episode.EnvEpisode`.
+    Attributes as of `agent.envs.boards.GridEpisode`.
 
     Raises:
         UserError: the scenario cannot be used.
@@ -239,7 +239,7 @@ class CoSimPlace(Restorable):
 
 
 class CoSimEpisode(CoSimPlace):
-    """An episode in the co-simulation, alone, see `agent.envs.grid_episode.EnvEpisode`.
+    """One episode in the co-simulation, with the interface of `agent.envs.boards.GridEpisode`.
 
     Raises:
         UserError: the scenario cannot be used, or the motor FMU cannot be built.

@@ -23,13 +23,13 @@ from numpy.typing import ArrayLike
 from agent.envs.boards import board_options, board_seeds, counted
 from agent.envs.cosim_episode import set_up
 from agent.envs.grid_episode import ActionError, StartsError, known_options
-from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
+from agent.envs.rendering import RENDER_MODES, picture, require_render_mode
 from agent.envs.state import Restorable
-from agent.envs.vector import lone
+from agent.envs.vector import lone, row_infos
 from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.errors import shown
 from cosim.model.config import CoSimConfig, whole_ratio
-from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
+from cosim.model.outcome import BY_RANK, RUNNING, TIMEOUT
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
@@ -372,29 +372,21 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
         return np.concatenate([observed(motion, context=self._context) for motion in motions])
 
     def _infos(self) -> dict[str, Any]:
-        outcomes = np.repeat(self._outcomes, self._robots)
         paths_m = [self._episode(m).measures.path_length_m for m in range(self._boards)]
-        values = {
-            "outcome": outcomes,
-            "is_success": outcomes == SUCCESS,
-            "path_length": 100.0 * np.concatenate(paths_m),
-            "active": (outcomes == RUNNING) & ~self._arrived.reshape(-1),
-        }
-        everywhere = np.ones(self.num_envs, dtype=bool)
-        return values | {f"_{name}": everywhere for name in values}
+        active = (self._outcomes == RUNNING)[:, None] & ~self._arrived
+        return row_infos(self._outcomes, 100.0 * np.concatenate(paths_m), active)
 
     def render(self) -> tuple[Any, ...] | None:
         """One picture per row, that of its board with the targets of the episode."""
         self._require_open()
         if self.render_mode is None:
             return None
-        draw = board_text if self.render_mode == "ansi" else board_pixels
         pictures = []
         for m in range(self._boards):
             motion = self._episode(m).motion()
             cells = (motion.targets_m // self.scenario.cell_m).astype(int)
             scene = replace(self.scenario, targets=tuple((int(x), int(y)) for x, y in cells))
-            pictures += [draw(scene, motion.poses[:, :2])] * self._robots
+            pictures += [picture(self.render_mode, scene, poses[:, :2])] * self._robots
         return tuple(pictures)
 
     def close_extras(self, **_: Any) -> None:

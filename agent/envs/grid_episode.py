@@ -1,10 +1,10 @@
-"""Episodes as environments need them, on the grid and in the dynamics, and what both refuse.
+"""What episodes of environments, on the grid and in the dynamics, have in common and refuse.
 
 The grid is `agent.envs.boards`, the full co-simulation `agent.envs.cosim_episode`. Spaces, agents'
 names and pictures are the environments'.
 """
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -34,83 +34,6 @@ class StartsError(UserError, ValueError):
 
 class ActionError(UserError, ValueError):
     """An action that cannot be taken; the message says whose."""
-
-
-class EnvEpisode(Protocol):
-    """A world with N robots in which episodes are played.
-
-    Attributes:
-        scenario: board, targets and start cells.
-        sizes: number of values of each feature that a robot observes.
-    """
-
-    scenario: Scenario
-    sizes: tuple[int, ...]
-
-    @property
-    def outcome(self) -> int:
-        """RUNNING, SUCCESS, COLLISION, OUT_OF_BOARD or TIMEOUT of `agent.mdp.grid`."""
-        ...
-
-    @property
-    def rewards(self) -> np.ndarray:
-        """(N,) float64, rewards of the last step."""
-        ...
-
-    @property
-    def reset_options(self) -> tuple[str, ...]:
-        """Names of what `reset` takes."""
-        ...
-
-    @property
-    def active(self) -> np.ndarray:
-        """(N,) bool, robots whose next action counts."""
-        ...
-
-    @property
-    def status(self) -> np.ndarray:
-        """(N,) int64, MOVING, ARRIVED, LEFT or HIT of `agent.mdp.grid`."""
-        ...
-
-    def seed(self, seed: int | None) -> None:
-        """Seed everything random; with entropy if None, as it is from the beginning."""
-        ...
-
-    def reset(self, starts: np.ndarray | None = None) -> None:
-        """Begin an episode from (N, 2) start cells, drawn if None; more by `reset_options`."""
-        ...
-
-    def step(self, actions: np.ndarray) -> None:
-        """Let every robot that moves take its (N,) action."""
-        ...
-
-    def observation(self) -> np.ndarray:
-        """(N, features) int64, what each robot sees, every feature counted from 0."""
-        ...
-
-    def path_length_cm(self) -> np.ndarray:
-        """(N,) float64, path of each robot since the start."""
-        ...
-
-    def action_mask(self, robot: int) -> np.ndarray:
-        """(8,) int8, 1 where a direction leads to a free cell."""
-        ...
-
-    def positions_m(self) -> np.ndarray:
-        """(N, 2) float64, robots' centres in the board's frame."""
-        ...
-
-    def close(self) -> None:
-        """Free what the episode holds."""
-        ...
-
-    def get_state(self) -> dict[str, Any]:
-        """See `agent.envs.state.Restorable`."""
-        ...
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """See `agent.envs.state.Restorable`."""
-        ...
 
 
 def observed_columns(scenario: Scenario, config: ProcessConfig) -> list[tuple[int, int, int]]:

@@ -1,27 +1,27 @@
 """PettingZoo environment for pairs of robots and more; made by `agent.envs.parallel_env`."""
 
 from collections.abc import Collection
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from agent.envs.boards import counted
-from agent.envs.grid_episode import (
-    ActionError,
-    EnvEpisode,
-    direction_error,
-    require_seed,
-)
-from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
+from agent.envs.boards import GridEpisode, counted
+from agent.envs.grid_episode import ActionError, direction_error, require_seed
+from agent.envs.rendering import RENDER_MODES, picture, require_render_mode
 from agent.envs.state import Restorable
 from agent.mdp.grid import MOVING
 from cosim.base.arguments import taken
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
+
+if TYPE_CHECKING:
+    from agent.envs.cosim_episode import CoSimEpisode
+
+EnvEpisode: TypeAlias = "GridEpisode | CoSimEpisode"
 
 
 def agent_names(scenario: Scenario) -> list[str]:
@@ -65,8 +65,7 @@ def render_episode(episode: EnvEpisode, mode: str | None) -> Any:
     if mode is None:
         gym.logger.warn("render() does nothing without a render_mode")
         return None
-    draw = board_text if mode == "ansi" else board_pixels
-    return draw(episode.scenario, episode.positions_m())
+    return picture(mode, episode.scenario, episode.positions_m())
 
 
 class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):

@@ -25,6 +25,11 @@ def require_render_mode(mode: str | None) -> None:
         raise UserError(f"render_mode '{mode}' is none; choose {' or '.join(RENDER_MODES)}")
 
 
+def picture(mode: str, scenario: Scenario, positions_m: np.ndarray) -> str | np.ndarray:
+    """The board as the text or the pixels of a render mode, with robots at (N, 2) m."""
+    return (board_text if mode == "ansi" else board_pixels)(scenario, positions_m)
+
+
 def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:
     """The board, top row first: robots 1, 2, …; their targets a, b, …; obstacles #; zone ':'."""
     cells = np.full((scenario.columns, scenario.rows), ".")

@@ -9,13 +9,8 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
 from agent.envs.boards import GridEpisode
-from agent.envs.grid_episode import (
-    ActionError,
-    EnvEpisode,
-    direction_error,
-    known_options,
-)
-from agent.envs.parallel import NavigationParallelEnv, episode_info, render_episode
+from agent.envs.grid_episode import ActionError, direction_error, known_options
+from agent.envs.parallel import EnvEpisode, NavigationParallelEnv, episode_info, render_episode
 from agent.envs.parallel_vector import ParallelVectorEnv
 from agent.envs.rendering import RENDER_MODES, require_render_mode
 from agent.envs.state import Restorable

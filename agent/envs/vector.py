@@ -19,7 +19,7 @@ from gymnasium.vector.utils import batch_space
 
 from agent.envs.boards import Boards, board_seeds, counted
 from agent.envs.grid_episode import ActionError, direction_error, free_directions
-from agent.envs.rendering import RENDER_MODES, board_pixels, board_text, require_render_mode
+from agent.envs.rendering import RENDER_MODES, picture, require_render_mode
 from agent.envs.state import Restorable
 from agent.mdp.config import ProcessConfig
 from agent.mdp.grid import X, Y
@@ -72,7 +72,6 @@ class RobotRowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         self.single_action_space = spaces.Discrete(DIRECTION_COUNT)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._everywhere = np.ones(self.num_envs, dtype=bool)
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         """One seed of each board; `np_random_seed` becomes that of the first."""
@@ -113,25 +112,35 @@ class RobotRowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         self, outcomes: np.ndarray, path_cm: np.ndarray, active: np.ndarray
     ) -> dict[str, Any]:
         """Infos from (boards,) ranks, (boards, robots) cm and (boards, robots) bool."""
-        outcomes = np.repeat(outcomes, self.scenario.robots)
-        values = {
-            "outcome": outcomes,
-            "is_success": outcomes == SUCCESS,
-            "path_length": path_cm.ravel(),
-            "active": active.flatten(),
-        }
-        if self._outcome_names:
-            values["outcome_name"] = _NAMES[outcomes]
-        return values | {f"_{name}": self._everywhere for name in values}
+        return row_infos(outcomes, path_cm, active, names=self._outcome_names)
 
     def _pictures(self, positions_m: np.ndarray) -> tuple[Any, ...] | None:
         """One picture per row, that of its board, of robots at (boards, robots, 2) m."""
         self._require_open()
         if self.render_mode is None:
             return None
-        draw = board_text if self.render_mode == "ansi" else board_pixels
-        pictures = [draw(self.scenario, position) for position in positions_m]
-        return tuple(picture for picture in pictures for _ in range(self.scenario.robots))
+        pictures = [picture(self.render_mode, self.scenario, place) for place in positions_m]
+        return tuple(one for one in pictures for _ in range(self.scenario.robots))
+
+
+def row_infos(
+    outcomes: np.ndarray, path_cm: np.ndarray, active: np.ndarray, *, names: bool = False
+) -> dict[str, Any]:
+    """Infos of rows from (boards,) ranks, (boards, robots) cm and (boards, robots) bool.
+
+    With `names` they have `outcome_name`, the text of the rank.
+    """
+    ranks = np.repeat(outcomes, active.shape[1])
+    values = {
+        "outcome": ranks,
+        "is_success": ranks == SUCCESS,
+        "path_length": path_cm.ravel(),
+        "active": active.flatten(),
+    }
+    if names:
+        values["outcome_name"] = _NAMES[ranks]
+    everywhere = np.ones(len(ranks), dtype=bool)
+    return values | {f"_{name}": everywhere for name in values}
 
 
 class RobotsVectorEnv(RobotRowsVectorEnv):
