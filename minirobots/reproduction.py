@@ -7,11 +7,8 @@ What is made in which order and lies where is `analysis.reading.results`, how mu
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-from agent.experiments.run import run_experiment
-from agent.experiments.variants import Name
-from agent.study.transfer import transfer
 from analysis.figures.draw import draw_figures
 from analysis.profiles import Profile
 from analysis.reading.results import FIGURES, RESULTS, Result
@@ -70,6 +67,8 @@ def run_stages(
 ) -> Timings:
     """Run what is not finished; returns how long everything took. Arguments as of `reproduce`.
 
+    Called again after an interrupt, the commands continue or start again.
+
     Raises:
         UserError: see its message; what was finished stays.
     """
@@ -82,57 +81,43 @@ def run_stages(
             continue
         say(f"{label} …")
         with timings.stage(result.name):
-            _make(result, result.location(results), profile, seed, jobs, progress)
+            command = module_of(result.command_name)
+            settings = _settings(result, profile, seed, jobs)
+            command.run(options_of(command)(out=result.location(results), **settings), progress)
         say(f"{label}: {timings.seconds(result.name):.1f} s")
     return timings
 
 
-def _make(
-    result: Result, out: Path, profile: Profile, seed: int, jobs: int, progress: Progress
-) -> None:
-    """Do what the result's command does, as much of it as the profile says.
-
-    Called again after an interrupt it continues, or starts again.
-    """
-    if result.command_name == "experiments":
-        run_experiment(
-            cast(Name, result.of),
-            out,
-            runs=profile.runs,
-            seed=seed,
-            episodes=profile.train_episodes,
-            where=Workers(jobs=jobs, backend="loky"),
-            progress=progress,
-        )
-    elif result.command_name == "transfer":
-        transfer(
-            out,
-            quick=profile.transfer_quick,
-            scenarios=profile.transfer_scenarios,
-            methods=profile.transfer_methods,
-            seed=seed,
-            where=Workers(jobs=jobs),
-            progress=progress,
-        )
-    else:
-        command = module_of(result.command_name)
-        settings = _settings(result, profile, seed, jobs)
-        command.run(options_of(command)(out=out, **settings), progress)
-
-
 def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[str, Any]:
-    """Return the options of a result's command, without --out."""
-    if result.command_name == "calibrate":
-        return {"jobs": jobs}
-    if result.command_name == "run":
-        alone = PAPER[result.of].robots == 1
-        return {
-            "scenario": result.of,
-            "episodes": profile.single_episodes if alone else profile.pair_episodes,
-            "method": result.method,
-            "train_episodes": profile.drive_episodes.get(result.method),
-            "seed": seed,
-            "jobs": jobs,
-            "physics": SimulationOptions(time_limit=profile.episode_limit_s),
-        }
+    """Return the options of a result's command, as much as the profile says, without --out."""
+    match result.command_name:
+        case "calibrate":
+            return {"jobs": jobs}
+        case "run":
+            alone = PAPER[result.of].robots == 1
+            return {
+                "scenario": result.of,
+                "episodes": profile.single_episodes if alone else profile.pair_episodes,
+                "method": result.method,
+                "train_episodes": profile.drive_episodes.get(result.method),
+                "seed": seed,
+                "jobs": jobs,
+                "physics": SimulationOptions(time_limit=profile.episode_limit_s),
+            }
+        case "experiments":
+            return {
+                "experiment": result.of,
+                "runs": profile.runs,
+                "seed": seed,
+                "episodes": profile.train_episodes,
+                "where": Workers(jobs=jobs, backend="loky"),
+            }
+        case "transfer":
+            return {
+                "quick": profile.transfer_quick,
+                "scenarios": profile.transfer_scenarios,
+                "methods": profile.transfer_methods,
+                "seed": seed,
+                "where": Workers(jobs=jobs),
+            }
     return {}

@@ -63,7 +63,7 @@ def execute(name: str, module: str = "minirobots") -> None:
     result = _result(command, options)
     content = command.show(options, result) if hasattr(command, "show") else _shown(result)
     if options.json:
-        print_json(content)
+        print_json(result if content is None else content)
     if hasattr(command, "failed") and command.failed(result):
         sys.exit(FAILED_STATUS)
 
@@ -88,12 +88,11 @@ def _examples(name: str) -> list[str]:
     return re.findall(rf"^uv run (?:--extra \w+ )?(minirobots {name} .*)$", page, re.MULTILINE)
 
 
-def _shown(result: dict[str, Any]) -> dict[str, Any]:
+def _shown(result: dict[str, Any]) -> None:
     """Print what a command without a function `show` returns."""
     for name, value in result.items():
         words = ", ".join(map(str, value)) if isinstance(value, list) else value
         print(f"{name.replace('_', ' ')}: {words}")
-    return result
 
 
 def _result(command: ModuleType, options: CommandOptions) -> Any:

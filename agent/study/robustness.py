@@ -32,7 +32,7 @@ from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions
 
-EPISODES, QUICK_EPISODES = 50, 2
+_EPISODES, _QUICK_EPISODES = 50, 2
 COLUMNS = (
     field("axis", heading="not ideal"),
     field("value"),
@@ -65,12 +65,13 @@ class RobustnessReport(msgspec.Struct, frozen=True, kw_only=True):
 
 def robustness(
     out: Path,
-    everything: World,
+    world: World,
     *,
     scenario: str = "4",
     axes: Collection[Axis] = AXES,
     methods: Collection[str] = IN_WORLDS,
-    episodes: int = EPISODES,
+    episodes: int | None = None,
+    quick: bool = False,
     seed: int = 0,
     budget_minutes: float | None = None,
     where: Workers = Workers(),  # noqa: B008 - a constant
@@ -80,11 +81,12 @@ def robustness(
 
     Args:
         out: folder of the table (robustness.json, .md, .png), policies and results.
-        everything: the world in which nothing is ideal.
+        world: in which nothing is ideal.
         scenario: name or file.
         axes: to measure.
         methods: to measure.
-        episodes: of every row.
+        episodes: of every row, 50 by default.
+        quick: two episodes in every row.
         seed: of training, of the sample of starts and of what episodes draw.
         budget_minutes: after which no episode is started.
         where: backend and number of workers; the results do not depend on it.
@@ -97,16 +99,17 @@ def robustness(
         UserError: see its message.
     """
     may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
+    wanted = _QUICK_EPISODES if quick else episodes or _EPISODES
     board, policies, lines = find_scenario(scenario, ideal=True), {}, []
     for method in (method for method in IN_WORLDS if method in methods):
         policies[method] = policy_of(method, board, seed=seed, progress=progress)
         policies[method].save(out / "policies" / f"{board.name}-{method}.npz")
-    for point in (p for axis in AXES if axis in axes for p in points(axis, board, everything)):
+    for point in (p for axis in AXES if axis in axes for p in points(axis, board, world)):
         for method, policy in policies.items():
             for shield in (False, True) if point.axis == "everything" else (False,):
                 options = SimulationOptions(shield=shield)
                 case = case_of(policy, options, seed, world=point.world, progress=progress)
-                indices = case.sample(min(episodes, len(case.starts)))
+                indices = case.sample(min(wanted, len(case.starts)))
                 lines.append(StudyLine(case, indices, {**point._asdict(), "method": method}))
     simulate(lines, store, where, may_begin=may_begin, progress=progress)
     rows = tuple(line.row(store, RobustnessRow) for line in lines)

@@ -26,8 +26,8 @@ class Result:
         name: by which figures and people ask for it.
         title: what is done to get it.
         path: below the results folder; a folder where the command makes several files.
-        proof: file below the results folder that is there once the result can be used.
         module: makes it.
+        proof: file below the path that is there once the result can be used, if it is a folder.
         of: experiment or scenario, where the module makes several.
         method: by which the policy of a run is made.
         arguments: of the module, without --out.
@@ -36,8 +36,8 @@ class Result:
     name: str
     title: str
     path: str
-    proof: str
     module: str
+    proof: str = ""
     of: str = ""
     method: str = ""
     arguments: tuple[str, ...] = ()
@@ -48,7 +48,7 @@ class Result:
 
     def proof_in(self, results: Path) -> Path:
         """The file in a results folder that says it is there."""
-        return results / self.proof
+        return self.location(results) / self.proof
 
     def exists(self, results: Path) -> bool:
         """Return whether the result can be used."""
@@ -66,9 +66,8 @@ class Result:
 
 
 def _experiment(name: str, title: str) -> Result:
-    folder = f"experiments/{name}"
-    proof = f"{folder}/results.json"
-    return Result(name, title, folder, proof, "agent.experiments", name, arguments=(name,))
+    path, module = f"experiments/{name}", "agent.experiments"
+    return Result(name, title, path, module, "results.json", name, arguments=(name,))
 
 
 def episodes_of(scenario: str, method: str) -> str:
@@ -81,8 +80,8 @@ def _episodes(scenario: str, method: str) -> Result:
     title = f"scenario {scenario} co-simulated, method {method} (Fig. {9 if alone else 12})"
     count = str(SINGLE_EPISODES if alone else PAIR_EPISODES)
     arguments = ("--scenario", scenario, "--method", method, "--episodes", count, "--jobs", "2")
-    proof, name = f"{folder}/summary.json", episodes_of(scenario, method)
-    return Result(name, title, folder, proof, "cosim.run", scenario, method, arguments)
+    name = episodes_of(scenario, method)
+    return Result(name, title, folder, "cosim.run", "summary.json", scenario, method, arguments)
 
 
 # In the order of being made: the quick ones first, so that a mistake shows early.
@@ -93,13 +92,11 @@ RESULTS: dict[str, Result] = {
             "platform",
             "platform of one degree of freedom (Fig. 3)",
             "platform.npz",
-            "platform.npz",
             "cosim.platform",
         ),
         Result(
             "motor_test",
             "motor in open and closed loop (Fig. 7)",
-            "motor_test.rrd",
             "motor_test.rrd",
             "analysis.motor_test",
         ),
@@ -107,19 +104,15 @@ RESULTS: dict[str, Result] = {
             "calibration",
             "motor speeds calibrated to motion",
             "calibration",
-            "calibration/calibration.npz",
             "cosim.calibrate",
+            "calibration.npz",
         ),
         *(_episodes(scenario, method) for scenario in PAPER for method in DRIVEN_BY),
         _experiment("fig08", "training of one robot (Fig. 8)"),
         _experiment("fig11", "training of pairs (Fig. 11)"),
         _experiment("fig10", "training with values of c (Fig. 10)"),
         Result(
-            "transfer",
-            "success in co-simulation",
-            "transfer",
-            "transfer/transfer.json",
-            "cosim.transfer",
+            "transfer", "success in co-simulation", "transfer", "cosim.transfer", "transfer.json"
         ),
         _experiment("sequel", "training of groups, as in the paper's sequel"),
     )

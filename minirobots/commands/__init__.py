@@ -5,7 +5,8 @@ A module has the first line of its docstring as the command's purpose and the fu
 - `run(options, progress)`: do the work. The type of `options`, a subclass of
   `minirobots.options.CommandOptions`, is the command line; `progress` receives what takes long.
 - `show(options, result)`, if there is one: print what `run` returned, for people, and return what
-  `--json` prints. Without it `run` returns a dict, whose entries are printed.
+  `--json` prints if that is something else. Without it `run` returns a dict, whose entries are
+  printed.
 - `failed(result)`, if there is one: whether the exit status is 1.
 
 All else is done by `minirobots.runner`. Modules import only what their options need; functions

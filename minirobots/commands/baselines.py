@@ -59,25 +59,18 @@ def run(options: Baselines, progress: Progress) -> "BaselinesReport":
         require_learners()
     from agent.baselines.comparison import baselines
 
-    return baselines(
-        options.out,
+    arguments = options.arguments(
         scenarios=options.scenarios or _SCENARIOS[: 2 if options.quick else None],
-        learners=options.learners,
-        seed=options.seed,
         seeds=options.seeds or (1 if options.quick else 5),
         episodes=options.episodes or (2 if options.quick else 8),
-        quick=options.quick,
-        budget_minutes=options.budget_minutes,
-        where=options.where,
-        progress=progress,
     )
+    return baselines(**arguments, progress=progress)
 
 
-def show(options: Baselines, report: "BaselinesReport") -> "BaselinesReport":
+def show(options: Baselines, report: "BaselinesReport") -> None:
     """Print the table."""
     from agent.baselines.table import COLUMNS
     from cosim.base.table import show as show_table
 
     show_table(COLUMNS, report.rows, names=2)
     print(f"table in {options.out}/: baselines.json, baselines.md")
-    return report

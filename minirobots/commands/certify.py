@@ -152,7 +152,7 @@ def run(options: Certify, progress: Progress) -> Result:
     )
 
 
-def show(options: Certify, result: Result) -> Result:
+def show(options: Certify, result: Result) -> None:
     """Print the certificate and what a check of it found, or the estimate."""
     from agent.certification.certificate import Certificate, read_certificate
     from agent.certification.check import CheckReport
@@ -168,7 +168,6 @@ def show(options: Certify, result: Result) -> Result:
     else:
         show_splitting(result)
         print(f"estimate in {options.out}/splitting.json")
-    return result
 
 
 def failed(result: Result) -> bool:

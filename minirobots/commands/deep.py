@@ -103,7 +103,7 @@ def run(options: Deep, progress: Progress) -> DeepReport:
     return report
 
 
-def show(options: Deep, report: DeepReport) -> DeepReport:
+def show(options: Deep, report: DeepReport) -> None:
     """Print what was achieved and how to try it."""
     print(
         f"success from {100.0 * report.success:.1f} % of the starts on the grid, after "
@@ -114,4 +114,3 @@ def show(options: Deep, report: DeepReport) -> DeepReport:
         f"try it with: uv run python -m cosim.run --scenario {options.scenario} --policy "
         f"{report.policy}"
     )
-    return report

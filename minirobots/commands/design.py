@@ -37,11 +37,10 @@ def run(options: DesignRobot, _: Progress) -> "Design":
     return design(config.robot, config.motor, 1e-3 * options.speed)
 
 
-def show(options: DesignRobot, found: "Design") -> "Design":
+def show(options: DesignRobot, found: "Design") -> None:
     """Print it in words."""
     robot = find_preset(options.preset).config().with_overrides(options.mu).robot
     print("\n".join(_lines(found, robot)))
-    return found
 
 
 def _lines(found: "Design", robot: "RobotParams") -> Iterator[str]:

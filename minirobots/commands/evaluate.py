@@ -72,7 +72,7 @@ def run(options: Evaluate, progress: Progress) -> "EvaluationReport":
     )
 
 
-def show(options: Evaluate, report: "EvaluationReport") -> "EvaluationReport":
+def show(options: Evaluate, report: "EvaluationReport") -> None:
     """Print outcomes, measures and the first failing starts."""
     from agent.study.evaluate import show as show_report
 
@@ -81,4 +81,3 @@ def show(options: Evaluate, report: "EvaluationReport") -> "EvaluationReport":
     recordings = [path for row in report.policies for path in row.recordings]
     if recordings:
         print(f"open with: uv run rerun {recordings[0]}")
-    return report

@@ -36,9 +36,8 @@ def run(options: EvaluateOnGrid, _: Progress) -> "GridReport":
     return report_of((str(path), load_policy(path)) for path in paths)
 
 
-def show(_: EvaluateOnGrid, report: "GridReport") -> "GridReport":
+def show(_: EvaluateOnGrid, report: "GridReport") -> None:
     """Print a row for every policy."""
     from agent.evaluation.grid import show as show_report
 
     show_report(report)
-    return report

@@ -58,9 +58,8 @@ def run(options: Experiments, progress: Progress) -> "ExperimentResult":
     )
 
 
-def show(_: Experiments, result: "ExperimentResult") -> "ExperimentResult":
+def show(_: Experiments, result: "ExperimentResult") -> None:
     """Print the variants."""
     from agent.experiments.results import show as show_result
 
     show_result(result)
-    return result

@@ -99,7 +99,7 @@ def run(options: Falsify, progress: Progress) -> Result:
     )
 
 
-def show(options: Falsify, result: Result) -> Result:
+def show(options: Falsify, result: Result) -> None:
     """Print the worst episodes, or what the cases were and are."""
     from agent.falsification.found import ReplayReport
     from agent.falsification.table import show as show_report
@@ -110,7 +110,6 @@ def show(options: Falsify, result: Result) -> Result:
     else:
         show_report(result)
         print(f"results in {options.out}/: falsification.json, cases.json")
-    return result
 
 
 def failed(result: Result) -> bool:

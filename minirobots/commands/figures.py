@@ -58,7 +58,7 @@ def run(options: Figures, progress: Progress) -> dict[str, dict[str, Any]]:
     return {"drawn": files, "lacking": lacking}
 
 
-def show(options: Figures, found: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def show(options: Figures, found: dict[str, dict[str, Any]]) -> None:
     """Print files and reasons; refuse results from which too little can be drawn."""
     drawn, lacking = found.values()
     for files in drawn.values():
@@ -69,4 +69,3 @@ def show(options: Figures, found: dict[str, dict[str, Any]]) -> dict[str, dict[s
         raise UserError("no figure could be drawn; the commands that make results stand above")
     if options.strict and lacking:
         raise UserError(f"not drawn: {', '.join(lacking)}; leave out --strict to accept that")
-    return found

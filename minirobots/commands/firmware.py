@@ -55,7 +55,7 @@ def run(options: Firmware, progress: Progress) -> dict[str, Any]:
     return {"files": [str(file) for file in files], "sizes": sizes}
 
 
-def show(options: Firmware, written: dict[str, Any]) -> dict[str, Any]:
+def show(options: Firmware, written: dict[str, Any]) -> None:
     """Print what each robot needs."""
     from cosim.base.command import show_table
 
@@ -64,4 +64,3 @@ def show(options: Firmware, written: dict[str, Any]) -> dict[str, Any]:
     rows = [(f"r{s.robot}", *(f"{n:,} B" for n in (s.flash, s.ram, s.stack))) for s in sizes]
     show_table(None, header, rows, title="on a Cortex-M4", numbers=3)
     print(f"sources in {options.out}/; docs/firmware.md says what to connect")
-    return written

@@ -40,7 +40,7 @@ def run(options: Inspect, _: Progress) -> "Inspection":
     return inspect_episode(read_episode(options.recording))
 
 
-def show(options: Inspect, found: "Inspection") -> "Inspection":
+def show(options: Inspect, found: "Inspection") -> None:
     """Print what was found."""
     from rich.console import Console
     from rich.table import Table
@@ -91,7 +91,6 @@ def show(options: Inspect, found: "Inspection") -> "Inspection":
         at = f"{at_s:.2f} s" if at_s is not None else "–"
         table.add_row(finding.kind, finding.where, at, finding.text)
     console.print(table if found.findings else "nothing looks wrong")
-    return found
 
 
 def _number(value: float | None) -> str:

@@ -54,7 +54,7 @@ def run(options: MotorLoop, progress: Progress) -> dict[str, Any]:
     }
 
 
-def show(_: MotorLoop, found: dict[str, Any]) -> dict[str, Any]:
+def show(_: MotorLoop, found: dict[str, Any]) -> None:
     """Print poles, margins and the table of gains."""
     from rich.console import Console
     from rich.table import Table
@@ -79,4 +79,3 @@ def show(_: MotorLoop, found: dict[str, Any]) -> dict[str, Any]:
         )
     Console().print(table)
     print(f"figure: {', '.join(found['files'])}")
-    return found

@@ -159,7 +159,7 @@ def _first_difference(ours: tuple[np.ndarray, ...], theirs: tuple[np.ndarray, ..
     return None if len(ours[0]) == len(theirs[0]) else count
 
 
-def show(_: Replay, compared: Comparison) -> Comparison:
+def show(_: Replay, compared: Comparison) -> None:
     """Print what differs."""
     for name, (then, now) in compared.versions.items():
         print(f"{name} was {then} when it was recorded, and is {now or 'missing'} now")
@@ -171,7 +171,6 @@ def show(_: Replay, compared: Comparison) -> Comparison:
         f"{equal} of {compared.signals} signals ({compared.values} values) are equal in every "
         f"bit{ended}"
     )
-    return compared
 
 
 def failed(compared: Comparison) -> bool:

@@ -57,27 +57,15 @@ class Robustness(Distributed, Resumable):
 def run(options: Robustness, progress: Progress) -> "RobustnessReport":
     """Simulate what is missing, and write the table and the plot."""
     world = read_world(options.world)
-    from agent.study.robustness import EPISODES, QUICK_EPISODES, robustness
+    from agent.study.robustness import robustness
 
-    return robustness(
-        options.out,
-        world,
-        scenario=options.scenario,
-        axes=options.axes,
-        methods=options.methods,
-        episodes=QUICK_EPISODES if options.quick else options.episodes or EPISODES,
-        seed=options.seed,
-        budget_minutes=options.budget_minutes,
-        where=options.where,
-        progress=progress,
-    )
+    return robustness(**options.arguments(world=world), progress=progress)
 
 
-def show(options: Robustness, report: "RobustnessReport") -> "RobustnessReport":
+def show(options: Robustness, report: "RobustnessReport") -> None:
     """Print the table."""
     from agent.study.robustness import COLUMNS
     from cosim.base.table import show as show_table
 
     show_table(COLUMNS, report.rows, names=5)
     print(f"table in {options.out}/: robustness.json, robustness.md, robustness.png")
-    return report

@@ -86,7 +86,7 @@ def run(options: Train, progress: Progress) -> "GridReport":
     )
 
 
-def show(options: Train, summary: "GridReport") -> "GridReport":
+def show(options: Train, summary: "GridReport") -> None:
     """Print a row for every run."""
     from agent.evaluation.grid import show as show_report
 
@@ -95,4 +95,3 @@ def show(options: Train, summary: "GridReport") -> "GridReport":
         f"results in {options.folder}/: summary.json, run_*/policy.npz, training.npz, training.rrd"
         + (", and training.rrd of all runs" if options.runs > 1 else "")
     )
-    return summary

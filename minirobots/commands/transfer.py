@@ -48,22 +48,12 @@ def run(options: Transfer, progress: Progress) -> "TransferReport":
     """Simulate what is missing and write the table."""
     from agent.study.transfer import transfer
 
-    return transfer(
-        options.out,
-        scenarios=options.scenarios,
-        methods=options.methods,
-        seed=options.seed,
-        quick=options.quick,
-        budget_minutes=options.budget_minutes,
-        where=options.where,
-        progress=progress,
-    )
+    return transfer(**options.arguments(), progress=progress)
 
 
-def show(options: Transfer, report: "TransferReport") -> "TransferReport":
+def show(options: Transfer, report: "TransferReport") -> None:
     """Print the table and what became of the goals."""
     from agent.study.transfer import show as show_report
 
     show_report(report)
     print(f"table in {options.out}/: transfer.json, transfer.md")
-    return report

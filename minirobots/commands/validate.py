@@ -49,7 +49,7 @@ def run(options: Validate, progress: Progress) -> "ValidationReport":
     return report
 
 
-def show(options: Validate, report: "ValidationReport") -> "ValidationReport":
+def show(options: Validate, report: "ValidationReport") -> None:
     """Print the tables."""
     from cosim.base.table import show as show_table
     from cosim.machine.validation.tables import tables
@@ -57,4 +57,3 @@ def show(options: Validate, report: "ValidationReport") -> "ValidationReport":
     for title, columns, rows in tables(report):
         show_table(columns, rows, names=3, title=title)
     print(f"results in {options.out}/: validation.json, validation.md")
-    return report

@@ -188,7 +188,7 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
              "--time-limit", "20", "--jobs", "2", "--out", "OUT")
         ),
         "certification": Case(
-            ("-m", "agent.certification", "--policy", str(policy), "--claim", "timeout > 0.2",
+            ("-m", "minirobots", "certify", "--policy", str(policy), "--claim", "timeout > 0.2",
              "--confidence", "0.9", "--episodes", "12", "--time-limit", "20", "--jobs", "2",
              "--out", "OUT")
         ),

@@ -19,7 +19,7 @@ DISK_BYTES = 1 << 20  # of a disk
 TRAIN = ("-m", "agent.train", "--jobs", "1", "--scenario", "1a", "--learning.episodes", "2000",
          "--learning.epsilon-episodes", "10")  # fmt: skip
 COMMANDS = {
-    "excitation": ("-m", "cosim.identification", "--excite", "OUT/a.csv"),
+    "excitation": ("-m", "minirobots", "identify-robot", "--excite", "OUT/a.csv"),
     "training": (*TRAIN, "--out", "OUT/a"),
     "FMU": ("-m", "fmus.build", "--model", "VibrationMotor", "--out", "OUT/a"),
 }

@@ -184,7 +184,7 @@ def test_a_system_of_faulty_fmus_ends_in_a_sentence(fault, limit_s, words, fault
     with zipfile.ZipFile(tmp_path / "one.ssp", "w") as archive:
         archive.write(faulty_fmu, "resources/Faulty.fmu")
         archive.writestr("SystemStructure.ssd", SYSTEM)
-    command = [sys.executable, "-m", "cosim.system", tmp_path / "one.ssp", "--until", "3"]
+    command = [sys.executable, "-m", "minirobots", "system", tmp_path / "one.ssp", "--until", "3"]
     command += ["--isolate-limit", str(limit_s)]
     environment = os.environ | {"FAULT": fault, "FAULT_FROM": "2.5"}
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -201,10 +201,11 @@ def simulate(faulty_fmu, tmp_path):
         with zipfile.ZipFile(tmp_path / "one.ssp", "w") as archive:
             archive.write(faulty_fmu, "resources/Faulty.fmu")
             archive.writestr("SystemStructure.ssd", SYSTEM)
-        command = [sys.executable, "-m", "cosim.system", "one.ssp", "--until", "1", *options]
+        command = [sys.executable, "-m", "minirobots", "system", "one.ssp", "--until", "1"]
+        command += map(str, options)
         environment = os.environ | {"FAULT": fault, "FAULT_FROM": str(fault_from)}
         return subprocess.run(
-            list(map(str, command)), cwd=tmp_path, env=environment, capture_output=True,
+            command, cwd=tmp_path, env=environment, capture_output=True,
             text=True, check=False,
         )  # fmt: skip
 

@@ -113,7 +113,7 @@ def test_command_reads_a_table_and_writes_a_recording(small, tmp_path, monkeypat
         words = ["one.ssd", "--until", "1", "--step", "0.1", "--input", "table.csv", "--json"]
         words += ["--no-isolate", "--out", f"run.{suffix}"]
         monkeypatch.setattr(sys, "argv", ["system", *words])
-        run_named("system", "cosim.system")
+        run_named("system")
         runs[suffix] = json.loads(capsys.readouterr().out.splitlines()[-1])["last"]
     assert runs["csv"] == runs["parquet"] == runs["rrd"]
     table, written = parquet.read_table("run.parquet"), csv.read_csv("run.csv")
