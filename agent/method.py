@@ -201,7 +201,6 @@ def method_policy(
 
     Raises:
         UserError: the scenario cannot be used, see `method_config`.
-        OSError: the cache cannot be written.
     """
     config = method_config(
         method,

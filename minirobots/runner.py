@@ -45,7 +45,6 @@ def execute(name: str, module: str = "minirobots") -> None:
         module: by which `python -m` was called, if not as `minirobots NAME`.
 
     Raises:
-        UserError: see its message.
         SystemExit: the command failed in its own terms, or a child process has done the work.
     """
     command = module_of(name)

@@ -13,7 +13,7 @@ from typing import Any, get_args
 import msgspec
 import numpy as np
 
-from agent.evaluation.cases import Case, CaseIdentity, Job
+from agent.evaluation.cases import Case, CaseIdentity
 from agent.falsification.found import FoundCase, FoundCases, cost, fails, found_case
 from agent.falsification.ranges import ChosenEpisode, Range, Space, ranges_of
 from agent.falsification.search import GENERATION, SEARCHES, SearchName, Sought, new_search
@@ -29,7 +29,6 @@ from cosim.base.storage import write_json
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell
 from cosim.simulation.options import options_of
-from cosim.simulation.result import EpisodeResult
 
 REPORT_FILE, CASES_FILE = "falsification.json", "cases.json"
 
@@ -186,15 +185,19 @@ def falsify(
     results = {k: file.results[k] for k in range(len(case.points))}
     order = sorted(results, key=lambda k: (cost(results[k], board, objective), k))
     failing = [k for k in order if fails(results[k], board, objective)]
-    recordings = _record(case, store, order[:keep], where, report)
-    cases = {k: _case(case, k, results[k], recordings) for k in {*failing, *order[:keep]}}
+    (recordings,) = record([(case, order[:keep])], store, where.count, report)
+    cases = [
+        found_case(k, results[k], case.points[k], board, objective, recordings.get(k))
+        for k in order
+        if k in failing or k in recordings
+    ]
     kept = FoundCases(
         scenario=board,
         config=config,
         objective=objective,
         policy=name,
         policy_digest=plain.policy.digest(),
-        cases=tuple(cases[k] for k in order if k in cases),
+        cases=tuple(cases),
     )
     write_json(out / CASES_FILE, kept)
     outcomes = [str(result.outcome) for result in results.values()]
@@ -254,32 +257,3 @@ def _simulate(
             return
         if len(numbers) == GENERATION:
             search.tell(vectors, costs)
-
-
-def _record(
-    case: SearchedCase,
-    store: EpisodeStore,
-    numbers: list[int],
-    where: Workers,
-    progress: Progress,
-) -> dict[int, Path]:
-    """Recordings of some episodes, which are made if they are not there."""
-    file = store.file(case)
-    paths = {
-        k: file.path.parent
-        / "recordings"
-        / f"{file.path.stem}-{k:06d}-{file.results[k].outcome}.rrd"
-        for k in numbers
-    }
-    missing = [Job(case, k, path) for k, path in paths.items() if not path.exists()]
-    record(missing, store, where.count, progress)
-    return paths
-
-
-def _case(
-    case: SearchedCase, number: int, result: EpisodeResult, recordings: Mapping[int, Path]
-) -> FoundCase:
-    point, scenario = case.points[number], case.policy.config.scenario
-    found = found_case(number, result, (point.seed, point.world), scenario, case.objective)
-    path = recordings.get(number)
-    return msgspec.structs.replace(found, recording=None if path is None else str(path))

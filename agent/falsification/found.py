@@ -6,6 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from agent.falsification.ranges import ChosenEpisode
 from agent.falsification.search import Sought
 from agent.mdp.greedy import GreedyPolicy
 from agent.policies import load_policy
@@ -122,29 +123,32 @@ def read_cases(path: Path) -> FoundCases:
 def found_case(
     number: int,
     result: EpisodeResult,
-    found: tuple[int, World],
+    chosen: ChosenEpisode | FoundCase,
     scenario: Scenario,
     objective: Sought,
+    recording: Path | None = None,
 ) -> FoundCase:
     """The case of an episode.
 
     Args:
         number: of the episode.
         result: of the episode.
-        found: its seed and its world.
+        chosen: its seed and its world.
         scenario: of the episode.
         objective: of the search.
+        recording: of the episode, if there is one.
     """
     gap = gap_cm(result, scenario)
     return FoundCase(
         number=number,
         starts=result.starts,
-        seed=found[0],
-        world=found[1],
+        seed=chosen.seed,
+        world=chosen.world,
         outcome=result.outcome,
         gap_cm=gap if math.isfinite(gap) else None,
         sim_time_s=result.sim_time_s,
         fails=fails(result, scenario, objective),
+        recording=None if recording is None else str(recording),
     )
 
 
@@ -178,8 +182,7 @@ def run_again(
     ended: dict[int, FoundCase] = {}
     for number, result in simulate_tasks(tasks, threads):
         then = found.cases[number]
-        made_of = then.seed, then.world
-        ended[number] = found_case(then.number, result, made_of, found.scenario, found.objective)
+        ended[number] = found_case(then.number, result, then, found.scenario, found.objective)
         progress("episodes", len(ended), len(tasks), f"{len(ended)}/{len(tasks)}")
     return tuple(ended[number] for number in sorted(ended))
 

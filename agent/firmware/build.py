@@ -45,9 +45,6 @@ def write_sources(folder: Path, constants: str) -> list[Path]:
     Args:
         folder: that receives them; made if missing.
         constants: content of `constants.h`.
-
-    Raises:
-        OSError: the folder cannot be written.
     """
     files = {path.name: path.read_text() for path in sorted(SOURCES.glob("*.[ch]"))}
     for name, content in (files | {"constants.h": constants}).items():

@@ -173,22 +173,35 @@ def simulate(
 
 
 def record(
-    jobs: Sequence[Job], store: EpisodeStore, threads: int, progress: Progress = silent
-) -> None:
-    """Simulate episodes again and record them, on this machine.
+    chosen: Sequence[tuple[Case, Iterable[int]]],
+    store: EpisodeStore,
+    threads: int,
+    progress: Progress = silent,
+) -> list[dict[int, Path]]:
+    """Simulate episodes again that are not recorded, and record them, on this machine.
 
     Args:
-        jobs: with the paths of their recordings.
-        store: of their results.
+        chosen: indices of each case's starts whose results the store has.
+        store: of the results.
         threads: of the simulation.
         progress: receives how many are recorded.
+
+    Returns:
+        The recordings of each case, by index of the start.
 
     Raises:
         UserError: an episode ends otherwise than the first time.
     """
-    for count, (job, result) in enumerate(run_jobs(jobs, threads), 1):
-        first = store.find(job)
-        assert first is not None
+    found: list[dict[int, Path]] = []
+    jobs: dict[Path, Job] = {}
+    for case, indices in chosen:
+        file = store.file(case)
+        place = str(file.path.parent / "recordings" / file.path.stem)
+        paths = {k: Path(f"{place}-{k:06d}-{file.results[k].outcome}.rrd") for k in indices}
+        jobs |= {path: Job(case, k, path) for k, path in paths.items() if not path.exists()}
+        found.append(paths)
+    for count, (job, result) in enumerate(run_jobs(list(jobs.values()), threads), 1):
+        first = store.file(job.case).results[job.index]
         factor = first.realtime_factor
         if msgspec.structs.replace(result, recording=None, realtime_factor=factor) != first:
             raise UserError(
@@ -198,6 +211,7 @@ def record(
                 "machine or library: remove it"
             )
         progress("recordings", count, len(jobs), f"{count}/{len(jobs)}")
+    return found
 
 
 def rate_text(row: Measured, name: str) -> str:

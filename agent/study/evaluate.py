@@ -10,7 +10,6 @@ from typing import Any, Literal
 
 import msgspec
 
-from agent.evaluation.cases import Job
 from agent.evaluation.grid import policy_files, show_failures
 from agent.study.episodes import (
     MEASURES,
@@ -95,9 +94,6 @@ def evaluate(
         recordings: failures to record of each policy, and successes.
         where: backend and number of workers; the results do not depend on it.
         progress: receives what is prepared and simulated.
-
-    Raises:
-        UserError: see its message.
     """
     store, lines = EpisodeStore(out), []
     for policy in policy_files(policies):
@@ -107,17 +103,13 @@ def evaluate(
         labels = {"policy": name_of(policy), "results": str(store.file(case).path)}
         lines.append(StudyLine(case, indices, labels))
     simulate(lines, store, where, progress=progress)
-    paths = [_recordings(line, store, recordings) for line in lines]
-    jobs = [
-        Job(line.case, k, p) for line, of in zip(lines, paths, strict=True) for k, p in of.items()
-    ]
-    missing = {job.key: job for job in jobs if job.recording and not job.recording.exists()}
-    record(list(missing.values()), store, where.count, progress)
-    config = lines[0].case.config
+    chosen = [(line.case, _to_record(line, store, recordings)) for line in lines]
     rows = []
-    for line, of in zip(lines, paths, strict=True):
-        row = line.row(store, PolicyRow, of)
-        rows.append(msgspec.structs.replace(row, recordings=tuple(map(str, of.values()))))
+    recorded = record(chosen, store, where.count, progress)
+    for line, paths in zip(lines, recorded, strict=True):
+        line.labels["recordings"] = tuple(map(str, paths.values()))
+        rows.append(line.row(store, PolicyRow, paths))
+    config = lines[0].case.config
     return EvaluationReport(
         seed=seed,
         mu=config.robot.mu,
@@ -127,17 +119,12 @@ def evaluate(
     )
 
 
-def _recordings(line: StudyLine, store: EpisodeStore, count: int) -> dict[int, Path]:
-    """Paths of the recordings of the first failures and successes of a sample."""
-    file = store.file(line.case)
-    ends = {index: file.results[index].outcome for index in line.indices}
-    failed = [index for index, outcome in ends.items() if outcome != Outcome.SUCCESS]
-    succeeded = [index for index, outcome in ends.items() if outcome == Outcome.SUCCESS]
-    folder = file.path.parent / "recordings"
-    return {
-        index: folder / f"{file.path.stem}-{index:06d}-{ends[index]}.rrd"
-        for index in failed[:count] + succeeded[:count]
-    }
+def _to_record(line: StudyLine, store: EpisodeStore, count: int) -> list[int]:
+    """Return the first failures and successes of a sample."""
+    results = store.file(line.case).results
+    failed = [k for k in line.indices if results[k].outcome != Outcome.SUCCESS]
+    succeeded = [k for k in line.indices if results[k].outcome == Outcome.SUCCESS]
+    return failed[:count] + succeeded[:count]
 
 
 def show(report: EvaluationReport) -> None:

@@ -109,6 +109,15 @@ def policy_of(
     return ObjectPolicy(found, scenario)
 
 
+def trained(
+    method: str, board: Scenario, out: Path, seed: int, progress: Progress = silent
+) -> GreedyPolicy:
+    """Return the policy of a method for a board, which is kept in the folder of a study, too."""
+    policy, *_ = method_policy(method, board, seed, progress=progress)
+    policy.save(out / "policies" / f"{board.name}-{method}.npz")
+    return policy
+
+
 def _imported(name: str) -> Any:
     """Return the object "module:Name", an instance where that is a class."""
     module, _, attribute = name.partition(":")

@@ -21,7 +21,7 @@ from agent.study.episodes import (
     simulate,
 )
 from agent.study.plot import draw_success
-from agent.study.policies import policy_of
+from agent.study.policies import trained
 from agent.study.store import EpisodeStore
 from agent.training.settings import IN_WORLDS
 from cosim.base.jobs import Workers, until
@@ -94,16 +94,11 @@ def robustness(
 
     Returns:
         The content of robustness.json.
-
-    Raises:
-        UserError: see its message.
     """
     may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
     wanted = _QUICK_EPISODES if quick else episodes or _EPISODES
-    board, policies, lines = find_scenario(scenario, ideal=True), {}, []
-    for method in (method for method in IN_WORLDS if method in methods):
-        policies[method] = policy_of(method, board, seed=seed, progress=progress)
-        policies[method].save(out / "policies" / f"{board.name}-{method}.npz")
+    board, lines = find_scenario(scenario, ideal=True), []
+    policies = {m: trained(m, board, out, seed, progress) for m in IN_WORLDS if m in methods}
     for point in (p for axis in AXES if axis in axes for p in points(axis, board, world)):
         for method, policy in policies.items():
             for shield in (False, True) if point.axis == "everything" else (False,):

@@ -99,7 +99,6 @@ class RowFile(Generic[Row]):
 
         Raises:
             ResultFileError: another process has written to the file since this one read it.
-            OSError: the folder cannot be written.
         """
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("ab", buffering=0) as file:

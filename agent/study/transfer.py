@@ -3,7 +3,6 @@
 The command line is `cosim.transfer`.
 """
 
-import operator
 import time
 from collections.abc import Collection
 from itertools import product
@@ -13,8 +12,6 @@ import msgspec
 from rich.console import Console
 from rich.markdown import Markdown
 
-from agent.evaluation.statistics import Interval, interval_text
-from agent.method import method_policy
 from agent.study.episodes import (
     EPISODES,
     MEASURES,
@@ -28,6 +25,8 @@ from agent.study.episodes import (
     StudyLine,
     case_of,
 )
+from agent.study.goals import Goal, goals
+from agent.study.policies import trained
 from agent.study.store import EpisodeStore
 from agent.training.settings import BEST, COMPARED, METHODS
 from cosim.base.errors import UserError
@@ -46,8 +45,6 @@ from cosim.simulation.options import SimulationOptions
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 # Episodes of a pair in rows of the best method at the default friction, and of all other rows.
 _MANY, _SOME, QUICK_EPISODES = 200, 50, 2
-# What the best method is to reach, in every scenario and for every friction coefficient.
-SUCCESS_GOAL, PATH_RATIO_GOAL = 0.99, 1.25
 COLUMNS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
 _SESSIONS = Kind("list of sessions", "remove it", UserError)
 
@@ -56,19 +53,6 @@ class TransferRow(EpisodesRow, frozen=True, kw_only=True):
     """A row of transfer.json: of a method."""
 
     method: str
-
-
-class Goal(msgspec.Struct, frozen=True, kw_only=True):
-    """The worst value over the rows that a goal is about, where, and whether it holds there."""
-
-    goal: str
-    limit: float
-    worst: float
-    low: float | None
-    high: float | None
-    scenario: str
-    mu: float
-    holds: bool
 
 
 class Session(msgspec.Struct, frozen=True, kw_only=True):
@@ -118,28 +102,21 @@ def transfer(
 
     Returns:
         The content of transfer.json.
-
-    Raises:
-        UserError: see its message.
     """
     may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
     lines: list[StudyLine] = []
     for method in (method for method in METHODS if method in methods):
         boards = [find_scenario(name, ideal=True) for name in scenarios]
-        policies = [method_policy(method, b, seed, progress=progress)[0] for b in boards]
-        for board, policy in zip(boards, policies, strict=True):
-            policy.save(out / "policies" / f"{board.name}-{method}.npz")
-        for mu in MUS if method == BEST else MUS[:1]:
-            for policy, shield in product(policies, (False, True)):
-                case = case_of(
-                    policy, SimulationOptions(mu=mu, shield=shield), seed, progress=progress
-                )
-                wanted = QUICK_EPISODES if quick else _SOME
-                if method == BEST and mu == TABLE_I.mu and not shield and not quick:
-                    alone = policy.config.scenario.robots == 1
-                    wanted = len(case.starts) if alone else _MANY
-                indices = case.sample(min(wanted, len(case.starts)))
-                lines.append(StudyLine(case, indices, {"method": method}))
+        policies = [trained(method, board, out, seed, progress) for board in boards]
+        mus = MUS if method == BEST else MUS[:1]
+        for mu, policy, shield in product(mus, policies, (False, True)):
+            options = SimulationOptions(mu=mu, shield=shield)
+            case = case_of(policy, options, seed, progress=progress)
+            wanted = QUICK_EPISODES if quick else _SOME
+            if method == BEST and mu == TABLE_I.mu and not shield and not quick:
+                wanted = len(case.starts) if policy.config.scenario.robots == 1 else _MANY
+            indices = case.sample(min(wanted, len(case.starts)))
+            lines.append(StudyLine(case, indices, {"method": method}))
     path, began = out / "sessions.json", time.monotonic()
     sessions = read_json(path, _SESSIONS, list[Session]) if path.exists() else []
     jobs, before = [job for line in lines for job in line.jobs()], len(sessions)
@@ -156,42 +133,11 @@ def transfer(
         sessions=tuple(sessions),
         episode_wall_s=sum(row.wall_s for row in rows),
         simulated=sum(len(store.file(line.case).results) for line in lines),
-        goals=tuple(goals(rows)),
+        goals=tuple(goals(row for row in rows if row.method == BEST)),
         rows=rows,
     )
     write_report(out / "transfer", report, markdown(report))
     return report
-
-
-def goals(table: Collection[TransferRow]) -> list[Goal]:
-    """Return whether each goal holds in the worst of the rows that it is about."""
-    best = [e for e in table if e.method == BEST and e.episodes > 0]
-    without, shielded = ([e for e in best if e.shield == on] for on in (False, True))
-    measured = [
-        ("success without the shield", "success", without, min, SUCCESS_GOAL),
-        ("collisions with the shield", "collision", shielded, max, 0.0),
-        ("path length over the grid's", "path_ratio_to_grid", without, max, PATH_RATIO_GOAL),
-    ]
-    found: list[Goal] = []
-    for name, measure, entries, worst, limit in measured:
-        known = [e for e in entries if getattr(e, measure) is not None]
-        if not known:
-            continue
-        entry = worst(known, key=operator.attrgetter(measure))
-        value = getattr(entry, measure)
-        found.append(
-            Goal(
-                goal=name,
-                limit=limit,
-                worst=value,
-                low=getattr(entry, f"{measure}_low"),
-                high=getattr(entry, f"{measure}_high"),
-                scenario=entry.scenario,
-                mu=entry.mu,
-                holds=value >= limit if worst is min else value <= limit,
-            )
-        )
-    return found
 
 
 def markdown(report: TransferReport) -> str:
@@ -206,19 +152,9 @@ def show(report: TransferReport) -> None:
 
 
 def _findings(report: TransferReport) -> list[str]:
-    lines = []
-    for goal in report.goals:
-        form = (3, 1.0, "") if goal.goal.startswith("path") else (1, 100.0, "%")
-        limit = interval_text(Interval(goal.limit, None, None), *form)
-        worst = interval_text(Interval(goal.worst, goal.low, goal.high), *form)
-        verdict = "holds" if goal.holds else "does not hold"
-        lines.append(
-            f"- Goal, {goal.goal} ({limit}): {verdict}; the worst row has {worst} "
-            f"(scenario {goal.scenario}, µ = {goal.mu:g})."
-        )
-    lines.append(
+    return [
+        *(goal.finding() for goal in report.goals),
         f"- {report.simulated} episodes simulated in {report.elapsed_s / 60.0:.0f} min "
         f"(the command ran {len(report.sessions)} times); the episodes alone took "
-        f"{report.episode_wall_s / 60.0:.0f} min of the threads."
-    )
-    return lines
+        f"{report.episode_wall_s / 60.0:.0f} min of the threads.",
+    ]

@@ -49,7 +49,6 @@ def export(episode: Episode, to: Format, out: Path, progress: Progress = silent)
 
     Raises:
         ExportError: the format needs a package that is not installed.
-        OSError: the folder cannot be written.
     """
     writers: dict[Format, Callable[[Episode, Path, Progress], None]] = {
         "parquet": _write_parquet,

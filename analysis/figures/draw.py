@@ -60,9 +60,6 @@ def draw_figures(
 
     Returns:
         Files written, by figure, and why the other figures could not be drawn.
-
-    Raises:
-        OSError: the folder cannot be written.
     """
     use_style()
     drawn: dict[str, list[Path]] = {}

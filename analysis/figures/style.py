@@ -43,7 +43,6 @@ def save(figure: Figure, out: Path) -> list[Path]:
 
     Raises:
         FigureError: `out` ends otherwise.
-        OSError: the folder cannot be written.
     """
     if out.suffix not in (*FORMATS, ""):
         raise FigureError(f"--out {out}: name a .png or .pdf file, both are written")

@@ -51,7 +51,6 @@ def write_report(
         ReportError: there is no results folder, or no such episode.
         ResultError, TimingsError: a result is damaged.
         WebViewerError: the viewer's files cannot be had.
-        OSError: the folder cannot be written.
     """
     if not results.is_dir():
         raise ReportError(

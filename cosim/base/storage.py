@@ -48,11 +48,7 @@ def cache_dir(kind: str) -> Path:
 
 
 def lock_of(path: Path) -> FileLock:
-    """Lock of a cached file or folder between processes, to be entered; ends with its process.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
+    """Lock of a cached file or folder between processes, to be entered; ends with its process."""
     path.parent.mkdir(parents=True, exist_ok=True)
     return FileLock(path.with_name(f".{path.name}.lock"))
 
@@ -66,9 +62,6 @@ def load_or_create(
         path: of the cached file or folder.
         load: reads it; None if it is missing or damaged.
         make: makes and writes it.
-
-    Raises:
-        OSError: the cache cannot be written.
     """
     found = load()
     if found is None:
@@ -98,7 +91,6 @@ def cached(
 
     Raises:
         StorageError: a folder is in the file's place.
-        OSError: the cache cannot be written.
     """
     require_no_folder(path)
 
@@ -162,7 +154,6 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Raises:
         StorageError: a folder is in the file's place.
-        OSError: the folder cannot be written.
     """
     require_no_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -225,11 +216,7 @@ def json_text(content: Any) -> bytes:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write what `msgspec` can encode as JSON for people and programs, whole or not at all.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
+    """Write what `msgspec` can encode as JSON for people and programs, whole or not at all."""
     with replacing(path) as temporary:
         temporary.write_bytes(json_text(content) + b"\n")
 

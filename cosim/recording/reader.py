@@ -175,7 +175,6 @@ class Episode:
         Raises:
             StorageError: there is such a file or folder, or its name does not end in .rrd.
             RecordingReadError: the recording itself is gone.
-            OSError: the folder cannot be written.
         """
         path = named(path, ".rrd")
         if path.exists():

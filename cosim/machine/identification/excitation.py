@@ -30,11 +30,7 @@ FRAME_RATE_HZ = 30.0
 
 
 def write_excitation(path: Path) -> None:
-    """Write the sequence for a robot to be driven with, `time,omega_1,omega_2`, 30 rows a second.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
+    """Write the sequence to drive a robot with: `time,omega_1,omega_2`, 30 rows a second."""
     frames = np.arange(round(len(SEQUENCE) * HOLD_S * FRAME_RATE_HZ) + 1)
     with replacing(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)

@@ -182,11 +182,7 @@ def _preset(track: SeenTrack, name: str, preset: Preset, found: Fit) -> Preset:
 
 
 def write(identified: Identified, out: Path) -> None:
-    """Write identification.json, preset.toml and report.html.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
+    """Write identification.json, preset.toml and report.html."""
     # here, because drawing is slow to import
     from cosim.machine.identification.page import write_page  # noqa: PLC0415
 
