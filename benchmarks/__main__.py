@@ -1,16 +1,18 @@
 """`python -m benchmarks NAME`: what things cost, how they converge, and what helps.
 
 A benchmark is a module with `Options`, its command line; `measure`, whose arguments these are; and
-`show`, which prints what was measured: without it, the figures by name.
+`show`, which prints what was measured: without it, figures by name and rows as tables.
 """
 
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-from cosim.base.command import parse, print_json
+from cosim.base.command import parse, print_json, show_table
 from cosim.base.errors import USER_ERROR_STATUS, run_command
 from cosim.base.progress import progress_bars, under_way
+from cosim.base.table import known
 
 ROOT = Path(__file__).parent
 
@@ -36,10 +38,31 @@ def main() -> None:
         print_json(found)
 
 
-def _show(figures: dict[str, float]) -> None:
-    """Print figures by name."""
-    for name, value in figures.items():
-        print(f"{name:32} {value:14,.4g}")
+def _show(found: Any) -> None:
+    """Print figures by name, and rows and records as tables."""
+    if not isinstance(found, dict) or _records(found):
+        found = {"": found}
+    for name, value in found.items():
+        rows = [{"": key, **row} for key, row in value.items()] if _records(value) else value
+        if isinstance(rows, list) and rows and isinstance(rows[0], dict):
+            header = tuple(dict.fromkeys(key for row in rows for key in row))
+            cells = [[_text(row.get(key)) for key in header] for row in rows]
+            names = sum(isinstance(rows[0].get(key), str) for key in header)
+            show_table(None, [key.replace("_", " ") for key in header], cells, names=max(names, 1))
+        else:
+            print(f"{name:32} {_text(value):>14}")
+
+
+def _records(value: Any) -> bool:
+    return isinstance(value, dict) and all(isinstance(row, dict) for row in value.values())
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return " ".join(map(_text, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
+    return known(value, "{:,.4g}" if isinstance(value, float) else "{}")
 
 
 if __name__ == "__main__":

@@ -99,22 +99,3 @@ def measure(dt: Sequence[float], settle: float, duration: float) -> dict[str, An
         for key in ("change_with_step", "change_with_sweeps")
     }
     return {"dt_s": list(dt), **worst, "drives": rows}
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print the table."""
-    dt = found["dt_s"]
-    print("forward speed in mm/s and yaw rate in deg/s; largest change when the step is refined,")
-    print(f"and change when contacts are solved out at dt = {dt[len(dt) // 2]:g} s")
-    columns = "".join(f"{f'dt {each:g}':>17}" for each in dt)
-    print(f"{'drive (rad/s)':34}{columns}{'solved out':>17}{'step':>9}{'sweeps':>9}")
-    for name, row in found["drives"].items():
-        solved = row["solved_out"]
-        speeds = [*row["forward_m_s"], solved["forward_m_s"]]
-        rates = [*row["yaw_rate_rad_s"], solved["yaw_rate_rad_s"]]
-        cells = [
-            f"{1e3 * speed + 0.0:9.3f}{math.degrees(rate):8.3f}"
-            for speed, rate in zip(speeds, rates, strict=True)
-        ]
-        changes = f"{row['change_with_step']:9.2%}{row['change_with_sweeps']:9.2%}"
-        print(f"{name:34}{''.join(cells)}{changes}")

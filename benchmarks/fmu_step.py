@@ -165,11 +165,3 @@ def measure(motor_fmu: Path | None, exchanges: int, rounds: int) -> dict[str, fl
         "ratio_fmpy_to_compiled": best["fmpy"] / best["compiled"],
         "ratio_compiled_to_inlined": best["compiled"] / best["inlined"],
     }
-
-
-def show(found: dict[str, float]) -> None:
-    """Print the times."""
-    for name in ("fmpy", "compiled", "inlined"):
-        print(f"{name:9s} {found[f'ns_{name}']:9.1f} ns per exchange")
-    print(f"fmpy takes {found['ratio_fmpy_to_compiled']:.0f} times as long as the compiled driver")
-    print(f"the compiled driver takes {found['ratio_compiled_to_inlined']:.2f} times the inlined")

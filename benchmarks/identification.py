@@ -4,10 +4,10 @@ A machine is drawn, driven by the sequence of `cosim.machine.identification.exci
 motor FMUs and speed noise, seen by a camera, and identified from nothing but that.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import joblib
 import msgspec
@@ -19,25 +19,16 @@ from cosim.base.progress import progress_bars
 from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
-from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.machine.identification.excitation import FRAME_RATE_HZ, HOLD_S, SEQUENCE
 from cosim.machine.identification.fit import QUANTILE, fit
-from cosim.machine.identification.parameters import PARAMETERS, machine
+from cosim.machine.identification.parameters import PARAMETERS
 from cosim.machine.identification.simulated import Simulated, simulated
-from cosim.machine.identification.track import SeenTrack
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TABLE_II, MotorParams
-from cosim.model.world import Sensor, World, draw_world
-from cosim.onboard.camera import draw_sight
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from fmus.build import cached_fmu
 from minirobots.options import CommandOptions, Count, Folder, Jobs, Seed
+from tests.references.machines import draw_machine, observed
 
-CAMERA = Sensor(FRAME_RATE_HZ, 50.0, 0.5, 1.0)
-MOTOR_SPREAD = 0.1
-# Uniform between these, SI units; motors are drawn as in `cosim.model.world`.
-RANGES = ((0.1, 0.3), (0.01, 0.02), (-1e-3, 1e-3), (-1e-3, 1e-3), (0.02, 0.024))
 RELATIVE = ("mu", "com_height_m", "foot_radius_m", "motor_d", "motor_e")  # errors in per cent
 _KIND = Kind("result of a machine", "delete it", UserError)
 
@@ -58,71 +49,12 @@ class Options(CommandOptions):
     """Folder of results."""
 
 
-class Truth(NamedTuple):
-    """A machine that was drawn.
-
-    Attributes:
-        values: (8,), see `cosim.machine.identification.parameters`.
-        motors: D and E.
-    """
-
-    values: np.ndarray
-    motors: tuple[MotorParams, MotorParams]
-
-
 class MachineFound(msgspec.Struct, frozen=True):
     """Identified parameters of a machine; values in the order of the parameters, SI units."""
 
     truth: list[float]
     values: list[float]
     deviations: list[float]
-
-
-def draw_machine(seed: np.random.SeedSequence) -> Truth:
-    """A machine at random."""
-    rng = np.random.default_rng(seed)
-    (motors,) = draw_world(World(motor_spread=MOTOR_SPREAD), TABLE_II, 1, seed).motors
-    drawn = [rng.uniform(low, high) for low, high in RANGES]
-    factors = [motor.r / TABLE_II.r for motor in motors]
-    return Truth(np.array([*drawn, *factors, 1e-3 * CAMERA.delay_ms]), motors)
-
-
-def observed(
-    truth: Truth,
-    seed: np.random.SeedSequence,
-    sequence: tuple[tuple[float, float], ...] = SEQUENCE,
-    camera: Sensor = CAMERA,
-) -> SeenTrack:
-    """The track of a machine: co-simulated with its motors and speed noise, and seen by a camera.
-
-    Args:
-        truth: the machine.
-        seed: of the speed noise and the camera's.
-        sequence: set points of both motors, each held for HOLD_S.
-        camera: that looks.
-    """
-    config = replace(CoSimConfig(), robot=machine(truth.values).robot)
-    period_s = config.timing.control_period_s
-    with Trial(MotorFmu(cached_fmu()), config, np.zeros(1), seed, motors=[truth.motors]) as trial:
-        trial.commands[:, MODE] = DIRECT
-        places, turned = [trial.bodies[:2].T - trial.origins_m], [trial.bodies[3:7].T]
-        for omega_d, omega_e in sequence:
-            trial.commands[:, OMEGA_D], trial.commands[:, OMEGA_E] = omega_d, omega_e
-            samples = trial.advance(round(HOLD_S / period_s))
-            places.append(samples.position[:, 0, :2] - trial.origins_m)
-            turned.append(samples.quaternion[:, 0])
-    angles = heading_angles(np.concatenate(turned))
-    cosine, sine = np.cos(angles), np.sin(angles)
-    x, y = truth.values[2:4]  # of the centre of mass; the camera sees the axis
-    axis = np.concatenate(places) - np.column_stack([cosine * x - sine * y, sine * x + cosine * y])
-    frames = round(len(sequence) * HOLD_S * camera.rate_hz) + 1
-    times = np.arange(frames) / camera.rate_hz
-    looks = period_s * np.arange(len(angles))
-    taken = times - truth.values[-1]
-    poses = np.column_stack([np.interp(taken, looks, s) for s in (*axis.T, angles)])
-    poses += draw_sight(camera, np.random.default_rng(seed), frames)[:, :3]
-    steps = np.minimum((times / HOLD_S + 1e-9).astype(int), len(sequence) - 1)
-    return SeenTrack(times, poses, np.array(sequence)[steps])
 
 
 @cache
@@ -190,14 +122,3 @@ def summary(rows: list[MachineFound]) -> dict[str, Any]:
             "covered": int(inside[:, k].sum()),
         }
     return {"covered_share": float(inside.mean()), "parameters": table}
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print the table."""
-    print("parameter       median error    largest  half interval  truth in the 95 % interval")
-    for name, row in found["parameters"].items():
-        print(
-            f"{name:15}{row['median_error']:10.2f} {row['unit']:2}{row['largest_error']:10.2f}"
-            f"{row['median_half_interval']:15.2f}{row['covered']:10d} of {found['machines']}"
-        )
-    print(f"in all: {found['covered_share']:.1%}; results in {found['results']}/")

@@ -15,7 +15,6 @@ import numpy as np
 import tyro
 from scipy.stats import chi2
 
-from cosim.base.command import show_table
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
@@ -193,23 +192,3 @@ def measure(
         for pulse_s, closed in itertools.product(pulses, ("speed", "none")):
             run("pulse", pulse_s, speed, closed, start, pulse_s)
     return rows
-
-
-def show(found: list[dict[str, Any]]) -> None:
-    """Print the table."""
-    measures = ("ahead", "um", "µm", 1), ("left", "um", "µm", 1), ("turned", "deg", "°", 2)
-    table = []
-    for row in found:
-        what = f"{row['what']} {row['amount']:g} " + ("°" if row["what"] == "turn" else "s")
-        cells = [what, f"{row['omega_rad_s']:.0f}", row["closed"], row["start"]]
-        if "time_s" not in row:
-            table.append((*cells, f"> {LIMIT_S:g}", *"––––"))
-            continue
-        for name, unit, _, digits in measures:
-            sd, low, high = (f"{value:.{digits}f}" for value in row[f"{name}_sd_{unit}"])
-            cells.append(f"{row[f'{name}_{unit}']:.{digits}f} ± {sd} [{low}, {high}]")
-        cells.insert(4, f"{row['time_s']:.2f}")
-        table.append((*cells, f"{row['largest_um']:.1f}"))
-    names = (f"{name} {unit}" for name, _, unit, _ in measures)
-    header = ("what", "rad/s", "closed", "start", "s", *names, "largest µm")
-    show_table(None, header, table, names=4, title="mean ± deviation [95 %]")

@@ -135,10 +135,3 @@ def measure(
             }
         except ViewerError as error:
             raise ViewerError(f"{error}; or measure without it: --no-viewer") from error
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print a line per level."""
-    for level, row in found.items():
-        values = {name: value for name, value in row.items() if value is not None}
-        print(f"{level:8}" + "".join(f"  {name} {value:.3g}" for name, value in values.items()))

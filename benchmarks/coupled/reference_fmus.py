@@ -150,18 +150,3 @@ def _passed_on(fmus: dict[tuple[str, int], Path], source: int, target: int) -> d
         for name, to in pairs.items()
     )
     return {"from_fmi": source, "to_fmi": target, "same": same}
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print the deviations."""
-    print(f"{'model':14s}{'FMI':>4s}{'variables':>11s}{'rows':>6s}{'up to':>9s}{'deviation':>11s}")
-    for row in found["models"]:
-        note = " (event mode)" if row["event_mode"] else ""
-        note += f"; {row['ended']}" if row["ended"] else ""
-        print(
-            f"{row['model']:14s}{row['fmi']:4d}{row['variables']:11d}{row['rows']:6d}"
-            f"{row['largest']:9.4g}{row['deviation']:11.2g}{note}"
-        )
-    for row in found["passed_on"]:
-        word = "the same values" if row["same"] else "OTHER VALUES"
-        print(f"passed on from FMI {row['from_fmi']} to FMI {row['to_fmi']}: {word}")

@@ -16,13 +16,14 @@ from typing import Any, get_args
 
 import numpy as np
 
-from cosim.fmi.fmu import Fmu, FmuError, Log, end
+from cosim.fmi.fmu import FmuError
 from cosim.system.graph import Component
 from cosim.system.system import MasterAlgorithm, System
 from minirobots.options import CommandOptions, Count
 from tests.references.two_masses import (
     CONNECTIONS,
     PLACES,
+    PythonLoop,
     error,
     exact_stiff,
     places,
@@ -45,51 +46,6 @@ class Options(CommandOptions):
 
     rounds: Count = 20
     """Rounds of the measurement of time; the best counts."""
-
-
-class PythonLoop:
-    """The Jacobi master in Python, step by step through fmpy."""
-
-    def __init__(self, components: list[Component]) -> None:
-        self._slaves = []
-        fmu = self._fmu = components[0].fmu
-        assert isinstance(fmu, Fmu)
-        for component in components:
-            slave = fmu.load(component.name, Log())
-            for name, value in component.start.items():
-                slave.setFloat64([fmu.variables[name].valueReference], [value])
-            slave.enterInitializationMode()
-            self._slaves.append(slave)
-        self._reference = {name: v.valueReference for name, v in fmu.variables.items()}
-        self.outputs = self._get()
-        self._set()
-        for slave in self._slaves:
-            slave.exitInitializationMode()
-        self.outputs = self._get()
-        self.steps = 0
-
-    def _get(self) -> list[list[float]]:
-        places = [self._reference[name] for name in ("x", "v", "F")]
-        return [slave.getFloat64(places) for slave in self._slaves]
-
-    def _set(self) -> None:
-        first, second = self._slaves
-        first.setFloat64([self._reference["F_in"]], [self.outputs[1][2]])
-        second.setFloat64([self._reference["x_in"]], [self.outputs[0][0]])
-
-    def run(self, steps: int, step_s: float) -> None:
-        """Make this number of steps."""
-        for k in range(self.steps, self.steps + steps):
-            self._set()
-            for slave in self._slaves:
-                slave.doStep(k * step_s, step_s)
-            self.outputs = self._get()
-        self.steps += steps
-
-    def close(self) -> None:
-        """Free both."""
-        for slave in self._slaves:
-            end(slave)
 
 
 def measure(rounds: int) -> dict[str, Any]:
@@ -154,24 +110,3 @@ def _costs(components: list[Component], rounds: int) -> dict[str, float]:
         "ns_compiled": best["compiled"],
         "ratio_fmpy_to_compiled": best["fmpy"] / best["compiled"],
     }
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print errors, orders and times."""
-    print(f"{'algorithm':14s}{'step':>9s}{'error':>12s}{'order':>8s}")
-    for row in found["fixed"]:
-        order = "" if row["order"] is None else f"{row['order']:8.3f}"
-        print(f"{row['algorithm']:14s}{row['step_s']:9g}{row['error_m']:12.3e}{order}")
-    print(
-        f"{'algorithm':14s}{'tolerance':>9s}{'error':>12s}{'steps':>8s}{'rejected':>10s}{'doStep':>8s}"
-    )
-    for row in found["adaptive"]:
-        print(
-            f"{row['algorithm']:14s}{row['tolerance']:9g}{row['error_m']:12.3e}"
-            f"{row['steps']:8d}{row['rejected']:10d}{row['calls']:8d}"
-        )
-    print("stiff coupling")
-    for row in found["stiff"]:
-        print(f"{row['algorithm']:14s}{row['step_s']:9g}{row['error_m']:12.3e}")
-    print(f"a step of both: fmpy {found['ns_fmpy']:.0f} ns, compiled {found['ns_compiled']:.0f} ns")
-    print(f"fmpy's loop takes {found['ratio_fmpy_to_compiled']:.0f} times as long")

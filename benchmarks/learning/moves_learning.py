@@ -26,7 +26,6 @@ from agent.training.loop import move_model
 from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
 from agent.training.settings import LearningConfig
-from cosim.base.command import show_table
 from cosim.model.scenario_file import find_scenario
 from minirobots.options import CommandOptions, Count
 
@@ -104,17 +103,3 @@ def measure(
             }
         )
     return {"variants": rows}
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print the table."""
-    rows = [
-        (
-            row["variant"],
-            f"{row['failure']:.3%}",
-            f"{row['failure_low']:.3%} to {row['failure_high']:.3%}",
-            f"{row['path_length_cells']:.2f}",
-        )
-        for row in found["variants"]
-    ]
-    show_table(None, ("variant", "failures", "95 % interval", "path length, cells"), rows)

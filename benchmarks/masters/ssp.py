@@ -100,19 +100,3 @@ def measure(step: float, duration: float) -> dict[str, dict[str, float | bool | 
 
 def _apart(a: Poses, b: Poses) -> float:
     return float(np.abs(a - b)[..., :3].max())
-
-
-def show(found: dict[str, dict[str, float | bool | str]]) -> None:
-    """Print a line for each master."""
-    print(
-        f"{'master':40}{'order':14}{'first':7}{'same bits':11}{'apart, m':>10}{'other first':>13}"
-        f"{'usual':>9}"
-    )
-    for name, row in found.items():
-        first = "yes" if row["exchange_first"] else "no"
-        bits = "yes" if row["same_bits"] else "no"
-        print(
-            f"{name:40}{row['order']:14}{first:7}{bits:11}"
-            f"{row['from_ours_of_that_order_m']:10.1e}"
-            f"{row['from_ours_with_other_first_exchange_m']:13.1e}{row['from_our_usual_m']:9.1e}"
-        )

@@ -19,7 +19,7 @@ from agent.evaluation.cases import RECORDS, CaseIdentity
 from agent.study.store import Header, RowFile
 from benchmarks.reliability import colliding
 from benchmarks.reliability.colliding import REACH, Greedy, Learnt, Random
-from cosim.base.command import show_table, workers
+from cosim.base.command import workers
 from cosim.base.errors import UserError
 from cosim.base.progress import progress_bars, under_way
 from cosim.base.provenance import digest_of
@@ -280,10 +280,3 @@ def measure(
                     }
                 )
     return {"robots": robots, "world": str(world or "ideal"), "rows": rows}
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print a row per kind, without and with the shield."""
-    header = ("shield", "adversary", "episodes", "contacts", "off board", "least gap, mm", "stops")
-    rows = [("on" if row["shield"] else "off", *list(row.values())[1:]) for row in found["rows"]]
-    show_table(None, header, [tuple(map(str, row)) for row in rows], names=2)

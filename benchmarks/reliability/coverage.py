@@ -13,7 +13,6 @@ import numpy as np
 from scipy.stats import binom, bootstrap
 
 from agent.evaluation.statistics import CONFIDENCE, mean_intervals, rate, rate_of_weights
-from cosim.base.command import show_table
 from cosim.base.errors import UserError
 from minirobots.options import CommandOptions, Seed
 
@@ -140,14 +139,3 @@ def measure(samples: int, runs: tuple[int, ...], seed: int) -> dict[str, list[di
         "splitting": [of_splitting(roots, samples, seed) for roots in (40, 100)],
     }
     return {name: [row._asdict() for row in rows] for name, rows in found.items()}
-
-
-def show(found: dict[str, list[dict[str, Any]]]) -> None:
-    """Print three tables."""
-    for rows in found.values():
-        cells = [[_text(value) for value in row.values()] for row in rows]
-        show_table(None, tuple(rows[0]), cells, names=1)
-
-
-def _text(value: object) -> str:
-    return f"{value:.1%}" if isinstance(value, float) else str(value)

@@ -131,9 +131,3 @@ def measure(hours: float, seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         recorded = endure(time_s, seed, Path(folder) / "endless.rrd")
     return {"plain": asdict(plain), "recorded": asdict(recorded)}
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print a line per run."""
-    for name, row in found.items():
-        print(f"{name:9}" + "".join(f"  {key} {value:.4g}" for key, value in row.items()))

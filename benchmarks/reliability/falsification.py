@@ -9,7 +9,6 @@ from agent.falsification.falsify import FalsificationReport, falsify
 from agent.falsification.ranges import read_ranges
 from agent.falsification.search import SEARCHES
 from agent.method import method_policy
-from cosim.base.command import show_table
 from cosim.base.progress import progress_bars
 from cosim.base.storage import write_json
 from cosim.model.scenario_file import find_scenario
@@ -75,6 +74,10 @@ def measure(
                 rows.append(_row(report))
     found = {"scenario": scenario, "method": method, "shield": shield}
     found |= {"ranges": declared, "budget": episodes, "rows": rows}
+    found["median_first"] = {  # one more than the budget where none was found
+        search: median(row["first"] or episodes + 1 for row in rows if row["search"] == search)
+        for search in SEARCHES
+    }
     write_json(out / "falsification.json", found)
     return found
 
@@ -83,26 +86,3 @@ def _row(report: FalsificationReport) -> dict[str, Any]:
     """The search, its episodes, those up to the first collision, and the least gap of all."""
     row = {name: getattr(report, name) for name in ("search", "seed", "episodes", "first")}
     return row | {"least_gap_cm": report.worst[0].gap_cm}
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print a row per search and seed, and the medians."""
-    budget, rows = found["budget"], found["rows"]
-    cells = [
-        [
-            row["search"],
-            str(row["seed"]),
-            str(row["first"] or f"more than {row['episodes']}"),
-            f"{row['least_gap_cm']:.3f} cm",
-        ]
-        for row in rows
-    ]
-    shield = "on" if found["shield"] else "off"
-    title = f"scenario {found['scenario']}, method {found['method']}, shield {shield}"
-    header = ("search", "seed", "episodes to the first collision", "least gap")
-    show_table(None, header, cells, names=2, title=title)
-    for search in SEARCHES:
-        first = [row["first"] or budget + 1 for row in rows if row["search"] == search]
-        middle = median(first)
-        shown = f"more than {budget}" if middle > budget else f"{middle:g}"
-        print(f"{search}: median {shown}")

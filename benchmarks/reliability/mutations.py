@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from cosim.base.command import show_table
 from cosim.base.errors import UserError
 from minirobots.options import CommandOptions
 
@@ -105,13 +104,8 @@ def measure(parts: tuple[str, ...]) -> dict[str, Any]:
             path.write_text(text.replace(mutation.old, mutation.new))
             killer = _first_failure(folder, mutation.tests)
             path.write_text(text)
-            killed_by.append((mutation.part, mutation.change, killer))
-            print(*killed_by[-1], sep=" | ", file=sys.stderr, flush=True)
-    survived = sum(not killer for _, _, killer in killed_by)
+            part, change = mutation.part, mutation.change
+            killed_by.append({"part": part, "mutation": change, "killed_by": killer})
+            print(*killed_by[-1].values(), sep=" | ", file=sys.stderr, flush=True)
+    survived = sum(not row["killed_by"] for row in killed_by)
     return {"survived": survived, "tried": len(killed_by), "killed_by": killed_by}
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print a table and a line."""
-    show_table(None, ("part", "mutation", "killed by"), found["killed_by"], names=2)
-    print(f"{found['survived']} survived of {found['tried']} tried")

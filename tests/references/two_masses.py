@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.fmi.fmu import Fmu
+from cosim.fmi.fmu import Fmu, Log, end
 from cosim.system.graph import Component, Connection
 from cosim.system.system import MasterAlgorithm, System, SystemRun
 from tests.references.small import small_fmu
@@ -88,3 +88,48 @@ def error(run: SystemRun) -> float:
 def places(run: SystemRun) -> np.ndarray:
     """Places (2, n) of both masses in m."""
     return np.array([run.signals[name] for name in PLACES])
+
+
+class PythonLoop:
+    """The same Jacobi master, step by step through fmpy."""
+
+    def __init__(self, components: list[Component]) -> None:
+        self._slaves = []
+        fmu = self._fmu = components[0].fmu
+        assert isinstance(fmu, Fmu)
+        for component in components:
+            slave = fmu.load(component.name, Log())
+            for name, value in component.start.items():
+                slave.setFloat64([fmu.variables[name].valueReference], [value])
+            slave.enterInitializationMode()
+            self._slaves.append(slave)
+        self._reference = {name: v.valueReference for name, v in fmu.variables.items()}
+        self.outputs = self._get()
+        self._set()
+        for slave in self._slaves:
+            slave.exitInitializationMode()
+        self.outputs = self._get()
+        self.steps = 0
+
+    def _get(self) -> list[list[float]]:
+        places = [self._reference[name] for name in ("x", "v", "F")]
+        return [slave.getFloat64(places) for slave in self._slaves]
+
+    def _set(self) -> None:
+        first, second = self._slaves
+        first.setFloat64([self._reference["F_in"]], [self.outputs[1][2]])
+        second.setFloat64([self._reference["x_in"]], [self.outputs[0][0]])
+
+    def run(self, steps: int, step_s: float) -> None:
+        """Make this number of steps."""
+        for k in range(self.steps, self.steps + steps):
+            self._set()
+            for slave in self._slaves:
+                slave.doStep(k * step_s, step_s)
+            self.outputs = self._get()
+        self.steps += steps
+
+    def close(self) -> None:
+        """Free both."""
+        for slave in self._slaves:
+            end(slave)

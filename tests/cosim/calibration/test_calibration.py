@@ -134,7 +134,7 @@ def test_command_writes_map_and_plot(calibration, command, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.1, 0.2])
 def test_friction_changes_neither_speed_nor_turn_rate(motor_fmu, mu):
-    from benchmarks.steering import drive_line
+    from tests.references.lines import drive_line
 
     def seconds(of_mu: float, length_m: float, turn_deg: float) -> float:
         config = CoSimConfig(robot=TABLE_I._replace(mu=of_mu))

@@ -8,9 +8,9 @@ import pytest
 
 from benchmarks import __main__ as benchmarks
 from benchmarks import steering
-from benchmarks.steering import drive_line
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
+from tests.references.lines import drive_line
 
 
 def check(runs, speed_m_s, length_m):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import cosim
-from benchmarks.steering import drive_line
 from cosim.calibration.trial import Trial
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.model.config import ConfigError, CoSimConfig, Loop
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.simulation.options import SimulationOptions
+from tests.references.lines import drive_line
 
 SPEED = 900.0
 OPEN_LOOPS: tuple[tuple[Loop, ...], ...] = ((), ("heading",))

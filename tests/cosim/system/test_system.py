@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.coupled.system import PythonLoop
 from cosim.coupling.assembly import Motors
 from cosim.coupling.fmu import MotorFmu
 from cosim.fmi.fmu import Fmu, FmuError
@@ -23,7 +22,14 @@ from cosim.model.params import TABLE_II
 from cosim.system.graph import Component, Connection, GraphError
 from cosim.system.instance import Instance
 from cosim.system.system import System
-from tests.references.two_masses import CONNECTIONS, PLACES, error, simulated, two_masses
+from tests.references.two_masses import (
+    CONNECTIONS,
+    PLACES,
+    PythonLoop,
+    error,
+    simulated,
+    two_masses,
+)
 
 ALGORITHMS = ("jacobi", "gauss-seidel")
 DIGEST = """

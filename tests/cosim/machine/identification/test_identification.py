@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.identification import draw_machine, observed
 from cosim.machine.identification.excitation import HOLD_S, SEQUENCE, write_excitation
 from cosim.machine.identification.fit import Fit, unidentifiable
 from cosim.machine.identification.motion import Machine, tracks
@@ -19,6 +18,7 @@ from cosim.model.params import TABLE_I, TABLE_II
 from cosim.model.preset import find_preset
 from cosim.physics.body_state import STATE_SIZE, standing_state
 from cosim.physics.mass import mass_of
+from tests.references.machines import draw_machine, observed
 from tests.references.prescribed import Drive, rig, trace_body
 
 DT_S = 1e-5
