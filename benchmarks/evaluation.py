@@ -48,7 +48,7 @@ def scalar_system(job: Job) -> CoSimulation:
 def simulate_alone(job: Job) -> EpisodeResult:
     """The episode on the scalar path; its realtime_factor means nothing."""
     task, system = job.task(), scalar_system(job)
-    run_episode(system, task.policy, task.starts, task.seed, lambda _: None)
+    run_episode(system, job.case.policy, task.starts, task.seed, lambda _: None)
     result = result_of(system.episode, task.starts, wall_s=1.0)
     system.close()
     return result

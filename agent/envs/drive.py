@@ -386,7 +386,7 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
             motion = self._episode(m).motion()
             cells = (motion.targets_m // self.scenario.cell_m).astype(int)
             scene = replace(self.scenario, targets=tuple((int(x), int(y)) for x, y in cells))
-            pictures += [picture(self.render_mode, scene, poses[:, :2])] * self._robots
+            pictures += [picture(self.render_mode, scene, motion.poses[:, :2])] * self._robots
         return tuple(pictures)
 
     def close_extras(self, **_: Any) -> None:

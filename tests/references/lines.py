@@ -16,7 +16,7 @@ PERIODS = 200  # simulated at a time
 
 
 class Runs(NamedTuple):
-    """What N robots did on a line; arrays of shape (N,).
+    """Results of N robots on a line; arrays of shape (N,).
 
     Attributes:
         duration_s: until the end of the line, infinite beyond the limit.

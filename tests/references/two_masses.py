@@ -91,7 +91,7 @@ def places(run: SystemRun) -> np.ndarray:
 
 
 class PythonLoop:
-    """The same Jacobi master, step by step through fmpy."""
+    """The Jacobi master in Python, step by step through fmpy."""
 
     def __init__(self, components: list[Component]) -> None:
         self._slaves = []
