@@ -45,10 +45,11 @@ def _show(found: Any) -> None:
     for name, value in found.items():
         rows = [{"": key, **row} for key, row in value.items()] if _records(value) else value
         if isinstance(rows, list) and rows and isinstance(rows[0], dict):
-            header = tuple(dict.fromkeys(key for row in rows for key in row))
+            keys = dict.fromkeys(key for row in rows for key in row)
+            texts = [key for key in keys if isinstance(rows[0].get(key), str)]
+            header = [*texts, *(key for key in keys if key not in texts)]
             cells = [[_text(row.get(key)) for key in header] for row in rows]
-            names = sum(isinstance(rows[0].get(key), str) for key in header)
-            show_table(None, [key.replace("_", " ") for key in header], cells, names=max(names, 1))
+            show_table(None, [key.replace("_", " ") for key in header], cells, names=len(texts))
         else:
             print(f"{name:32} {_text(value):>14}")
 

@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -63,25 +63,6 @@ class Options(CommandOptions):
     seed: Seed = 0
 
 
-class Spread(NamedTuple):
-    """Displacements and turns of robots that did the same, in the frame of their first heading.
-
-    Attributes:
-        ahead_um, left_um, turned_deg: means.
-        ahead_sd_um, left_sd_um, turned_sd_deg: standard deviations, each with the ends of its 95 %
-            interval, which assumes a normal distribution.
-        largest_um: largest distance of a robot from the mean place.
-    """
-
-    ahead_um: float
-    left_um: float
-    turned_deg: float
-    ahead_sd_um: tuple[float, float, float]
-    left_sd_um: tuple[float, float, float]
-    turned_sd_deg: tuple[float, float, float]
-    largest_um: float
-
-
 class Robots:
     """Robots of a trial at rest, their motors all at the same angle or at any.
 
@@ -128,23 +109,26 @@ class Robots:
                 return float(times.mean()) * self._period_s
         return math.inf
 
-    def spread(self) -> Spread:
-        """Return how far the robots are from where they began."""
+    def spread(self) -> dict[str, Any]:
+        """Return how far the robots are from where they began, in the frames of their headings.
+
+        Means; standard deviations, each with the ends of its 95 % interval, which assumes a normal
+        distribution; and the largest distance of a robot from the mean place.
+        """
         dx, dy, turned = self._pose() - self._first
         c, s = np.cos(self._first[2]), np.sin(self._first[2])
         place = 1e6 * np.array([c * dx + s * dy, c * dy - s * dx])
         off = place - place.mean(axis=1, keepdims=True)
         turned_deg = np.rad2deg(np.arctan2(np.sin(turned), np.cos(turned)))
-        ahead_um, left_um = place.mean(axis=1).tolist()
-        return Spread(
-            ahead_um,
-            left_um,
-            float(turned_deg.mean()),
-            _deviation(place[0]),
-            _deviation(place[1]),
-            _deviation(turned_deg),
-            float(np.hypot(*off).max()),
-        )
+        return {
+            "ahead_um": float(place[0].mean()),
+            "left_um": float(place[1].mean()),
+            "turned_deg": float(turned_deg.mean()),
+            "ahead_sd_um": _deviation(place[0]),
+            "left_sd_um": _deviation(place[1]),
+            "turned_sd_deg": _deviation(turned_deg),
+            "largest_um": float(np.hypot(*off).max()),
+        }
 
     def _rest(self) -> None:
         self._trial.commands[:, MODE] = HOLD
@@ -180,7 +164,7 @@ def measure(
             found = group.spread() if math.isfinite(time_s) else None
         rows.append(
             {"what": what, "amount": amount, "omega_rad_s": speed, "closed": closed, "start": start}
-            | ({"time_s": time_s} | found._asdict() if found else {})
+            | ({"time_s": time_s} | found if found else {})
         )
         return time_s
 

@@ -17,8 +17,6 @@ import numpy as np
 
 from agent.evaluation.cases import RECORDS, CaseIdentity
 from agent.study.store import Header, RowFile
-from benchmarks.reliability import colliding
-from benchmarks.reliability.colliding import REACH, Greedy, Learnt, Random
 from cosim.base.command import workers
 from cosim.base.errors import UserError
 from cosim.base.progress import progress_bars, under_way
@@ -35,6 +33,8 @@ from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import Task, simulate_tasks
 from minirobots.options import CommandOptions, Count, File, Folder, Jobs
+from tests.references import colliding
+from tests.references.colliding import REACH, Greedy, Learnt, Random
 
 Adversary = Literal["short", "random", "greedy", "learnt"]
 SIDE, CELL_M = 16, 0.01
@@ -266,17 +266,9 @@ def measure(
         blocks = attack(count, kinds, robots, shield, world, jobs, out)
         for kind in KINDS:
             mine = [block for block in blocks if block.kind == kind]
-            total = sum(block.episodes for block in mine)
-            if total:
-                rows.append(
-                    {
-                        "shield": shield,
-                        "kind": kind,
-                        "episodes": total,
-                        "contacts": sum(block.contacts for block in mine),
-                        "off_board": sum(block.off_board for block in mine),
-                        "least_gap_mm": min(block.least_gap_mm for block in mine),
-                        "stops": sum(block.stops for block in mine),
-                    }
-                )
+            if mine:
+                row = {"shield": shield, "kind": kind}
+                for name in ("episodes", "contacts", "off_board", "stops"):
+                    row[name] = sum(getattr(block, name) for block in mine)
+                rows.append(row | {"least_gap_mm": min(block.least_gap_mm for block in mine)})
     return {"robots": robots, "world": str(world or "ideal"), "rows": rows}

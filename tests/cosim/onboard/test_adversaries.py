@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.reliability.adversaries import BLOCK, KINDS, arena, attack, lessons, simulate
-from benchmarks.reliability.colliding import REACH, Greedy, Learnt
 from cosim.base.errors import UserError
 from cosim.simulation.options import SimulationOptions
+from tests.references.colliding import REACH, Greedy, Learnt
 
 
 @pytest.fixture(scope="module")
