@@ -437,14 +437,14 @@ def test_touching_robots_push_each_other_on(motor_fmu):
 def test_an_episode_depends_on_nobody_in_its_batch(fmu, request):
     """Of four, one ends by a collision, one off the board, and one place is taken anew."""
     motor_fmu = request.getfixturevalue(fmu)
-    lanes, periods, plant = 8, 60, plant_with()
-    motors = new_motors(motor_fmu, lanes)
-    state = new_state(4, ROBOTS, lanes)
+    columns, periods, plant = 4 * ROBOTS, 60, plant_with()
+    motors = new_motors(motor_fmu, columns)
+    state = new_state(4, ROBOTS, columns)
     state.boards[:] = 0.3
     state.boards[1, 0] = 0.0501
-    speeds = np.zeros((3, periods, lanes, 2))
+    speeds = np.zeros((3, periods, columns, 2))
     speeds[:] = np.random.default_rng(0).uniform(-40.0, 40.0, (3, periods, 1, 2))
-    samples, raw = new_samples(periods, lanes), new_raw_samples(0, lanes)
+    samples, raw = new_samples(periods, columns), new_raw_samples(0, columns)
 
     def begin(state, motors, place, gap):
         for robot in range(ROBOTS):
@@ -453,7 +453,7 @@ def test_an_episode_depends_on_nobody_in_its_batch(fmu, request):
         motors.restart(columns, ((TABLE_II, TABLE_II),) * ROBOTS)
         state.running[place] = 1
 
-    driver = CompiledDriver(motors, lanes)
+    driver = CompiledDriver(motors, host_lanes())
     for place, gap in enumerate((0.1, 0.1, 0.0501, 0.12)):
         begin(state, motors, place, gap)
     state.bodies[7, 4] = 0.02  # m/s: slides against its neighbour
