@@ -86,7 +86,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
         self._ticks = whole_ratio("step", step, "step_s", step_s)
         self._fmus = load_fmus(components)
         self._components, self._parameters = list(components), dict(parameters)
-        for name in ("inputs", "record", "start_s"):
+        for name in ("inputs", "record", "start_s", "stop_s"):
             if name in options:
                 raise GraphError(f"{name} is not for environments; leave it out")
         self._wiring = [_targets(name, entries) for name in actions]
@@ -107,6 +107,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
         recorded = list(dict.fromkeys([*self._seen, *rewards]))
         self._made_of = connections, options | {
             "step_s": step_s, "start_s": start_s, "record": recorded, "inputs": inputs,
+            "stop_s": None if duration is None else start_s + duration,
         }  # fmt: skip
         for name, (low, high) in self._parameters.items():
             find(self._fmus, name)

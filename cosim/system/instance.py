@@ -127,13 +127,14 @@ class Instance:
         number = () if self.fmu.standard == 2 else (int(np.prod(self.shape(variable))),)
         return np.array(get([variable.valueReference], *number))
 
-    def begin(self, start_s: float, tolerance: float | None) -> None:
+    def begin(self, start_s: float, stop_s: float | None, tolerance: float | None) -> None:
         """Enter Initialization Mode; raises FmuError."""
+        given = {"tolerance": tolerance, "startTime": start_s, "stopTime": stop_s}
         if self.fmu.standard == 2:
-            self._set_up("setupExperiment", tolerance=tolerance, startTime=start_s)
+            self._set_up("setupExperiment", **given)
             self._set_up("enterInitializationMode")
         else:
-            self._set_up("enterInitializationMode", tolerance=tolerance, startTime=start_s)
+            self._set_up("enterInitializationMode", **given)
 
     def end_initialization(self) -> None:
         """Be ready for steps; raises FmuError."""

@@ -6,6 +6,7 @@ Systems in systems are taken apart: what remains are components, named by their 
 
 import zipfile
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote, urlsplit
@@ -81,13 +82,18 @@ class _Signal(NamedTuple):
 
 
 def read_system(
-    path: Path, *, lenient: bool = False, most_bytes: int = MAX_DESCRIPTION_BYTES
+    path: Path,
+    *,
+    lenient: bool = False,
+    most_bytes: int = MAX_DESCRIPTION_BYTES,
+    variant: str = DESCRIPTION,
 ) -> SystemFile:
     """Read an .ssp or .ssd file.
 
     Args:
         path: of the file.
         lenient, most_bytes: how FMUs are read, see `Fmu`.
+        variant: description in an archive, of which it can have several.
 
     Raises:
         GraphError: it is none, or has in it what is not supported.
@@ -95,20 +101,27 @@ def read_system(
         OSError: the file cannot be read.
     """
     try:
-        return _Reader(path, lambda fmu: Fmu(fmu, lenient=lenient, most_bytes=most_bytes)).result()
+        load = partial(Fmu, lenient=lenient, most_bytes=most_bytes)
+        return _Reader(path, load, variant).result()
     except ValueError as error:  # of a number in it
         raise GraphError(f"{path}: {error}; {_SYSTEM_FILE.fix}") from error
 
 
 class _Reader:
-    def __init__(self, path: Path, load: Callable[[Path], Fmu]) -> None:
+    def __init__(self, path: Path, load: Callable[[Path], Fmu], variant: str) -> None:
         self._path, self._load = path, load
         require_file(path, _SYSTEM_FILE)
         with parsing(path, _SYSTEM_FILE):
             self._folder, description = path.parent, path
             if zipfile.is_zipfile(path):
-                self._folder = unpack(path, (DESCRIPTION, "resources/"))
-                description = self._folder / DESCRIPTION
+                with zipfile.ZipFile(path) as archive:
+                    known = [n for n in archive.namelist() if n.endswith(".ssd") and "/" not in n]
+                if variant not in known:
+                    raise GraphError(f"{path} has no {variant}; choose from {', '.join(known)}")
+                self._folder = unpack(path, (variant, "resources/"))
+                description = self._folder / variant
+            elif variant != DESCRIPTION:
+                raise GraphError(f"{path} is no archive with variants; name the .ssd file itself")
             self._root = _parsed(description, str(path))
             self._units = units_of(self._root)
         self._fmus: dict[Path, Fmu] = {}

@@ -95,6 +95,7 @@ class System:
         tolerance: float | None = None,
         longest_step_s: float | None = None,
         start_s: float = 0.0,
+        stop_s: float | None = None,
         record: Sequence[str] | None = None,
         event_mode: bool = False,
         profile: bool = False,
@@ -117,6 +118,7 @@ class System:
                 of a value and its nominal one; None for steps that are all equal.
             longest_step_s: with a tolerance, a multiple of `step_s`; by default any.
             start_s: simulated time at which it begins, in s.
+            stop_s: last time that it will reach, in s, which FMUs are told; some need it.
             record: "component.variable" of what runs record; by default all outputs but texts.
             event_mode: whether FMUs that can (FMI 3.0, hasEventMode) leave their events to the
                 master, and return early to do so.
@@ -140,7 +142,7 @@ class System:
         if tolerance is not None:
             _require_positive("tolerance", tolerance)
         fmus = load_fmus(components)
-        self._fmus = fmus
+        self._fmus, self._stop_s = fmus, stop_s
         links = check_connections(fmus, connections)
         number = ALGORITHMS.index(algorithm)
         continuous = [link for link in links if is_continuous(fmus, link)]
@@ -207,7 +209,7 @@ class System:
     def _initialise(self, kept: Sequence[Node]) -> None:
         """Bring the instances to the start; inputs in `kept` begin with the values they have."""
         for instance in self._instances.values():
-            instance.begin(self._scheme.start_s, self._scheme.tolerance or None)
+            instance.begin(self._scheme.start_s, self._stop_s, self._scheme.tolerance or None)
         layout = self._layout
         for component, name in kept:
             place, instance = layout.places[component, name], self._instances[component]
@@ -258,6 +260,8 @@ class System:
         duration_s = until_s - scheme.start_s
         _require_positive("time to run", duration_s)
         until = whole_ratio("time to run to", duration_s, "step", scheme.tick_s)
+        if self._stop_s is not None and until_s > self._stop_s + 0.5 * scheme.tick_s:
+            raise GraphError(f"stop_s = {self._stop_s:g} is before {until_s:g} s; make it later")
         if until <= self._now[TICK]:
             raise GraphError(f"the system is at {self.time_s:g} s; run it to a later time")
         asked = [name for name, instance in self._instances.items() if instance.ends]

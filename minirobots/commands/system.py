@@ -26,6 +26,8 @@ class SimulateSystem(IsolatedOptions):
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """The system: an archive (.ssp) or a description (.ssd) next to its FMUs."""
+    variant: Annotated[str, tyro.conf.arg(metavar="NAME.ssd")] = "SystemStructure.ssd"
+    """Which of the descriptions in an archive is simulated."""
     until: Seconds | None = None
     """Simulated time to reach, in s; by default that of the file's default experiment."""
     step: Seconds = 1e-3
@@ -88,7 +90,12 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
     from cosim.system.system import System
 
     most_bytes = options.max_description << 20
-    found = read_system(options.file, lenient=options.lenient, most_bytes=most_bytes)
+    found = read_system(
+        options.file,
+        lenient=options.lenient,
+        most_bytes=most_bytes,
+        variant=options.variant,
+    )
     until_s = found.stop_s if options.until is None else options.until
     if until_s is None:
         raise UserError(f"{options.file} has no default experiment; pass --until")
@@ -104,6 +111,7 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
         tolerance=options.tolerance,
         longest_step_s=options.longest_step,
         start_s=found.start_s or 0.0,
+        stop_s=until_s,
         record=options.record or None,
         event_mode=options.event_mode,
         profile=options.profile,

@@ -212,6 +212,7 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
 }
 
 /* FMI 2.0 */
+static bool needs_stop(Instance *c) { return c->model == 'd' && c->s.real[7] > 0; }
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible,
                               fmi2Boolean logging) {
@@ -223,7 +224,7 @@ void fmi2FreeInstance(fmi2Component c) { free(c); }
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean defined, fmi2Real tolerance,
                                fmi2Real start, fmi2Boolean stops, fmi2Real stop) {
     ((Instance *)c)->s.time = start;
-    return fmi2OK;
+    return needs_stop(c) && !stops ? fmi2Error : fmi2OK;
 }
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return fmi2OK; }
@@ -258,7 +259,7 @@ fmi3Status fmi3ExitConfigurationMode(fmi3Instance c) {
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean defined, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean stops, fmi3Float64 stop) {
     ((Instance *)c)->s.time = start;
-    return fmi3OK;
+    return needs_stop(c) && !stops ? fmi3Error : fmi3OK;
 }
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { return fmi3OK; }
 fmi3Status fmi3Terminate(fmi3Instance c) { return fmi3OK; }

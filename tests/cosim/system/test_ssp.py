@@ -115,6 +115,21 @@ def test_archive_gives_the_bits_of_the_same_system_in_python(archive, masses, ve
         assert (found.signals[name] == signal).all()
 
 
+def test_one_of_several_descriptions_is_chosen(archive, masses, tmp_path, command):
+    path = archive()
+    stiff = FLAT | {"second": SECOND.format(values=values(k=2000, k_c=100, x=0))}
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("stiff.ssd", FILE.format(**stiff))
+    ends = []
+    for variant in ([], ["--variant", "stiff.ssd"]):
+        done = command("system", path, *variant, "--json")
+        ends.append(json.loads(done.stdout.splitlines()[-1])["last"]["second.x"])
+    assert ends[0] != ends[1]
+    for name, said in (("soft.ssd", "choose from SystemStructure.ssd, stiff.ssd"), ("", "no")):
+        with pytest.raises(GraphError, match=said):
+            read_system(path, variant=name)
+
+
 def test_description_alone_stands_beside_its_fmus(archive, masses, tmp_path):
     with zipfile.ZipFile(archive()) as file:
         file.extractall(tmp_path)

@@ -334,3 +334,14 @@ def test_memory_and_descriptors_stay_through_two_thousand_systems(masses):
     later, same = live(1500)
     assert same == descriptors
     assert later - rss < 1 << 20, f"{(later - rss) >> 10} KiB more after 1500 systems"
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_fmus_are_told_when_the_simulation_stops(small, fmi):
+    plant = [Component("plant", small("dahlquist", fmi), {"needs_stop": 1.0})]
+    with pytest.raises(FmuError, match="plant"):
+        System(plant)
+    with System(plant, stop_s=0.1) as system:
+        assert system.run(0.1).time_s[-1] == pytest.approx(0.1)
+        with pytest.raises(GraphError, match="stop_s = 0.1 is before 0.2 s"):
+            system.run(0.2)
