@@ -17,7 +17,8 @@ from typing import Any, get_args
 import numpy as np
 
 from cosim.fmi.fmu import FmuError
-from cosim.system.graph import Component
+from cosim.system.env import SystemEnv, SystemVectorEnv
+from cosim.system.graph import Component, Connection
 from cosim.system.system import MasterAlgorithm, System
 from minirobots.options import CommandOptions, Count
 from tests.references.two_masses import (
@@ -38,6 +39,8 @@ TOLERANCES = (1e-3, 1e-4, 1e-5)
 STIFF_STEPS_S = (1e-3, 1e-4, 1e-5)
 SHORTEST_S = 1e-6
 _STEP_S = 1e-4
+_WITHIN = 100  # communication steps of a step of an environment
+_ENVS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +89,11 @@ def _stiff(folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def _costs(components: list[Component], rounds: int) -> dict[str, float]:
-    """Times of a step of both oscillators in ns, and their ratio; the best round of each."""
+    """Times of a step of both oscillators in ns, and their ratio; the best round of each.
+
+    `ratio_fmpy_to_env` is that of 100 steps by fmpy to a step of an environment over them,
+    `env_instances_to_one` the throughput of eight environments in threads over that of one.
+    """
     few, many = 500, 100_000
     by_python = PythonLoop(components)
     best = {"fmpy": math.inf, "compiled": math.inf}
@@ -105,8 +112,45 @@ def _costs(components: list[Component], rounds: int) -> dict[str, float]:
             system.run(done * _STEP_S, every=many)
             best["compiled"] = min(best["compiled"], (time.perf_counter_ns() - begin) / many)
     by_python.close()
+    env_s = _best_s(components, SystemEnv, (), _WITHIN, rounds)
+    many_s, one_s = (
+        _best_s(components, SystemVectorEnv, (n,), 10 * _WITHIN, rounds) for n in (_ENVS, 1)
+    )
     return {
+        "ratio_fmpy_to_env": 1e-9 * _WITHIN * best["fmpy"] / env_s,
+        "env_instances_to_one": _ENVS * one_s / many_s,
         "ns_fmpy": best["fmpy"],
         "ns_compiled": best["compiled"],
         "ratio_fmpy_to_compiled": best["fmpy"] / best["compiled"],
     }
+
+
+def _best_s(
+    components: list[Component], kind: Any, count: tuple[int, ...], steps: int, rounds: int
+) -> float:
+    """Wall-clock time of a step of environments of the oscillators, in s; the best of some.
+
+    Args:
+        components: the first one is pushed, and the second one follows it.
+        kind: of environment.
+        count: of instances, of a vector.
+        steps: communication steps within.
+        rounds: ten steps each.
+    """
+    env = kind(
+        *count,
+        (components, [Connection("first.x", "second.x_in")]),
+        actions={"first.F_in": (-50.0, 50.0)},
+        observations=PLACES,
+        reward=PLACES[1],
+        step=steps * _STEP_S,
+        step_s=_STEP_S,
+    )
+    best = math.inf
+    env.reset(seed=0)
+    for _ in range(10 * rounds):
+        begin = time.perf_counter()
+        env.step(np.ones((*count, 1)))
+        best = min(best, time.perf_counter() - begin)
+    env.close()
+    return best
