@@ -22,7 +22,7 @@ class BuiltFmus(interface.BuildHookInterface):
         if version == "editable":
             return
         sys.path.insert(0, self.root)
-        from fmus.build import CARRIED, build_fmu  # noqa: PLC0415 - of the source that is built
+        from fmus.build import CARRIED, build_fmus  # noqa: PLC0415 - of the source that is built
         from fmus.compiler import TARGETS  # noqa: PLC0415
         from fmus.models import MODELS  # noqa: PLC0415
 
@@ -39,8 +39,10 @@ class BuiltFmus(interface.BuildHookInterface):
         )
         sys.path.append(str(work))
         targets = os.environ.get("MINIROBOTS_WHEEL_TARGETS", "").split() or list(TARGETS)
+        self.app.display("MINIROBOTS_WHEEL_TARGETS=x86_64-linux, for example, builds sooner")
         for model in MODELS:
-            path = build_fmu(work, model, targets)
+            self.app.display(f"compiling {model} for {', '.join(targets)}")
+            (path,) = build_fmus({"3": work / f"{model}.fmu"}, targets, model=model)
             build_data["force_include"][str(path)] = str(CARRIED / path.name)
 
     def finalize(self, version: str, _build_data: dict[str, Any], _artifact: str) -> None:

@@ -3,7 +3,7 @@
 from importlib.util import find_spec
 from typing import Literal
 
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, installing
 
 NetworkAlgorithm = Literal["ddqn", "ippo", "mappo"]
 
@@ -15,7 +15,4 @@ def require_learners() -> None:
         UserError: it is missing.
     """
     if find_spec("skrl") is None or find_spec("jax") is None:
-        raise UserError(
-            "networks need the extra deep; install it with `uv sync --extra deep` or `pip install "
-            "minirobots[deep]`"
-        )
+        raise UserError(f"networks need the extra deep; install it with `{installing('deep')}`")

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from agent.falsification.falsify import FalsificationReport
 from agent.falsification.found import FoundCase, ReplayReport
 from cosim.base.command import show_table
+from cosim.base.errors import in_shell
 from cosim.base.table import known
 
 _CASE = ("episode", "starts", "seed", "outcome", "gap", "simulated")
@@ -30,7 +31,7 @@ def show(report: FalsificationReport) -> None:
     print(f"{report.episodes} episodes ({ends}), {report.found} of them {after}: {first}")
     recordings = [case.recording for case in report.worst if case.recording]
     if recordings:
-        print(f"open with: uv run rerun {recordings[0]}")
+        print(f"open with: {in_shell('rerun')} {recordings[0]}")
 
 
 def show_replay(report: ReplayReport) -> None:

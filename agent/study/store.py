@@ -6,7 +6,6 @@ people and as a check.
 
 import contextlib
 import errno
-import fcntl
 import os
 from collections.abc import Iterable, Mapping
 from itertools import takewhile
@@ -18,7 +17,7 @@ import msgspec
 from agent.evaluation.cases import Case, CaseIdentity, Job
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, require_file
-from cosim.base.storage import temporary_folder
+from cosim.base.storage import lock_open, temporary_folder
 from cosim.base.table import write_parquet
 from cosim.simulation.result import EpisodeResult
 
@@ -103,7 +102,7 @@ class RowFile(Generic[Row]):
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("ab", buffering=0) as file:
             with contextlib.suppress(OSError):  # of a file system without locks
-                fcntl.flock(file, fcntl.LOCK_EX)
+                lock_open(file)
             if self.path.stat().st_size != self._size:
                 raise ResultFileError(
                     f"{self.path}: another process writes to this file; wait until it ends and "

@@ -126,7 +126,7 @@ class StudyTable:
             return self.to_arrow(episodes=episodes).to_pandas()
         except ImportError as error:
             raise UserError(
-                "pandas is not installed; run `uv pip install pandas`, or take to_arrow()"
+                "pandas is not installed; run `pip install pandas`, or take to_arrow()"
             ) from error
 
     def plot(self, axis: str | None = None) -> Figure:

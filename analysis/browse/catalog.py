@@ -18,7 +18,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint import table as rrt
 
 from agent.training.runs import RECORDING_FILE
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, installing
 from cosim.base.storage import temporary_folder
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import APPLICATION
@@ -101,7 +101,7 @@ def serving(folder: Path, port: int = 0) -> Iterator[list[Dataset]]:
     """
     recordings = find_recordings(folder)
     if find_spec("datafusion") is None:
-        raise CatalogError("a catalog needs the extra catalog: `uv sync --extra catalog`")
+        raise CatalogError(f"a catalog needs the extra catalog: `{installing('catalog')}`")
     from rerun.server import Server
 
     with contextlib.ExitStack() as stack:

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from analysis.export.content import ExportError, components_of, facts_of
+from cosim.base.errors import installing
 from cosim.base.progress import Progress
 from cosim.recording.reader import Episode
 
@@ -33,7 +34,7 @@ def write_messages(episode: Episode, out: Path, progress: Progress) -> None:
         ExportError: the package mcap is not installed.
     """
     if find_spec("mcap") is None:
-        raise ExportError("mcap files need the extra export: `uv sync --extra export`")
+        raise ExportError(f"mcap files need the extra export: `{installing('export')}`")
     from mcap.writer import Writer
 
     with out.open("wb") as file:

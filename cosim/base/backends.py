@@ -13,6 +13,7 @@ from typing import Any
 import joblib
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
+from cosim.base.errors import installing
 from cosim.base.jobs import Backend, BackendError, Workers, always
 
 ATTEMPTS = 4  # of a task whose worker died; a task that kills every worker should not run for ever
@@ -107,7 +108,7 @@ def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], 
         from ray.exceptions import RayActorError, WorkerCrashedError  # noqa: PLC0415
         from ray.util.joblib import register_ray  # noqa: PLC0415
     except ImportError as error:
-        raise BackendError("ray is not installed; run `uv sync --extra ray`") from error
+        raise BackendError(f"ray is not installed; run `{installing('ray')}`") from error
     try:
         if address is None:
             cores = joblib.cpu_count() if jobs < 0 else jobs
@@ -130,7 +131,7 @@ def _dask(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException],
         import distributed  # noqa: PLC0415 - optional
         from distributed.scheduler import KilledWorker  # noqa: PLC0415
     except ImportError as error:
-        raise BackendError("dask is not installed; run `uv sync --extra dask`") from error
+        raise BackendError(f"dask is not installed; run `{installing('dask')}`") from error
     try:
         if address is None:
             cores = joblib.cpu_count() if jobs < 0 else jobs

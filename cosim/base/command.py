@@ -6,7 +6,6 @@ Modules with commands import only what their options need; `main` imports the re
 
 import contextlib
 import io
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -104,7 +103,9 @@ def workers(jobs: int) -> int:
         UserError: it is neither -1 nor positive.
     """
     if jobs == -1:
-        return len(os.sched_getaffinity(0))
+        from joblib import cpu_count
+
+        return cpu_count()
     if jobs < 1:
         raise UserError("--jobs must be at least 1, or -1 for one per core")
     return jobs

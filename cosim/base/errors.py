@@ -8,6 +8,7 @@ import reprlib
 import signal
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TextIO, cast
 
 USER_ERROR_STATUS = 2
@@ -30,6 +31,7 @@ _MENDS = {
     errno.ENAMETOOLONG: "its name is longer than the file system allows; choose a shorter one",
     errno.ELOOP: "a symbolic link leads back to itself; correct the link or choose another path",
 }
+_CLONE = Path(__file__).parents[2].joinpath("pyproject.toml").is_file()
 _COMMANDS = ("agent", "analysis", "cosim", "fmus", "minirobots")  # packages with commands
 # Control characters but for ends of lines and tabs, bidirectional ones, halves of characters.
 _HIDDEN = re.compile(
@@ -56,6 +58,16 @@ class UserError(Exception):
     ...     print(error)
     missing.npz: no such policy file; name a policy.npz that training has saved
     """
+
+
+def in_shell(command: str) -> str:
+    """Return a command as users of this installation give it: in a clone with `uv run`."""
+    return f"uv run {command}" if _CLONE else command
+
+
+def installing(extra: str) -> str:
+    """Return the command that installs an extra of this project."""
+    return f"uv sync --extra {extra}" if _CLONE else f"pip install 'minirobots[{extra}]'"
 
 
 def shown(value: object) -> str:

@@ -1,7 +1,6 @@
 """The cache, which repairs itself, and writing that leaves a whole file or none."""
 
 import contextlib
-import fcntl
 import functools
 import glob
 import hashlib
@@ -14,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, BinaryIO, TypeVar
 
 import msgspec
 import platformdirs
@@ -23,9 +22,15 @@ from filelock import FileLock
 from cosim.base.arguments import taken
 from cosim.base.errors import UserError
 
+try:
+    import fcntl
+except ImportError:  # Windows, where open files cannot be removed
+    fcntl = None
+
 _LOGGER = logging.getLogger(__name__)
 Value = TypeVar("Value")
 _FOLDERS = "minirobots-tmp-"  # beginning of the names of temporary folders
+_FOLDER_ONLY = getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_NOFOLLOW", 0)
 _YOUNG_S = 60.0  # in which a new folder is locked
 _LOCK = threading.Lock()
 CACHE = "MINIROBOTS_CACHE"  # environment variable with another folder of the cache
@@ -51,6 +56,20 @@ def lock_of(path: Path) -> FileLock:
     """Lock of a cached file or folder between processes, to be entered; ends with its process."""
     path.parent.mkdir(parents=True, exist_ok=True)
     return FileLock(path.with_name(f".{path.name}.lock"))
+
+
+def lock_open(file: int | IO[bytes], *, wait: bool = True) -> None:
+    """Lock an open file until it is closed; on Windows do nothing.
+
+    Args:
+        file: or folder.
+        wait: until other processes have closed it.
+
+    Raises:
+        OSError: another process has it locked, or its file system has no locks.
+    """
+    if fcntl is not None:
+        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
 
 
 def load_or_create(
@@ -158,21 +177,23 @@ def replacing(path: Path) -> Iterator[Path]:
     require_no_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path)
-    handle, temporary = _temporary(path)
+    lock, temporary = _temporary(path)
     try:
         yield temporary
         # mkstemp makes private files; results are as readable as the user's umask allows.
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
+        if os.name == "nt":
+            lock.close()  # open files cannot be renamed there
         temporary.replace(path)
     except OSError as error:
         if error.filename in {None, str(temporary)}:  # None as of a write
             error.filename, error.filename2 = str(path), None
         raise
     finally:
+        lock.close()
         temporary.unlink(missing_ok=True)
-        os.close(handle)
 
 
 def temporary_folder() -> "tempfile.TemporaryDirectory[str]":
@@ -186,14 +207,14 @@ def _folder_of_process() -> "tempfile.TemporaryDirectory[str]":
     """Folder with all temporary folders of this process, which is locked as long as it lives."""
     for old in Path(tempfile.gettempdir()).glob(f"{_FOLDERS}*"):
         with contextlib.suppress(OSError), contextlib.ExitStack() as stack:
-            handle = os.open(old, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            handle = os.open(old, os.O_RDONLY | _FOLDER_ONLY)
             stack.callback(os.close, handle)
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_open(handle, wait=False)
             if time.time() - os.fstat(handle).st_mtime > _YOUNG_S:
                 shutil.rmtree(old)
     folder = tempfile.TemporaryDirectory(prefix=_FOLDERS)
     with contextlib.suppress(OSError):  # of a file system without locks: nothing is removed there
-        fcntl.flock(os.open(folder.name, os.O_RDONLY), fcntl.LOCK_EX)
+        lock_open(os.open(folder.name, os.O_RDONLY))
     return folder
 
 
@@ -221,14 +242,14 @@ def write_json(path: Path, content: Any) -> None:
         temporary.write_bytes(json_text(content) + b"\n")
 
 
-def _temporary(path: Path) -> tuple[int, Path]:
+def _temporary(path: Path) -> tuple[BinaryIO, Path]:
     """A new file next to `path`, locked as long as the process lives or until it is closed."""
     while True:
         handle, name = tempfile.mkstemp(_ending(path), _beginning(path), path.parent)
         with contextlib.suppress(OSError):  # of a file system without locks: nothing is swept there
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            lock_open(handle)
         if os.fstat(handle).st_nlink:
-            return handle, Path(name)
+            return os.fdopen(handle, "rb"), Path(name)
         os.close(handle)  # swept before it was locked
 
 
@@ -236,7 +257,7 @@ def _sweep(path: Path) -> None:
     """Remove temporary files of `path` that no process holds."""
     for name in path.parent.glob(f"{glob.escape(_beginning(path))}*{glob.escape(_ending(path))}"):
         with contextlib.suppress(OSError), name.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_open(file, wait=False)
             name.unlink()
 
 

@@ -178,7 +178,8 @@ def restored_arithmetic() -> Iterator[list[bool]]:
         usual = (1.0 + 0.75 * half, 1.0 + 1.5 * half, -1.0 - 0.75 * half, 0.5 * tiny * 2.0)
         if usual != (1.0, 1.0 + sys.float_info.epsilon, -1.0, tiny):
             changed.append(True)
-            ctypes.CDLL(None).fesetenv(ctypes.c_void_p(-1))  # FE_DFL_ENV of glibc
+            if sys.platform == "linux":
+                ctypes.CDLL(None).fesetenv(ctypes.c_void_p(-1))  # FE_DFL_ENV of glibc
 
 
 def _note(name: str) -> Path:
@@ -207,7 +208,10 @@ def _run_in_child(module: str, foreign: Path | None, limit_s: float) -> NoReturn
         with subprocess.Popen(command, env=environment, start_new_session=True) as child:
             late = _wait(child, notes, limit_s)
             with contextlib.suppress(ProcessLookupError):  # nothing of it is left
-                os.killpg(child.pid, signal.SIGKILL)
+                if os.name == "nt":
+                    child.kill()
+                else:
+                    os.killpg(child.pid, signal.SIGKILL)
         if (notes / _ENDED).exists():
             sys.exit(int((notes / _ENDED).read_text() or 0))
         failed = notes / _FAILED
@@ -242,4 +246,4 @@ def _wait(child: subprocess.Popen, notes: Path, limit_s: float) -> str:
                         return note.read_text() or "its end"
         except KeyboardInterrupt as interrupt:
             ended = isinstance(interrupt, Terminated)
-            child.send_signal(signal.SIGTERM if ended else signal.SIGINT)
+            child.send_signal(signal.SIGTERM if ended or os.name == "nt" else signal.SIGINT)

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, in_shell
 
 DEFAULT_VIEWER = "rerun+http://127.0.0.1:9876/proxy"
 ANSWER_TIMEOUT_S = 2.0
@@ -32,8 +32,8 @@ def find_viewer(url: str) -> str:
     host, port = _host(url)
     if not _answers(host, port):
         raise LiveError(
-            f"no Rerun viewer answers at {url}; start one with `uv run rerun`, name its address "
-            "with --viewer, or use --spawn"
+            f"no Rerun viewer answers at {url}; start one with `{in_shell('rerun')}`, name its "
+            "address with --viewer, or use --spawn"
         )
     return url
 

@@ -3,7 +3,8 @@
 Rerun's own file writer ends at the first failed write with a line on stderr; what waits for it
 afterwards may wait for ever, and what it dropped is lost. Here it only ever writes to a
 pipe, which is emptied whatever becomes of the file, and the file is written by plain Python; what
-comes after a write that failed is thrown away.
+comes after a write that failed is thrown away. On Windows, where no pipe has a path,
+Rerun writes the file.
 """
 
 import contextlib
@@ -30,18 +31,23 @@ class PipedFile:
     """
 
     def __init__(self, path: Path) -> None:
+        self._error: OSError | None = None
+        self.address = str(path)
+        self._thread = None
+        if os.name == "nt":
+            return
         self._file = path.open("wb", buffering=0)
         self._reader, self._writer = os.pipe()
         os.set_blocking(self._reader, False)
-        self.address = f"/proc/self/fd/{self._writer}"
-        self._error: OSError | None = None
+        self.address = f"/dev/fd/{self._writer}"
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._empty, daemon=True)
         self._thread.start()
 
     def opened(self) -> None:
         """Leave the pipe to its writer; without one the file is complete."""
-        os.close(self._writer)
+        if self._thread is not None:
+            os.close(self._writer)
 
     def settle(self) -> None:
         """Have everything in the file that was written to the pipe so far.
@@ -49,7 +55,8 @@ class PipedFile:
         Raises:
             OSError: a write has failed, now or before.
         """
-        self._move()
+        if self._thread is not None:
+            self._move()
         if self._error is not None:
             raise self._error
 
@@ -59,6 +66,8 @@ class PipedFile:
         Raises:
             OSError: a write has failed, or the pipe is open after the time in s.
         """
+        if self._thread is None:
+            return
         self._thread.join(timeout_s)
         if self._thread.is_alive():
             raise TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))

@@ -3,6 +3,7 @@
 import ctypes
 import logging
 import math
+import os
 import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -178,7 +179,7 @@ class System:
             longest,
             1,
             _clock() if profile else 0,
-            time.CLOCK_MONOTONIC,
+            getattr(time, "CLOCK_MONOTONIC", 0),
             int(loops == "solve"),
             _MOST_EXCHANGES if loops == "solve" else len(links) + 1,
             _TOLERANCE,
@@ -458,5 +459,7 @@ def _require_positive(name: str, value: float) -> None:
 
 
 def _clock() -> int:
-    """Address of the function that tells the time."""
+    """Return the address of the function that tells the time."""
+    if os.name == "nt":
+        raise GraphError("profile needs clock_gettime, which Windows does not have; leave it out")
     return function_address(ctypes.CDLL(None).clock_gettime)

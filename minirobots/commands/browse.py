@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
+from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from minirobots.options import CommandOptions
 
@@ -77,7 +78,7 @@ def _wait(datasets: "list[Dataset]", spawn: bool) -> None:
     from cosim.recording.live import viewer_executable
 
     for dataset in datasets:
-        print(f"open with: uv run rerun {dataset.address}", flush=True)
+        print(f"open with: {in_shell('rerun')} {dataset.address}", flush=True)
     viewer = None
     try:
         if spawn:

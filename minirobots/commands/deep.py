@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import msgspec
 
 from agent.deep import NetworkAlgorithm, require_learners
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, in_shell
 from cosim.base.progress import Progress
 from minirobots.options import Count, NewFolder, ScenarioName, Seed
 
@@ -22,8 +22,7 @@ class Deep(NewFolder):
     cannot be chosen, and rewards are shaped by what
     a robot alone would do. After every
     round the greedy policy is evaluated from all starts; the best one is kept as policy.npz, which
-    cosim.run --policy, cosim.evaluate and agent.evaluate take. Needs the extra deep
-    (uv sync --extra deep).
+    cosim.run --policy, cosim.evaluate and agent.evaluate take. Needs the extra deep.
     """
 
     prefix: ClassVar[str] = "deep-"
@@ -111,6 +110,6 @@ def show(options: Deep, report: DeepReport) -> None:
     )
     print(f"results in {Path(report.policy).parent}/: policy.npz, deep.json")
     print(
-        f"try it with: uv run python -m cosim.run --scenario {options.scenario} --policy "
-        f"{report.policy}"
+        f"try it with: {in_shell('minirobots')} run --scenario {options.scenario} "
+        f"--policy {report.policy}"
     )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
 from minirobots.options import (
@@ -80,4 +81,4 @@ def show(options: Evaluate, report: "EvaluationReport") -> None:
     print(f"results in {options.out}/")
     recordings = [path for row in report.policies for path in row.recordings]
     if recordings:
-        print(f"open with: uv run rerun {recordings[0]}")
+        print(f"open with: {in_shell('rerun')} {recordings[0]}")

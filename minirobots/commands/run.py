@@ -8,6 +8,7 @@ import tyro
 
 from agent.training.settings import COMPUTED, Method
 from cosim.base.command import workers
+from cosim.base.errors import in_shell
 from cosim.base.progress import Progress, under_way
 from cosim.model.config import ConfigError
 from cosim.recording.live import DEFAULT_VIEWER
@@ -231,5 +232,5 @@ def show(options: Run, results: "list[EpisodeResult]") -> "dict[str, list[Episod
     console.print(f"results in {out}/: summary.json, policy.npz", soft_wrap=True)
     recordings = [out / r.recording for r in results if r.recording]
     if recordings:
-        console.print(f"open with: uv run rerun {recordings[0]}", soft_wrap=True)
+        console.print(f"open with: {in_shell('rerun')} {recordings[0]}", soft_wrap=True)
     return {"episodes": results}

@@ -215,3 +215,28 @@ def test_a_file_of_another_name_is_refused():
     assert named("a/b.rrd", ".rrd") == Path("a/b.rrd")
     with pytest.raises(StorageError, match=r"b\.txt: its name must end in \.rrd; choose b\.rrd"):
         named("a/b.txt", ".rrd")
+
+
+WITHOUT_POSIX = """
+import os, sys
+sys.modules["fcntl"] = None
+for name in ("O_DIRECTORY", "O_NOFOLLOW", "killpg", "sched_getaffinity"):
+    delattr(os, name)
+from pathlib import Path
+import agent, analysis, cosim, minirobots, agent.study.store, cosim.fmi.isolation
+from cosim.base.command import workers
+from cosim.base.storage import temporary_folder, write_json
+with temporary_folder() as folder:
+    write_json(Path(folder) / "a.json", [1])
+    print((Path(folder) / "a.json").read_text(), workers(-1) > 0)
+"""
+
+
+def test_files_are_written_without_what_only_posix_systems_have():
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", WITHOUT_POSIX],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("[1]\n True\n", "")
