@@ -163,7 +163,7 @@ def test_a_range_draws_what_it_names_and_nothing_else():
     for config in configs:
         assert config.world.filled() == World().filled()
     ranges = agent.envs.WorldRange(mu=(0.1, 0.12))
-    with pytest.raises(ConfigError, match="worlds has no effect on a given world"):
+    with pytest.raises(ConfigError, match=r"worlds .* given world"):
         DriveVectorEnv(1, worlds=ranges, world={"mu": 0.2})
     assert copy.deepcopy(ranges) == pickle.loads(pickle.dumps(ranges)) == ranges
     env.close()

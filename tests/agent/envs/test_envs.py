@@ -264,14 +264,14 @@ def test_a_refused_reset_changes_nothing():
 
 @pytest.mark.parametrize("make", [envs.NavigationEnv, envs.parallel_env, CoSimVectorEnv])
 def test_other_pictures_are_refused(make):
-    with pytest.raises(UserError, match="render_mode 'human' is none; choose ansi or rgb_array"):
+    with pytest.raises(UserError, match=r"render_mode 'human' .*choose ansi or rgb_array"):
         make(render_mode="human")
 
 
 @pytest.mark.parametrize("cosim", [False, True])
 def test_a_single_environment_is_reset_first(cosim):
     env = envs.NavigationEnv("1a", cosim=cosim)
-    with pytest.raises(ActionError, match="no episode is running; call reset"):
+    with pytest.raises(ActionError, match=r"no episode .*; call reset"):
         env.step(0)
     with pytest.raises(StartsError, match="no option 'reset_mask'; choose from starts"):
         env.reset(options={"reset_mask": [True]})
@@ -313,7 +313,7 @@ def test_an_ended_episode_is_not_stepped():
     env = envs.NavigationEnv("1a")
     env.reset(options={"starts": [[0, 4]]})
     assert env.step(4)[2]  # off the board
-    with pytest.raises(ActionError, match="no episode is running; call reset"):
+    with pytest.raises(ActionError, match=r"no episode .*; call reset"):
         env.step(4)
 
 

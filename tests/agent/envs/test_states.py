@@ -190,7 +190,7 @@ def test_physics_are_options_of_environments():
         gym.make("MiniRobots/CoSim-v0", friction=0.2)
     with pytest.raises(ConfigError, match="mu has no effect on the grid"):
         gym.make("MiniRobots/SingleA-v0", mu=0.2)
-    with pytest.raises(ConfigError, match="decision = arrival is not possible"):
+    with pytest.raises(ConfigError, match=r"decision = arrival .*"):
         gym.make_vec("MiniRobots/CoSim-v0", decision="arrival")
 
 

@@ -191,5 +191,5 @@ def test_a_collision_that_was_found_is_found_again(array_fmu):
 def test_a_robot_alone_has_no_gap(tmp_path):
     policy, *_ = method_policy("paper", find_scenario("1a"), episodes=10)
     policy.save(tmp_path / "policy.npz")
-    with pytest.raises(UserError, match="1a has one robot, which has no gap to another"):
+    with pytest.raises(UserError, match=r"1a .*one robot.* gap"):
         search(tmp_path / "policy.npz", tmp_path)

@@ -88,5 +88,5 @@ def test_a_search_is_asked_the_same_again(policy):
 
 def test_what_has_no_order_is_refused(policy, array_fmu):
     space = Space(SWAP, CoSimConfig(), {"start": (0.0, 0.0)})
-    with pytest.raises(RangeError, match="orders starts, and there is only one; choose --search"):
+    with pytest.raises(RangeError, match=r"starts.* only one; choose --search"):
         surrogate_search(space, policy, array_fmu, "gap", 0)

@@ -292,5 +292,5 @@ def test_unusable_readings_are_refused(wrong):
 
 
 def test_features_without_effect_for_a_lone_robot_are_refused():
-    with pytest.raises(ScenarioError, match="features = d, g have no effect: a lone robot sees"):
+    with pytest.raises(ScenarioError, match=r"features = d, g .*lone robot"):
         build_process(find_scenario("1a"), ProcessConfig(features=("d", "g")))

@@ -120,7 +120,7 @@ def test_three_robots_are_bounded_one_by_one_on_the_smallest_board():
     bound = optimum(process)
     assert bound.relaxed
     assert bound.of_starts(joint_starts(process), 12)[1].tolist() == [4.0]
-    with pytest.raises(UserError, match="of 3 robots on 144 cells are not computed"):
+    with pytest.raises(UserError, match="3 robots on 144 cells"):
         method_policy("shortest", three)
 
 
@@ -140,11 +140,11 @@ def test_a_board_without_a_path_is_refused(method, command, tmp_path):
 
 
 def test_what_cannot_be_computed_is_refused(command):
-    with pytest.raises(UserError, match="of 4 robots on 900 cells are not computed"):
+    with pytest.raises(UserError, match="4 robots on 900 cells"):
         method_policy("quickest", find_scenario("4-cross"))
     with pytest.raises(ScenarioError, match=r"cell \(0, 11\).* too near another's target; choose"):
         method_policy("roundabout", find_scenario("5-corridor"))
-    with pytest.raises(UserError, match="one robot or two, and scenario 4-cross has 4"):
+    with pytest.raises(UserError, match=r"one robot or two.* 4-cross has 4"):
         method_policy("fastest", find_scenario("4-cross"))
     with pytest.raises(UserError, match="shortest is computed, not trained"):
         method_config("shortest", CROSSING, episodes=5)

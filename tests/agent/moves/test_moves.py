@@ -397,7 +397,7 @@ def test_missing_kinds_are_refused():
 
 def test_moves_of_robots_that_are_seldom_asked_are_refused(command, tmp_path):
     seldom = msgspec.structs.replace(ideal_moves(), rl_step_s=7.0)
-    with pytest.raises(MovesError, match=r"asked every 7 s cannot be learnt on; .* at most 2 s"):
+    with pytest.raises(MovesError, match=r"every 7 s .*; .* at most 2 s"):
         build_model(seldom, 5.0)
     ended = command("moves", "--rl-step", 7, "--out", tmp_path / "moves.json")
     assert ended.returncode == 2

@@ -107,11 +107,9 @@ def test_units_are_known_of_every_signal(episode):
 
 
 def test_missing_signals_and_parameters_are_named(episode):
-    with pytest.raises(
-        RecordingReadError, match=r"has no signal r1/motor/omega; like it are r1/mo"
-    ):
+    with pytest.raises(RecordingReadError, match=r"signal r1/motor/omega; .* r1/mo"):
         episode.signals["r1/motor/omega"]
-    with pytest.raises(KeyError, match="no signal qqq; record with the defaults"):
+    with pytest.raises(KeyError, match=r"signal qqq; record .*defaults"):
         episode.signals["qqq"]
     with pytest.raises(RecordingReadError, match="does not say its parameter nothing"):
         episode.parameter("nothing")

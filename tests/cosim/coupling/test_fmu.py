@@ -86,7 +86,7 @@ def test_archive_without_description_is_named(tmp_path):
     path = tmp_path / "empty.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("readme.txt", "no FMU")
-    with pytest.raises(FmuError, match=r"empty\.fmu is broken \(it has no modelDescription\.xml\)"):
+    with pytest.raises(FmuError, match=r"empty\.fmu .*modelDescription\.xml"):
         MotorFmu(path)
 
 
@@ -123,7 +123,7 @@ def test_unit_of_a_declared_type_counts(edited_fmu):
         set_unit(variable(root, "omega"), None)
         variable(root, "omega").set("declaredType", "Speed")
 
-    with pytest.raises(FmuError, match="has 'omega' in rpm; export it in rad/s"):
+    with pytest.raises(FmuError, match=r"'omega' in rpm; .*rad/s"):
         MotorFmu(edited_fmu(edit))
 
 
@@ -134,7 +134,7 @@ def test_parameter_in_another_unit_is_refused(edited_fmu):
 
     fmu = MotorFmu(edited_fmu(edit))
     fmu.instantiate("m").close()
-    with pytest.raises(FmuError, match=r"has 'J' in g\.cm2; export it in kg\.m2"):
+    with pytest.raises(FmuError, match=r"'J' in g\.cm2; .*kg\.m2"):
         fmu.instantiate("m", {"J": TABLE_II.J})
 
 
@@ -300,7 +300,7 @@ def test_arrays_of_fixed_parameters_are_for_equal_motors(edited_fmu, array_fmu):
     motors = Motors(MotorFmu(fixed), CoSimConfig(motor=TABLE_II._replace(K_T=4e-4)), 2)
     own = TABLE_II._replace(K_T=4e-4, R=11.0)
     motors.restart([0, 1], ((own, own),) * 2)
-    with pytest.raises(FmuError, match="has 'K_T' as fixed; export it as tunable"):
+    with pytest.raises(FmuError, match=r"'K_T' as fixed; .*tunable"):
         motors.restart([0, 1], EQUAL)
     motors.close()
 
@@ -309,7 +309,7 @@ def test_a_motor_without_an_initial_phase_is_refused_where_one_is_asked_for(edit
     other = edited_fmu(lambda root: variable(root, "theta_start").set("name", "begin"), motor_fmu)
     motors = Motors(MotorFmu(other), CoSimConfig(), 1)
     motors.restart([0], EQUAL[:1])
-    with pytest.raises(FmuError, match="has no parameter 'theta_start'; export it with one"):
+    with pytest.raises(FmuError, match="no parameter 'theta_start'; export"):
         motors.restart([0], EQUAL[:1], np.zeros((1, 2)))
     motors.close()
 

@@ -154,13 +154,13 @@ def test_symbolic_links_are_refused(archive):
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 @pytest.mark.parametrize("names", [["resources/a"] * 2, ["resources/a", "resources/a/b"]])
 def test_entries_in_each_other_s_place_are_refused(archive, names):
-    with pytest.raises(FmuError, match=f"'{names[1]}' stands where another one does"):
+    with pytest.raises(FmuError, match=rf"'{names[1]}' .*another"):
         MotorFmu(archive(*((name, b"content") for name in names)))
 
 
 def test_other_methods_of_packing_are_refused(archive):
     path = archive(("resources/a", b"content"), packed=zipfile.ZIP_BZIP2)
-    with pytest.raises(FmuError, match="'resources/a' is not packed by the method 'deflate'"):
+    with pytest.raises(FmuError, match=r"'resources/a' .*'deflate'"):
         MotorFmu(path)
 
 

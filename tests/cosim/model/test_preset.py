@@ -108,7 +108,7 @@ def test_a_world_sets_what_a_machine_brings_along_back_to_ideal(written):
 
 
 def test_a_communication_step_of_zero_is_refused():
-    with pytest.raises(ConfigError, match=r"communication_step = 0\.0 must be finite and positive"):
+    with pytest.raises(ConfigError, match=r"communication_step = 0\.0 .*positive"):
         Physics(communication_step=0.0)
 
 
@@ -138,5 +138,5 @@ def test_mistakes_are_named(written, text, message):
 
 
 def test_unknown_names_are_refused():
-    with pytest.raises(PresetError, match=r"unknown preset 'x'; choose one of paper, icra2006"):
+    with pytest.raises(PresetError, match=r"preset 'x'; choose .*paper, icra2006"):
         find_preset("x")

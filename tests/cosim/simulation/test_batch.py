@@ -288,7 +288,7 @@ def test_an_error_of_an_idle_lane_says_whose_it_is(lane, array_fmu):
     scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
     batch.begin(0, scenario, ((15, 15),), np.random.SeedSequence(3))
     batch._state.bodies[0, lane] = np.nan
-    with pytest.raises(NotFiniteError, match="of robot 1 of a place without an episode is nan at"):
+    with pytest.raises(NotFiniteError, match=r"robot 1 .* nan at"):
         batch.advance({0: np.array([NORTH])})
     batch.close()
 
@@ -305,12 +305,12 @@ def test_errors_of_a_thread_are_raised_where_results_are_taken(array_fmu):
 
 
 def test_what_does_not_fit_a_batch_is_refused(array_fmu):
-    with pytest.raises(ConfigError, match="lanes = 2 has no effect with the driver reference"):
+    with pytest.raises(ConfigError, match=r"lanes = 2 .*driver reference"):
         Batch(array_fmu, CoSimConfig(), 2, 1, "reference", lanes=2)
     batch, seed = Batch(array_fmu, CoSimConfig(), 1, 2), np.random.SeedSequence(0)
-    with pytest.raises(ConfigError, match="scenario large has 2 robots, a place of the batch 1"):
+    with pytest.raises(ConfigError, match=r"scenario large has 2 robots.* 1"):
         batch.begin(0, LARGE, ((5, 5), (20, 5)), seed)
-    with pytest.raises(WorldError, match="has 4 angles, but the robots have 2 motors"):
+    with pytest.raises(WorldError, match=r"4 angles.* 2 motors"):
         scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
         turned = CoSimConfig(world=World(motor_phases_deg=(0.0,) * 4))
         batch.begin(0, scenario, ((15, 15),), seed, turned)

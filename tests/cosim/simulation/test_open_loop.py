@@ -39,9 +39,9 @@ def test_the_loop_of_eq_14_alters_its_voltage(motor_fmu):
 
 
 def test_what_has_no_effect_is_refused():
-    with pytest.raises(ConfigError, match=r"--noise has no effect with --open-loop motors"):
+    with pytest.raises(ConfigError, match=r"--noise .*--open-loop motors"):
         SimulationOptions(open_loop=("motors",), noise=0.1).config()
-    with pytest.raises(ConfigError, match=r"open_loop = 'wheels' is unknown; choose one of motors"):
+    with pytest.raises(ConfigError, match=r"open_loop = 'wheels' .*; choose .*motors"):
         CoSimConfig(open_loop=("wheels",))  # pyright: ignore[reportArgumentType]
 
 

@@ -277,12 +277,12 @@ def test_chains_of_systems_are_followed_without_recursion_and_bounded(simulated)
         return simulated(text, a="feedthrough", b="feedthrough")
 
     assert chained(1500)["b.Int32_output"] == 5
-    with pytest.raises(GraphError, match=r"another connection leads to s1\.i; remove one"):
+    with pytest.raises(GraphError, match=r"s1\.i; remove one"):
         chained(40, connection("s0.o", "s1.i"))
     with pytest.raises(GraphError, match="lead in a circle at s"):
         chained(20, connection("s9.o", "s0.i"), last=False)
     nested = '<System name="s"><Elements>' * 3000 + "</Elements></System>" * 3000
-    with pytest.raises(GraphError, match="elements are nested more than 200 deep"):
+    with pytest.raises(GraphError, match=r"nested .*200"):
         simulated(f"<Elements>{nested}</Elements>")
 
 

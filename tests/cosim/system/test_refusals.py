@@ -94,7 +94,7 @@ def test_undeclared_dependencies_are_no_reason_to_refuse(small):
 
 def test_values_that_never_settle_are_named(small):
     component = Component("a", small("curve"))
-    with pytest.raises(GraphError, match=r"through a\.next -> a\.count does not settle after 1000"):
+    with pytest.raises(GraphError, match=r"a\.next -> a\.count .*1000"):
         System([component], [Connection("a.next", "a.count")])
 
 
@@ -193,7 +193,7 @@ def test_the_longest_name_of_a_component_counts(small):
     fmus = {"axle": small("ball"), "axle.left": small("oscillator")}
     assert find(fmus, "axle.left.x") == ("axle.left", "x")
     assert find(fmus, "axle.h") == ("axle", "h")
-    with pytest.raises(GraphError, match=r"component axle\.left has no variable 'h'"):
+    with pytest.raises(GraphError, match=r"axle\.left .*'h'"):
         find(fmus, "axle.left.h")
 
 
@@ -215,12 +215,12 @@ def test_steps_have_to_fit(refused, small):
     said = refused(tolerance=1e-3, longest_step_s=0.25, error=ConfigError)
     assert said.startswith("longest step = 0.25 s is no whole multiple of step = 0.1 s")
     with System([Component("a", small("ball"))], step_s=0.1) as system:
-        with pytest.raises(ConfigError, match=r"time to run to = 0\.25 s is no whole multiple"):
+        with pytest.raises(ConfigError, match=r"= 0\.25 s .*multiple"):
             system.run(0.25)
-        with pytest.raises(GraphError, match="time to run inf: choose one above 0"):
+        with pytest.raises(GraphError, match=r"inf: choose .*above 0"):
             system.run(float("inf"))
         system.run(0.1)
-        with pytest.raises(GraphError, match=r"is at 0.1 s; run it to a later time"):
+        with pytest.raises(GraphError, match=r"0\.1 s; run .*later"):
             system.run(0.1)
     with pytest.raises(GraphError, match="been closed; make it again"):
         system.run(0.2)

@@ -211,7 +211,7 @@ def test_arrays_have_the_size_that_their_parameter_says(small):
 def test_component_may_end_the_run(small, fmi):
     with System([Component("stair", small("stair", fmi), {"last": 4})], step_s=0.25) as system:
         run = system.run(10.0)
-        with pytest.raises(GraphError, match="has ended, failed or been closed; make it again"):
+        with pytest.raises(GraphError, match=r"ended.*; make it again"):
             system.run(20.0)
     assert run.ended == "stair asked to end at 3 s"
     assert run.time_s[-1] == 3.0
@@ -235,7 +235,7 @@ def test_events_are_the_masters_in_event_mode_with_the_same_bounces(small):
 
 
 def test_updates_of_states_at_the_start_are_bounded_and_may_end_the_run(small):
-    with pytest.raises(FmuError, match=r"instance a, at 0\.00000 s wants more than 10000 updates"):
+    with pytest.raises(FmuError, match=r"instance a, at 0\.00000 s .*10000 updates"):
         System([Component("a", small("restless"), {"mood": 1})], event_mode=True)
     with System([Component("a", small("restless"), {"mood": 2})], event_mode=True) as system:
         run = system.run(1.0)
