@@ -9,16 +9,13 @@ import numpy as np
 from agent.falsification.ranges import ChosenEpisode
 from agent.falsification.search import Sought
 from agent.mdp.greedy import GreedyPolicy
-from agent.policies import load_policy
 from cosim.base.errors import UserError
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import World
-from cosim.simulation.options import Physics
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import Task, simulate_tasks
 
@@ -185,23 +182,3 @@ def run_again(
         ended[number] = found_case(then.number, result, then, found.scenario, found.objective)
         progress("episodes", len(ended), len(tasks), f"{len(ended)}/{len(tasks)}")
     return tuple(ended[number] for number in sorted(ended))
-
-
-def replay(
-    path: Path, policy: Path, physics: Physics, where: Workers, progress: Progress = silent
-) -> ReplayReport:
-    """Return the cases of a file as they were found, and as they are with a policy.
-
-    Args:
-        path: of the cases.
-        policy: its file.
-        physics: has the motor FMU.
-        where: has the number of threads.
-        progress: see `run_again`.
-
-    Raises:
-        UserError: see `read_cases`, `load_policy` and `run_again`.
-    """
-    found, acting = read_cases(path), load_policy(policy)
-    now = run_again(found, acting, physics.fmu(progress), where.count, progress)
-    return ReplayReport(then=found.cases, now=now)

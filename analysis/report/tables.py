@@ -6,8 +6,8 @@ Reads what commands wrote and formats it, with intervals; the page around it is 
 from pathlib import Path
 from typing import NamedTuple
 
-from agent.evaluation.statistics import Interval
 from agent.experiments.results import ExperimentResult
+from agent.study.episodes import interval_of
 from agent.study.transfer import QUICK_EPISODES, TransferRow
 from analysis.figures.style import NOTHING, interval
 from analysis.reading.results import RESULTS
@@ -118,7 +118,7 @@ def transfer_tables(results: Path) -> list[ReportTable]:
 
 
 def _transfer_row(row: TransferRow) -> tuple[str, ...]:
-    shares = (_named(row, name, 100.0, 1, " %") for name in ENDS)
+    shares = (interval(interval_of(row, name), 100.0, 1, " %") for name in ENDS)
     return (
         row.scenario,
         row.method,
@@ -126,14 +126,8 @@ def _transfer_row(row: TransferRow) -> tuple[str, ...]:
         "on" if row.shield else NOTHING,
         str(row.episodes),
         *shares,
-        _named(row, "path_ratio_to_grid", 1.0, 3, ""),
+        interval(interval_of(row, "path_ratio_to_grid"), digits=3),
     )
-
-
-def _named(row: TransferRow, name: str, factor: float, digits: int, unit: str) -> str:
-    """A value of a row of `cosim.transfer` with its interval."""
-    ends = (getattr(row, each) for each in (name, f"{name}_low", f"{name}_high"))
-    return interval(Interval(*ends), factor, digits, unit)
 
 
 def timing_table(timings: TimingsFile) -> ReportTable:

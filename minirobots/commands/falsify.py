@@ -78,9 +78,13 @@ Result: TypeAlias = "FalsificationReport | ReplayReport"
 def run(options: Falsify, progress: Progress) -> Result:
     """Search, or simulate the cases of a file again."""
     if options.replay is not None:
-        from agent.falsification.found import replay
+        from agent.falsification.found import ReplayReport, read_cases, run_again
+        from agent.policies import load_policy
 
-        return replay(options.replay, options.policy, options.physics, options.where, progress)
+        found, policy = read_cases(options.replay), load_policy(options.policy)
+        fmu, threads = options.physics.fmu(progress), options.where.count
+        now = run_again(found, policy, fmu, threads, progress)
+        return ReplayReport(then=found.cases, now=now)
     from agent.falsification.falsify import falsify
 
     return falsify(
