@@ -55,6 +55,9 @@ class FreeEpisode(DrivenEpisode):
 
     A robot has arrived within 5 mm of its target; `observe` "true" shows true poses whatever the
     camera sees.
+
+    Attributes:
+        away_m: (N,) true distances from the targets, in m.
     """
 
     observe: Observe = "true"
@@ -62,6 +65,7 @@ class FreeEpisode(DrivenEpisode):
     def put(self, poses: np.ndarray, targets_m: np.ndarray, observe: Observe) -> None:
         """Set the robots down at (N, 3) x, y in m and heading in rad, for (N, 2) targets in m."""
         self.targets_m, self.observe = targets_m, observe
+        self.away_m = np.hypot(*(poses[:, :2] - targets_m).T)
         for robot, (x, y, angle) in enumerate(poses.tolist()):
             self._bodies[robot] = standing_state(self.config.robot, x, y, angle)
         self._estimates[:, POSE : POSE + 3] = self._poses = poses
@@ -71,12 +75,9 @@ class FreeEpisode(DrivenEpisode):
         """See `DrivenEpisode.poses`."""
         return super().poses() if self.observe == "estimated" else self.true_poses()
 
-    def distances(self) -> np.ndarray:
-        """(N,) true distances from the targets in m."""
-        return np.hypot(*(self._bodies[:, :2] - self.targets_m).T)
-
     def _arriving(self, completed: np.ndarray) -> np.ndarray:
-        return self.distances() <= REACHED_M
+        self.away_m = np.hypot(*(self._bodies[:, :2] - self.targets_m).T)
+        return self.away_m <= REACHED_M
 
 
 class DrivePolicy:
@@ -112,7 +113,7 @@ class DrivePolicy:
             ActionError: the policy returned something else than two numbers for each robot.
         """
         actions = checked_actions(
-            self._predict(observed(motion, context=self._context)), len(motion.poses)
+            self._predict(observed([motion], context=self._context)), len(motion.poses)
         )
         dither = motion.memory.setdefault("dither", new_dither(len(actions)))
         return set_points(actions, motion.config, dither, velocity=self._velocity)
@@ -337,7 +338,7 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
             velocity=self._velocity,
         ).reshape(self._boards, -1, 2)
         running = np.flatnonzero(self._outcomes == RUNNING).tolist()
-        before = {m: self._episode(m).distances() for m in running}
+        before = {m: self._episode(m).away_m for m in running}
         steps = self._batch.advance({m: speeds[m] for m in running}) if running else {}
         rewards = np.zeros((self._boards, self._robots))
         for m in range(self._boards):
@@ -353,7 +354,7 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
             rewards[m] = ends
             if self._dense:
                 rest = 0.1 * self._interval_s  # assumed: a second costs as much as a millimetre
-                progress_m = before[m] - episode.distances()
+                progress_m = before[m] - episode.away_m
                 rewards[m] = 100.0 * progress_m - rest + _END_REWARD * ends
             rewards[m, arrived_before] = 0.0
         ended = np.repeat(self._outcomes != RUNNING, self._robots)
@@ -369,7 +370,7 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
     def _observations(self) -> np.ndarray:
         """(rows, F) float32."""
         motions = [self._episode(m).motion() for m in range(self._boards)]
-        return np.concatenate([observed(motion, context=self._context) for motion in motions])
+        return observed(motions, context=self._context)
 
     def _infos(self) -> dict[str, Any]:
         paths_m = [self._episode(m).measures.path_length_m for m in range(self._boards)]
@@ -511,28 +512,33 @@ def set_points(
     return np.clip(np.stack(pair, axis=-1), -most, most)
 
 
-def observed(motion: DriveObservation, *, context: bool) -> np.ndarray:
-    """(N, F) float32, see `DriveVectorEnv`; `context` adds the world."""
-    poses, steering, robots = motion.poses, motion.config.steering, len(motion.poses)
-    angle = poses[:, 2]
-    error_m = in_frames(motion.targets_m - poses[:, :2], angle)
-    parts = [
+def observed(motions: Sequence[DriveObservation], *, context: bool) -> np.ndarray:
+    """(rows, F) float32 of the robots of some boards, see `DriveVectorEnv`; `context` adds worlds.
+
+    The boards have as many robots each, of one calibration.
+    """
+    parts = zip(*(motion[:4] for motion in motions), strict=True)
+    poses, velocities, speeds, targets_m = map(np.concatenate, parts)
+    steering, angle = motions[0].config.steering, poses[:, 2]
+    error_m = in_frames(targets_m - poses[:, :2], angle)
+    seen = [
         error_m / _LENGTH_M,
         np.column_stack([np.sin(angle), np.cos(angle)]),
-        poses[:, :2] / motion.scenario.size_m,
-        motion.velocities[:, :2] / steering.drive_speed_m_s,
-        motion.velocities[:, 2:] / steering.turn_rate_rad_s,
-        motion.speeds / steering.max_speed_rad_s,
+        poses[:, :2] / motions[0].scenario.size_m,
+        velocities[:, :2] / steering.drive_speed_m_s,
+        velocities[:, 2:] / steering.turn_rate_rad_s,
+        speeds / steering.max_speed_rad_s,
         error_m / np.maximum(np.hypot(*error_m.T), 1e-9)[:, None],
     ]
-    if robots > 1:
-        apart = poses[None, :, :2] - poses[:, None, :2]
-        gaps = np.hypot(*np.moveaxis(apart, -1, 0)) + np.diag([np.inf] * robots)
-        nearest = apart[np.arange(robots), gaps.argmin(axis=1)]
-        parts.append(in_frames(nearest, angle) / _LENGTH_M)
+    if (robots := len(motions[0].poses)) > 1:
+        places = poses[:, :2].reshape(-1, robots, 2)
+        apart = places[:, None] - places[:, :, None]
+        gaps = np.hypot(apart[..., 0], apart[..., 1]) + np.diag([np.inf] * robots)
+        nearest = np.take_along_axis(apart, gaps.argmin(axis=2)[..., None, None], axis=2)
+        seen.append(in_frames(nearest.reshape(-1, 2), angle) / _LENGTH_M)
     if context:
-        parts.append(np.tile(_context_of(motion.config), (robots, 1)))
-    return np.clip(np.concatenate(parts, axis=1), -_LIMIT, _LIMIT).astype(np.float32)
+        seen.append(np.repeat([_context_of(m.config) for m in motions], robots, axis=0))
+    return np.clip(np.concatenate(seen, axis=1), -_LIMIT, _LIMIT).astype(np.float32)
 
 
 def _context_of(config: CoSimConfig) -> tuple[float, ...]:
