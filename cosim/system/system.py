@@ -119,7 +119,7 @@ class System:
                 of a value and its nominal one; None for steps that are all equal.
             longest_step_s: with a tolerance, a multiple of `step_s`; by default any.
             start_s: simulated time at which it begins, in s.
-            stop_s: last time that it will reach, in s, which FMUs are told; some need it.
+            stop_s: last time that it will reach, in s, which FMUs are given; some need it.
             record: "component.variable" of what runs record; by default all outputs but texts.
             event_mode: whether FMUs that can (FMI 3.0, hasEventMode) leave their events to the
                 master, and return early to do so.
