@@ -54,6 +54,7 @@ QUICK = Profile(
     name="quick",
     runs=2,
     train_episodes=1_000_000,
+    drive_episodes={"paper": 1_000_000, "moves": 500_000},
     single_episodes=2,
     pair_episodes=1,
     transfer_scenarios=("1a", "2"),
