@@ -45,11 +45,12 @@ def _show(found: Any) -> None:
     for name, value in found.items():
         rows = [{"": key, **row} for key, row in value.items()] if _records(value) else value
         if isinstance(rows, list) and rows and isinstance(rows[0], dict):
-            keys = dict.fromkeys(key for row in rows for key in row)
+            keys = list(dict.fromkeys(key for row in rows for key in row))
             texts = [key for key in keys if isinstance(rows[0].get(key), str)]
-            header = [*texts, *(key for key in keys if key not in texts)]
-            cells = [[_text(row.get(key)) for key in header] for row in rows]
-            show_table(None, [key.replace("_", " ") for key in header], cells, names=len(texts))
+            keys = [*texts, *(key for key in keys if key not in texts)]
+            cells = [[_text(row.get(key)) for key in keys] for row in rows]
+            header = [key.replace("_", " ") for key in keys]
+            show_table(None, header, cells, names=len(texts), title=name or None)
         else:
             print(f"{name:32} {_text(value):>14}")
 

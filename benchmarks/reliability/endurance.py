@@ -9,7 +9,7 @@ import contextlib
 import resource
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,37 +49,20 @@ class Options(CommandOptions):
             raise UserError("--hours must be 0.034 (two minutes) to 10000")
 
 
-@dataclass(frozen=True)
-class Endured:
-    """A long run; names as in the JSON output.
-
-    Attributes:
-        simulated_s: simulated time.
-        rss_mb: memory of the process after the first simulated minute.
-        rss_change: largest change of it from then on, as a share.
-        cost_ratio: processor time of the last quarter over that of the first.
-        distance_m: path of the first robot's centre, straight from RL step to RL step.
-        standing_moved_m: largest distance of the second one from where it came to rest.
-        quaternion_error: largest difference of the norm of an orientation from 1.
-    """
-
-    simulated_s: float
-    rss_mb: float
-    rss_change: float
-    cost_ratio: float
-    distance_m: float
-    standing_moved_m: float
-    quaternion_error: float
-
-
 def rss_mb() -> float:
     """Memory that this process has now."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * resource.getpagesize() / 1e6
 
 
-def endure(time_s: float, seed: int, recording: Path | None) -> Endured:
-    """One episode of so much simulated time, with a recording if a path is given."""
+def endure(time_s: float, seed: int, recording: Path | None) -> dict[str, float]:
+    """One episode of so much simulated time, with a recording if a path is given.
+
+    Memory of the process after the first simulated minute and its largest change from then on, as
+    a share; processor time of the last quarter over that of the first; path of the first robot,
+    and how far the second one moved from where it came to rest; largest difference of the norm of
+    an orientation from 1.
+    """
     timing = TIMING._replace(episode_limit_s=1e9)
     config = with_bursts(CoSimConfig(timing=timing), "default" if recording else "none")
     system = CoSimulation(SCENARIO, cached_fmu(), config.with_overrides(noise=0.0))
@@ -113,15 +96,15 @@ def endure(time_s: float, seed: int, recording: Path | None) -> Endured:
                 memory.append(rss_mb())
     system.close()
     quarter = steps // 4
-    return Endured(
-        simulated_s=steps * TIMING.rl_step_s,
-        rss_mb=memory[0],
-        rss_change=float(np.abs(np.array(memory) / memory[0] - 1.0).max()),
-        cost_ratio=float(costs[-quarter:].sum() / costs[:quarter].sum()),
-        distance_m=float(distance_m),
-        standing_moved_m=moved_m,
-        quaternion_error=error,
-    )
+    return {
+        "simulated_s": steps * TIMING.rl_step_s,
+        "rss_mb": memory[0],
+        "rss_change": float(np.abs(np.array(memory) / memory[0] - 1.0).max()),
+        "cost_ratio": float(costs[-quarter:].sum() / costs[:quarter].sum()),
+        "distance_m": float(distance_m),
+        "standing_moved_m": moved_m,
+        "quaternion_error": error,
+    }
 
 
 def measure(hours: float, seed: int) -> dict[str, Any]:
@@ -130,4 +113,4 @@ def measure(hours: float, seed: int) -> dict[str, Any]:
     plain = endure(time_s, seed, None)  # first: it would live in what the other one has left
     with tempfile.TemporaryDirectory() as folder:
         recorded = endure(time_s, seed, Path(folder) / "endless.rrd")
-    return {"plain": asdict(plain), "recorded": asdict(recorded)}
+    return {"plain": plain, "recorded": recorded}

@@ -14,7 +14,7 @@ from agent.evaluation.cases import Case
 from agent.evaluation.statistics import rate
 from agent.study.episodes import StudyLine, simulate
 from agent.study.store import EpisodeStore
-from cosim.base.command import require_falling, show_table
+from cosim.base.command import require_falling
 from cosim.base.jobs import Workers
 from cosim.base.progress import progress_bars
 from cosim.model.outcome import Outcome
@@ -86,7 +86,8 @@ def measure(
         simulate([StudyLine(plain, indices)], store, where, progress=progress)
     plainly = [store.file(plain).results[index] for index in indices]
     levels = [_compared(level, plainly, case=plain) for level in splitting.levels]
-    return {"episodes": episodes, "levels": levels, "splitting": splitting}
+    found = {name: getattr(splitting, name) for name in ("roots", "simulated", "worth")}
+    return {"episodes": episodes, **found, "levels": levels}
 
 
 def _compared(level: ReachedLevel, episodes: list[EpisodeResult], case: Case) -> dict[str, Any]:
@@ -96,28 +97,9 @@ def _compared(level: ReachedLevel, episodes: list[EpisodeResult], case: Case) ->
         for episode in episodes
     )
     share, low, high = rate(reached, len(episodes))
-    compared = {"gap_mm": level.gap_mm, "plain": share, "low": low, "high": high}
-    return compared | {"splitting": level, "overlap": low <= level.high and level.low <= high}
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print both rates, level by level."""
-    of = found["splitting"]
-    header = (
-        "gap",
-        f"{found['episodes']} plain episodes",
-        f"{of.roots} roots",
-        "intervals overlap",
-    )
-    rows = [
-        (
-            f"{level['gap_mm']:g} mm",
-            "{plain:.3g} [{low:.3g}, {high:.3g}]".format_map(level),
-            f"{at.probability:.3g} [{at.low:.3g}, {at.high:.3g}]",
-            str(level["overlap"]),
-        )
-        for level in found["levels"]
-        for at in [level["splitting"]]
-    ]
-    show_table(None, header, rows, numbers=3)
-    print(f"{of.simulated} episodes of splitting, worth {of.worth:.0f} plain ones")
+    return {
+        "gap_mm": level.gap_mm,
+        "plain": (share, low, high),
+        "splitting": (level.probability, level.low, level.high),
+        "overlap": low <= level.high and level.low <= high,
+    }
