@@ -4,6 +4,8 @@ All take random actions, on the grid the same ones in turn, by the processor tim
 thread. Steps of agents that have ended, and those with which a board begins again, are not counted.
 """
 
+# pyright: reportMissingImports=false
+
 import time
 from dataclasses import dataclass
 
@@ -40,6 +42,9 @@ class Options(CommandOptions):
     """Boards that are stepped together."""
     repeats: Count = 10
     """Rounds of both, in turn; the best of each counts."""
+    vmas: bool = False
+    """Also time navigation of VMAS with two agents (`uv run --with vmas`), whose physics are discs
+    with forces and drag, in steps of 0.1 s."""
 
 
 def vector_steps_per_s(env: gym.vector.VectorEnv, actions: np.ndarray) -> float:
@@ -85,7 +90,21 @@ def robot_seconds_per_s(name: str, boards: int, step_s: float) -> float:
     return rate
 
 
-def measure(scenario: str, boards: int, repeats: int) -> dict[str, float]:
+def vmas_robot_seconds_per_s(boards: int) -> float:
+    """Return the same of navigation in VMAS, on one thread of torch."""
+    import torch  # noqa: PLC0415 - of --vmas
+    import vmas  # noqa: PLC0415
+
+    torch.set_num_threads(1)
+    env = vmas.make_env("navigation", boards, "cpu", n_agents=2, seed=0)
+    steps = round(DYNAMICS_S / env.world.dt)
+    began = time.thread_time()
+    for _ in range(steps):
+        env.step([env.get_random_action(agent) for agent in env.agents])
+    return boards * 2 * steps * env.world.dt / (time.thread_time() - began)
+
+
+def measure(scenario: str, boards: int, repeats: int, vmas: bool = False) -> dict[str, float]:
     """All figures by name."""
     env = gym.make_vec("MiniRobots/Pair-v0", num_envs=boards, scenario=scenario)
     parallel = agent.envs.parallel_env(scenario)
@@ -111,5 +130,12 @@ def measure(scenario: str, boards: int, repeats: int) -> dict[str, float]:
                 robot_seconds_per_s(*what) for _ in range(min(repeats, 3))
             )
             for label, what in DYNAMICS.items()
+        },
+        **{
+            f"vmas_{n}_robot_s_per_s": max(
+                vmas_robot_seconds_per_s(n) for _ in range(min(repeats, 3))
+            )
+            for n in (1, 16, 64)
+            if vmas
         },
     }
