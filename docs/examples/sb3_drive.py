@@ -129,9 +129,11 @@ def main():
     parser.add_argument("--evaluate", type=Path, help="evaluate this file instead")
     parser.add_argument("--simulate", type=Path, help="simulate and record an episode instead")
     parser.add_argument("--episodes", type=int, default=100)
+    parser.add_argument("--time-limit", type=float, default=120.0, help="of an episode, in s")
     parser.add_argument("--worlds", action="store_true", help="draw the world of every episode")
     arguments = parser.parse_args()
     options = {"worlds": agent.envs.ROBUST_WORLDS} if arguments.worlds else {}
+    options["time_limit"] = arguments.time_limit
     if arguments.evaluate:
         reached = evaluate(arguments.evaluate, arguments.episodes, options)
         print(f"{reached.sum()} of {len(reached)} targets reached")
