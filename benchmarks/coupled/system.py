@@ -19,13 +19,17 @@ import numpy as np
 from cosim.fmi.fmu import FmuError
 from cosim.system.env import SystemEnv, SystemVectorEnv
 from cosim.system.graph import Component, Connection
+from cosim.system.ssp import read_system
 from cosim.system.system import MasterAlgorithm, System
 from minirobots.options import CommandOptions, Count
+from tests.references.masses_ssp import MASTERS, EndOfRun, write_archive
+from tests.references.masses_ssp import run as run_other
 from tests.references.two_masses import (
     CONNECTIONS,
     PLACES,
     PythonLoop,
     error,
+    exact,
     exact_stiff,
     places,
     simulated,
@@ -53,7 +57,7 @@ class Options(CommandOptions):
 
 def measure(rounds: int) -> dict[str, Any]:
     """Errors by algorithm and step, orders, errors by tolerance, and times of a step in ns."""
-    found: dict[str, Any] = {"fixed": [], "adaptive": [], "stiff": []}
+    found: dict[str, Any] = {"fixed": [], "adaptive": [], "stiff": [], "masters": []}
     with tempfile.TemporaryDirectory() as folder:
         components = two_masses(Path(folder))
         for algorithm in get_args(MasterAlgorithm):
@@ -71,6 +75,7 @@ def measure(rounds: int) -> dict[str, Any]:
                 row |= {"steps": system.steps, "rejected": system.rejected, "calls": calls}
                 found["adaptive"].append(row)
         found["stiff"] = list(_stiff(Path(folder)))
+        found["masters"] = list(_masters(Path(folder)))
         found |= _costs(components, rounds)
     return found
 
@@ -86,6 +91,26 @@ def _stiff(folder: Path) -> Iterator[dict[str, Any]]:
                 run = system.run(UNTIL_S)
                 worst = float(np.abs(places(run) - exact_stiff(run.time_s)).max())
             yield {"algorithm": algorithm, "step_s": step_s, "error_m": worst}
+
+
+def _masters(folder: Path) -> Iterator[dict[str, Any]]:
+    """Errors after 1 s and times of a step, of other masters and of this one on one archive."""
+    archive, steps = write_archive(folder), round(UNTIL_S / _STEP_S)
+    truth = exact(np.array([UNTIL_S]), (1.0, 1.0))[:, 0]
+    ends = {name: run_other(name, archive, _STEP_S, steps) for name in MASTERS}
+    system = read_system(archive)
+    for algorithm in get_args(MasterAlgorithm):
+        with System(
+            system.components, system.connections, algorithm=algorithm, step_s=_STEP_S
+        ) as own:
+            own.run(10 * _STEP_S)  # kernels are loaded
+            begin = time.perf_counter_ns()
+            last = own.run(UNTIL_S, every=steps).signals
+            ns = (time.perf_counter_ns() - begin) / steps
+            ends[f"minirobots, {algorithm}"] = EndOfRun([last[p][-1] for p in PLACES], ns)
+    for name, end in ends.items():
+        worst = float(np.abs(truth - end.places_m).max())
+        yield {"master": name, "step_s": _STEP_S, "error_m": worst, "ns": end.ns}
 
 
 def _costs(components: list[Component], rounds: int) -> dict[str, float]:

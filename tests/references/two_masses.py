@@ -72,12 +72,12 @@ def exact_stiff(time_s: np.ndarray) -> np.ndarray:
     return (modes @ (parts * np.exp(values[:, None] * time_s))).real[:2]
 
 
-def exact(time_s: np.ndarray) -> np.ndarray:
+def exact(time_s: np.ndarray, start_m: tuple[float, float] = X_0) -> np.ndarray:
     """Places (2, n) of both masses, by the modes of the coupled system."""
     first, second = SPRINGS
     stiffness = [[first + COUPLING, -COUPLING], [-COUPLING, second + COUPLING]]
     squares, modes = np.linalg.eigh(np.array(stiffness) / MASS_KG)
-    return modes @ ((modes.T @ X_0)[:, None] * np.cos(np.sqrt(squares)[:, None] * time_s))
+    return modes @ ((modes.T @ start_m)[:, None] * np.cos(np.sqrt(squares)[:, None] * time_s))
 
 
 def error(run: SystemRun) -> float:
