@@ -47,7 +47,7 @@ Seed = Annotated[
 ]
 Jobs = Annotated[
     int,
-    Check(lambda _, jobs: workers(jobs)),
+    Check(lambda _, jobs: jobs == -1 or workers(jobs)),
     tyro.conf.arg(
         metavar="N",
         help="Episodes or trainings that run at the same time, -1 for one per core; results do "

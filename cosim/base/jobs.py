@@ -40,7 +40,8 @@ class Workers:
 
     def __post_init__(self) -> None:
         take_fields(self)
-        workers(self.jobs)
+        if self.jobs != -1:  # counting the cores is slow to import
+            workers(self.jobs)
         if self.address is not None and self.backend not in {"ray", "dask"}:
             raise BackendError(
                 f"--address has no effect with --backend {self.backend}; name ray or dask"
