@@ -36,6 +36,16 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
 
     A reset goes back to the state after initialisation, which is saved once; FMUs that cannot save
     their states, or that begin with drawn parameters, are made again.
+
+    >>> import minirobots as mr
+    >>> from cosim.system.graph import Component
+    >>> from fmus.build import cached_fmu
+    >>> motor = Component("motor", cached_fmu("VibrationMotor"))
+    >>> ends = {"actions": {"motor.omega_des": (0.0, 900.0)}, "observations": ["motor.omega"]}
+    >>> times = {"step": 0.5, "step_s": 1e-5}
+    >>> env = mr.SystemEnv(([motor], []), reward="motor.omega", **ends, **times)
+    >>> env.reset(seed=0)[0].tolist(), env.step([900.0])[0].round().tolist()
+    ([0.0], [878.0])
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012
@@ -217,7 +227,18 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
 
 
 class SystemVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Instances of a system, stepped in threads; each row has the bits of a `SystemEnv`."""
+    """Instances of a system, stepped in threads; each row has the bits of a `SystemEnv`.
+
+    >>> import minirobots as mr
+    >>> from cosim.system.graph import Component
+    >>> from fmus.build import cached_fmu
+    >>> system = [Component("motor", cached_fmu("VibrationMotor"))], []
+    >>> ends = {"actions": {"motor.omega_des": (0.0, 900.0)}, "observations": ["motor.omega"]}
+    >>> times = {"step": 0.5, "step_s": 1e-5}
+    >>> envs = mr.SystemVectorEnv(2, system, reward="motor.omega", **ends, **times)
+    >>> envs.reset(seed=0)[0].tolist(), envs.step([[900.0], [600.0]])[0].round().tolist()
+    ([[0.0], [0.0]], [[878.0], [579.0]])
+    """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
