@@ -48,7 +48,7 @@ def measure(jobs: int) -> dict[str, Any]:
 
 
 def _found(parameter: str, value: float, config: CoSimConfig, jobs: int) -> dict[str, Any]:
-    """What the calibration of a robot says: speeds, and the share of time with a foot in the air.
+    """Calibrate a robot: return speeds, and the share of time with a foot in the air.
 
     At the default motor speeds, and at the largest one without hopping; NaN where no trial was so
     fast or slow.

@@ -146,6 +146,17 @@ def test_prose_is_plain_english():
     assert found == []
 
 
+def test_docstrings_begin_with_what_is_returned_or_done():
+    found = []
+    for file in _files(*PRODUCT, "benchmarks"):
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                first = (ast.get_docstring(node) or "").partition("\n")[0]
+                if re.match(r"(How|The same|What|When|Where|Whether|Who|Whose|Why)\b", first):
+                    found.append(f"{file.relative_to(ROOT)}: {first}")
+    assert found == []
+
+
 def test_methods_page_has_the_table_of_the_command():
     page = (ROOT / "docs" / "methods.md").read_text("utf-8").replace("`", "")
     rows = [f"| {name} | {' | '.join(facts)} |" for name, facts in FACTS.items()]

@@ -1,4 +1,4 @@
-"""What episodes of environments, on the grid and in the dynamics, have in common and refuse.
+"""Base of environments' episodes, on the grid and in the dynamics, and what both refuse.
 
 The grid is `agent.envs.boards`, the full co-simulation `agent.envs.cosim_episode`. Spaces, agents'
 names and pictures are the environments'.

@@ -1,4 +1,4 @@
-"""What the best method is to reach in every scenario and for every friction coefficient."""
+"""Goals of the best method in every scenario and for every friction coefficient."""
 
 import operator
 from collections.abc import Iterable

@@ -61,7 +61,7 @@ class StudyRow(EpisodesRow, frozen=True, kw_only=True):
     results: dict[int, EpisodeResult]
 
     def __repr__(self) -> str:
-        """What an interactive session shows: the row's table, and not its episodes."""
+        """Return what an interactive session shows: the row's table, and not its episodes."""
         return StudyTable((self,), tuple(self.options), 0).to_markdown()
 
     def labels(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class StudyTable:
     seed: int
 
     def __repr__(self) -> str:
-        """What an interactive session shows: the table."""
+        """Return what an interactive session shows: the table."""
         return self.to_markdown()
 
     @property

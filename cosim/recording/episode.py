@@ -327,7 +327,7 @@ class EpisodeRecorder:
 
 
 def _action_name(step: Step, robot: int) -> str:
-    """What a robot does in an RL step: a direction, commanded motors, or nothing more."""
+    """Return what a robot does in an RL step: a direction, commanded motors, or nothing more."""
     if (action := int(step.action[robot])) >= 0:
         return DIRECTION_NAMES[action]
     return DRIVEN if step.samples.mode[0, robot] == DIRECT else ARRIVED

@@ -28,7 +28,7 @@ NO_EFFECT = ("rl_step", "through", "shield")  # options of decisions between dir
 
 
 class DriveObservation(NamedTuple):
-    """What a policy that commands motors sees: a row per robot.
+    """Observation of a policy that commands motors: a row per robot.
 
     Attributes:
         poses: (N, 3) x, y in m and heading in rad, as the camera's filter estimates them where the
@@ -61,7 +61,7 @@ class SupportsDrive(Protocol):
 
 
 def drives(policy: Any) -> bool:
-    """Whether a policy commands motors instead of choosing directions.
+    """Return whether a policy commands motors instead of choosing directions.
 
     Raises:
         ConfigError: it does neither or both.
@@ -129,7 +129,7 @@ class DrivenEpisode(RunningEpisode):
         return np.column_stack([self._bodies[:, :2], angles])
 
     def motion(self) -> DriveObservation:
-        """What the policy sees now."""
+        """Return what the policy sees now."""
         seen = self._poses.copy(), self._velocities.copy(), self._speeds.copy()
         return DriveObservation(
             *seen, self.targets_m.copy(), self.scenario, self.config, self.memory

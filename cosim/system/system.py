@@ -335,7 +335,7 @@ class System:
 
     @property
     def can_go_back(self) -> bool:
-        """Whether all FMUs can save their states."""
+        """Return whether all FMUs can save their states."""
         return all(i.fmu.interface.canGetAndSetFMUstate for i in self._instances.values())
 
     def keep(self) -> None:
