@@ -117,19 +117,15 @@ def _compared(
     with System([component], step_s=step_s, record=names, event_mode=events) as system:
         until_s = round(float(time_s[-1]) / step_s) * step_s
         run = system.run(until_s)
-    deviation, largest = 0.0, 0.0
-    for name, values in expected.items():
-        largest = max(largest, float(np.abs(values).max()))
-        found = run.signals[f"{model}.{name}"].astype(float)
-        deviation = max(deviation, float(np.abs(found - values).max()))
+    found = {name: run.signals[f"{model}.{name}"].astype(float) for name in expected}
     return {
         "model": model,
         "fmi": fmi,
         "event_mode": events,
         "rows": len(time_s),
         "variables": len(expected),
-        "largest": largest,
-        "deviation": deviation,
+        "largest": max(float(np.abs(values).max()) for values in expected.values()),
+        "deviation": max(float(np.abs(found[n] - values).max()) for n, values in expected.items()),
         "ended": run.ended,
     }
 

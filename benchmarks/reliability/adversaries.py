@@ -8,7 +8,6 @@ lines that they had planned. Blocks are kept as they are done: the same command 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -25,8 +24,7 @@ from cosim.base.reached_code import code_digest
 from cosim.coupling.rl_step import Step, SupportsAct
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
-from cosim.model.params import TABLE_I
-from cosim.model.scenario import Cell, Scenario, touches_obstacle
+from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import SimulationOptions, resolve
@@ -34,19 +32,11 @@ from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import Task, simulate_tasks
 from minirobots.options import CommandOptions, Count, File, Folder, Jobs
 from tests.references import colliding
-from tests.references.colliding import REACH, Greedy, Learnt, Random
+from tests.references.colliding import REACH, Greedy, Learnt, Random, arena, near_starts
 
 Adversary = Literal["short", "random", "greedy", "learnt"]
-SIDE, CELL_M = 16, 0.01
-NEAR_CELLS = 7.0  # farthest distance of robots at the start
-TARGETS = ((2, 2), (13, 13), (2, 13))
-OBSTACLES = ((7, 7), (8, 7))
-KINDS: dict[Adversary, float] = {
-    "short": 2.0,
-    "random": 3.0,
-    "greedy": 4.0,
-    "learnt": 4.0,
-}  # s of their episodes
+# s of their episodes
+KINDS: dict[Adversary, float] = {"short": 2.0, "random": 3.0, "greedy": 4.0, "learnt": 4.0}
 BLOCK = 250  # episodes of a kind
 LESSONS, LESSON_S = 1000, 8.0  # episodes that the learnt begins with, without the shield
 
@@ -88,32 +78,6 @@ class Block(msgspec.Struct, frozen=True):
 POLICIES = {"short": Greedy, "random": Random, "greedy": Greedy}
 
 
-def arena(robots: int) -> Scenario:
-    """The board; every cell but targets where a robot touches no obstacle is a start of all."""
-    targets, walls = TARGETS[:robots], np.array([(x, y, x + 1, y + 1) for x, y in OBSTACLES])
-    radius = 0.5 * TABLE_I.diameter_m / CELL_M
-    cells = tuple(
-        (x, y)
-        for x in range(SIDE)
-        for y in range(SIDE)
-        if (x, y) not in targets and not touches_obstacle(x + 0.5, y + 0.5, radius**2, walls)
-    )
-    starts = (cells,) * robots
-    return Scenario(
-        "arena", "", targets, starts, SIDE, SIDE, CELL_M, (7, 7, 8, 8), obstacles=OBSTACLES
-    )
-
-
-def near_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:
-    """Start cells of robots that do not touch, each near another one."""
-    cells = scenario.starts[0]
-    while True:
-        starts = tuple(cells[k] for k in rng.integers(len(cells), size=scenario.robots))
-        squared = [(a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 for a, b in combinations(starts, 2)]
-        if min(squared) > scenario.squared_contact and max(squared) <= NEAR_CELLS**2:
-            return starts
-
-
 def _episodes(
     scenario: Scenario,
     config: CoSimConfig,
@@ -139,12 +103,8 @@ def lessons(
     root = np.random.SeedSequence(0)
     random = Random(np.random.default_rng(root))
     learner = Learnt(random.rng, np.zeros((2 * REACH + 1, 2 * REACH + 1, DIRECTION_COUNT)))
-
-    def watch(step: Step, *_: object) -> None:
-        learner.learn(step)
-
-    unshielded = replace(config, shield=None, timing=timing)
-    _episodes(scenario, unshielded, fmu, random, root.spawn(episodes), watch)
+    unshielded, seeds = replace(config, shield=None, timing=timing), root.spawn(episodes)
+    _episodes(scenario, unshielded, fmu, random, seeds, lambda step, *_: learner.learn(step))
     return learner.q
 
 

@@ -1,12 +1,19 @@
-"""Policies that want robots to collide, each from what it sees of the nearest other robot."""
+"""Policies that want robots to collide, from what each sees of the nearest, and their board."""
 
 import math
+from itertools import combinations
 
 import numpy as np
 
 from cosim.coupling.rl_step import Step
+from cosim.model.params import TABLE_I
+from cosim.model.scenario import Cell, Scenario, touches_obstacle
 from cosim.onboard.features import DIRECTION_COUNT, Observation
 
+SIDE, CELL_M = 16, 0.01
+NEAR_CELLS = 7.0  # farthest distance of robots at the start
+TARGETS = ((2, 2), (13, 13), (2, 13))
+OBSTACLES = ((7, 7), (8, 7))
 WANDERING = 0.1  # share of decisions that the greedy and the learnt leave to chance
 REACH, _RATE, _DISCOUNT = 9, 0.3, 0.8  # of the learnt: cells that it tells apart, Q-learning
 
@@ -78,3 +85,29 @@ def _offsets(observation: Observation) -> np.ndarray:
     np.fill_diagonal(squared, np.iinfo(np.int64).max)
     nearest = apart[np.arange(len(cells)), squared.argmin(axis=1)]
     return nearest.clip(-REACH, REACH)
+
+
+def arena(robots: int) -> Scenario:
+    """The board; every cell but targets where a robot touches no obstacle is a start of all."""
+    targets, walls = TARGETS[:robots], np.array([(x, y, x + 1, y + 1) for x, y in OBSTACLES])
+    radius = 0.5 * TABLE_I.diameter_m / CELL_M
+    cells = tuple(
+        (x, y)
+        for x in range(SIDE)
+        for y in range(SIDE)
+        if (x, y) not in targets and not touches_obstacle(x + 0.5, y + 0.5, radius**2, walls)
+    )
+    starts = (cells,) * robots
+    return Scenario(
+        "arena", "", targets, starts, SIDE, SIDE, CELL_M, (7, 7, 8, 8), obstacles=OBSTACLES
+    )
+
+
+def near_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:
+    """Start cells of robots that do not touch, each near another one."""
+    cells = scenario.starts[0]
+    while True:
+        starts = tuple(cells[k] for k in rng.integers(len(cells), size=scenario.robots))
+        squared = [(a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 for a, b in combinations(starts, 2)]
+        if min(squared) > scenario.squared_contact and max(squared) <= NEAR_CELLS**2:
+            return starts

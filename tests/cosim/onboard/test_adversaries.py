@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.reliability.adversaries import BLOCK, KINDS, arena, attack, lessons, simulate
+from benchmarks.reliability.adversaries import BLOCK, KINDS, attack, lessons, simulate
 from cosim.base.errors import UserError
 from cosim.simulation.options import SimulationOptions
-from tests.references.colliding import REACH, Greedy, Learnt
+from tests.references.colliding import REACH, Greedy, Learnt, arena
 
 
 @pytest.fixture(scope="module")
