@@ -33,7 +33,7 @@ def methods() -> tuple[str, ...]:
 def train(
     scenario: str | Path | Scenario,
     *,
-    method: str = "moves",
+    method: str | None = None,
     seed: int = 0,
     episodes: int | None = None,
     motor_fmu: str | Path | None = None,
@@ -49,7 +49,7 @@ def train(
 
     Args:
         scenario: name of a built-in scenario, scenario file (.toml) or record.
-        method: one of `methods()`.
+        method: one of `methods()`; by default "pair" for two robots, else "moves".
         seed: of training.
         episodes: of training, the method's own number by default.
         motor_fmu: whose moves are observed by the methods that know of moves, by default
@@ -68,6 +68,7 @@ def train(
             used.
     """
     from agent.method import ON_MOVES, method_policy  # noqa: PLC0415 - numba is slow to import
+    from agent.training.settings import best_method  # noqa: PLC0415
 
     motors = {
         "motor_fmu": taken("motor_fmu", motor_fmu, Path | None),
@@ -75,12 +76,14 @@ def train(
             "motor_parameters", motor_parameters, tuple[tuple[str, float], ...]
         ),
     }
+    board = find_scenario(scenario)
+    method = method or best_method(board.robots)
     for name, value in motors.items():
         if value and method not in ON_MOVES:
             raise UserError(f"{name} has no effect on training by method {method}; leave it out")
     policy, *_ = method_policy(
         method,
-        find_scenario(scenario),
+        board,
         taken_seed(seed),
         episodes=taken("episodes", episodes, int | None),
         **motors,

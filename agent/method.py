@@ -2,15 +2,15 @@
 
 "paper" learns on the deterministic grid (Section V), "slip" on the grid where moves go astray,
 "moves" on moves observed in co-simulation, with the bearing of the other robot, "robust" on moves
-of many worlds (`agent.moves.worlds`), "prompt" on moves of robots that are asked when their moves
-end and drive through cells (`--through`), for the time these take. "shortest" and "quickest" learn
-nothing: they are the optimal joint paths on the grid, by the length or the moves of all robots
-together, which are computed. So is "fastest", the least time on observed moves, which tells turns
-from straight lines, of one robot or of two together (two on moves of robots that drive through
-cells, `--through`). So is "roundabout", for any number of robots: each one's shortest path as if
-alone, counter-clockwise about the middle of the board and round the others' targets; keeping
-apart is left to the shield.
-`python -m cosim.run` uses "moves", with `--through` "prompt".
+of many worlds (`agent.moves.worlds`). "pair" learns the time that two robots still take together,
+on moves of robots that are asked when their moves end and drive through cells (`--through`).
+"shortest" learns nothing: the joint paths on the grid that are optimal by the length of all
+robots' paths together, which are computed. So is "fastest", the least time on observed moves,
+which tells turns from straight lines, of one robot or of two together (two on moves through
+cells). So is "roundabout", for any number of robots: each one's shortest path as if alone,
+counter-clockwise about the middle of the board and round the others' targets; keeping apart is
+left to the shield.
+`python -m cosim.run` uses "pair" for two robots, "moves" for other numbers.
 """
 
 from dataclasses import replace
@@ -26,7 +26,7 @@ from agent.moves.worlds import RANGES, Ranges
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy, PolicyConfig, Seed
-from agent.training.settings import COMPUTED, METHODS, LearningConfig, Method
+from agent.training.settings import COMPUTED, METHODS, LearningConfig, Method, refuse_former
 from agent.training.store import find_or_compute, find_or_train
 from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError
@@ -47,7 +47,7 @@ class MoveSource(NamedTuple):
 ON_MOVES = {
     "moves": MoveSource(),
     "robust": MoveSource(RANGES),
-    "prompt": MoveSource(through=True),
+    "pair": MoveSource(through=True),
     "fastest": MoveSource(),
 }
 
@@ -58,8 +58,8 @@ def moves_of(method: str, scenario: Scenario) -> MoveSource | None:
     return MoveSource(through=True) if pair else ON_MOVES.get(method)
 
 
-MOVES_EPISODES, LONG_EPISODES = 1_500_000, 3_000_000
-ROBUST_CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do by them
+MOVES_EPISODES, ROBUST_EPISODES, PAIR_EPISODES = 1_500_000, 3_000_000, 250_000
+CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do by them
 SLIP_PROBABILITY = 0.2  # assumed
 # Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
 _FREE = ("episodes", "log_episodes", "log_window", "greedy_points")
@@ -90,6 +90,7 @@ def method_config(
         UserError: the method is unknown, there are episodes and it is computed, the fastest paths
             of several robots are asked for, or moves cannot be observed.
     """
+    refuse_former(method, "method")
     if method not in METHODS:
         raise UserError(f"method {method!r} is unknown; choose one of {', '.join(METHODS)}")
     process, learning = _settings(method, scenario)
@@ -103,6 +104,11 @@ def method_config(
                 f"fastest paths are computed for one robot or two, and scenario {scenario.name} "
                 f"has {scenario.robots}; choose a method that learns"
             )
+    if method == "pair" and scenario.robots != 2:
+        raise UserError(
+            f"method pair is for two robots, and scenario {scenario.name} has {scenario.robots}; "
+            "choose another method, such as moves"
+        )
     moves, driven = None, moves_of(method, scenario)
     if driven is not None:
         motors = Physics(motor_fmu=motor_fmu, motor_parameters=motor_parameters)
@@ -146,6 +152,20 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
     if method not in ON_MOVES:
         slip = SLIP_PROBABILITY if method == "slip" else 0.0
         return ProcessConfig(slip_probability=slip), LearningConfig()
+    if method == "pair":
+        process = ProcessConfig(features=("x", "y", "h", "p"), clearance_m=CLEARANCE_M)
+        learning = LearningConfig(
+            PAIR_EPISODES,
+            eta=0.1,
+            eta_end=0.01,
+            gamma=1.0,
+            epsilon=0.05,
+            exploration=0.8,
+            schedule="linear",
+            algorithm="pair",
+            greedy_points=10,
+        )
+        return process, learning
     # Chosen on the observed moves: a learning rate three times the paper's, and a collision that
     # costs more than any detour.
     features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b")
@@ -158,14 +178,8 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
     # helps. What moves do differs so much that only a falling rate tells directions apart.
     if scenario.robots > 1:
         features = ("x", "y", "d", "b", "h")
-    process = replace(process, features=features)
-    learning = replace(learning, episodes=LONG_EPISODES, eta_end=0.002)
-    if method == "robust":
-        process = replace(process, clearance_m=ROBUST_CLEARANCE_M)
-        return process, replace(learning, gamma=0.995)
-    # Nearness costs only where it is near: paths are shorter.
-    process = replace(process, reward_per="time", approach_coefficient=1.0, distance_limit_m=0.06)
-    return process, replace(learning, gamma=0.998)
+    process = replace(process, features=features, clearance_m=CLEARANCE_M)
+    return process, replace(learning, episodes=ROBUST_EPISODES, eta_end=0.002, gamma=0.995)
 
 
 def _observed_moves(

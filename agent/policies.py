@@ -8,6 +8,7 @@ from agent.mdp.greedy import GreedyPolicy
 from agent.method import method_of
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import FILE, Policy, PolicyConfig
+from agent.training.settings import refuse_former
 from cosim.base.reading import parsing, read_arrays
 from cosim.model.scenario import Scenario
 
@@ -24,7 +25,9 @@ def load_policy(
     arrays = read_arrays(path, FILE, ("config",))
     with parsing(path, FILE):
         config = dict(json.loads(arrays["config"].tobytes()))
+        refuse_former(config.get("objective"), f"{path}: a policy by the method")
         pair = config.get("objective") == "fastest" and len(config["scenario"]["targets"]) > 1
+        pair |= dict(config.get("learning", {})).get("algorithm") == "pair"
     if "network" not in config:
         return (PairPolicy if pair else Policy).load(path, scenario)
     policy = NetworkPolicy.load(path)

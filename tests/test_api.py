@@ -157,8 +157,8 @@ def test_the_recorded_greedy_action_is_what_the_policy_chose():
 
 def test_methods_are_told_and_train_however_often_they_are_asked_for(policy):
     assert agent.methods()[0] == "moves"
-    learnt = {"moves", "paper", "slip", "robust", "prompt"}
-    assert set(agent.methods()) == learnt | {"shortest", "quickest", "fastest", "roundabout"}
+    learnt = {"moves", "pair", "paper", "slip", "robust"}
+    assert set(agent.methods()) == learnt | {"shortest", "fastest", "roundabout"}
     again = agent.train("1a", method="paper", episodes=20_000)
     assert again.digest() == policy.digest()
 
@@ -217,7 +217,11 @@ def test_simulate_refuses_what_it_does_not_know(policy, arguments, error, messag
     ("arguments", "error", "message"),
     [
         ({"scenario": "7"}, ScenarioError, "unknown scenario '7'"),
-        ({"method": "luck"}, UserError, "method 'luck' is unknown; choose one of moves, paper"),
+        (
+            {"method": "luck"},
+            UserError,
+            "method 'luck' is unknown; choose one of moves, pair, paper",
+        ),
         ({"motor_fmu": "my.fmu"}, UserError, "motor_fmu has no effect .* method paper"),
         ({"motor_parameters": {"J": 5e-9}}, UserError, "motor_parameters has no effect .* paper"),
         ({"motor_parameters": {"J": "heavy"}, "method": "moves"}, ConfigError, "motor_parameters"),

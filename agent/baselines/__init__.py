@@ -3,9 +3,8 @@
 from typing import Literal, get_args
 
 from agent.deep import NetworkAlgorithm
-from agent.mdp.config import Objective
 
-Table = Literal["paper", "double_q", "moves", "prompt", Objective]
+Table = Literal["paper", "double_q", "moves", "pair", "shortest", "fastest"]
 Learner = Literal[Table, NetworkAlgorithm]
 NETWORKS: tuple[NetworkAlgorithm, ...] = get_args(NetworkAlgorithm)
 LEARNERS: tuple[Learner, ...] = get_args(Learner)

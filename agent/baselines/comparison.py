@@ -21,7 +21,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import Milestone, joint_starts
 from agent.mdp.optimum import optimum
 from agent.mdp.readings import build_process
-from agent.method import ON_MOVES, method_config
+from agent.method import method_config, moves_of
 from agent.moves.bound import least_times_of_starts
 from agent.policies import load_policy
 from agent.study.episodes import StudyLine, case_of, simulate
@@ -109,20 +109,21 @@ class _Training:
 
     def line(self, episodes: int) -> StudyLine:
         """Return the episodes that its policy is to drive."""
-        physics = SimulationOptions(through=_through(self.learner))
+        physics = SimulationOptions(through=_through(self.learner, self.scenario))
         case = case_of(load_policy(self.policy), physics, self.seed, progress=self._progress)
         return StudyLine(case, case.sample(min(episodes, len(case.starts))))
 
 
-def _through(learner: Learner) -> bool:
+def _through(learner: Learner, scenario: Scenario) -> bool:
     """Return whether a learner's robots drive through cells, as in the moves it learnt on."""
-    return learner in ON_MOVES and ON_MOVES[learner].through
+    moves = moves_of(learner, scenario)
+    return moves is not None and moves.through
 
 
 @cache
 def _least_times(scenario: Scenario, through: bool) -> np.ndarray:
     """(K,) float64 in s, of all starts; see `agent.moves.bound`."""
-    moves = method_config("prompt" if through else "moves", scenario).moves
+    moves = method_config("pair" if through else "moves", scenario).moves
     assert moves is not None
     process = build_process(scenario, ProcessConfig())
     return least_times_of_starts(process, moves, joint_starts(process))
@@ -130,6 +131,8 @@ def _least_times(scenario: Scenario, through: bool) -> np.ndarray:
 
 def left_out(scenario: Scenario, learner: Learner) -> str | None:
     """Return why a learner is not in the table of a scenario; None if it is."""
+    if learner == "pair" and scenario.robots != 2:
+        return "n/a: not two robots"
     if learner in COMPUTED and optimum(build_process(scenario, ProcessConfig())).relaxed:
         cells = scenario.columns * scenario.rows
         return f"n/a: {cells**scenario.robots:.1g} joint states"
@@ -213,7 +216,7 @@ def _drive(
     simulate(lines, store, where, may_begin=may_begin, progress=progress)
     for training, line in zip(trained, lines, strict=True):
         if known := store.file(line.case).completed_prefix(line.indices):
-            least = _least_times(training.scenario, _through(training.learner))
+            least = _least_times(training.scenario, _through(training.learner, training.scenario))
             training.drives = tuple(
                 Drive(index, result.outcome, result.sim_time_s, float(least[index]))
                 for index, result in known.items()

@@ -16,11 +16,10 @@ from agent.deep.policy import NetworkConfig
 from agent.deep.world import SHAPING
 from agent.mdp.exact import Milestone
 from agent.mdp.greedy import GreedyPolicy
-from agent.mdp.readings import build_process
 from agent.method import method_config, method_policy
-from agent.training.learning import initial_state
-from agent.training.loop import TrainingProgress, run_training
-from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.loop import TrainingProgress, fresh_state, run_training
+from agent.training.pair_policy import trained_policy
+from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import COMPUTED
 from cosim.base.progress import Progress
 from cosim.base.provenance import digest_of
@@ -88,8 +87,7 @@ def train(config: Config, progress: Progress, watch: Callable[[Milestone], None]
         return learners.train(config, progress, watch, enough=1.0)
     if config.objective is not None:
         return method_policy(config.objective, config.scenario, progress=progress)[0]
-    process = build_process(config.scenario, config.process)
-    state = initial_state(process, config.learning, config.seed.sequence())
+    state = fresh_state(config)
     began, known = time.perf_counter(), 0
 
     def chunk(now: TrainingProgress) -> None:
@@ -102,4 +100,4 @@ def train(config: Config, progress: Progress, watch: Callable[[Milestone], None]
         progress("training", now.episode, now.episodes, f"success {now.success:.1%}")
 
     run_training(config, state, progress=chunk)
-    return Policy.of_training(config, state)
+    return trained_policy(config, state)

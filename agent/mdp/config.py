@@ -12,9 +12,8 @@ from cosim.base.errors import UserError
 from cosim.model.scenario import ScenarioError
 
 Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
-Objective = Literal["shortest", "quickest"]  # paths of least length, or of fewest moves
 # Not learnt: see `agent.mdp.optimum`, and for the fastest `agent.moves.bound`.
-Computed = Literal[Objective, "fastest", "roundabout"]
+Computed = Literal["shortest", "fastest", "roundabout"]
 PartnerUpdate = Literal["ordinary", "penalty", "none"]
 RewardPer = Literal["step", "time", "distance"]
 FEATURES: tuple[Feature, ...] = get_args(Feature)

@@ -147,8 +147,8 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
     Args:
         process: of one robot with features x and y, or of two with x, y and p; for "roundabout" of
             any number with x and y, and with the others' targets as disks.
-        objective: the optimum of one robot, or of two together, by path length or by moves; or the
-            shortest paths of robots as if each were alone, in a roundabout.
+        objective: the optimum of one robot, or of two together, by path length; or the shortest
+            paths of robots as if each were alone, in a roundabout.
 
     Returns:
         Action values (N, states, 8) float32, minus the least cost that a move leads to, and (N,
@@ -171,8 +171,7 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
             f"those of one robot, and of two with at most {MAX_JOINT_STATES:,} joint states (here "
             f"{cells**robots:,}); choose another method, or a smaller scenario"
         )
-    value = bound.path_cells if objective == "shortest" else bound.steps
-    costs = _PATH_COSTS if objective == "shortest" else _STEP_COSTS
+    value, costs = bound.path_cells, _PATH_COSTS
     after = np.stack([cells_after(process, i) for i in range(robots)])
     if robots == 1:
         return _tables_alone(after, costs, value[None])

@@ -39,27 +39,27 @@ class PairTimes(NamedTuple):
         delay: (cells, AXIS_COUNT, cells, AXIS_COUNT) uint16, by cell and axis of the first robot
             and of the second: least time of both together over the sum of `alone`, in `GRAIN_S`;
             `UNREACHABLE` where there is none.
-        rows: of the board.
+        at: (cells, 2) int64, column and row of each cell.
     """
 
     after: np.ndarray
     seconds: np.ndarray
     alone: np.ndarray
     delay: np.ndarray
-    rows: int
+    at: np.ndarray
 
 
 @inlined
-def _squared(p: int, q: int, rows: int) -> int:
-    x, y = p // rows - q // rows, p % rows - q % rows
+def _squared(p: int, q: int, at: np.ndarray) -> int:
+    x, y = at[p, 0] - at[q, 0], at[p, 1] - at[q, 1]
     return x * x + y * y
 
 
 @inlined
-def _nearest(p: int, q: int, p_after: int, q_after: int, rows: int) -> float:
+def _nearest(p: int, q: int, p_after: int, q_after: int, at: np.ndarray) -> float:
     """Least squared distance in cells² of robots that move from cells p and q at once."""
-    x, y = p // rows - q // rows, p % rows - q % rows
-    along_x, along_y = p_after // rows - q_after // rows - x, p_after % rows - q_after % rows - y
+    x, y = at[p, 0] - at[q, 0], at[p, 1] - at[q, 1]
+    along_x, along_y = at[p_after, 0] - at[q_after, 0] - x, at[p_after, 1] - at[q_after, 1] - y
     length = along_x * along_x + along_y * along_y
     share = min(max(-(x * along_x + y * along_y) / max(length, 1), 0.0), 1.0)
     x_nearest, y_nearest = x + share * along_x, y + share * along_y
@@ -67,17 +67,17 @@ def _nearest(p: int, q: int, p_after: int, q_after: int, rows: int) -> float:
 
 
 @inlined
-def _keeps_apart(p: int, q: int, p_after: int, q_after: int, rows: int) -> bool:
+def _keeps_apart(p: int, q: int, p_after: int, q_after: int, at: np.ndarray) -> bool:
     """Return whether two robots may move from cells p and q at once.
 
     They keep `KEPT_CELLS`, or where they are nearer already move apart.
     """
-    before, ended = _squared(p, q, rows), _squared(p_after, q_after, rows)
+    before, ended = _squared(p, q, at), _squared(p_after, q_after, at)
     if min(before, ended) >= _FAR_CELLS:
         return True
     if ended < KEPT_CELLS and ended <= before:
         return False
-    return _nearest(p, q, p_after, q_after, rows) >= min(KEPT_CELLS, float(before)) - 1e-9
+    return _nearest(p, q, p_after, q_after, at) >= min(KEPT_CELLS, float(before)) - 1e-9
 
 
 @inlined
@@ -92,13 +92,13 @@ def _sweep(
     seconds: np.ndarray,
     order: np.ndarray,
     free: np.ndarray,
-    rows: int,
+    at: np.ndarray,
     value: np.ndarray,
 ) -> float:
     """Update all states once, in place; return the largest change in s.
 
     Args:
-        after, seconds, rows: see `PairTimes`.
+        after, seconds, at: see `PairTimes`.
         order: (2, cells) int64, cells of each robot by its time alone, the nearest first.
         free: (cells, cells) bool, cells in which robots may be and continue.
         value: (cells, AXIS_COUNT, cells, AXIS_COUNT) float32 in s; updated.
@@ -118,7 +118,7 @@ def _sweep(
             best[:] = np.inf
             for b in range(q_choices):
                 q_after = after[1, q, b]
-                if q_after == BLOCKED or not _keeps_apart(p, q, p_after, q_after, rows):
+                if q_after == BLOCKED or not _keeps_apart(p, q, p_after, q_after, at):
                     continue
                 rest = value[p_after, a % AXIS_COUNT, q_after, b % AXIS_COUNT]
                 if rest == np.inf:
@@ -163,7 +163,13 @@ def moves_of_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     directions = range(DIRECTION_COUNT)
     kinds = np.array([[move_kind(a, axis) for axis in range(AXIS_COUNT)] for a in directions])
     delay = np.zeros((cells, AXIS_COUNT, cells, AXIS_COUNT), dtype=np.uint16)
-    return PairTimes(after, mean_seconds(moves)[kinds], least_times(process, moves), delay, rows)
+    return PairTimes(
+        after,
+        mean_seconds(moves)[kinds],
+        least_times(process, moves),
+        delay,
+        np.stack([x, y], axis=1),
+    )
 
 
 def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
@@ -182,7 +188,7 @@ def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     value = np.full(times.delay.shape, np.inf, dtype=np.float32)
     value[np.argwhere(end)[:, 0], :, np.argwhere(end)[:, 1]] = 0.0
     order = alone.min(axis=2).argsort(axis=1, kind="stable")
-    while _sweep(times.after, times.seconds, order, free, times.rows, value) > _SETTLED_S:
+    while _sweep(times.after, times.seconds, order, free, times.at, value) > _SETTLED_S:
         pass
     value -= np.where(np.isfinite(alone[0]), alone[0], 0.0).astype(np.float32)[:, :, None, None]
     value -= np.where(np.isfinite(alone[1]), alone[1], 0.0).astype(np.float32)
@@ -193,9 +199,9 @@ def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
 
 
 @inlined
-def _axis_towards(cell: int, goal: int, rows: int) -> int:
+def _axis_towards(cell: int, goal: int, at: np.ndarray) -> int:
     """Axis of the move that leads from a cell to another one."""
-    x, y = goal // rows - cell // rows, goal % rows - cell % rows
+    x, y = at[goal, 0] - at[cell, 0], at[goal, 1] - at[cell, 1]
     return 0 if y == 0 else 2 if x == 0 else 1 if x * y > 0 else 3
 
 
@@ -225,7 +231,7 @@ def pair_values(
         axes: (2,) int64, axis that each robot faces.
         values: (2, 8) float32, minus the time in s of both robots; updated.
     """
-    rows = times.rows
+    at = times.at
     p, q = cells[0], cells[1]
     values[:] = IMPOSSIBLE
     p_driven, q_driven = goals[0] != p, goals[1] != q
@@ -237,22 +243,22 @@ def pair_values(
         p_after = goals[0] if p_driven else times.after[0, p, a]
         if p_after == BLOCKED:
             continue
-        p_axis = _axis_towards(p, p_after, rows) if p_driven else a % AXIS_COUNT
+        p_axis = _axis_towards(p, p_after, at) if p_driven else a % AXIS_COUNT
         for b in range(q_choices):
             q_after = goals[1] if q_driven else times.after[1, q, b]
             if q_after == BLOCKED:
                 continue
             apart = (
-                _keeps_apart(p, q, p_after, q_after, rows)
-                and (not q_driven or _keeps_apart(p, q_after, p_after, q_after, rows))
-                and (not p_driven or _keeps_apart(p_after, q, p_after, q_after, rows))
+                _keeps_apart(p, q, p_after, q_after, at)
+                and (not q_driven or _keeps_apart(p, q_after, p_after, q_after, at))
+                and (not p_driven or _keeps_apart(p_after, q, p_after, q_after, at))
             )
             if not apart:
-                near = np.float32(IMPOSSIBLE + _nearest(p, q, p_after, q_after, rows))
+                near = np.float32(IMPOSSIBLE + _nearest(p, q, p_after, q_after, at))
                 values[0, a] = max(values[0, a], near)
                 values[1, b] = max(values[1, b], near)
                 continue
-            q_axis = _axis_towards(q, q_after, rows) if q_driven else b % AXIS_COUNT
+            q_axis = _axis_towards(q, q_after, at) if q_driven else b % AXIS_COUNT
             time = (
                 (0.0 if p_stays else times.seconds[a, axes[0]])
                 + (0.0 if q_stays else times.seconds[b, axes[1]])
@@ -262,7 +268,7 @@ def pair_values(
                 continue
             values[0, a] = max(values[0, a], np.float32(-time))
             values[1, b] = max(values[1, b], np.float32(-time))
-            squared = _squared(p_after, q_after, rows)
+            squared = _squared(p_after, q_after, at)
             if time < least - GRAIN_S or (time <= least + GRAIN_S and squared > farthest):
                 least, best_a, best_b, farthest = min(time, least), a, b, squared
     if best_a >= 0:
@@ -282,6 +288,7 @@ def _evaluate(
     path_cells: np.ndarray,
     steps: np.ndarray,
 ) -> None:
+    rows = process.terrain.shape[2] - 2
     world = np.zeros((2, COLUMN_COUNT), dtype=np.int64)
     actions, rewards = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.float32)
     values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
@@ -290,7 +297,7 @@ def _evaluate(
         place(process, world, starts[k])
         outcome, step = RUNNING, 0
         while outcome == RUNNING:
-            cells[:] = world[:, X] * times.rows + world[:, Y]
+            cells[:] = world[:, X] * rows + world[:, Y]
             pair_values(times, cells, cells, world[:, AXIS].copy(), values)
             for i in range(2):
                 actions[i] = least_rotation_argmax(values[i], world[i, AXIS])

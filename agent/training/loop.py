@@ -13,6 +13,7 @@ import numpy as np
 from agent.mdp.exact import cell_map, evaluate, some_starts
 from agent.mdp.readings import build_process
 from agent.moves.model import MoveModel, build_model
+from agent.moves.pair import evaluate_pair, moves_of_pair
 from agent.training.learning import (
     EPISODES,
     PATH_CELLS,
@@ -22,9 +23,11 @@ from agent.training.learning import (
     TrainingState,
     build_learning,
     epsilon_of_episodes,
+    initial_state,
     map_points,
 )
 from agent.training.moves_qlearning import advance_moves
+from agent.training.pair_learning import advance_pair, first_delay, of_both
 from agent.training.policy import PolicyConfig
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
@@ -128,6 +131,20 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
     return build_model(config.moves, contact_m / scenario.cell_m)
 
 
+def fresh_state(task: PolicyConfig) -> TrainingState:
+    """Return the state that the training of a configuration begins with.
+
+    Raises:
+        UserError: the scenario cannot be used with these interpretations.
+    """
+    process = build_process(task.scenario, task.process)
+    if task.learning.algorithm != "pair":
+        return initial_state(process, task.learning, task.seed.sequence())
+    assert task.moves is not None
+    table = of_both(first_delay(process, moves_of_pair(process, task.moves))).astype(np.float32)
+    return initial_state(process, task.learning, task.seed.sequence(), table)
+
+
 def run_training(
     task: PolicyConfig,
     state: TrainingState,
@@ -150,6 +167,9 @@ def run_training(
     learning = build_learning(config)
     evaluations = greedy_episodes(config)
     starts = some_starts(process, MAX_CURVE_STARTS)
+    times = None
+    if config.algorithm == "pair" and task.moves is not None:
+        times = moves_of_pair(process, task.moves)._replace(delay=state.q)
     while state.episode < config.episodes:
         until = min(config.episodes, (state.episode // CHUNK_EPISODES + 1) * CHUNK_EPISODES)
         due = np.searchsorted(evaluations, state.episode, side="right")
@@ -158,11 +178,16 @@ def run_training(
         before = state.episode
         if model is None:
             advance(process, learning, state, until)
+        elif times is not None:
+            advance_pair(process, model, learning, times, state, until)
         else:
             advance_moves(process, model, learning, state, until)
         if until in evaluations:
             values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
-            result = evaluate(process, values, starts)
+            if times is not None:
+                result = evaluate_pair(process, times, starts)
+            else:
+                result = evaluate(process, values, starts)
             state.greedy[due] = (
                 result.rate(Outcome.SUCCESS),
                 result.mean_path_cells(),

@@ -1,4 +1,4 @@
-"""The policy of two robots that take the least time together, see `agent.moves.pair`."""
+"""The policy of two robots that look one joint move ahead, by times that are computed or learnt."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,9 @@ from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.joint import BLOCKED
 from agent.mdp.readings import build_process
 from agent.moves.pair import PairTimes, evaluate_pair, moves_of_pair, pair_values, solve_pair
-from agent.training.policy import PolicyConfig, read_policy
+from agent.training.learning import TrainingState
+from agent.training.pair_learning import first_delay, kept_delay, of_both
+from agent.training.policy import Policy, PolicyConfig, read_policy
 from cosim.base.provenance import digest_of
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
@@ -24,9 +26,10 @@ class PairPolicy(GreedyPolicy):
     """Joint moves of least time, looked for one move ahead.
 
     Attributes:
-        config: with moves of robots that drive through cells, and the objective.
+        config: with moves of robots that drive through cells; the times are computed
+            (`agent.moves.pair`) or learnt (`agent.training.pair_learning`).
         delay: see `agent.moves.pair.PairTimes`.
-        episodes: 0, as nothing is learnt.
+        episodes: of training; 0 if nothing is learnt.
     """
 
     config: PolicyConfig
@@ -34,7 +37,8 @@ class PairPolicy(GreedyPolicy):
     episodes: int = 0
 
     def __repr__(self) -> str:
-        return f"PairPolicy(scenario {self.config.scenario.name}, {self.config.objective})"
+        made = self.config.objective or f"{self.episodes} episodes"
+        return f"PairPolicy(scenario {self.config.scenario.name}, {made} on moves)"
 
     @classmethod
     def computed(cls, config: PolicyConfig) -> "PairPolicy":
@@ -93,8 +97,11 @@ class PairPolicy(GreedyPolicy):
         return found
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The delay of every joint state."""
-        return {"delay": self.delay}
+        """The delay of every joint state, of learnt ones what learning has changed."""
+        if self.config.objective is not None:
+            return {"delay": self.delay}
+        first = first_delay(self.process, self.times)
+        return {"delay": self.delay - of_both(first), "first": first}
 
     @classmethod
     def load(cls, path: Path | str, scenario: Scenario | None = None) -> "PairPolicy":
@@ -103,12 +110,14 @@ class PairPolicy(GreedyPolicy):
         Raises:
             PolicyError: no such file, not such a policy, another schema, or another scenario.
         """
-        config, _, arrays = read_policy(path, ("delay",))
+        config, episodes, arrays = read_policy(path, ("delay",), ("first",))
         cells = config.scenario.columns * config.scenario.rows
         delay = arrays["delay"]
-        if (delay.shape, delay.dtype) != ((cells, AXIS_COUNT) * 2, np.uint16):
+        first = arrays.get("first", np.zeros((2, cells, AXIS_COUNT), np.uint16))
+        shapes = (delay.shape, delay.dtype, first.shape, first.dtype)
+        if shapes != ((cells, AXIS_COUNT) * 2, np.uint16, (2, cells, AXIS_COUNT), np.uint16):
             raise PolicyError(f"{path}: times and configuration do not fit; compute it again")
-        policy = cls(config, delay)
+        policy = cls(config, delay + of_both(first), episodes)
         if scenario is not None:
             policy.require_scenario(scenario, f"{path}: the policy")
         return policy
@@ -116,4 +125,12 @@ class PairPolicy(GreedyPolicy):
 
 def of_pair(config: PolicyConfig) -> bool:
     """Return whether the policy of a configuration is a `PairPolicy`."""
-    return config.objective == "fastest" and config.scenario.robots == 2
+    computed = config.objective == "fastest" and config.scenario.robots == 2
+    return computed or config.learning.algorithm == "pair"
+
+
+def trained_policy(config: PolicyConfig, state: TrainingState) -> Policy | PairPolicy:
+    """Return the policy of a training run."""
+    if not of_pair(config):
+        return Policy.of_training(config, state)
+    return PairPolicy(config, kept_delay(state.q), state.episode)

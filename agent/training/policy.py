@@ -87,6 +87,8 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 "process: reward_per = time has no effect on moves of robots that are asked every "
                 f"{TIMING.rl_step_s:g} s, which is what it pays for; leave it at step"
             )
+        if self.learning.algorithm == "pair":
+            self._require_pair()
         if self.objective is None:
             return
         if self.learning != LearningConfig():
@@ -96,6 +98,23 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 "fastest paths are those of observed moves, and others know of none; "
                 f"{'leave them out' if self.moves else 'give some'}"
             )
+
+    def _require_pair(self) -> None:
+        wrong = {
+            f"scenario {self.scenario.name} has {self.scenario.robots} robots; choose one of two": (
+                self.scenario.robots != 2
+            ),
+            "it learns on observed moves; give some (--moves)": self.moves is None,
+            "one table of moves of many worlds is not learnt; observe moves of one world": (
+                self.moves is not None and bool(self.moves.walks)
+            ),
+            "it knows each robot's cell and axis; choose the features x, y, h and p": (
+                set(self.process.features) != {"x", "y", "h", "p"}
+            ),
+        }
+        for problem, found in wrong.items():
+            if found:
+                raise PolicyError(f"learning: algorithm = pair is for two robots: {problem}")
 
 
 @dataclass(frozen=True, repr=False)
@@ -200,7 +219,7 @@ class Policy(GreedyPolicy):
 
 
 def read_policy(
-    path: Path | str, names: tuple[str, ...]
+    path: Path | str, names: tuple[str, ...], optional: tuple[str, ...] = ()
 ) -> tuple[PolicyConfig, int, dict[str, np.ndarray]]:
     """Return configuration, trained episodes and the arrays of these names of a policy file.
 
@@ -208,7 +227,7 @@ def read_policy(
         PolicyError: no such file, not a policy, another schema, or damaged.
     """
     path = Path(path)
-    arrays = read_arrays(path, FILE, (*names, "config"))
+    arrays = read_arrays(path, FILE, (*names, "config"), optional)
     with parsing(path, _CONFIG):
         description = dict(json.loads(arrays.pop("config").tobytes()))
     if description.get("schema_version") != SCHEMA_VERSION:

@@ -21,10 +21,11 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig
+from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves
 from agent.training.loop import TrainingLog
-from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.policy import PolicyConfig, Seed
 from agent.training.recording import write_training
 from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE, config_digest, load_run, save_run
@@ -87,7 +88,7 @@ class RunResult(NamedTuple):
     """
 
     run: int
-    policy: Policy
+    policy: GreedyPolicy
     log: TrainingLog
 
 
@@ -147,7 +148,7 @@ def train_runs(
     return [results[run] for run in sorted(results)]
 
 
-def _keep(task: RunTask, seed: int, policy: Policy, log: TrainingLog) -> None:
+def _keep(task: RunTask, seed: int, policy: GreedyPolicy, log: TrainingLog) -> None:
     """Write what a run has given to its folder."""
     facts = {
         "scenario": task.config.scenario.name,

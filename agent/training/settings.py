@@ -16,10 +16,30 @@ from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 
 # See `agent.method`.
-Method = Literal["moves", "paper", "slip", "robust", "prompt", Computed]
+Method = Literal["moves", "pair", "paper", "slip", "robust", Computed]
 METHODS: tuple[Method, ...] = get_args(Method)
 COMPUTED: tuple[Computed, ...] = get_args(Computed)
-BEST: Method = "moves"
+BEST: Method = "moves"  # of those for any number of robots
+FORMER = {"prompt": "pair (two robots) or moves", "quickest": "fastest"}
+
+
+def best_method(robots: int) -> Method:
+    """Return the default method for a number of robots."""
+    return "pair" if robots == 2 else BEST
+
+
+def refuse_former(method: Any, of: str) -> None:
+    """Refuse a method of earlier versions.
+
+    Args:
+        method: by name.
+        of: what it is the method of, in words.
+
+    Raises:
+        UserError: it names what replaces it.
+    """
+    if method in FORMER:
+        raise UserError(f"{of} {method} no longer exists; use {FORMER[method]} instead")
 
 
 class MethodFacts(NamedTuple):
@@ -40,7 +60,12 @@ class MethodFacts(NamedTuple):
 
 _OPTIMUM = "Dijkstra's algorithm over the joint grid"
 FACTS: dict[Method, MethodFacts] = {
-    "moves": MethodFacts("any", "Q-learning on moves observed in the co-simulation", "", "default"),
+    "moves": MethodFacts(
+        "any", "Q-learning on moves observed in the co-simulation", "", "default but for two robots"
+    ),
+    "pair": MethodFacts(
+        "2", "learnt: time of both together, on moves through cells", "", "default for two robots"
+    ),
     "paper": MethodFacts(
         "any", "Q-learning on the grid (Section V of the paper)", "", "to reproduce the paper"
     ),
@@ -50,11 +75,7 @@ FACTS: dict[Method, MethodFacts] = {
     "robust": MethodFacts(
         "any", "Q-learning on moves observed in many worlds", "", "worlds that are not ideal"
     ),
-    "prompt": MethodFacts(
-        "any", "Q-learning per time, on moves through cells", "--through", "learnt, for short times"
-    ),
     "shortest": MethodFacts("1, 2", f"computed: {_OPTIMUM}, by path", "", "bound of the path"),
-    "quickest": MethodFacts("1, 2", f"computed: {_OPTIMUM}, by moves", "", "bound of the moves"),
     "fastest": MethodFacts(
         "1, 2", "computed: value iteration on observed moves", "--through (2 robots)", "least time"
     ),
@@ -65,7 +86,7 @@ FACTS: dict[Method, MethodFacts] = {
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal
 IN_WORLDS: tuple[Method, ...] = (*COMPARED, "robust")  # where they are not
 
-Algorithm = Literal["q", "double_q"]
+Algorithm = Literal["q", "double_q", "pair"]
 
 
 MAX_EPISODES, MAX_POINTS = 10**9, 10**7
@@ -99,7 +120,8 @@ class LearningConfig:
     schedule: Literal["geometric", "linear"] = "geometric"
     """Reduction by the factor (assumed), or linear to 0 at the end of exploration."""
     algorithm: Algorithm = "q"
-    """Q-learning of Eq. (7), or double Q-learning (two tables per robot)."""
+    """Q-learning of Eq. (7), double Q-learning (two tables per robot), or one table of the times
+    that two robots still take together (pair: on moves, with the features x, y, h and p)."""
     log_episodes: int = 1000
     """Episodes between two points of the learning curves."""
     log_window: int = 100

@@ -6,6 +6,7 @@ Only the cache; one run is `agent.training.loop`, many runs with checkpoints are
 import logging
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,19 +14,20 @@ from agent.mdp.greedy import GreedyPolicy, PolicyError
 from agent.mdp.optimum import computed_tables
 from agent.mdp.readings import build_process
 from agent.moves.bound import fastest_tables
-from agent.training.learning import initial_state
 from agent.training.loop import (
     ProgressCallback,
     TrainingLog,
     TrainingLogError,
+    fresh_state,
     run_training,
     training_log,
 )
-from agent.training.pair_policy import PairPolicy, of_pair
+from agent.training.pair_policy import PairPolicy, of_pair, trained_policy
 from agent.training.policy import Policy, PolicyConfig
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, load_or_create, require_no_folder
 
+Trained = Any  # a `Policy`, of a pair that learns together a `PairPolicy`
 POLICY_FILE = "policy.npz"
 LOG_FILE = "training.npz"
 
@@ -45,29 +47,28 @@ def policy_folder(config: PolicyConfig) -> Path:
 
 def train_policy(
     config: PolicyConfig, *, progress: ProgressCallback | None = None
-) -> tuple[Policy, TrainingLog]:
+) -> tuple[Trained, TrainingLog]:
     """Train from nothing, without looking at or writing any file."""
-    process = build_process(config.scenario, config.process)
-    state = initial_state(process, config.learning, config.seed.sequence())
+    state = fresh_state(config)
     run_training(config, state, progress=progress)
     log = training_log(config.learning, state, config.scenario.cell_m)
-    return Policy.of_training(config, state), log
+    return trained_policy(config, state), log
 
 
-def save_run(folder: Path, policy: Policy, log: TrainingLog) -> Path:
+def save_run(folder: Path, policy: GreedyPolicy, log: TrainingLog) -> Path:
     """Write learning curves and policy; the policy comes last, so that it marks a whole run."""
     log.save(folder / LOG_FILE)
     policy.save(folder / POLICY_FILE)
     return folder / POLICY_FILE
 
 
-def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] | None:
+def load_run(folder: Path, config: PolicyConfig) -> tuple[Trained, TrainingLog] | None:
     """Policy and learning curves of a configuration; None if they are missing or damaged."""
     path = folder / POLICY_FILE  # written last
     if not path.exists():
         return None
     try:
-        policy = Policy.load(path)
+        policy = (PairPolicy if of_pair(config) else Policy).load(path)
         log = TrainingLog.load(folder / LOG_FILE)
     except (PolicyError, TrainingLogError) as error:
         _LOGGER.warning("%s: it is made again", error)
@@ -77,7 +78,7 @@ def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] |
 
 def find_or_train(
     config: PolicyConfig, *, again: bool = False, progress: ProgressCallback | None = None
-) -> tuple[Policy, TrainingLog, Path]:
+) -> tuple[Trained, TrainingLog, Path]:
     """The policy of a configuration: found in the cache, or trained and kept there.
 
     Args:
@@ -97,7 +98,7 @@ def find_or_train(
     for name in (POLICY_FILE, LOG_FILE):
         require_no_folder(folder / name)  # before training, not after
 
-    def train() -> tuple[Policy, TrainingLog]:
+    def train() -> tuple[Trained, TrainingLog]:
         trained = train_policy(config, progress=progress)
         save_run(folder, *trained)
         return trained

@@ -12,11 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.mdp.readings import build_process
-from agent.training.learning import TrainingState, initial_state
-from agent.training.loop import TrainingLog, TrainingProgress, run_training, training_log
-from agent.training.policy import Policy, PolicyConfig
-from agent.training.store import config_digest
+from agent.training.learning import TrainingState
+from agent.training.loop import (
+    TrainingLog,
+    TrainingProgress,
+    fresh_state,
+    run_training,
+    training_log,
+)
+from agent.training.pair_policy import trained_policy
+from agent.training.policy import PolicyConfig
+from agent.training.store import Trained, config_digest
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.base.storage import replacing
@@ -64,15 +70,14 @@ class RunTask(NamedTuple):
         return self.out / run_name(self.run)
 
 
-def train_run(task: RunTask) -> tuple[Policy, TrainingLog]:
+def train_run(task: RunTask) -> tuple[Trained, TrainingLog]:
     """Train one run, from its checkpoint if it has one.
 
     A worker on another machine may not see the experiment's folder: then it keeps no checkpoints
     and shows no progress, and the result is the same.
     """
     config = task.config
-    process = build_process(config.scenario, config.process)
-    state = initial_state(process, config.learning, config.seed.sequence())
+    state = fresh_state(config)
     shared = task.folder.is_dir()
     checkpoint_path = task.folder / CHECKPOINT_FILE
     if shared:
@@ -85,7 +90,7 @@ def train_run(task: RunTask) -> tuple[Policy, TrainingLog]:
         checkpoint_episodes=task.checkpoint_episodes,
     )
     log = training_log(config.learning, state, config.scenario.cell_m)
-    return Policy.of_training(config, state), log
+    return trained_policy(config, state), log
 
 
 def save_checkpoint(path: Path, config: PolicyConfig, state: TrainingState) -> None:

@@ -146,7 +146,7 @@ class DecisionOptions:
     through: bool = False
     """Let robots drive through the centre of a cell without stopping where the next direction is
     the same, asked when their move ends (within 0.1 s) instead of every 2 s. Policies of the method
-    prompt have learnt on such moves."""
+    pair have learnt on such moves."""
 
     def deciding(self, config: CoSimConfig) -> CoSimConfig:
         """A configuration with these decisions."""

@@ -20,8 +20,8 @@ _LAST_SEED = 4_000_000_000
 class Baselines(Distributed, Resumable):
     """Compare learners on the same boards: success, paths and times over the optimum, and effort.
 
-    Tables by the paper's Q-learning and by double Q-learning, on observed moves (moves, prompt),
-    computed optima (shortest, quickest), and networks (ddqn, ippo, mappo; they need the extra
+    Tables by the paper's Q-learning and by double Q-learning, on observed moves (moves, pair),
+    computed optima (shortest, fastest), and networks (ddqn, ippo, mappo; they need the extra
     deep). Every training and every episode is kept when it ends: the same command resumes, and
     --budget-minutes 0 only writes the table of existing results.
     """

@@ -11,6 +11,7 @@ from agent.moves.model import Move, ObservedMoves
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
 from agent.training.settings import COMPUTED, METHODS
+from cosim.base.errors import UserError
 from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import DIRECTIONS
 from minirobots.runner import execute
@@ -31,8 +32,12 @@ def moves():
 @pytest.mark.parametrize("method", [m for m in METHODS if m not in COMPUTED])
 @pytest.mark.parametrize("name", ["1b", "4"])
 def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch):
+    if method == "pair" and name == "1b":
+        with pytest.raises(UserError, match="pair is for two robots, and scenario 1b has 1"):
+            method_config(method, find_scenario(name))
+        return
     walks = (len(moves.moves),) if method == "robust" else ()
-    through = method == "prompt"
+    through = method == "pair"
     rl_step_s = 0.1 if through else moves.rl_step_s
     moves = msgspec.structs.replace(moves, walks=walks, rl_step_s=rl_step_s, through=through)
     monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
@@ -44,7 +49,7 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
     expected = {
         "moves": {"1b": {"h"}, "4": {"b"}}[name],
         "robust": {"1b": {"h"}, "4": {"b", "h"}}[name],
-        "prompt": {"1b": {"h"}, "4": {"b", "h"}}[name],
+        "pair": {"h"},
     }.get(method, set())
     assert set(config.process.features) & {"b", "h"} == expected
     assert method_of(config) == method
@@ -52,6 +57,12 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
     assert method_of(longer) == method
     other = msgspec.structs.replace(config, learning=replace(config.learning, eta=0.5))
     assert method_of(other) is None
+
+
+@pytest.mark.parametrize(("name", "instead"), [("prompt", "pair"), ("quickest", "fastest")])
+def test_a_method_that_has_gone_names_what_replaces_it(name, instead):
+    with pytest.raises(UserError, match=f"method {name} no longer exists; use {instead}"):
+        method_config(name, find_scenario("4"))
 
 
 @pytest.mark.parametrize("name", ["1b", "4"])

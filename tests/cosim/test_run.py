@@ -14,9 +14,11 @@ import pytest
 from agent.mdp.config import ProcessConfig
 from agent.moves import observe
 from agent.moves.model import ObservedMoves
-from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.pair_policy import PairPolicy
+from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
+from cosim.base import storage
 from cosim.base.storage import cache_dir
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.reader import read_episode
@@ -170,13 +172,14 @@ def test_default_method_observes_moves_and_trains_on_them(run, tmp_path, monkeyp
     monkeypatch.setattr(observe, "MOVES_PER_KIND", 1)
     monkeypatch.setattr(observe, "WALKS", 1)
     monkeypatch.setattr(observe, "cache_dir", lambda kind: tmp_path / kind)
+    monkeypatch.setattr(storage, "PACKAGED", tmp_path / "nothing")
     out = tmp_path / "run"
     done = run("--train-episodes", 20_000, "--time-limit", 4, "--out", out, "--record", "none")
     assert done.returncode == 0, done.stderr
     (path,) = (tmp_path / "moves").glob("*.json")
-    policy = Policy.load(out / "policy.npz", find_scenario("2"))
+    policy = PairPolicy.load(out / "policy.npz", find_scenario("2"))
     assert policy.config.moves == ObservedMoves.load(path)
-    assert summary_of(out)["method"] == "moves"
+    assert summary_of(out)["method"] == "pair"
 
 
 def test_policy_of_another_scenario_is_refused(run, runs, tmp_path):

@@ -1,7 +1,6 @@
 """Optimal joint paths as policies: they reach the bound from every start, alone and in pairs."""
 
 import re
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from agent.mdp import grid
-from agent.mdp.config import Objective, ProcessConfig
+from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate, joint_starts
 from agent.mdp.optimum import optimum
 from agent.mdp.readings import build_process
@@ -28,42 +27,34 @@ CROSSING = Scenario(
     columns=5, rows=6, zone=(2, 2, 2, 2), obstacles=((0, 3),), robot_diameter_m=0.02,
 )  # fmt: skip
 PAIR = ("x", "y", "p")
-OBJECTIVES = get_args(Objective)
+SHORTEST = "shortest"
 
 
-def require_bound(policy, objective):
+def require_bound(policy):
     result = evaluate(policy.process, policy.values)
     assert (result.outcome == SUCCESS).all()
-    path_cells, steps = optimum(policy.process).of_starts(
-        result.starts, policy.config.scenario.rows
-    )
-    reached, bound = {
-        "shortest": (result.path_cells.mean(axis=1), path_cells),
-        "quickest": (result.steps.mean(axis=1), steps),
-    }[objective]
-    np.testing.assert_allclose(reached, bound, rtol=1e-12)
+    bound, _ = optimum(policy.process).of_starts(result.starts, policy.config.scenario.rows)
+    np.testing.assert_allclose(result.path_cells.mean(axis=1), bound, rtol=1e-12)
 
 
-@pytest.mark.parametrize("method", OBJECTIVES)
 @pytest.mark.parametrize(
     "name", ["1b", *(pytest.param(n, marks=pytest.mark.slow) for n in ("2", "3", "4", "5-doorway"))]
 )
-def test_computed_policies_reach_the_bound_from_every_start(name, method):
-    policy, log, path = method_policy(method, find_scenario(name))
-    require_bound(policy, method)
+def test_computed_policies_reach_the_bound_from_every_start(name):
+    policy, log, path = method_policy(SHORTEST, find_scenario(name))
+    require_bound(policy)
     assert log is None
-    assert method_of(Policy.load(path).config) == method
+    assert method_of(Policy.load(path).config) == SHORTEST
     assert path.stat().st_size < 6_000_000  # the tables of a pair take 52 MB
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES)
 @pytest.mark.parametrize("collision", ["cells", "swept"])
-def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision, objective):
+def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision):
     process = ProcessConfig(features=PAIR, collision=collision)
-    config = PolicyConfig(CROSSING, process, LearningConfig(), Seed(0), objective=objective)
+    config = PolicyConfig(CROSSING, process, LearningConfig(), Seed(0), objective=SHORTEST)
     policy, _ = find_or_compute(config)
     assert isinstance(policy, Policy)
-    require_bound(policy, objective)
+    require_bound(policy)
     # in every joint state one move of each robot is better than its others, by a grain at least
     best = np.sort(policy.values[policy.visits > 0], axis=1)
     assert (best[:, -1] - best[:, -2] >= 2.0**-10).all()
@@ -124,7 +115,7 @@ def test_three_robots_are_bounded_one_by_one_on_the_smallest_board():
         method_policy("shortest", three)
 
 
-@pytest.mark.parametrize("method", ["shortest", "quickest", "roundabout"])
+@pytest.mark.parametrize("method", [SHORTEST, "roundabout"])
 def test_a_board_without_a_path_is_refused(method, command, tmp_path):
     path = tmp_path / "walled.toml"
     path.write_text(
@@ -141,7 +132,7 @@ def test_a_board_without_a_path_is_refused(method, command, tmp_path):
 
 def test_what_cannot_be_computed_is_refused(command):
     with pytest.raises(UserError, match="4 robots on 900 cells"):
-        method_policy("quickest", find_scenario("4-cross"))
+        method_policy(SHORTEST, find_scenario("4-cross"))
     with pytest.raises(ScenarioError, match=r"cell \(0, 11\).* too near another's target; choose"):
         method_policy("roundabout", find_scenario("5-corridor"))
     with pytest.raises(UserError, match=r"one robot or two.* 4-cross has 4"):

@@ -408,8 +408,8 @@ def test_rewards_per_time_have_no_effect_where_robots_are_asked_every_two_second
     process = ProcessConfig(reward_per="time")
     with pytest.raises(ScenarioError, match=r"reward_per = time .* asked every 2 s"):
         PolicyConfig(SMALL, process, LearningConfig(), Seed(0), ideal_moves())
-    prompt = msgspec.structs.replace(ideal_moves(), rl_step_s=0.1)
-    assert PolicyConfig(SMALL, process, LearningConfig(), Seed(0), prompt)
+    often = msgspec.structs.replace(ideal_moves(), rl_step_s=0.1)
+    assert PolicyConfig(SMALL, process, LearningConfig(), Seed(0), often)
 
 
 @pytest.mark.parametrize("rl_step_s", [0.1, 0.8, 1.5])

@@ -2,8 +2,10 @@
 
 import heapq
 import itertools
+from dataclasses import replace
 from functools import cache
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -18,6 +20,8 @@ from agent.policies import load_policy
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
+from agent.training.store import train_policy
+from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -188,3 +192,57 @@ def test_a_robot_that_waits_keeps_away_from_a_move_under_way(policy):
         for other in (cells[1], goals[1]):
             assert keep_apart(tuple(cells[0] - other), tuple(after - goals[1]))
     assert free > 50
+
+
+LEARNING = LearningConfig(
+    8000, eta=0.1, eta_end=0.01, gamma=1.0, epsilon=0.05, exploration=0.8, schedule="linear",
+    algorithm="pair", log_episodes=100, greedy_points=2,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def trained():
+    return train_policy(PolicyConfig(BOARD, PROCESS, LEARNING, Seed(3), MOVES))
+
+
+def test_a_pair_learns_to_take_little_more_than_the_least_time(policy, trained):
+    learnt, log = trained
+    starts = [((x, y, 2), (0, 7, 2)) for x, y in BOARD.starts[0]]
+    least = np.mean([-policy.q_values(seen(state)).max() for state in starts])
+    taken = -log.returns.sum(axis=1)
+    assert log.success[-1] == 1.0
+    assert 0.99 * least < taken[-10:].mean() < 1.01 * least
+    assert taken[0] > 1.05 * least
+    assert learnt.evaluate().rate(Outcome.SUCCESS) == 1.0
+
+
+def test_a_learnt_pair_is_the_same_for_the_same_seed_and_is_read_back(trained, tmp_path):
+    learnt, _ = trained
+    again, _ = train_policy(learnt.config)
+    other, _ = train_policy(msgspec.structs.replace(learnt.config, seed=Seed(4)))
+    assert again.digest() == learnt.digest() != other.digest()
+    learnt.save(tmp_path / "policy.npz")
+    read = load_policy(tmp_path / "policy.npz", BOARD)
+    assert (read.digest(), read.episodes) == (learnt.digest(), LEARNING.episodes)
+    assert repr(read) == "PairPolicy(scenario board, 8000 episodes on moves)"
+
+
+@pytest.mark.parametrize(
+    ("changed", "problem"),
+    [
+        ({"scenario": find_scenario("1b")}, "scenario 1b has 1 robots; choose one of two"),
+        ({"moves": None}, "it learns on observed moves"),
+        ({"moves": msgspec.structs.replace(MOVES, walks=(8,))}, "observe moves of one world"),
+        ({"process": ProcessConfig()}, "choose the features x, y, h and p"),
+    ],
+)
+def test_what_a_pair_cannot_learn_on_is_refused(changed, problem):
+    config = PolicyConfig(BOARD, PROCESS, LEARNING, Seed(0), MOVES)
+    with pytest.raises(PolicyError, match=f"algorithm = pair is for two robots: .*{problem}"):
+        msgspec.structs.replace(config, **changed)
+
+
+def test_a_board_on_which_a_robot_cannot_arrive_is_not_learnt():
+    walled = replace(BOARD, robot_diameter_m=0.02, obstacles=tuple((4, y) for y in range(9)))
+    with pytest.raises(UserError, match="there is no path to the targets"):
+        train_policy(PolicyConfig(walled, PROCESS, LEARNING, Seed(0), MOVES))

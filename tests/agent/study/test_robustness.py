@@ -116,7 +116,7 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
         {"seed": -1},
         {"budget_minutes": -1.0},
         {"quick": True, "episodes": 3},
-        {"methods": ("paper", "prompt")},
+        {"methods": ("paper", "pair")},
         {"methods": ()},
         {"axes": ()},
     ],
