@@ -49,7 +49,8 @@ def train(
 
     Args:
         scenario: name of a built-in scenario, scenario file (.toml) or record.
-        method: one of `methods()`; by default "pair" for two robots, else "moves".
+        method: one of `methods()`; by default "pair" for two robots on a board of up to 1000
+            cells, else "moves".
         seed: of training.
         episodes: of training, the method's own number by default.
         motor_fmu: whose moves are observed by the methods that know of moves, by default
@@ -67,8 +68,8 @@ def train(
         UserError: the scenario or the method is unknown, the seed is negative, or the FMU cannot be
             used.
     """
-    from agent.method import ON_MOVES, method_policy  # noqa: PLC0415 - numba is slow to import
-    from agent.training.settings import best_method  # noqa: PLC0415
+    # numba is slow to import
+    from agent.method import ON_MOVES, best_method, method_policy  # noqa: PLC0415
 
     motors = {
         "motor_fmu": taken("motor_fmu", motor_fmu, Path | None),
@@ -77,7 +78,7 @@ def train(
         ),
     }
     board = find_scenario(scenario)
-    method = method or best_method(board.robots)
+    method = method or best_method(board)
     for name, value in motors.items():
         if value and method not in ON_MOVES:
             raise UserError(f"{name} has no effect on training by method {method}; leave it out")

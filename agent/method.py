@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from agent.mdp import optimum
 from agent.mdp.config import ProcessConfig
+from agent.mdp.readings import MAX_JOINT_STATES
 from agent.moves import bound, pair
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
@@ -26,7 +27,7 @@ from agent.moves.worlds import RANGES, Ranges
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy, PolicyConfig, Seed
-from agent.training.settings import COMPUTED, METHODS, LearningConfig, Method, refuse_former
+from agent.training.settings import BEST, COMPUTED, METHODS, LearningConfig, Method, refuse_former
 from agent.training.store import find_or_compute, find_or_train
 from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError
@@ -34,6 +35,7 @@ from cosim.base.progress import Progress, silent
 from cosim.base.reached_code import code_digest
 from cosim.calibration.cache import calibrated_slower
 from cosim.model.scenario import Scenario
+from cosim.onboard.features import AXIS_COUNT
 from cosim.simulation.options import DecisionOptions, Physics
 
 
@@ -63,6 +65,12 @@ CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do b
 SLIP_PROBABILITY = 0.2  # assumed
 # Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
 _FREE = ("episodes", "log_episodes", "log_window", "greedy_points")
+
+
+def best_method(scenario: Scenario) -> Method:
+    """Return the default method: "pair" for two robots on a board that it can learn, else BEST."""
+    joint_states = AXIS_COUNT * (scenario.columns * scenario.rows) ** 2
+    return "pair" if scenario.robots == 2 and joint_states <= MAX_JOINT_STATES else BEST
 
 
 def method_config(

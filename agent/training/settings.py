@@ -23,11 +23,6 @@ BEST: Method = "moves"  # of those for any number of robots
 FORMER = {"prompt": "pair (two robots) or moves", "quickest": "fastest"}
 
 
-def best_method(robots: int) -> Method:
-    """Return the default method for a number of robots."""
-    return "pair" if robots == 2 else BEST
-
-
 def refuse_former(method: Any, of: str) -> None:
     """Refuse a method of earlier versions.
 

@@ -51,16 +51,15 @@ class Run(NewFolder, Simulating):
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
     """How agents learn: two robots the time that they take together, on moves through cells (pair,
-    the default for two), any number on moves observed in co-simulation (moves, the default
-    otherwise; both the first time some 20 s more), on moves of many worlds (robust), on the grid
-    as in Section V (paper), or on the grid with moves that go astray (slip). Or they are computed
-    without learning: of one or two robots the joint paths that are optimal on the grid by length
-    (shortest), of one or two the least time on observed moves (fastest; two with --through), of
-    any number each one's own path counter-clockwise about the middle of the board (roundabout,
-    with --shield)."""
+    the default for two on up to 1000 cells), any number on moves observed in co-simulation (moves,
+    the default otherwise), on moves of many worlds (robust), on the grid as in Section V (paper),
+    or on the grid with moves that go astray (slip). Or they are computed without learning: of one
+    or two robots the joint paths that are optimal on the grid by length (shortest), of one or two
+    the least time on observed moves (fastest; two with --through), of any number each one's own
+    path counter-clockwise about the middle of the board (roundabout, with --shield)."""
     train_episodes: Count | None = None
-    """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves, and
-    3 000 000 for robust and 250 000 for pair."""
+    """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves,
+    3 000 000 for robust, and 250 000 for pair."""
     seed: Seed = 0
     train_seed: NotNegative | None = None
     """Seed of training: by default 0, so that every --seed meets the same policy, trained once."""
@@ -170,14 +169,13 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
 def _policy(
     options: Run, scenario: "Scenario", progress: Progress
 ) -> "tuple[GreedyPolicy, TrainingLog | None]":
-    from agent.method import method_policy
+    from agent.method import best_method, method_policy
     from agent.policies import load_policy
-    from agent.training.settings import best_method
 
     if options.policy is not None:
         return load_policy(options.policy, scenario), None
     policy, log, _ = method_policy(
-        options.method or best_method(scenario.robots),
+        options.method or best_method(scenario),
         scenario,
         options.train_seed or 0,
         episodes=options.train_episodes,

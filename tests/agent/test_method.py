@@ -65,6 +65,13 @@ def test_a_method_that_has_gone_names_what_replaces_it(name, instead):
         method_config(name, find_scenario("4"))
 
 
+def test_the_default_method_can_learn_every_board():
+    wide = replace(find_scenario("4"), columns=40)
+    methods_of = [methods.best_method(s) for s in (find_scenario("4"), find_scenario("1b"), wide)]
+    assert methods_of == ["pair", "moves", "moves"]
+    assert method_config("paper", wide).process  # the board itself is fine
+
+
 @pytest.mark.parametrize("name", ["1b", "4"])
 def test_on_moves_a_collision_costs_more_than_any_detour(name, moves, monkeypatch):
     """The dearest detour never ends and closes in on a robot that it almost touches."""
