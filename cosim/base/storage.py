@@ -205,7 +205,8 @@ def temporary_folder() -> "tempfile.TemporaryDirectory[str]":
 @functools.cache
 def _folder_of_process() -> "tempfile.TemporaryDirectory[str]":
     """Folder with all temporary folders of this process, which is locked as long as it lives."""
-    for old in Path(tempfile.gettempdir()).glob(f"{_FOLDERS}*"):
+    there = Path(tempfile.gettempdir())
+    for old in there.glob(f"{_FOLDERS}*") if fcntl is not None else ():  # else all could be in use
         with contextlib.suppress(OSError), contextlib.ExitStack() as stack:
             handle = os.open(old, os.O_RDONLY | _FOLDER_ONLY)
             stack.callback(os.close, handle)

@@ -87,7 +87,7 @@ MODELS = {
         Variable(4, "fails_at", causality="parameter", start="1e300", unit="s"),
         Variable(5, "longest", causality="parameter", start="1e300", unit="s"),
         Variable(6, "warns_above", causality="parameter", start="1e300"),
-        Variable(7, "needs_stop", causality="parameter", start="0"),
+        Variable(7, "needs_stop", causality="parameter", start="0.0"),
     ),
     "ball": (
         Variable(1, "h", start="1"),

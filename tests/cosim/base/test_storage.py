@@ -232,11 +232,16 @@ with temporary_folder() as folder:
 """
 
 
-def test_files_are_written_without_what_only_posix_systems_have():
+def test_files_are_written_without_what_only_posix_systems_have(tmp_path):
+    held = tmp_path / "minirobots-tmp-held"  # perhaps in use: nothing tells without locks
+    held.mkdir()
+    os.utime(held, (0, 0))
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", WITHOUT_POSIX],
         capture_output=True,
         text=True,
         check=False,
+        env=os.environ | {"TMPDIR": str(tmp_path)},
     )
     assert (done.stdout, done.stderr) == ("[1]\n True\n", "")
+    assert held.exists()
