@@ -10,6 +10,7 @@ import numpy as np
 
 from agent.mdp.acting import greedy
 from agent.mdp.exact import Evaluation
+from agent.mdp.joint import IMPOSSIBLE
 from agent.mdp.readings import Process, build_process
 from agent.mdp.rewards import DrivenStep, reward_parts
 from cosim.base.errors import UserError
@@ -84,12 +85,15 @@ class GreedyPolicy(ABC):
     def act(self, observation: Observation) -> Decision:
         """Return the greedy directions, int64, with their values; ties go to the least rotation.
 
+        A direction that fails has no value (NaN), so that plots of the others can be read.
+
         Raises:
             ValueError: see `q_values`.
         """
         facing = np.ascontiguousarray(observation.direction, np.int64)
         values = self.q_values(observation)
-        return Decision(greedy(values, facing), values)
+        shown = np.where(values > 0.5 * IMPOSSIBLE, values, np.nan)
+        return Decision(greedy(values, facing), shown)
 
     def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
         """(N, 3) float64, reward of a co-simulated step by parts, see `agent.mdp.rewards`."""

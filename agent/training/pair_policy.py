@@ -30,11 +30,13 @@ class PairPolicy(GreedyPolicy):
             (`agent.moves.pair`) or learnt (`agent.training.pair_learning`).
         delay: see `agent.moves.pair.PairTimes`.
         episodes: of training; 0 if nothing is learnt.
+        visits: (2, cells) uint32, decisions of each robot in each cell while learning.
     """
 
     config: PolicyConfig
     delay: np.ndarray
     episodes: int = 0
+    visits: np.ndarray | None = None
 
     def __repr__(self) -> str:
         made = self.config.objective or f"{self.episodes} episodes"
@@ -87,12 +89,17 @@ class PairPolicy(GreedyPolicy):
         times, scenario = self.times, self.config.scenario
         shape, axes = (scenario.columns, scenario.rows), np.arange(DIRECTION_COUNT) % AXIS_COUNT
         found = []
-        for after, alone in zip(times.after, times.alone, strict=True):
+        visits = np.zeros((2, len(times.at))) if self.visits is None else self.visits
+        for after, alone, seen in zip(times.after, times.alone, visits, strict=True):
             rest = np.where(after == BLOCKED, np.inf, alone[after, axes])
             action = (times.seconds[:, STARTING_AXIS] + rest).argmin(axis=1)
             value = -alone[:, STARTING_AXIS]
             known = np.isfinite(value) & (value < 0.0)
-            layers = np.where(known, value, 0.0), action, known.astype(float)
+            layers = (
+                np.where(known, value, 0.0),
+                action,
+                np.where(known, np.maximum(seen, 1.0), 0.0),
+            )
             found.append(PolicyMap(*(layer.reshape(shape) for layer in layers)))
         return found
 
@@ -101,7 +108,8 @@ class PairPolicy(GreedyPolicy):
         if self.config.objective is not None:
             return {"delay": self.delay}
         first = first_delay(self.process, self.times)
-        return {"delay": self.delay - of_both(first), "first": first}
+        visits = {} if self.visits is None else {"visits": self.visits}
+        return {"delay": self.delay - of_both(first), "first": first} | visits
 
     @classmethod
     def load(cls, path: Path | str, scenario: Scenario | None = None) -> "PairPolicy":
@@ -110,14 +118,18 @@ class PairPolicy(GreedyPolicy):
         Raises:
             PolicyError: no such file, not such a policy, another schema, or another scenario.
         """
-        config, episodes, arrays = read_policy(path, ("delay",), ("first",))
+        config, episodes, arrays = read_policy(path, ("delay",), ("first", "visits"))
         cells = config.scenario.columns * config.scenario.rows
         delay = arrays["delay"]
         first = arrays.get("first", np.zeros((2, cells, AXIS_COUNT), np.uint16))
-        shapes = (delay.shape, delay.dtype, first.shape, first.dtype)
-        if shapes != ((cells, AXIS_COUNT) * 2, np.uint16, (2, cells, AXIS_COUNT), np.uint16):
+        visits = arrays.get("visits", np.zeros((2, cells), np.uint32))
+        shapes = (delay.shape, first.shape, visits.shape)
+        types = (delay.dtype, first.dtype, visits.dtype)
+        if shapes != ((cells, AXIS_COUNT) * 2, (2, cells, AXIS_COUNT), (2, cells)) or types != (
+            np.uint16, np.uint16, np.uint32,
+        ):  # fmt: skip
             raise PolicyError(f"{path}: times and configuration do not fit; compute it again")
-        policy = cls(config, delay + of_both(first), episodes)
+        policy = cls(config, delay + of_both(first), episodes, arrays.get("visits"))
         if scenario is not None:
             policy.require_scenario(scenario, f"{path}: the policy")
         return policy
@@ -133,4 +145,5 @@ def trained_policy(config: PolicyConfig, state: TrainingState) -> Policy | PairP
     """Return the policy of a training run."""
     if not of_pair(config):
         return Policy.of_training(config, state)
-    return PairPolicy(config, kept_delay(state.q), state.episode)
+    visits = np.stack([state.visits.sum(axis=(1, 2, 3)), state.visits.sum(axis=(0, 1, 3))])
+    return PairPolicy(config, kept_delay(state.q), state.episode, visits.astype(np.uint32))

@@ -19,6 +19,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from cosim.base.arguments import taken
 from cosim.base.errors import shown
 from cosim.fmi.fmu import Fmu
 from cosim.model.config import whole_ratio
@@ -95,14 +96,17 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             components, connections = system
         self._ticks = whole_ratio("step", step, "step_s", step_s)
         self._fmus = load_fmus(components)
-        self._components, self._parameters = list(components), dict(parameters)
+        self._components = list(components)
+        self._parameters = {n: _checked_bounds(n, ends) for n, ends in parameters.items()}
         for name in ("inputs", "record", "start_s", "stop_s"):
             if name in options:
                 raise GraphError(f"{name} is not for environments; leave it out")
         self._wiring = [_targets(name, entries) for name in actions]
-        bounds = list(actions.values()) if isinstance(actions, Mapping) else None
-        if bounds is None:
-            bounds = [_declared(self._fmus, targets) for targets in self._wiring]
+        given = actions if isinstance(actions, Mapping) else {}
+        bounds = [
+            _checked_bounds(name, given[name] if given else _declared(self._fmus, targets))
+            for name, targets in zip(actions, self._wiring, strict=True)
+        ]
         self._limit = _LIMIT_STEPS
         if duration is None and stop_s is not None:
             duration = stop_s - start_s
@@ -119,11 +123,8 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             "step_s": step_s, "start_s": start_s, "record": recorded, "inputs": inputs,
             "stop_s": None if duration is None else start_s + duration,
         }  # fmt: skip
-        for name, (low, high) in self._parameters.items():
+        for name in self._parameters:
             find(self._fmus, name)
-            _check_bounds(name, low, high)
-        for name, (low, high) in zip(actions, bounds, strict=True):
-            _check_bounds(name, low, high)
         low, high = np.array(bounds, dtype=np.float32).reshape(-1, 2).T
         self.action_space = spaces.Box(low, high, dtype=np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (len(self._seen),), np.float32)
@@ -277,8 +278,10 @@ class SystemVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self, *, seed: int | Sequence[int | None] | None = None, options: Any = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin all episodes; one seed counts up over the instances."""
-        if seed is None or isinstance(seed, int):
-            seed = [None if seed is None else seed + k for k in range(self.num_envs)]
+        if seed is None or isinstance(seed, int | np.integer):
+            seed = [None if seed is None else int(seed) + k for k in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise GraphError(f"{len(seed)} seeds: give one to each of {self.num_envs} instances")
         begun = [env.reset(seed=s, options=options) for env, s in zip(self.envs, seed, strict=True)]
         self._done[:] = False
         infos: dict[str, Any] = {}
@@ -289,7 +292,16 @@ class SystemVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(
         self, actions: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all instances; one that has ended begins again instead, with a reward of 0."""
+        """Step all instances; one that has ended begins again instead, with a reward of 0.
+
+        Raises:
+            GraphError: actions are not a row per instance, or see `SystemEnv.step`.
+            FmuError: an FMU failed.
+        """
+        if np.shape(actions)[:1] != (self.num_envs,):
+            raise GraphError(
+                f"actions = {shown(actions)}: give a row to each of {self.num_envs} instances"
+            )
         rows: list[Any] = [None] * self.num_envs
 
         def work(part: range) -> None:
@@ -347,6 +359,8 @@ def _start(fmus: Mapping[str, Fmu], components: Sequence[Component], target: str
     return float({"true": 1.0, "false": 0.0}.get(str(value).lower(), value))
 
 
-def _check_bounds(name: str, low: float, high: float) -> None:
+def _checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
+    low, high = taken(f"bounds of {name}", bounds, tuple[float, float])
     if not -np.inf < low <= high < np.inf:
         raise GraphError(f"{name}: bounds ({low}, {high}) must be finite, the lower one first")
+    return low, high

@@ -276,20 +276,8 @@ class System:
         rows = [layout.memory.i8[None, : layout.words].copy()]
         status, component = FMI_OK, 0
         while self._now[TICK] < until and status == FMI_OK:
-            self._now[ROW] = 0
-            size = min(left, ROWS_AT_ONCE)
-            room = np.empty(size, dtype=np.int64), np.empty((size, layout.words), dtype=np.int64)
-            reach = self._feed(until)
-            block = layout.tables, layout.memory
-            with calling(f"what begins at {self.time_s:g} s of simulated time"):
-                if self._solved:
-                    block = (*block, self._coupling)
-                    found = run_solved(*block, scheme, self._now, reach, *room)
-                else:
-                    found = run_fixed(*block, scheme, self._now, reach, *room)
-            status, component, _ = found
-            self._over = status != FMI_OK
-            self._check(*found)
+            room = self._room(min(left, ROWS_AT_ONCE))
+            status, component = self._go(scheme, self._feed(until), room)
             ticks.append(room[0][: self._now[ROW]])
             rows.append(room[1][: self._now[ROW]])
             (progress or silent)("simulating", self.time_s - scheme.start_s, duration_s)
@@ -299,7 +287,13 @@ class System:
         return self._result(np.concatenate(ticks), np.concatenate(rows), ended)
 
     def advance(self, steps: int) -> bool:
-        """Make communication steps without recording; returns whether the system goes on after it.
+        """Make communication steps without recording.
+
+        Args:
+            steps: their number.
+
+        Returns:
+            False if an FMU has asked to end the simulation, else True.
 
         Raises:
             FmuError, GraphError: as `run`.
@@ -307,20 +301,32 @@ class System:
         if not self._finalizer.alive or self._over:
             raise GraphError("the system has ended, failed or been closed; make it again")
         until = int(self._now[TICK]) + steps
-        room = np.empty(2, dtype=np.int64), np.empty((2, self._layout.words), dtype=np.int64)
+        scheme, room = self._scheme._replace(every=_LONGEST), self._room(2)
+        while self._now[TICK] < until and not self._over:
+            self._go(scheme, until, room)
+        return not self._over
+
+    def _room(self, rows: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return room for ticks and values of recorded rows."""
+        words = self._layout.words
+        return np.empty(rows, dtype=np.int64), np.empty((rows, words), dtype=np.int64)
+
+    def _go(self, scheme: Scheme, until: int, room: tuple[np.ndarray, ...]) -> tuple[int, int]:
+        """Step to a tick, or until the room is full; returns the status and its component.
+
+        Raises:
+            FmuError, GraphError: as `run`.
+        """
+        self._now[ROW] = 0
         block = self._layout.tables, self._layout.memory
-        scheme = self._scheme._replace(every=_LONGEST)
-        found = FMI_OK, 0, 0
         with calling(f"what begins at {self.time_s:g} s of simulated time"):
-            while self._now[TICK] < until and found[0] == FMI_OK:
-                self._now[ROW] = 0
-                if self._solved:
-                    found = run_solved(*block, self._coupling, scheme, self._now, until, *room)
-                else:
-                    found = run_fixed(*block, scheme, self._now, until, *room)
+            if self._solved:
+                found = run_solved(*block, self._coupling, scheme, self._now, until, *room)
+            else:
+                found = run_fixed(*block, scheme, self._now, until, *room)
         self._over = found[0] != FMI_OK
         self._check(*found)
-        return not self._over
+        return found[:2]
 
     def hold(self, values: Sequence[float]) -> None:
         """Give new values to the `inputs`, each of which was given at one time, from now on."""

@@ -10,6 +10,7 @@ continues with a file that exists.
 
 import argparse
 import time
+from collections import Counter
 from pathlib import Path
 
 import gymnasium
@@ -21,6 +22,7 @@ from stable_baselines3.common.vec_env import VecEnv
 import agent.envs
 import minirobots as mr
 from agent.envs.drive import DrivePolicy
+from cosim.model.outcome import BY_RANK
 
 OPTIONS = {"control_interval": 0.5}
 
@@ -102,18 +104,18 @@ def train(path, minutes, options):
 
 
 def evaluate(path, episodes, options):
-    """Share of episodes that reach their targets, each with its own seed."""
+    """Number of episodes by outcome, each with its own seed."""
     model = PPO.load(path, device="cpu")
     env = make(episodes, **options)
     seen, _ = env.reset(seed=1000)
-    reached, ended = np.zeros(episodes, dtype=bool), np.zeros(episodes, dtype=bool)
+    outcomes, ended = np.zeros(episodes, dtype=int), np.zeros(episodes, dtype=bool)
     while not ended.all():
         actions, _ = model.predict(seen, deterministic=True)
         seen, _, terminated, truncated, infos = env.step(actions)
-        reached |= infos["is_success"] & ~ended
+        outcomes[~ended] = infos["outcome"][~ended]
         ended |= terminated | truncated
     env.close()
-    return reached
+    return Counter(BY_RANK[outcome].value for outcome in outcomes)
 
 
 def driver(path):
@@ -135,8 +137,7 @@ def main():
     options = {"worlds": agent.envs.ROBUST_WORLDS} if arguments.worlds else {}
     options["time_limit"] = arguments.time_limit
     if arguments.evaluate:
-        reached = evaluate(arguments.evaluate, arguments.episodes, options)
-        print(f"{reached.sum()} of {len(reached)} targets reached")
+        print(dict(evaluate(arguments.evaluate, arguments.episodes, options)))
     elif arguments.simulate:
         episode = mr.simulate("1a", driver(arguments.simulate))
         episode.save("drive.rrd")

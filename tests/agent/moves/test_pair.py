@@ -225,6 +225,18 @@ def test_a_learnt_pair_is_the_same_for_the_same_seed_and_is_read_back(trained, t
     read = load_policy(tmp_path / "policy.npz", BOARD)
     assert (read.digest(), read.episodes) == (learnt.digest(), LEARNING.episodes)
     assert repr(read) == "PairPolicy(scenario board, 8000 episodes on moves)"
+    maps, again = ([part.visits for part in one.maps()] for one in (learnt, read))
+    assert np.array_equal(maps, again)
+    assert np.min(np.max(maps, axis=(1, 2))) > 1000.0  # both have decided often somewhere
+
+
+def test_directions_that_fail_have_no_value_in_recordings(policy):
+    state = ((7, 1, 0), (8, 8, 0))
+    values, shown = policy.q_values(seen(state)), policy.act(seen(state)).values
+    assert shown is not None
+    assert np.isnan(shown[values < -1e5]).all()
+    assert np.array_equal(shown[values > -1e5], values[values > -1e5])
+    assert np.isnan(shown).any()
 
 
 @pytest.mark.parametrize(

@@ -132,6 +132,7 @@ def test_what_fails_ends_an_episode_and_the_next_one_is_whole(small):
     [
         ({"actions": ["first.F_in"]}, "first.F_in: its FMU declares no min and max"),
         ({"actions": {"first.F_in": (1.0, -1.0)}}, "the lower one first"),
+        ({"actions": {"first.F_in": 1.0}}, "bounds of first.F_in = 1.0 is invalid"),
         ({"actions": {"second.x_in": (0.0, 1.0)}}, "second.x_in is set by a connection"),
         ({"actions": {"first.m": (0.0, 1.0)}}, "first.m is of causality parameter"),
         ({"observations": ["first.y"]}, "first has no variable 'y'"),
@@ -153,6 +154,14 @@ def test_unusable_actions_are_refused(masses):
             env.step(action)
     with pytest.raises(GraphError, match="reset has no option mu"):
         env.reset(options={"mu": 1.0})
+    rows = make(masses, SystemVectorEnv, 2)
+    rows.reset(seed=np.int64(0))
+    for action in ([[1.0]], [[1.0]] * 3, 1.0):
+        with pytest.raises(GraphError, match="give a row to each of 2 instances"):
+            rows.step(action)
+    with pytest.raises(GraphError, match="3 seeds: give one to each of 2 instances"):
+        rows.reset(seed=[1, 2, 3])
+    rows.close()
 
 
 def test_a_controller_learns_to_calm_the_second_mass(masses):
