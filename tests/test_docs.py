@@ -2,6 +2,7 @@
 
 import ast
 import re
+import runpy
 import tokenize
 from collections import Counter, defaultdict
 from pathlib import Path
@@ -170,6 +171,23 @@ def test_every_page_says_first_what_it_is_for():
     assert [n for n, text in lines.items() if not text[2].startswith("For ") or text[1]] == []
     site = (ROOT / "mkdocs.yml").read_text("utf-8")
     assert [path.name for path in pages if f": {path.name}" not in site] == []
+
+
+def test_pages_of_results_open_with_a_picture():
+    pages = {path.stem: path.read_text("utf-8") for path in (ROOT / "docs").glob("*.md")}
+    results = {name: text.splitlines()[:20] for name, text in pages.items() if "**Result**" in text}
+    assert len(results) > 10
+    without = [name for name, top in results.items() if not any("![" in line for line in top)]
+    assert without == ["reliability"]  # whose results are tests
+
+
+def test_pictures_show_what_the_tables_say():
+    tables = runpy.run_path(str(ROOT / ".ci" / "tables.py"))
+    pictures = ROOT / "docs" / "images"
+    for name, picture in tables["PICTURES"].items():
+        said = str(tables["read_rows"](picture))
+        assert tables["drawn_from"](pictures / f"{name}.png") == said, f"draw {name}.png again"
+        assert f"(images/{name}.png)" in (ROOT / "docs" / f"{picture.page}.md").read_text("utf-8")
 
 
 def test_gallery_has_every_scenario():
