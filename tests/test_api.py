@@ -325,6 +325,7 @@ def test_robots_without_friction_are_refused_by_their_friction(policy):
         cosim.simulate("1a", policy, mu=0.0)
 
 
+@pytest.mark.long
 def test_recordings_are_known_by_what_determines_the_episode(policy, tmp_path):
     class Told:
         """Cannot be pickled, as it is local."""

@@ -71,6 +71,7 @@ def test_train_then_evaluate(command, tmp_path):
     assert (out / "run_000" / "policy.npz").stat().st_mtime_ns == before
 
 
+@pytest.mark.long
 def test_a_killed_command_goes_on_bit_identically(command, tmp_path):
     options = (
         "--scenario", "1a", "--runs", "2",
@@ -94,6 +95,7 @@ def test_a_killed_command_goes_on_bit_identically(command, tmp_path):
         assert not (killed / run / CHECKPOINT_FILE).exists()
 
 
+@pytest.mark.long
 def test_interrupt_ends_with_status_130_and_leaves_a_folder_to_go_on_with(tmp_path):
     process = spawn(tmp_path, "--scenario", "4")
     while not (tmp_path / "run_000").exists():

@@ -51,6 +51,7 @@ def run(array_fmu, tmp_path_factory):
     return folder, results
 
 
+@pytest.mark.long
 def test_every_episode_is_found_with_its_properties(run):
     folder, results = run
     with serving(folder) as datasets:

@@ -138,6 +138,7 @@ def test_caption_of_fig_7_states_the_numbers_of_the_recording(recording):
     assert closed_s > open_s
 
 
+@pytest.mark.long
 def test_bode_plot_is_written(tmp_path, command):
     out = tmp_path / "motor_loop.png"
     done = command("motor-loop", "--out", out, "--json")

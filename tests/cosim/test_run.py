@@ -218,6 +218,7 @@ def test_a_viewer_that_is_sent_nothing_is_refused(run, tmp_path):
     )
 
 
+@pytest.mark.long
 def test_threads_do_not_change_the_results(run, runs, tmp_path):
     policy = ("--policy", runs / "a" / "policy.npz", "--episodes", 2, "--time-limit", 4)
     for name, jobs in (("serial", 1), ("parallel", 2)):
@@ -241,6 +242,7 @@ def test_the_compiled_driver_records_the_signals_of_fmpy(run, runs, tmp_path):
         np.testing.assert_array_equal(values.values, theirs.signals[name].values, name)
 
 
+@pytest.mark.long
 def test_interrupt_keeps_the_recording(tmp_path, runs):
     out = tmp_path / "interrupted"
     arguments = ("--out", out, "--policy", runs / "a" / "policy.npz")

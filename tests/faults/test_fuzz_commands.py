@@ -71,6 +71,7 @@ def ended(name: str, arguments: list[str]) -> tuple[int, str]:
     raise AssertionError(f"{name} {arguments} did nothing")
 
 
+@pytest.mark.long
 @examples(80)
 @given(data=st.data())
 def test_any_command_line(flags, data):

@@ -138,6 +138,7 @@ def test_a_study_is_added_by_one_file(added, tmp_path):
     assert (tmp_path / "runs" / "decisions" / "study.png").exists()
 
 
+@pytest.mark.long
 def test_a_command_is_added_by_one_file(added):
     called = added("Print the target cells", "target_cells")
     assert "  target-cells   Print the target cells of a scenario\n" in called().stdout

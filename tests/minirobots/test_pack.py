@@ -21,6 +21,7 @@ def test_other_folders_are_refused(files, message, tmp_path, command):
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
+@pytest.mark.long
 def test_errors_of_the_compiler_are_shown(tmp_path, command):
     from zipfile import ZipFile
 

@@ -260,6 +260,7 @@ def forged(case, tmp_path_factory):
     return folder / "certificate.json"
 
 
+@pytest.mark.long
 def test_a_check_finds_fabricated_rows_whatever_seed_they_were_made_for(forged):
     report = check(forged, sample=10, where=ONE)
     assert (len(report.differences), report.compared) == (10, 10)
@@ -446,6 +447,7 @@ def test_splitting_simulates_and_keeps_branches(case, tmp_path, monkeypatch):
     assert estimate() == report
 
 
+@pytest.mark.long
 def test_every_branch_of_robots_that_drive_at_each_other_collides(case, near_policy, tmp_path):
     q = np.zeros_like(near_policy.q)
     q[:, 0, :, 0] = q[:, 1, :, 4] = 1.0  # east and west

@@ -37,6 +37,7 @@ def aec(render_mode=None, **options) -> Any:
     return parallel_to_aec(parallel(render_mode=mode, **options))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasium_accepts_all_environments(name):
     env = gym.make(f"MiniRobots/{name}-v0", render_mode="rgb_array")
@@ -44,6 +45,7 @@ def test_gymnasium_accepts_all_environments(name):
     env.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*IDS, "Pair", "CoSimPair"])
 def test_vector_wrappers_count_and_rows_have_pictures(name):
     env = gym.make_vec(f"MiniRobots/{name}-v0", num_envs=2, render_mode="rgb_array")
@@ -58,6 +60,7 @@ def test_vector_wrappers_count_and_rows_have_pictures(name):
     env.close()
 
 
+@pytest.mark.long
 def test_pettingzoo_accepts_robots_in_the_dynamics():
     def make():
         return envs.parallel_env("2", cosim=True, time_limit=20.0)

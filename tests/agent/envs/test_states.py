@@ -66,6 +66,7 @@ def begin(env):
     env.reset(seed=3, options={"starts": np.stack([starts] * boards) if boards else starts})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MAKERS)
 def test_copies_pickles_and_restored_states_go_on_with_the_same_bits(name):
     env = MAKERS[name]()

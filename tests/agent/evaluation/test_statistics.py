@@ -54,6 +54,7 @@ def test_interval_of_curves_is_that_of_each_point():
     assert np.isnan([low[4], high[4]]).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("runs", [2, 5, 20])
 def test_intervals_of_few_runs_cover(runs):
     """Percentile bootstrap intervals of two runs hold the mean in half of all samples."""

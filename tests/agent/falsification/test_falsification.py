@@ -66,6 +66,7 @@ def whole(policy) -> FalsificationReport:
     return search(policy, policy.parent / "whole")
 
 
+@pytest.mark.long
 def test_the_worst_episodes_are_kept(whole, policy):
     assert (whole.episodes, sum(whole.outcomes.values())) == (EPISODES, EPISODES)
     results = [
@@ -103,6 +104,7 @@ def test_a_search_goes_on_where_it_ended_to_the_same_bits(whole, policy):
     assert search(policy, out) == again  # nothing is simulated again
 
 
+@pytest.mark.long
 def test_results_of_another_search_are_refused(whole, policy):
     out = policy.parent / "edited"
     report = search(policy, out, 2)

@@ -82,6 +82,7 @@ def dijkstra(process, starts, diagonal):
     return math.inf
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("collision", ["cells", "swept"])
 @pytest.mark.parametrize("diameter_m", [0.02, 0.009])
 def test_pair_agrees_with_dijkstra_over_the_learning_process(collision, diameter_m):

@@ -68,6 +68,7 @@ def test_every_axis_has_worlds_of_its_own():
         assert in_world(scenario, point.world) == scenario
 
 
+@pytest.mark.long
 def test_rows_are_methods_in_worlds(report, board):
     assert report.complete
     assert [row.axis for row in report.rows] == ["nothing", *["delay"] * 3]

@@ -45,6 +45,7 @@ def table(out, near_file) -> StudyTable:
     return measured(out, near_file)
 
 
+@pytest.mark.long
 def test_rows_are_policies_with_every_value_of_the_axes(table):
     assert table.axes == ("noise",)
     assert [(row.policy, row.options) for row in table.rows] == [

@@ -130,6 +130,7 @@ def test_an_address_without_a_cluster_is_refused():
         Workers(jobs=2, backend="dask", address="tcp://127.0.0.1:9")
 
 
+@pytest.mark.long
 def test_a_cluster_that_is_not_there_is_refused(monkeypatch):
     monkeypatch.setattr(backends, "CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(BackendError, match="no Dask scheduler"):

@@ -31,6 +31,7 @@ def test_a_second_call_finds_the_policy_and_its_curves():
         assert np.array_equal(getattr(log, name), getattr(log_again, name), equal_nan=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "other",
     [

@@ -54,6 +54,7 @@ def test_small_pictures_are_small(results, tmp_path, command):
             assert image.width == SMALL_WIDTH_PX
 
 
+@pytest.mark.long
 def test_missing_results_are_named_with_their_command(tmp_path, command):
     out = ("--results", tmp_path, "--out", tmp_path / "out", "--small")
     page = command("figures", "all", *out).stdout

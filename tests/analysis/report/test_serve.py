@@ -69,6 +69,7 @@ def test_two_hundred_requests_at_once_succeed(serving):
         assert set(pool.map(request, range(200))) == {(200, b"RRF2")}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("host", "status"),
     [
@@ -83,6 +84,7 @@ def test_names_of_other_hosts_are_refused(serving, host, status):
     assert ask(serving, "/index.html", Host=host)[0] == status
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("asked", "status", "content", "said"),
     [

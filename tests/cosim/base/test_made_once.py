@@ -4,6 +4,8 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 # Each makes one thing when it is told to, and says whether it was the one that made it.
 SCRIPT = """
 import os
@@ -49,6 +51,7 @@ for make in (compiled, built, trained):
 """
 
 
+@pytest.mark.long
 def test_two_processes_make_everything_once(tmp_path):
     script = tmp_path / "make.py"
     script.write_text(SCRIPT.replace("NUMBER", str(time.time_ns())))

@@ -75,6 +75,7 @@ def call(work, *, progress=automatic):
     return progress
 
 
+@pytest.mark.long
 def test_a_call_shows_its_progress_by_default(capsys):
     def work(progress):
         progress("working", 0, 2)
@@ -97,6 +98,7 @@ def test_an_error_ends_the_bars():
     assert [t for t in threading.enumerate() if t.name.endswith("(_show)")] == []
 
 
+@pytest.mark.long
 def test_a_command_draws_bars_on_its_terminal():
     """The filter of what is printed leaves them alone."""
     script = (

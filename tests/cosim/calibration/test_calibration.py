@@ -19,6 +19,7 @@ def calibration(motor_fmu) -> Calibration:
     return find_calibration(CoSimConfig(), motor_fmu)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("manoeuvre", MANOEUVRES)
 def test_faster_motors_move_faster_and_repeatably(calibration, manoeuvre):
     curve = calibration.curve(manoeuvre)

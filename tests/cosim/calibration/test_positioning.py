@@ -14,6 +14,7 @@ def rows() -> dict[tuple[str, str, str], dict[str, Any]]:
     return {(row["what"], row["closed"], row["start"]): row for row in found}
 
 
+@pytest.mark.long
 def test_noise_spreads_pulses_through_the_speed_control_only(rows):
     closed, open_loop = rows["pulse", "speed", "same"], rows["pulse", "none", "same"]
     assert closed["ahead_sd_um"][0] > 0.0 and closed["turned_sd_deg"][0] > 0.0

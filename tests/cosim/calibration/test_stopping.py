@@ -29,6 +29,7 @@ def quick(monkeypatch, tmp_path):
         monkeypatch.setattr(stopping, name, count)
 
 
+@pytest.mark.long
 def test_robots_stop_within_what_the_shield_allows_for(motor_fmu):
     stops = stopping_paths(CoSimConfig(), MotorFmu(motor_fmu), 32, seed=9)
     assert 0.02e-3 < stops.path_m.max() < SHIELD.stopping_m / RESERVE

@@ -221,6 +221,7 @@ def test_an_obstacle_ends_the_advance_of_the_robot_that_touches_it(motor_fmu, dr
     assert advance(motor_fmu, driver, obstacles=obstacles, periods=1)[0] == (1, RUNNING)
 
 
+@pytest.mark.long
 def test_robots_slide_along_obstacles_and_around_their_corners(motor_fmu):
     """Both drive, askew, along walls of two obstacles; the right one passes their end."""
     obstacles = np.array([[0.0, 0.17505, 0.15, 0.2], [0.15, 0.17505, 0.151, 0.3]])

@@ -74,6 +74,7 @@ def test_an_fmu_is_shown_with_its_own_parameters(heavy_fmu):
     assert with_motor(config, heavy_fmu) is config
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("driver", sorted(set(DRIVERS) - {"fmpy"}))
 def test_parameters_are_set_through_fmi_with_every_driver(driver, motor_fmu, heavy_fmu):
     """An FMU that is given an inertia turns as one that has it, whatever drives it."""

@@ -105,6 +105,7 @@ def measured(trial):
     return trial(CONFIG)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_a_calibration_is_known_by_every_field_that_changes_it(name, trial, measured, motor_fmu):
     config = changed(name)

@@ -93,6 +93,7 @@ def drive(motor_fmu, config, policy=None):
     return system, outcome
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shield", [False, True])
 def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, shield):
     system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD if shield else None))

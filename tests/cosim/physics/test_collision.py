@@ -218,6 +218,7 @@ def test_small_robots_drive_on_where_large_ones_would_touch(motor_fmu, straight_
     assert 0.03 < system.measures.min_distance_m < 0.05
 
 
+@pytest.mark.long
 def test_robots_that_go_on_push_but_never_overlap(collision_course, motor_fmu):
     system, steps = drive_together(collision_course, motor_fmu, on_collision="continue")
     assert system.outcome != "collision"

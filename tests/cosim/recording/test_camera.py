@@ -25,6 +25,7 @@ def recorded(request) -> tuple[bool, Episode]:
     return request.param is not None, episode
 
 
+@pytest.mark.long
 def test_truth_and_estimate_are_recorded(recorded):
     camera, episode = recorded
     assert ("/sim/r1/estimate/position" in episode.signals) == camera

@@ -74,6 +74,7 @@ def send(recording: Recording, time_s: float) -> None:
     recording.flush()
 
 
+@pytest.mark.long
 def test_run_reaches_the_viewer_and_the_file(command, server, tmp_path):
     url, received, _ = server
     brief = ("--method", "paper", "--train-episodes", 20_000, "--time-limit", 4)

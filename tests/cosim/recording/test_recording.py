@@ -319,6 +319,7 @@ run_command(globals()[sys.argv[2]])
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("when", ["in_the_middle", "at_the_end"])
 def test_full_disk_ends_in_a_sentence_and_no_file_by_its_name(tmp_path, when):
     command = [sys.executable, "-c", FULL_DISK, str(tmp_path), when]

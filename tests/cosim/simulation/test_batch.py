@@ -140,6 +140,7 @@ WORLDS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("driver", "step_s"), [("compiled", 0.2), ("reference", 0.02)])
 def test_worlds_share_a_batch_and_keep_their_bits(driver, step_s, array_fmu):
     """Each episode is that of a batch of its own, whatever the number of lanes."""
@@ -245,6 +246,7 @@ def test_fmpy_steps_once_per_control_period_and_instance(array_fmu, monkeypatch,
     assert all(map(np.array_equal, *signals))
 
 
+@pytest.mark.long
 def test_force_statistics_do_not_depend_on_dt(array_fmu):
     """Within 5 %, of eight pairs that drive for 8 s: friction depends on how their masses drift."""
     found = []

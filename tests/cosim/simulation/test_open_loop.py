@@ -65,6 +65,7 @@ def test_a_robot_without_course_keeps_the_heading_error_that_its_turn_left(motor
     assert np.abs(straight.heading_error_rad - 0.14).max() < 0.03
 
 
+@pytest.mark.long
 def test_runs_say_their_preset_and_what_goes_without_feedback(straight_policy):
     driving: dict[str, Any] = {
         "preset": "icra2006",

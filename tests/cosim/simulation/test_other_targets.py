@@ -55,6 +55,7 @@ def test_robots_that_push_on_after_collisions_drive_over_targets(motor_fmu, stra
     assert steps[-1].samples.position[-1, 0, 1] > 0.061
 
 
+@pytest.mark.long
 def test_the_shield_keeps_out_of_anothers_target(motor_fmu, straight_policy):
     timing = CoSimConfig().timing._replace(episode_limit_s=60.0)
     steps = []

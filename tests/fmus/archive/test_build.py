@@ -104,6 +104,7 @@ def test_two_builds_are_the_same_bytes(fmus, tmp_path):
     assert [p.read_bytes() for p in paths] == [p.read_bytes() for p in fmus.values()]
 
 
+@pytest.mark.long
 def test_cache_builds_once_and_again_when_anything_changes(monkeypatch, tmp_path):
     monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
     first = build.cached_fmu("VibrationMotor")
@@ -190,6 +191,7 @@ def test_exports_are_the_two_standards_and_nothing_else(library):
     assert len(exported) == 75 + 44
 
 
+@pytest.mark.long
 def test_system_compiler_stands_in_for_ziglang(monkeypatch, tmp_path):
     monkeypatch.setattr(compiler, "compiler_command", lambda: [shutil.which("cc") or "cc"])
     path = build.build_fmu(tmp_path)

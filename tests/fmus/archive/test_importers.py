@@ -90,6 +90,7 @@ def test_references_are_those_of_the_sources(model):
     assert (np.ptp(rows, axis=0) > 0.0).all()  # everything moves
 
 
+@pytest.mark.long
 def test_archives_hold_what_their_manifest_names(artefacts):
     for artefact in artefacts.values():
         with zipfile.ZipFile(artefact.path) as archive:
@@ -133,6 +134,7 @@ def test_exchange_files_are_enough_for_an_importer(artefacts, model, fmi, tmp_pa
         assert result[name][1:] == pytest.approx(expected[name][1:], rel=1e-9, abs=1e-12), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fmi", ["2", "3"])
 @pytest.mark.parametrize("model", EXPERIMENTS)
 @pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS)

@@ -83,6 +83,7 @@ def trajectory(motor) -> bytes:
     return np.array(rows).tobytes() + motor.save()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_build_description_is_enough(archive, fmi, compiler, instance, tmp_path):
     folder, built = archive(fmi), tmp_path / "built.so"
@@ -91,6 +92,7 @@ def test_build_description_is_enough(archive, fmi, compiler, instance, tmp_path)
     assert trajectory(instance(fmi, library=built)) == trajectory(instance(fmi))
 
 
+@pytest.mark.long
 def test_build_by_fmpy(archive, fmi, instance, tmp_path):
     assert shutil.which("cc") and shutil.which("make"), "the test machine has a compiler and make"
     folder = tmp_path / "fmu"
@@ -131,6 +133,7 @@ class Prefixed:
         return getattr(self.library, self.prefix + name)
 
 
+@pytest.mark.long
 def test_motors_of_both_standards_link_into_one_program(archive, instance, tmp_path):
     objects = []
     copies = [(2, "VibrationMotor_"), (3, "VibrationMotor_"), (3, "second_")]

@@ -102,6 +102,7 @@ def fuzz(array, examples: int) -> None:
     )
 
 
+@pytest.mark.long
 def test_random_call_sequences(array):
     fuzz(array, 2 * settings().max_examples)
 

@@ -55,6 +55,7 @@ def parameters(generator: np.random.Generator, n: int) -> dict[str, Any]:
     return start
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("closed_loop", [True, False], ids=["closed-loop", "open-loop"])
 @pytest.mark.parametrize(("n", "step_s"), [(1, 1e-5), (4, 1e-5), (8, 2.5e-5), (21, 1e-3)])
 def test_an_array_has_the_bits_of_its_motors(array, instance, n, step_s, closed_loop):

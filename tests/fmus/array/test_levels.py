@@ -38,6 +38,7 @@ def trajectory(motors) -> bytes:
     return np.array(rows).tobytes() + motors.save()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("level", [0, 1, 2])
 @pytest.mark.parametrize("n", [3, 13])
 def test_every_instruction_set_gives_the_same_bits(
@@ -75,6 +76,7 @@ def run(*command: str | Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", COMPILERS)
 def test_build_description_is_enough(array, sources, name, tmp_path):
     built = tmp_path / "built.so"

@@ -96,6 +96,7 @@ CASES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", CASES)
 def test_model_exchange_with_a_variable_step_solver_agrees(fmus, rig, fmi, case):
     duration_s, start = CASES[case]

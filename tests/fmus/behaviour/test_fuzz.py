@@ -198,6 +198,7 @@ def fuzz(instance, examples: int) -> None:
     )
 
 
+@pytest.mark.long
 def test_random_call_sequences(instance):
     fuzz(instance, 2 * settings().max_examples)
 

@@ -81,6 +81,7 @@ def test_steps_rounded_to_single_precision_run_on(fmu):
     assert ends[0][:2] == pytest.approx(ends[1][:2], abs=1e-4, rel=0)
 
 
+@pytest.mark.long
 def test_steps_just_short_of_whole_ones_run_on(instance, fmi):
     """The importer's clock is 5e-3 s behind whole steps in the end, half an internal step."""
     internal_s, count = 1e-2, 600_000

@@ -63,6 +63,7 @@ def test_declared_parameters_of_the_start_are_those_that_matter(robot, fmi):
         assert plain.set(**{parameter.name: float(parameter.start or 0)}) == OK
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_others_build_it_to_the_same_bits(robot, robot_fmus, fmi, compiler, tmp_path):
     with zipfile.ZipFile(robot_fmus[fmi]) as archive:

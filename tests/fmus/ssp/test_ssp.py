@@ -59,6 +59,7 @@ def test_the_order_matters_and_so_does_the_first_exchange():
         assert 0.0 < abs(other - usual)[..., :3].max() < 1e-5
 
 
+@pytest.mark.long
 def test_the_description_is_valid_and_says_what_is_set(archives):
     described: Any = read_ssd(str(archives.first)).system  # validated by fmpy
     system = robots_with_motors()
@@ -91,6 +92,7 @@ def test_the_second_archive_has_the_types_of_fmi_3(archives):
                 assert b'fmiVersion="3.0"' in fmu.read("modelDescription.xml")
 
 
+@pytest.mark.long
 def test_command_writes_both_archives_the_same_bytes_again(command, archives, tmp_path):
     done = command("fmu", "ssp", "--out", tmp_path, "--json")
     assert done.returncode == 0, done.stderr

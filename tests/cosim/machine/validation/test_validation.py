@@ -112,6 +112,7 @@ def test_tables_compare_and_explain(made_up):
     assert "recalled" in text
 
 
+@pytest.mark.long
 def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, command):
     """The whole command on one speed and one small path, twice."""
     small = PublishedPath(3, 1.0, (1.0,), None, "made up")
