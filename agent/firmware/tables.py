@@ -15,7 +15,7 @@ from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
 
 _FEATURES = "XYDGBHP"  # in the order of the strides of a process
-_STEERING = (
+STEERING = (
     "forward_speed_rad_s",
     "backward_speed_rad_s",
     "turn_speed_rad_s",
@@ -80,7 +80,7 @@ def render_constants(policy: Policy, config: CoSimConfig) -> str:
         "CONTROL_PERIOD_S": config.ticks_per_period * timing.dt_s,
         "PI": math.pi,
         "EIGHTH_RAD": 2.0 * math.pi / DIRECTION_COUNT,
-        **{name.upper(): steering[name] for name in _STEERING},
+        **{name.upper(): steering[name] for name in STEERING},
         "K_P": config.motor.K_p,
         "K_I": config.motor.K_i,
         "V_S_MAX": config.motor.V_s_max,

@@ -1,0 +1,129 @@
+/* See onboard.h: the firmware's files, one robot after the other. */
+#include "onboard.h"
+
+#include "navigation.c"
+#include "steering.c"
+
+#ifdef LIBRARY_ARCTANGENT
+/* That of the kernels, whose last bit differs from library to library. */
+double atan(double x);
+double atan2(double y, double x);
+double arctangent(double x) { return atan(x); }
+#else
+#include "arctangent.c"
+#endif
+
+#include "pair.h"
+
+int32_t present_robot;
+
+static Robot robot_of[MOST_ROBOTS];
+static bool was_moving[MOST_ROBOTS];
+
+double onboard_angle(double y, double x) {
+#ifdef LIBRARY_ARCTANGENT
+    return atan2(y, x);
+#else
+    if (size(y) <= size(x)) {
+        const double angle = arctangent(y / x);
+        return x > 0.0 ? angle : y < 0.0 ? angle - PI : angle + PI;
+    }
+    const double angle = arctangent(x / y);
+    return y > 0.0 ? PI / 2.0 - angle : -PI / 2.0 - angle;
+#endif
+}
+
+static void see(const double positions[][2], Position seen[ROBOTS], Cell cells[ROBOTS]) {
+    for (int32_t i = 0; i < ROBOTS; i++)
+        seen[i] = (Position){positions[i][0], positions[i][1]};
+    cells_of(seen, cells);
+}
+
+void onboard_start(const double positions[][2]) {
+    Position seen[ROBOTS];
+    Cell cells[ROBOTS];
+    see(positions, seen, cells);
+    for (int32_t i = 0; i < ROBOTS; i++) {
+        present_robot = i + 1;
+        robot_start(&robot_of[i], seen);
+    }
+}
+
+static bool has_ended(const Robot *robot) { return robot->mode == HOLD || robot->mode == PAST; }
+
+/* Bits of the best directions of both robots of a pair. */
+static void ask_pair(const Cell cells[2], const int32_t towards[2], uint8_t chosen[2]) {
+    int32_t at[2], goals[2], axes[2];
+    float values[2][DIRECTIONS];
+    for (int i = 0; i < 2; i++) {
+        const Robot *robot = &robot_of[i];
+        at[i] = goals[i] = cells[i].x * ROWS + cells[i].y;
+        if (!has_ended(robot))
+            goals[i] = whole(robot->goal.x / CELL_M) * ROWS + whole(robot->goal.y / CELL_M);
+        axes[i] = towards[i] % AXES;
+    }
+    pair_values(at, goals, axes, values);
+    for (int i = 0; i < 2; i++) {
+        float largest = values[i][0];
+        chosen[i] = 0;
+        for (int k = 1; k < DIRECTIONS; k++)
+            largest = values[i][k] > largest ? values[i][k] : largest;
+        for (int k = 0; k < DIRECTIONS; k++)
+            chosen[i] |= (uint8_t)((values[i][k] == largest) << k);
+    }
+}
+
+void onboard_decide(const double positions[][2], const double headings[]) {
+    Position seen[ROBOTS];
+    Cell cells[ROBOTS];
+    int32_t towards[ROBOTS];
+    uint8_t chosen[MOST_ROBOTS];
+    see(positions, seen, cells);
+    for (int32_t i = 0; i < ROBOTS; i++)
+        towards[i] = facing(headings[i]);
+    if (table.delay)
+        ask_pair(cells, towards, chosen);
+    for (int32_t i = 0; i < ROBOTS; i++) {
+        Robot *robot = &robot_of[i];
+        int32_t other;
+        present_robot = i + 1;
+        const bool late = robot->period - robot->moving_since >= MOVE_LIMIT_PERIODS;
+        if (!robot->arrived && (has_ended(robot) || late)) {
+            const int32_t squared = nearest(cells, &other);
+            best = table.best + (size_t)i * STATES;
+            if (!table.delay)
+                chosen[i] = best[state_of(cells, squared, robot->squared, other, towards[i])];
+            begin_move(robot, cells[i], choose(chosen[i], towards[i]));
+            robot->squared = squared;
+        }
+        was_moving[i] = !has_ended(robot);
+    }
+}
+
+void onboard_steer(int robot, double x, double y, double heading, double set_points[2]) {
+    robot_steer(&robot_of[robot], x, y, heading, set_points);
+}
+
+bool onboard_arrive(const double positions[][2]) {
+    Position seen[ROBOTS];
+    Cell cells[ROBOTS];
+    bool all = true;
+    see(positions, seen, cells);
+    for (int32_t i = 0; i < ROBOTS; i++) {
+        Robot *robot = &robot_of[i];
+        present_robot = i + 1;
+        robot->arrived |= was_moving[i] && has_ended(robot) && cells[i].x == TARGET_X &&
+                          cells[i].y == TARGET_Y;
+        if (robot->arrived)
+            robot->mode = HOLD;
+        all &= robot->arrived;
+    }
+    return all;
+}
+
+void onboard_show(int robot, double goal[2], double *mode, double *arrived) {
+    goal[0] = robot_of[robot].goal.x;
+    goal[1] = robot_of[robot].goal.y;
+    *mode = robot_of[robot].mode;
+    *arrived = robot_of[robot].arrived;
+}

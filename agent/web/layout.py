@@ -1,0 +1,131 @@
+"""Records of float64 and tables that a page and its compiled episode exchange."""
+
+from typing import NamedTuple
+
+MOST_ROBOTS = 8
+
+
+class Field(NamedTuple):
+    """A part of a record of float64.
+
+    Attributes:
+        start: of it, in numbers.
+        size: in numbers.
+    """
+
+    start: int
+    size: int
+
+
+def _fields(**sizes: int) -> dict[str, Field]:
+    found, start = {}, 0
+    for name, size in sizes.items():
+        found[name] = Field(start, size)
+        start += size
+    return found
+
+
+# What determines an episode besides policy, starts and seed; units are SI, of lengths cells where
+# nothing is said.
+SETUP = _fields(
+    robots=1,
+    columns=1,
+    rows=1,
+    cell_m=1,
+    size=2,
+    targets=2 * MOST_ROBOTS,
+    start_counts=MOST_ROBOTS,
+    contact_squared=1,
+    near_squared=1,
+    medium_squared=1,
+    strides=7,
+    states=1,
+    walls=1,
+    forbidden=1,
+    dt_s=1,
+    control_period_s=1,
+    ticks_per_period=1,
+    decision_periods=1,
+    move_limit_periods=1,
+    episode_limit_ticks=1,
+    path_periods=1,
+    through=1,
+    ends_on_collision=1,
+    noise=1,
+    noise_hold_periods=1,
+    steering=11,
+    direction_rad=8,
+    direction_x=8,
+    direction_y=8,
+    start_quaternion=2,
+    com_height_m=1,
+    diameter_m=1,
+    mu=1,
+    mu_robots=1,
+    inverse_mass=1,
+    inertia=3,
+    inverse_inertia=3,
+    centre=2,
+    gravity=1,
+    restitution=1,
+    feet=9,
+    step_normal=1,
+    step_tangential=1,
+    spin_inertia=1,
+    tolerance=1,
+    mounts=14,
+    motor=14,
+)
+
+# What an episode shows of itself, all robots' values one after the other.
+VIEW = _fields(
+    time_s=1,
+    outcome=1,
+    steps=1,
+    position=3 * MOST_ROBOTS,
+    heading=MOST_ROBOTS,
+    goal=2 * MOST_ROBOTS,
+    mode=MOST_ROBOTS,
+    arrived=MOST_ROBOTS,
+    path_m=MOST_ROBOTS,
+    theta=2 * MOST_ROBOTS,
+    omega=2 * MOST_ROBOTS,
+    voltage=2 * MOST_ROBOTS,
+    force=3 * MOST_ROBOTS,
+)
+
+# Types of the tables in C and numpy; those of a policy that does without one are empty.
+TABLES = {
+    "starts": ("int32_t", "<i4"),  # cells of each robot, one robot after the other
+    "walls": ("double", "<f8"),  # left, bottom, right, top in m
+    "forbidden": ("double", "<f8"),  # likewise, as many for each robot
+    "bearings": ("uint8_t", "u1"),  # direction of another robot by its distance in x and y
+    "best": ("uint8_t", "u1"),  # of each robot and state a bit for each direction of largest value
+    "after": ("int32_t", "<i4"),  # see `agent.moves.pair.PairTimes`
+    "seconds": ("double", "<f8"),
+    "alone": ("double", "<f8"),
+    "delay": ("uint16_t", "<u2"),  # without `first`, which compresses well
+    "first": ("uint16_t", "<u2"),  # what each robot adds to the delay
+}
+
+
+def render_header() -> str:
+    """Return the text of `layout.h`."""
+    lines = [
+        "/* Generated from agent/web/layout.py. */",
+        "#ifndef LAYOUT_H",
+        "#define LAYOUT_H",
+        "#include <stdint.h>",
+        f"enum {{ MOST_ROBOTS = {MOST_ROBOTS} }};",
+    ]
+    for name, record in (("Setup", SETUP), ("View", VIEW)):
+        parts = (f"{k}[{f.size}]" if f.size > 1 else k for k, f in record.items())
+        lines.append(f"typedef struct {{ double {', '.join(parts)}; }} {name};")
+    pointers = " ".join(f"{kind} *{name};" for name, (kind, _) in TABLES.items())
+    lines += [
+        f"typedef struct {{ {pointers} }} Tables;",
+        "extern Setup setup;",
+        "extern Tables table;",
+        "#endif",
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,179 @@
+"""From a policy and a configuration to the records and tables of a page's episode."""
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.firmware.tables import STEERING, best_directions
+from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.policies import load_policy, method_name
+from agent.training.pair_policy import PairPolicy
+from agent.training.policy import Policy
+from agent.web.layout import MOST_ROBOTS, SETUP, TABLES
+from cosim.coupling.assembly import new_plant
+from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.scenario import Scenario
+from cosim.model.world import IDEAL
+from cosim.onboard.features import DIRECTION_COUNT, distance_thresholds
+from cosim.simulation.measures import PATH_SAMPLING_S
+from fmus.variables import load_table
+
+
+class Packed(NamedTuple):
+    """Records and tables of a page's episode.
+
+    Attributes:
+        setup: float64, see `agent.web.layout.SETUP`.
+        tables: by their names in `agent.web.layout.TABLES`.
+    """
+
+    setup: np.ndarray
+    tables: dict[str, np.ndarray]
+
+
+def load_page_policy(path: Path, scenario: Scenario) -> Policy | PairPolicy:
+    """Read a policy that a page can play.
+
+    Raises:
+        PolicyError: the file cannot be read, is of another scenario, or holds a network.
+    """
+    policy = load_policy(path, scenario)
+    if not isinstance(policy, Policy | PairPolicy):
+        raise PolicyError(
+            f"{path}: a policy by {method_name(policy)}, and a page plays tables; train one with "
+            f"`python -m cosim.run --scenario {scenario.name}`"
+        )
+    return policy
+
+
+def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
+    """Refuse what a page's episode does not have.
+
+    Raises:
+        ConfigError: the configuration has it; the message names the options.
+    """
+    world, ideal = config.world, IDEAL
+    lacking = {
+        "--shield": config.shield is not None,
+        "--open-loop": bool(config.open_loop),
+        "--reaction": config.reaction,
+        "--order jacobi": config.order != "gauss-seidel",
+        "--communication-step": config.ticks_per_step != 1,
+        "--motor-fmu": bool(config.motor_fmu),
+        "--motor-parameters": bool(config.motor_parameters),
+    }
+    for field in world.__struct_fields__:
+        if field not in {"restitution", "mu", "motor_speed_noise", "obstacles", "edge"}:
+            lacking[f"{field} in --world"] = getattr(world, field) != getattr(ideal, field)
+    lacking["edge in --world"] = world.edge
+    found = [name for name, asked in lacking.items() if asked]
+    if found:
+        raise ConfigError(f"a page has nothing for {', '.join(found)}; leave it out")
+    if scenario.robots > MOST_ROBOTS:
+        raise ConfigError(
+            f"scenario {scenario.name} has {scenario.robots} robots, and a page plays up to "
+            f"{MOST_ROBOTS}; choose another scenario"
+        )
+
+
+def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
+    """Return what a page needs to play the episodes of `cosim.simulate`.
+
+    Args:
+        policy: of the robots.
+        scenario: with the obstacles of its world.
+        config: calibrated, see `require_playable`.
+    """
+    plant = new_plant(config, scenario.robots, end_on_collision=config.on_collision == "end")
+    process, thresholds, timing = policy.process, distance_thresholds(scenario), config.timing
+    body, contact, ticks = plant.body, plant.body.contact, config.ticks_per_period
+    steering = config.steering._asdict()
+    angles = [k * 2.0 * math.pi / DIRECTION_COUNT for k in range(DIRECTION_COUNT)]
+    forbidden = scenario.forbidden * scenario.cell_m
+    facing = math.pi / 2.0 / 2.0  # of robots at their start, halved
+    motor = config.motor._asdict() | {"step_size": timing.dt_s}
+    parameters = load_table("VibrationMotors").group("parameter")
+    values = {
+        "robots": scenario.robots,
+        "columns": scenario.columns,
+        "rows": scenario.rows,
+        "cell_m": scenario.cell_m,
+        "size": scenario.size_m,
+        "targets": np.ravel(scenario.targets),
+        "start_counts": [len(cells) for cells in scenario.starts],
+        "contact_squared": thresholds.contact,
+        "near_squared": thresholds.near,
+        "medium_squared": thresholds.medium,
+        "strides": process.strides,
+        "states": process.state_count,
+        "walls": len(scenario.walls),
+        "forbidden": forbidden.shape[1],
+        "dt_s": timing.dt_s,
+        "control_period_s": ticks * timing.dt_s,
+        "ticks_per_period": ticks,
+        "decision_periods": config.periods_per_step,
+        "move_limit_periods": -(-config.ticks(timing.move_limit_s) // ticks),
+        "episode_limit_ticks": config.ticks(timing.episode_limit_s),
+        "path_periods": max(1, round(PATH_SAMPLING_S / timing.control_period_s)),
+        "through": config.through,
+        "ends_on_collision": config.on_collision == "end",
+        "noise": config.noise.relative_amplitude,
+        "noise_hold_periods": config.periods_per_noise_value,
+        "steering": [steering[name] for name in STEERING],
+        "direction_rad": angles,
+        "direction_x": [math.cos(angle) for angle in angles],
+        "direction_y": [math.sin(angle) for angle in angles],
+        "start_quaternion": (math.cos(facing), math.sin(facing)),
+        "com_height_m": config.robot.com_height_m,
+        "diameter_m": plant.pair.diameter,
+        "mu": contact.mu[0],
+        "mu_robots": plant.pair.mu,
+        "inverse_mass": body.inverse_mass,
+        "inertia": body.inertia,
+        "inverse_inertia": body.inverse_inertia,
+        "centre": body.centre,
+        "gravity": body.gravity[2],
+        "restitution": config.world.restitution or 0.0,
+        "feet": (*contact.a, *contact.b, *contact.c),
+        "step_normal": contact.step_normal,
+        "step_tangential": contact.step_tangential,
+        "spin_inertia": contact.spin_inertia,
+        "tolerance": contact.tolerance,
+        "mounts": (*plant.mount_d, *plant.mount_e),
+        "motor": [motor.get(p.name, p.start or 0.0) for p in parameters],
+    }
+    setup = np.zeros(sum(field.size for field in SETUP.values()))
+    for name, field in SETUP.items():
+        value = np.ravel(values.pop(name)).astype(np.float64)
+        setup[field.start : field.start + len(value)] = value
+    assert not values, values
+    tables: dict[str, np.ndarray] = {
+        "starts": np.array([cell for cells in scenario.starts for cell in cells]),
+        "walls": scenario.walls * scenario.cell_m,
+        "forbidden": forbidden,
+        "bearings": _bearings(policy),
+    }
+    if isinstance(policy, PairPolicy):
+        kept = policy.arrays()
+        first = kept.get("first", np.zeros(policy.times.alone.shape, np.uint16))
+        tables |= policy.times._asdict() | {"delay": kept["delay"], "first": first}
+    else:
+        tables["best"] = best_directions(policy.values)
+    packed = {
+        name: np.ascontiguousarray(tables[name], kind).ravel()
+        for name, (_, kind) in TABLES.items()
+        if name in tables
+    }
+    return Packed(setup, packed)
+
+
+def _bearings(policy: GreedyPolicy) -> np.ndarray:
+    """Direction in which another robot is, if a table asks for it."""
+    process = policy.process
+    if isinstance(policy, PairPolicy) or not process.strides[4]:
+        return np.empty(0)
+    columns, rows = (size - 2 for size in process.terrain.shape[1:])
+    x, y = np.arange(1 - columns, columns), np.arange(1 - rows, rows)
+    return process.bearings[np.ix_(x, y)]  # negative offsets count from the end

@@ -1,0 +1,101 @@
+"""The page of an episode: one HTML file that needs no other and no network."""
+
+import base64
+import html
+import json
+import re
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agent.training.pair_policy import PairPolicy
+from agent.training.policy import Policy
+from agent.web.layout import SETUP, TABLES, VIEW
+from agent.web.packing import pack
+from cosim.base.storage import replacing
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
+
+PARTS = Path(__file__).with_name("page")
+SCRIPTS = ("board.js", "plot.js", "main.js")
+
+
+def render_page(
+    policy: Policy | PairPolicy,
+    scenario: Scenario,
+    config: CoSimConfig,
+    wasm: bytes,
+    seed: int = 0,
+    about: str = "",
+) -> str:
+    """Return the HTML of a page that plays a policy's episodes.
+
+    Args:
+        policy: of the robots.
+        scenario: with the obstacles of its world.
+        config: calibrated, see `agent.web.packing.require_playable`.
+        wasm: module of `agent.web.build`.
+        seed: that the page begins with.
+        about: how the page was made, for people.
+    """
+    packed = pack(policy, scenario, config)
+    empty = np.empty(0)
+    data: dict[str, Any] = {
+        "scenario": {
+            "columns": scenario.columns,
+            "rows": scenario.rows,
+            "cell_m": scenario.cell_m,
+            "diameter_m": scenario.robot_diameter_m,
+            "zone": scenario.zone,
+            "targets": scenario.targets,
+            "walls": (scenario.walls * scenario.cell_m).tolist(),
+            "maps": _maps(policy),
+        },
+        "layout": {"setup": SETUP, "view": VIEW},
+        "seed": seed,
+        "mu": config.robot.mu,
+        "noise": config.noise.relative_amplitude,
+        "setup": _kept(packed.setup.tobytes()),
+        "tables": [_kept(packed.tables.get(name, empty).tobytes()) for name in TABLES],
+        "wasm": _kept(wasm),
+    }
+    parts = {
+        "title": html.escape(f"Scenario {scenario.name}"),
+        "subtitle": html.escape(scenario.title),
+        "about": html.escape(about),
+        "style": (PARTS / "style.css").read_text(encoding="utf-8"),
+        "worker": (PARTS / "worker.js").read_text(encoding="utf-8"),
+        "script": "\n".join((PARTS / name).read_text(encoding="utf-8") for name in SCRIPTS),
+        # What looks like a tag would end the script element.
+        "data": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
+    }
+    page = (PARTS / "page.html").read_text(encoding="utf-8")
+    return re.sub(r"\{(\w+)\}", lambda name: parts[name[1]], page)
+
+
+def write_page(path: Path, *arguments: Any, **options: Any) -> None:
+    """Write the page of `render_page`, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(render_page(*arguments, **options), encoding="utf-8")
+
+
+def _kept(content: bytes) -> str:
+    """Deflated, as text."""
+    return base64.b64encode(zlib.compress(content, 9)).decode()
+
+
+def _maps(policy: Policy | PairPolicy) -> list[dict[str, Any]]:
+    """Value and best direction of every cell by robot; None where nothing is known."""
+    return [
+        {
+            "value": [
+                round(float(value), 3) if visits else None
+                for value, visits in zip(m.value.flat, m.visits.flat, strict=True)
+            ],
+            "action": m.action.ravel().tolist(),
+        }
+        for m in policy.maps()
+    ]

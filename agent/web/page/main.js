@@ -1,0 +1,205 @@
+// The page: controls, readout, plots, and a worker that computes.
+const OUTCOMES = ["running", "time-out", "success", "collision", "out of the board"];
+const SPEEDS = [1, 5, 10, 30, 60];
+const $ = (id) => document.getElementById(id);
+
+function fail(text) {
+  $("error").textContent = text;
+  $("error").hidden = false;
+  $("outcome").textContent = "error";
+  window.pageError = text;
+}
+addEventListener("error", (event) => fail(event.message));
+addEventListener("unhandledrejection", (event) => fail(String(event.reason?.message ?? event.reason)));
+
+const data = JSON.parse($("data").textContent);
+const { scenario, layout } = data;
+const board = new Board($("board"), scenario);
+const plots = ["omega", "voltage", "force"].map((name) => {
+  const [title, unit, names] = {
+    omega: ["Motor speeds ω", "rad/s", ["D", "E"]],
+    voltage: ["Motor voltages", "V", ["D", "E"]],
+    force: ["Contact forces of the feet, mean of 1 ms", "N", ["A", "B", "C"]],
+  }[name];
+  return [name, new Plot($(name), $(`${name}-title`), title, unit, names)];
+});
+let before, now, playing = false, ready = false, selected = 0, waiting, pace = { wall: 0, time: 0 };
+
+const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+
+async function inflated(text) {
+  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Response(stream).arrayBuffer();
+}
+
+// Robots of a view, which is one record of numbers.
+function read(view) {
+  const part = (name, i, count) => view.slice(layout.view[name][0] + count * i, layout.view[name][0] + count * (i + 1));
+  return {
+    time: view[layout.view.time_s[0]],
+    outcome: view[layout.view.outcome[0]],
+    robots: scenario.targets.map((_, i) => {
+      const [x, y] = part("position", i, 3), [heading] = part("heading", i, 1);
+      return {
+        x, y, heading,
+        goal: part("goal", i, 2), mode: part("mode", i, 1)[0], arrived: part("arrived", i, 1)[0],
+        theta: part("theta", i, 2), omega: [...part("omega", i, 2)], voltage: [...part("voltage", i, 2)],
+        force: [...part("force", i, 3)], path: part("path_m", i, 1)[0],
+      };
+    }),
+  };
+}
+
+const worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
+worker.onerror = (event) => fail(`the computation stopped: ${event.message}`);
+worker.onmessage = ({ data: message }) => {
+  if (message.kind === "error") return fail(message.text);
+  if (message.kind === "recorded") waiting?.(message);
+  take(message);
+};
+
+function take({ kind, view, playing: plays = false }) {
+  const wall = performance.now();
+  if (kind === "begun") {
+    board.clear();
+    plots.forEach(([, plot]) => plot.clear());
+    before = undefined;
+    pace = { wall, time: 0 };
+  } else before = now;
+  now = { ...read(view), wall };
+  board.follow(now.robots);
+  plots.forEach(([name, plot]) => plot.add(now.time, now.robots[selected][name]));
+  setPlaying(plays);
+  ready = true;
+  for (const id of ["play", "step", "restart"]) $(id).disabled = false;
+  $("step").disabled = now.outcome !== 0;
+  $("outcome").textContent = OUTCOMES[now.outcome];
+}
+
+function setPlaying(plays) {
+  playing = plays;
+  $("play").textContent = plays ? "Pause" : "Play";
+}
+
+// Where robots are between the last two views.
+function between() {
+  if (!before || !playing) return now.robots;
+  const share = Math.min(1, (performance.now() - now.wall) / Math.max(1, now.wall - before.wall));
+  const mix = (a, b) => a + share * (b - a);
+  return now.robots.map((robot, i) => {
+    const old = before.robots[i], turn = robot.heading - old.heading;
+    return {
+      ...robot,
+      x: mix(old.x, robot.x), y: mix(old.y, robot.y),
+      heading: old.heading + share * Math.atan2(Math.sin(turn), Math.cos(turn)),
+      theta: robot.theta.map((angle, k) => mix(old.theta[k], angle)),
+    };
+  });
+}
+
+function draw() {
+  if (now) {
+    board.draw(between(), { map: $("map").checked, trails: $("trails").checked, selected });
+    plots.forEach(([, plot]) => plot.draw());
+    $("time").textContent = `${now.time.toFixed(1)} s`;
+    $("path").textContent = now.robots.map((r) => `${(100 * r.path).toFixed(1)}`).join(" / ") + " cm";
+    if (now.wall - pace.wall > 500) {
+      $("pace").textContent = playing ? `${((1000 * (now.time - pace.time)) / (now.wall - pace.wall)).toFixed(1)}×` : "paused";
+      pace = { wall: now.wall, time: now.time };
+    }
+    if (!playing) $("pace").textContent = now.outcome ? "ended" : "paused";
+  }
+  requestAnimationFrame(draw);
+}
+
+// A number of a field; an error of its name and limits if it is none.
+function numberOf(id, name) {
+  const field = $(id), value = field.valueAsNumber;
+  if (!(value >= Number(field.min) && value <= Number(field.max)) || (id === "seed" && !Number.isInteger(value)))
+    throw new Error(`${name} = ${field.value || "nothing"} is invalid; give ${id === "seed" ? "a whole number" : "a number"} from ${field.min} to ${field.max}`);
+  return value;
+}
+
+const options = () => ({ seed: numberOf("seed", "seed"), mu: numberOf("mu", "friction"), noise: numberOf("noise", "speed noise") });
+
+function send(message) {
+  try {
+    worker.postMessage(typeof message === "function" ? message() : message);
+    $("error").hidden = true;
+  } catch (error) {
+    fail(error.message);
+  }
+}
+
+const restart = () => send(() => ({ action: "begin", ...options() }));
+const play = (plays) => send({ action: "play", playing: plays, speed: Number($("speed").value) });
+
+function toggle() {
+  if (!ready) return;
+  if (!playing && now.outcome) restart();
+  setPlaying(!playing);
+  play(playing);
+}
+
+function choose(robot) {
+  if (robot < 0 || robot >= scenario.targets.length) return;
+  selected = robot;
+  $("robot").value = robot;
+  plots.forEach(([, plot]) => plot.clear());
+}
+
+const keys = {
+  " ": toggle,
+  ".": () => $("step").click(),
+  r: restart,
+  "+": () => shift(1),
+  "-": () => shift(-1),
+};
+
+function shift(by) {
+  const place = SPEEDS.indexOf(Number($("speed").value)) + by;
+  if (SPEEDS[place]) $("speed").value = SPEEDS[place];
+  if (playing) play(true);
+}
+
+function listen() {
+  $("play").onclick = toggle;
+  $("step").onclick = () => send({ action: "play", playing: false, speed: 1 }) || send({ action: "step" });
+  $("restart").onclick = restart;
+  $("speed").onchange = () => playing && play(true);
+  for (const id of ["seed", "mu", "noise"]) $(id).onchange = restart;
+  $("robot").onchange = () => choose(Number($("robot").value));
+  $("board").onclick = (event) => choose(board.robotAt(event, now.robots));
+  $("controls").onsubmit = (event) => event.preventDefault();
+  addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target.matches("input[type=number], select") || (event.key === " " && event.target.matches("button, input, summary"))) return;
+    if (event.key >= "1" && event.key <= "8") return choose(Number(event.key) - 1);
+    if (keys[event.key]) {
+      event.preventDefault();
+      keys[event.key]();
+    }
+  });
+}
+
+// An episode as fast as it goes: how it ended, and positions at the end of every decision step.
+window.recordEpisode = (given) =>
+  new Promise((done) => {
+    waiting = done;
+    send(() => ({ action: "record", ...options(), ...given }));
+  });
+
+async function start() {
+  if (typeof DecompressionStream === "undefined") throw new Error("this browser is too old: it has no DecompressionStream; update it");
+  scenario.targets.forEach((_, i) => $("robot").add(new Option(`r${i + 1}`, i)));
+  $("mu").value = data.mu;
+  $("noise").value = data.noise;
+  $("seed").value = data.seed;
+  const [wasm, setup, ...tables] = await Promise.all([data.wasm, data.setup, ...data.tables].map(inflated));
+  listen();
+  worker.postMessage({ action: "load", wasm, layout, setup: new Float64Array(setup), tables });
+  restart();
+  requestAnimationFrame(draw);
+}
+
+start().catch((error) => fail(error.message));

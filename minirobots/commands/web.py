@@ -1,0 +1,54 @@
+"""A page in which a policy's robots drive, without installing anything."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from cosim.base.progress import Progress, under_way
+from minirobots.options import File, ScenarioName, Seed, Simulating
+
+
+@dataclass(frozen=True, kw_only=True)
+class Web(Simulating):
+    """Write one HTML file that plays the episodes of a policy in a browser, without network.
+
+    Motors, bodies, steering and tables run in it as C, compiled to WebAssembly (docs/web.md says
+    what is the same as in the co-simulation and what is refused). The file opens from disk.
+    """
+
+    scenario: ScenarioName = "4"
+    policy: File
+    """Policy that acts by tables (policy.npz), as `minirobots run` writes it."""
+    out: File
+    """Page to write (.html)."""
+    seed: Seed = 0
+
+
+def run(options: Web, progress: Progress) -> dict[str, Any]:
+    """Load the policy, compile the episode and write the page."""
+    from agent.policies import method_name
+    from agent.web.build import cached_wasm
+    from agent.web.packing import load_page_policy, require_playable
+    from agent.web.page import write_page
+    from cosim.base.storage import named
+    from cosim.model.scenario_file import find_in_world
+    from cosim.simulation.options import resolve
+
+    out = named(options.out, ".html")
+    scenario, world = find_in_world(options.scenario, options.physics.world)
+    policy = load_page_policy(options.policy, scenario)
+    require_playable(scenario, options.physics.config(world))  # before anything is measured
+    with under_way(progress, "compiling the episode"):
+        wasm = cached_wasm()
+    scenario, config, _ = resolve(options.physics, options.scenario, progress)
+    about = (
+        f"The policy is by the method {method_name(policy)}. Motors, bodies and steering are the "
+        "C of the FMUs and the firmware, compiled to WebAssembly. Another friction changes the "
+        f"floor; set points stay those calibrated for {config.robot.mu:g}."
+    )
+    write_page(out, policy, scenario, config, wasm, options.seed, about)
+    return {"page": str(out), "bytes": out.stat().st_size}
+
+
+def show(options: Web, written: dict[str, Any]) -> None:
+    """Print where the page is."""
+    print(f"page in {written['page']} ({written['bytes'] / 1e6:.2f} MB); open it in a browser")

@@ -1,0 +1,125 @@
+"""The C of a page's episode against the kernels: poses, times and outcomes in every bit."""
+
+import pytest
+
+import agent
+from agent.mdp.greedy import PolicyError
+from agent.web.build import compile_native
+from agent.web.packing import load_page_policy, pack, require_playable
+from cosim.base.errors import UserError
+from cosim.coupling.rl_step import decide
+from cosim.model.config import ConfigError
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.model.world import World
+from cosim.simulation.cosimulation import CoSimulation
+from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.simulate import draw_episode
+from tests.references.web_episode import NativeEpisode
+
+pytestmark = pytest.mark.long  # it compiles C, and plays whole episodes
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory):
+    """The episode with the arctangent of the C library, which the kernels call."""
+    out = tmp_path_factory.mktemp("web") / "library.so"
+    compile_native(out, "LIBRARY_ARCTANGENT")
+    return out
+
+
+def compare(library, policy, seeds, world=None, **options) -> list[str]:
+    """Compare episodes of the C with those of the kernels; how they ended."""
+    given = policy.config.scenario if world is None else policy.config.scenario.name
+    scenario, config, fmu = resolve(SimulationOptions(**options), given, world=world)
+    require_playable(scenario, config)
+    episode, outcomes, n = (
+        NativeEpisode(library, pack(policy, scenario, config)),
+        [],
+        scenario.robots,
+    )
+    for seed in seeds:
+        simulation = CoSimulation(scenario, fmu, config)
+        starts, noise_seed = draw_episode(scenario, seed, 0)
+        seen, outcome = simulation.reset(starts, noise_seed), episode.begin(seed)
+        while not simulation.outcome:
+            step = simulation.advance(decide(policy, seen).action)
+            seen, outcome = step.after, episode.advance(config.periods_per_step)
+            view = episode.view()
+            ours = view["position"].reshape(-1, 3)[:n]
+            assert ours.tobytes() == step.samples.position[-1].tobytes(), (seed, step.number)
+            assert view["omega"][: 2 * n].tobytes() == step.samples.omega[-1].tobytes()
+            assert view["voltage"][: 2 * n].tobytes() == step.samples.voltage[-1].tobytes()
+            assert view["time_s"][0] == simulation.time_s
+        assert outcome == simulation.outcome
+        path = simulation.measures.path_length_m
+        assert episode.view()["path_m"][:n] == pytest.approx(path, rel=1e-12)
+        simulation.close()
+        outcomes.append(str(outcome))
+    return outcomes
+
+
+def test_robot_alone_has_the_bits_of_the_kernels(library):
+    policy = agent.train("1a", method="shortest")
+    assert compare(library, policy, [0]) == ["success"]
+
+
+def test_robots_that_touch_have_the_bits_of_the_kernels(library):
+    scenario = Scenario("meet", "", ((5, 12), (24, 12)), (((20, 12),), ((9, 13),)))
+    policy = agent.train(scenario, method="paper", episodes=1)
+    assert "timeout" in compare(library, policy, [3], on_collision="continue", time_limit=60.0)
+
+
+def test_obstacles_and_bounces_have_the_bits_of_the_kernels(library):
+    policy = agent.train("5-doorway", method="shortest")
+    compare(library, policy, [1], world={"restitution": 0.2}, time_limit=60.0, noise=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["1a", "2", "3", "4", "5-doorway"])
+def test_more_episodes_have_the_bits_of_the_kernels(library, name):
+    assert compare(library, agent.train(name), range(4)).count("success") >= 3
+
+
+@pytest.mark.slow
+def test_driving_through_cells_has_the_bits_of_the_kernels(library):
+    for name in ("2", "4"):
+        assert compare(library, agent.train(name), [0, 1], through=True) == ["success"] * 2
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"shield": True}, "--shield"),
+        ({"reaction": True}, "--reaction"),
+        ({"open_loop": ("motors",)}, "--open-loop"),
+        ({"order": "jacobi"}, "--order jacobi"),
+    ],
+)
+def test_options_that_a_page_lacks_are_refused_by_name(options, named):
+    with pytest.raises(ConfigError, match=named):
+        require_playable(find_scenario("2"), SimulationOptions(**options).config())
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        {"sensor": {"rate_hz": 30.0}},
+        {"motor_spread": 0.05},
+        {"floor_tilt_deg": 1.0},
+        {"edge": True},
+    ],
+)
+def test_worlds_that_a_page_lacks_are_refused_by_name(world):
+    with pytest.raises(ConfigError, match=next(iter(world))):
+        require_playable(find_scenario("2"), SimulationOptions().config(World(**world)))
+
+
+def test_foreign_policies_are_refused(tmp_path):
+    damaged = tmp_path / "policy.npz"
+    damaged.write_bytes(b"PK nothing")
+    with pytest.raises(UserError, match=r"policy\.npz"):
+        load_page_policy(damaged, find_scenario("2"))
+    agent.train("1a", method="shortest").save(tmp_path / "other.npz")
+    with pytest.raises(PolicyError, match="1a"):
+        load_page_policy(tmp_path / "other.npz", find_scenario("2"))
