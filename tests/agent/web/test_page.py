@@ -140,12 +140,13 @@ def test_titles_cannot_run_scripts(browser, tmp_path):
     assert said == []
 
 
+@pytest.mark.long
 def test_command_writes_a_page_or_refuses(command, tmp_path):
     policy, out = tmp_path / "policy.npz", tmp_path / "page.html"
     agent.train("1a", method="shortest").save(policy)
     asked = ["web", "--policy", str(policy), "--out", str(out), "--json"]
     made = command(*asked, "--scenario", "1a")
-    assert json.loads(made.stdout)["bytes"] == out.stat().st_size < 3e6
+    assert json.loads(made.stdout.splitlines()[-1])["bytes"] == out.stat().st_size < 3e6
     for arguments, named in (
         (["--scenario", "2"], "scenario 1a"),
         (["--scenario", "1a", "--shield"], "--shield"),
@@ -153,6 +154,6 @@ def test_command_writes_a_page_or_refuses(command, tmp_path):
         (["--scenario", "1a", "--out", "page.txt"], ".html"),
     ):
         refused = command(*asked, *arguments)
-        assert refused.status
+        assert refused.returncode
         assert named in refused.stderr
         assert "Traceback" not in refused.stderr
