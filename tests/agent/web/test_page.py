@@ -71,9 +71,9 @@ def compare(page, library, packed, config, scenario, seed) -> str:
 @pytest.mark.browser
 def test_page_has_the_bits_of_its_c_and_reports_success(browser, library, tmp_path):
     policy = agent.train("1a", method="shortest")
-    packed, *world = written(tmp_path / "page.html", policy)
+    packed, config, scenario = written(tmp_path / "page.html", policy)
     page, said = opened(browser, tmp_path / "page.html")
-    assert compare(page, library, packed, *world, 1) == "success"
+    assert compare(page, library, packed, config, scenario, 1) == "success"
     assert page.inner_text("#outcome") == "success"
     assert said == []
 
@@ -82,10 +82,10 @@ def test_page_has_the_bits_of_its_c_and_reports_success(browser, library, tmp_pa
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["2", "3", "4", "5-doorway"])
 def test_more_pages_have_the_bits_of_their_c(browser, library, tmp_path, name):
-    packed, *world = written(tmp_path / "page.html", agent.train(name))
+    packed, config, scenario = written(tmp_path / "page.html", agent.train(name))
     assert (tmp_path / "page.html").stat().st_size < 3e6
     page, said = opened(browser, tmp_path / "page.html")
-    outcomes = [compare(page, library, packed, *world, seed) for seed in range(5)]
+    outcomes = [compare(page, library, packed, config, scenario, seed) for seed in range(5)]
     assert outcomes.count("success") >= 4
     assert said == []
 
