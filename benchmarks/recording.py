@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -87,12 +88,16 @@ def times_s(work: Callable[[], None]) -> np.ndarray:
 
 
 def overheads(level: Level, rounds: int, round_s: float, path: Path) -> np.ndarray:
-    """Additional wall-clock and processor time of recording, as shares."""
-    system, unrecorded = system_of(level), system_of("summary")  # which has no bursts
+    """Additional wall-clock and processor time of recording, as shares.
+
+    Every round has systems of its own: where their arrays lie in memory makes one up to a tenth
+    faster than another.
+    """
     with_it, without = [], []
     for _ in range(rounds):  # in turn, so that both meet the same machine
-        without.append(times_s(lambda: drive(unrecorded, round_s, lambda _: None)))
-        with_it.append(times_s(lambda: recorded(system, path, round_s, level)))
+        system, unrecorded = system_of(level), system_of("summary")  # which has no bursts
+        without.append(times_s(partial(drive, unrecorded, round_s, lambda _: None)))
+        with_it.append(times_s(partial(recorded, system, path, round_s, level)))
     return np.min(with_it, axis=0) / np.min(without, axis=0) - 1.0
 
 

@@ -14,7 +14,7 @@ from agent.mdp.greedy import GreedyPolicy
 from agent.training.loop import TrainingLog
 from cosim.base.provenance import digest_of
 from cosim.recording.blueprint import robot_names, training_blueprint
-from cosim.recording.file import Recording, properties, scalars
+from cosim.recording.file import Recording, scalars
 from cosim.recording.policy_map import PolicyMap
 from cosim.recording.scene import SERIES, map_colours, palette, unit_arrows
 
@@ -47,7 +47,7 @@ def write_training(
     robots = policy.config.scenario.robots
     identity = f"training-{facts.get('scenario')}-{policy.digest()}"
     with Recording(path, identity, training_blueprint(robots)) as file:
-        file.stream.send_property("training", properties(facts))
+        file.properties("training", facts)
         for entity, times, values, name in _CURVES:
             _send(file, entity, getattr(log, times), getattr(log, values), [name])
         _send(file, "return", log.episode, log.returns, robot_names(robots))
@@ -75,7 +75,7 @@ def write_runs(path: Path, logs: Sequence[TrainingLog], facts: dict[str, Any]) -
     """
     identity = f"trainings-{facts.get('scenario')}-{digest_of(*(log.returns for log in logs))}"
     with Recording(path, identity, training_blueprint(0)) as file:
-        file.stream.send_property("training", properties(facts | {"runs": len(logs)}))
+        file.properties("training", facts | {"runs": len(logs)})
         for entity, times, values, name in _CURVES:
             episode, table = joined(logs, times, values)
             _send_scatter(file, entity, episode, table, f"{name}, mean ± σ")

@@ -18,7 +18,7 @@ from analysis.reading.motor_test import LOOPS, SIGNALS, MotorTestError, Response
 from cosim.base.arguments import require_one_of
 from cosim.coupling.fmu import MotorFmu
 from cosim.fmi.isolation import calling
-from cosim.recording.file import Recording, properties, scalars, simulated
+from cosim.recording.file import Recording, scalars, simulated
 
 SAMPLE_S = 1e-3
 _COLOURS = {"open_loop": 0xD55E00FF, "closed_loop": 0x0072B2FF}
@@ -97,7 +97,7 @@ def record(out: Path, fmu: Path, test: StepTest) -> None:
         facts = asdict(test)
         facts["duration_s"] = facts.pop("duration")
         facts["motor_parameters"] = dict(test.motor_parameters)
-        file.stream.send_property("motor_test", properties(facts))
+        file.properties("motor_test", facts)
 
 
 def _blueprint() -> rrb.Blueprint:

@@ -1,22 +1,26 @@
 """One co-simulated episode as a Rerun recording: every signal of every RL step.
 
 What is recorded is `cosim.recording.series`, how often `cosim.recording.levels`, what moves in the
-3D view `cosim.recording.episode_scene`, the log in words `cosim.recording.episode_log`. Many RL
-steps are written together, one chunk per entity: few long chunks are written, stored and read
-several times faster than many short ones, and Rerun keeps an index of all of them in memory.
+3D view `cosim.recording.episode_scene`, the log in words `cosim.recording.episode_log`. A thread
+writes stretches of many RL steps while the simulation continues, one chunk per entity: few long
+chunks are written, stored and read several times faster than many short ones, and Rerun keeps an
+index of all of them in memory.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
+from rerun.chunk import Chunk
 
 from cosim.coupling.rl_step import Decision, Step
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TIMING
+from cosim.model.params import TIMING, RobotParams
 from cosim.model.scenario import Scenario
 from cosim.model.world import Drawn
 from cosim.onboard.features import (
@@ -28,7 +32,7 @@ from cosim.onboard.steering import DIRECT, MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint, robot_names
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
 from cosim.recording.episode_scene import EpisodeScene
-from cosim.recording.file import Recording, properties, scalars, simulated
+from cosim.recording.file import Kept, Recording, scalars, simulated
 from cosim.recording.levels import DETAILS, Level, periods
 from cosim.recording.policy_map import PolicyMap
 from cosim.recording.scene import write_floor, write_scene
@@ -36,15 +40,23 @@ from cosim.recording.series import (
     ARRIVED,
     DIRECTION_NAMES,
     DRIVEN,
+    OUTCOME,
     REWARD_PARTS,
+    STILL_RUNNING,
+    SignalSpec,
     block_ends,
     reduce,
     signals_of,
     write_styles,
 )
 
-_BATCH_S = 10.0  # simulated time whose rows are made together
-_GATHERED_S = 60.0  # simulated time that is sent together: what a killed process can lose
+_STRETCH_S = 20.0  # simulated time that is handed to the thread at once
+_STRETCH_ROBOT_S = 160.0  # of many robots less: a robot's samples of 20 s take 10 MB
+_MINUTE_S = 60.0  # simulated time that is written together: what a killed process can lose
+# So that little is left to write at the end, a short episode's longest entities are written by
+# stretches.
+_SHORT_S = 120.0
+_MANY_ROWS = 5000
 _ROUNDING_S = 1e-9
 _BURSTS_S = TIMING.rl_step_s  # least time between two bursts, however short RL steps are
 
@@ -57,8 +69,23 @@ class _Decided(NamedTuple):
     reward_parts: np.ndarray
 
 
+class _Joined:
+    """Samples of RL steps one after the other; a signal is joined when it is first asked for."""
+
+    def __init__(self, steps: Sequence[Step], rows: np.ndarray | slice = slice(None)) -> None:
+        self._steps, self._rows = steps, rows
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        joined = np.concatenate([getattr(step.samples, name) for step in self._steps])
+        setattr(self, name, joined[self._rows])
+        return getattr(self, name)
+
+
 class EpisodeRecorder:
     """Writes one episode; a context manager that completes the file, also after an error.
+
+    A thread does the work. What goes wrong in it is raised by the next call of `write`, or at the
+    end.
 
     Args:
         path: of the recording.
@@ -70,9 +97,6 @@ class EpisodeRecorder:
         viewer: address of a running viewer that gets the same data, if any.
         policies: what each robot's policy says of each cell, to be drawn on the floor.
         drawn: what the episode has drawn from its world, if that draws anything.
-
-    Raises:
-        RecordingError: the file cannot be written.
     """
 
     def __init__(
@@ -91,18 +115,20 @@ class EpisodeRecorder:
         if config.world.draws and drawn is not None:
             facts = facts | {"drawn": drawn.table()}
         self._names = robot_names(scenario.robots)
-        self._config, self._detail = config, DETAILS[level]
+        self._scenario, self._config, self._detail = scenario, config, DETAILS[level]
         camera = config.world.camera.rate_hz > 0.0
         loop = self._detail.loop_s is not None
         self._signals = signals_of(scenario.robots, camera=camera, loop=loop)
         self._return = np.zeros(scenario.robots)
         self._modes = np.full(scenario.robots, -1.0)
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
-        self._batch: list[_Decided] = []
+        self._stretch: list[_Decided] = []
+        self._stretch_s = 0.0
         self._next_burst_s = 0.0
-        self._live = viewer is not None
-        self._next_flush_s = 0.0
+        self._next_flush_s, self._live = _MINUTE_S, viewer is not None
         self._log = EpisodeLog(scenario, config)
+        self._thread = ThreadPoolExecutor(1, "recording")
+        self._error: BaseException | None = None
         blueprint = episode_blueprint(
             scenario.robots,
             scenario.size_m,
@@ -110,39 +136,71 @@ class EpisodeRecorder:
             policies=bool(policies),
             camera=camera,
         )
-        self.file = Recording(path, recording_id, blueprint, viewer)
+        self._waiting = self._later(
+            lambda: self._open(
+                Recording(path, recording_id, blueprint, viewer), level, facts, policies
+            )
+        )
+
+    def _open(
+        self, file: Recording, level: Level, facts: dict[str, Any], policies: Sequence[PolicyMap]
+    ) -> None:
+        """Write what is known before the first RL step."""
+        self.file, scenario = file, self._scenario
         known = {
             "record": level,
             "targets_m": [scenario.centre_m(t) for t in scenario.targets],
             "board_m": scenario.size_m,
-            "friction": config.robot.mu,  # parameters have a mu, of another type
+            "friction": self._config.robot.mu,  # parameters have a mu, of another type
         }
-        self.set_property("episode", facts | known)
-        self.set_property("parameters", config.table())
-        write_scene(self.file, scenario, config.robot)
-        write_styles(self.file, self._signals, scenario.robots)
+        file.properties("episode", facts | known)
+        file.properties("parameters", self._config.table())
+        file.send(_unchanging(scenario, self._config.robot, *self._signals))
+        file.columns(OUTCOME, simulated(np.zeros(1)), rr.StateChange.columns(state=[STILL_RUNNING]))
         for name, policy in zip(self._names, policies, strict=False):
-            write_floor(self.file, name, scenario, policy)
-        write_run_page(self.file, facts, config)
+            write_floor(file, name, scenario, policy)
+        write_run_page(file, facts, self._config)
         self._scenes = [
-            EpisodeScene(self.file, name, robot, scenario, config, self._detail)
+            EpisodeScene(file, name, robot, scenario, self._config, self._detail)
             for robot, name in enumerate(self._names)
         ]
-        self.file.flush()  # what is left of a killed process says at least what was run
+        file.flush()  # what is left of a killed process says at least what was run
 
     def __enter__(self) -> "EpisodeRecorder":
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, raised: BaseException | None, __: object) -> None:
+        with self._thread:
+            self._hand_over()
+            self._thread.submit(self._close)
+        if self._error is not None and self._error is not raised:
+            raise self._error
+
+    def _close(self) -> None:
+        """Complete the file, also after an error, which it then ends with."""
+        if not hasattr(self, "file"):
+            return
         try:
-            self._write_batch()
-        finally:
             self.file.close()
+        except BaseException as error:
+            self._error = self._error or error
+
+    def _later(self, work: Callable[..., None], *arguments: Any) -> Future[None]:
+        """Have something done in the thread, in turn; nothing more after an error."""
+
+        def attempt() -> None:
+            if self._error is not None:
+                return
+            try:
+                work(*arguments)
+            except BaseException as error:
+                self._error = error
+
+        return self._thread.submit(attempt)
 
     def set_property(self, name: str, values: Mapping[str, Any]) -> None:
         """Write a property of the recording."""
-        self.file.stream.send_property(name, properties(values))
-        self.file.flush()
+        self._later(lambda: self.file.properties(name, values))
 
     def write(
         self,
@@ -160,42 +218,50 @@ class EpisodeRecorder:
                 `cosim.recording.series.REWARD_PARTS`, NaN where none was.
 
         Raises:
-            RecordingError: the disk is full.
+            RecordingError: the disk is full, or what was taken before could not be written.
         """
-        self.file.check_space()
+        if self._error is not None:
+            raise self._error
         if reward_parts is None:
             reward_parts = np.full((len(self._names), len(REWARD_PARTS)), np.nan)
-        self._batch.append(_Decided(step, decision or Decision(step.action), reward_parts))
-        if sum(decided.step.duration_s for decided in self._batch) > _BATCH_S - _ROUNDING_S:
-            self._write_batch()
+        self._stretch.append(_Decided(step, decision or Decision(step.action), reward_parts))
+        self._stretch_s += step.duration_s
+        whole_s = min(_STRETCH_S, _STRETCH_ROBOT_S / len(self._names))
+        if self._stretch_s > whole_s - _ROUNDING_S:
+            self._hand_over()
 
     def conclude(self, result: dict[str, Any]) -> None:
         """Say how the episode ended, in the properties that a catalog of recordings shows."""
         self.set_property("result", result)
 
-    def _write_batch(self) -> None:
-        if not self._batch:
+    def _hand_over(self) -> None:
+        """Have the stretch written once the one before it is: no more than two are in memory."""
+        self._waiting.result()
+        self._waiting = self._later(self._write_stretch, self._stretch)
+        self._stretch, self._stretch_s = [], 0.0
+
+    def _write_stretch(self, stretch: list[_Decided]) -> None:
+        if not stretch:
             return
-        steps = [decided.step for decided in self._batch]
-        samples = Samples(*map(np.concatenate, zip(*(s.samples for s in steps), strict=True)))
+        self.file.check_space()
+        steps = [decided.step for decided in stretch]
+        samples: Any = _Joined(steps)
         dt, ticks = self._config.timing.dt_s, self._config.ticks_per_period
         times = [s.first_tick + ticks * np.arange(1, len(s.samples.omega) + 1) for s in steps]
         time_s = dt * np.concatenate(times)
-        self._write_signals(samples, time_s)
+        self._write_signals(steps, samples, time_s)
         self._write_bursts([step for step in steps if self._burst_is_due(step)])
         for robot, (name, scene) in enumerate(zip(self._names, self._scenes, strict=True)):
             scene.write(steps, samples, time_s)
-            self._write_decisions(name, robot)
-            self._write_rewards(name, robot)
-        self._write_log()
-        self._batch.clear()
-        self._write_out(self._end_s(steps[-1]))
-
-    def _write_out(self, time_s: float) -> None:
-        """Write out what there is up to a simulated time: soon the first, then every minute's."""
+            self._write_decisions(stretch, name, robot)
+            self._write_rewards(stretch, name, robot)
+        self._write_log(stretch)
+        time_s = self._end_s(steps[-1])
         if self._live or time_s > self._next_flush_s - _ROUNDING_S:
-            self._next_flush_s = _GATHERED_S * (1.0 + (time_s + _ROUNDING_S) // _GATHERED_S)
+            self._next_flush_s += _MINUTE_S
             self.file.flush()
+        elif time_s < _SHORT_S:
+            self.file.flush(_MANY_ROWS)
 
     def _send(
         self, entity: str, time_s: np.ndarray, values: np.ndarray, rl_step: Any = None
@@ -203,17 +269,23 @@ class EpisodeRecorder:
         if len(time_s):
             self.file.columns(entity, simulated(time_s, rl_step), scalars(values))
 
-    def _write_signals(self, samples: Samples, time_s: np.ndarray) -> None:
+    def _write_signals(self, steps: list[Step], samples: Samples, time_s: np.ndarray) -> None:
         timing = self._config.timing
         if not len(time_s):
             return
         times: dict[int, list[rr.TimeColumn]] = {}
+        last: dict[int, Any] = {}
         for signal in self._signals:
             rate_s = getattr(self._detail, f"{signal.rate}_s")
             every = periods(rate_s, timing.control_period_s, timing.rl_step_s)
             if every not in times:
-                times[every] = simulated(time_s[block_ends(len(time_s), every)])
-            values = reduce(signal.of(samples), every, signal.reduced)
+                ends = block_ends(len(time_s), every)
+                times[every] = simulated(time_s[ends])
+                last[every] = samples if every == 1 else _Joined(steps, ends)
+            if signal.reduced == "last":
+                values = signal.of(last[every])
+            else:
+                values = reduce(signal.of(samples), every, signal.reduced)
             if np.isnan(values[0]).any():  # what the motor FMU does not tell
                 continue
             for robot, name in enumerate(self._names):
@@ -238,13 +310,13 @@ class EpisodeRecorder:
                 rows = scalars(getattr(raw, path)[:, robot])
                 self.file.columns(f"/raw/{name}/{path}", times, rows)
 
-    def _write_decisions(self, name: str, robot: int) -> None:
+    def _write_decisions(self, stretch: list[_Decided], name: str, robot: int) -> None:
         """Write what was seen and decided at the start of each RL step, and seen at the end."""
-        times, numbers = self._starts()
-        seen = [decided.step.before for decided in self._batch]
-        self._write_modes(name, robot)
-        states = {"action": [_action_name(decided.step, robot) for decided in self._batch]}
-        decisions = [decided.decision for decided in self._batch]
+        times, numbers = self._starts(stretch)
+        seen = [decided.step.before for decided in stretch]
+        self._write_modes(stretch, name, robot)
+        states = {"action": [_action_name(decided.step, robot) for decided in stretch]}
+        decisions = [decided.decision for decided in stretch]
         values = [d.values[robot] for d in decisions if d.values is not None]
         if len(values) == len(decisions):
             self._send(f"/rl/{name}/q_s", times, np.array(values), numbers)
@@ -252,18 +324,18 @@ class EpisodeRecorder:
         for path, names in states.items():
             rows = rr.StateChange.columns(state=names)
             self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), rows)
-        last = self._batch[-1].step
+        last = stretch[-1].step
         if last.outcome:
             seen.append(last.after)
             times = np.append(times, self._end_s(last))
             numbers = np.append(numbers, last.number)
         self._write_observations(name, robot, seen, times, numbers)
 
-    def _write_modes(self, name: str, robot: int) -> None:
+    def _write_modes(self, stretch: list[_Decided], name: str, robot: int) -> None:
         """Write the mode of the steering whenever it is another one."""
         dt, ticks = self._config.timing.dt_s, self._config.ticks_per_period
         times, names = [], []
-        for step in (decided.step for decided in self._batch):
+        for step in (decided.step for decided in stretch):
             modes = step.samples.mode[:, robot]
             changed = np.flatnonzero(np.diff(modes, prepend=self._modes[robot]))
             times += (dt * (step.first_tick + ticks * changed)).tolist()
@@ -298,8 +370,8 @@ class EpisodeRecorder:
             states = rr.StateChange.columns(state=names)
             self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), states)
 
-    def _write_rewards(self, name: str, robot: int) -> None:
-        earned = [d for d in self._batch if not np.isnan(d.reward_parts[robot]).any()]
+    def _write_rewards(self, stretch: list[_Decided], name: str, robot: int) -> None:
+        earned = [d for d in stretch if not np.isnan(d.reward_parts[robot]).any()]
         if not earned:
             return
         times = np.array([self._end_s(d.step) for d in earned])
@@ -311,19 +383,28 @@ class EpisodeRecorder:
         self._send(f"/rl/{name}/return", times, self._return[robot] + reward.cumsum(), numbers)
         self._return[robot] += reward.sum()
 
-    def _write_log(self) -> None:
-        told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts in self._batch)
+    def _write_log(self, stretch: list[_Decided]) -> None:
+        told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts in stretch)
         write_lines(self.file, [line for lines in told for line in lines])
 
-    def _starts(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times in s and numbers of the batch's RL steps."""
-        steps = [decided.step for decided in self._batch]
+    def _starts(self, stretch: list[_Decided]) -> tuple[np.ndarray, np.ndarray]:
+        """Times in s and numbers of the stretch's RL steps."""
+        steps = [decided.step for decided in stretch]
         times = np.array([step.first_tick for step in steps]) * self._config.timing.dt_s
         return times, np.array([step.number for step in steps])
 
     def _end_s(self, step: Step) -> float:
         ticks = step.first_tick + self._config.ticks_per_period * len(step.samples.omega)
         return ticks * self._config.timing.dt_s
+
+
+@lru_cache(maxsize=8)
+def _unchanging(scenario: Scenario, robot: RobotParams, *signals: SignalSpec) -> list[Chunk]:
+    """Return the scene and the styles of all signals."""
+    kept = Kept()
+    write_scene(kept, scenario, robot)
+    write_styles(kept, signals, scenario.robots)
+    return kept.chunks
 
 
 def _action_name(step: Step, robot: int) -> str:

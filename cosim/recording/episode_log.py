@@ -15,7 +15,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.recording.blueprint import robot_names
-from cosim.recording.file import Recording, simulated
+from cosim.recording.file import Sink, simulated
 from cosim.recording.series import (
     DIRECTION_NAMES,
     ENDED,
@@ -173,7 +173,7 @@ class EpisodeLog:
                 yield name, NOT_ARRIVED, f": target {100.0 * away_m:.1f} cm away"
 
 
-def write_lines(file: Recording, lines: list[Line]) -> None:
+def write_lines(file: Sink, lines: list[Line]) -> None:
     """Write lines to `/log`, and the states among them to their entities.
 
     Args:
@@ -197,7 +197,7 @@ def _times(lines: list[Line]) -> list[rr.TimeColumn]:
     )
 
 
-def write_run_page(file: Recording, facts: dict[str, Any], config: CoSimConfig) -> None:
+def write_run_page(file: Sink, facts: dict[str, Any], config: CoSimConfig) -> None:
     """Write the page `/info/run`: what was run, with every parameter and its source."""
     lines = ["# Episode", "", "| | |", "|---|---|"]
     lines += [f"| {key} | {value} |" for key, value in facts.items()]

@@ -12,7 +12,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
 from cosim.physics.forces import motor_mounts
-from cosim.recording.file import Recording, simulated
+from cosim.recording.file import Sink, simulated
 from cosim.recording.levels import Detail, periods
 from cosim.recording.scene import shaft_end_m
 from cosim.recording.series import block_ends, reduce
@@ -43,7 +43,7 @@ class EpisodeScene:
 
     def __init__(
         self,
-        file: Recording,
+        file: Sink,
         name: str,
         robot: int,
         scenario: Scenario,

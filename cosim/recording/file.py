@@ -1,9 +1,9 @@
 """Rerun files that are whole or say so: one `.rrd` from opening to renaming.
 
 Data goes to `<name>.rrd.part` and gets its name when it is complete, and on request to a viewer at
-the same time. What an entity is given between two flushes becomes one chunk: the index of chunks,
-which Rerun keeps in memory for the end of the file, takes kilobytes for each. Rerun drops bad data
-and writes on a full disk without a word, so strict mode is on, free space is checked, every flush
+the same time. What is written of an entity at once becomes one chunk: the index of chunks, which
+Rerun keeps in memory for the end of the file, takes kilobytes for each. Rerun drops bad data and
+writes on a full disk without a word, so strict mode is on, free space is checked, every flush
 has a time limit and writes are ours (`cosim.recording.piped_file`). What is written is decided by
 the callers, how a viewer is found by `cosim.recording.live`.
 """
@@ -14,7 +14,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.chunk import RrdReader
+from rerun.chunk import Chunk
 
 from cosim.base.errors import USER_ERROR_STATUS, UserError
 from cosim.recording.piped_file import PipedFile
@@ -31,6 +31,8 @@ APPLICATION = "minirobots"
 FLUSH_TIMEOUT_S = 30.0
 # An RL step of two robots writes under 1 MB; the rest is room for the footer and other writers.
 LEAST_FREE_BYTES = 50_000_000
+_END, _END_BYTES = b"RRF2FOOT", 12  # of a whole file
+(_SCALARS,) = (c.component_descriptor() for c in rr.Scalars.columns(scalars=np.zeros(1)))
 
 
 class RecordingError(UserError):
@@ -44,24 +46,70 @@ class _Rows(NamedTuple):
     columns: list[rr.ComponentColumn]
 
 
-class _Joined(rr.ComponentColumn):
-    """A column, of times or of a component, whose rows are those of several."""
+class _Column(rr.ComponentColumn):
+    """Arrow array of a component, with a list per row, or of times."""
 
-    def __init__(self, parts: Sequence[Any]) -> None:
-        self._array = pa.concat_arrays([part.as_arrow_array() for part in parts])
-        self._first = parts[0]
+    def __init__(self, what: Any, array: pa.Array) -> None:
+        self._what, self._array = what, array
 
     def timeline_name(self) -> str:
-        return self._first.timeline_name()
+        return self._what
 
     def component_descriptor(self) -> rr.ComponentDescriptor:
-        return self._first.component_descriptor()
+        return self._what
 
     def as_arrow_array(self) -> pa.Array:
         return self._array
 
 
-class Recording:
+class Sink:
+    """Makes chunks of what a recording is to hold; `send` takes them."""
+
+    def __init__(self) -> None:
+        rr.set_strict_mode(True)
+        self._gathered: dict[str, list[_Rows]] = {}  # of each entity, to be one chunk
+
+    def send(self, chunks: Iterable[Chunk]) -> None:
+        """Take chunks."""
+        raise NotImplementedError
+
+    def static(self, entity: str, *what: rr.AsComponents) -> None:
+        """Take data that holds for the whole recording."""
+        self.send([static_chunk(entity, *what)])
+
+    def properties(self, name: str, values: Mapping[str, Any]) -> None:
+        """Take a property of the recording."""
+        self.send([Chunk.from_property(name, properties(values))])
+
+    def columns(self, entity: str, times: list[rr.TimeColumn], columns: Any) -> None:
+        """Take rows of one entity, one per time; `flush` makes a chunk of them."""
+        self._gathered.setdefault(entity, []).append(_Rows(times, list(columns)))
+
+    def flush(self, least_rows: int = 0) -> None:
+        """Send rows taken so far, of entities that have at least a number of them."""
+        for entity, parts in list(self._gathered.items()):
+            if sum(len(rows.times[0].as_arrow_array()) for rows in parts) >= least_rows:
+                del self._gathered[entity]
+                self.send([_chunk(entity, parts)])
+
+
+class Kept(Sink):
+    """Chunks in memory.
+
+    Attributes:
+        chunks: that were sent so far.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.chunks: list[Chunk] = []
+
+    def send(self, chunks: Iterable[Chunk]) -> None:
+        """See `Sink.send`."""
+        self.chunks += chunks
+
+
+class Recording(Sink):
     """A recording being written; a context manager that completes it, also after an error.
 
     Args:
@@ -85,12 +133,11 @@ class Recording:
         blueprint: rrb.Blueprint,
         viewer: str | None = None,
     ) -> None:
-        rr.set_strict_mode(True)
+        super().__init__()
         self.path = path
         self._part = path.with_name(path.name + ".part")
         self._open = True
         self._viewer, self._lost = viewer, False
-        self._gathered: dict[str, list[_Rows]] = {}  # of each entity, to be sent as one chunk
         path.parent.mkdir(parents=True, exist_ok=True)
         self.check_space()
         self.stream = rr.RecordingStream(
@@ -124,37 +171,24 @@ class Recording:
                 f"{self.path}; free some space or choose another --out"
             )
 
-    def static(self, entity: str, *what: Any) -> None:
-        """Log data that holds for the whole recording."""
-        self.stream.log(entity, *what, static=True)
+    def send(self, chunks: Iterable[Chunk]) -> None:
+        """Write chunks."""
+        self.stream.send_chunks(chunks)
 
-    def columns(self, entity: str, times: list[rr.TimeColumn], columns: Any) -> None:
-        """Take rows of one entity, one per time; the next flush sends them."""
-        self._gathered.setdefault(entity, []).append(_Rows(times, list(columns)))
-
-    def flush(self) -> None:
-        """Write out what was logged so far.
+    def flush(self, least_rows: int = 0) -> None:
+        """Write out what was taken so far, except rows of entities that have fewer of them.
 
         Raises:
             RecordingError: it did not reach the disk, or not in time.
         """
-        self._hand_over()
+        super().flush(least_rows)
+        self._write_through()
         try:
             self._file.settle()
         except OSError as error:
             raise self._incomplete(error) from error
-
-    def _hand_over(self) -> None:
-        """Have Rerun write out what was gathered, and what else it holds."""
-        for entity in list(self._gathered):
-            rows = self._gathered.pop(entity)
-            times = [_Joined(parts) for parts in zip(*(r.times for r in rows), strict=True)]
-            columns = [_Joined(parts) for parts in zip(*(r.columns for r in rows), strict=True)]
-            self.stream.send_columns(entity, times, columns)
-            if self._viewer is None:  # one that is gone would be waited for each time
-                self._write_through()  # what is on its way is in memory several times
-        self._write_through()
-        _give_back_memory()
+        if not least_rows:
+            _give_back_memory()
 
     def _write_through(self) -> None:
         try:
@@ -195,13 +229,17 @@ class Recording:
         """
         if not self._open:
             return
-        self._hand_over()
+        super().flush()
+        self._write_through()
         self._open = False
         self.stream.disconnect()
         try:
             self._file.close(FLUSH_TIMEOUT_S)
-            RrdReader(str(self._part)).store()  # reads the end, which says where everything is
-        except (OSError, RuntimeError, ValueError) as error:
+            with self._part.open("rb") as file:  # the end says where everything is
+                file.seek(-_END_BYTES, os.SEEK_END)
+                if not file.read().startswith(_END):
+                    raise OSError("its end is missing")
+        except OSError as error:
             raise self._incomplete(error) from error
         self._part.replace(self.path)
 
@@ -229,9 +267,40 @@ def simulated(time_s: np.ndarray, rl_step: np.ndarray | None = None) -> list[rr.
     return columns
 
 
-def scalars(values: np.ndarray) -> Any:
-    """Rows of a scalar (n,) or vector (n, k) signal."""
-    return rr.Scalars.columns(scalars=values.astype(np.float64))
+def _chunk(entity: str, parts: list[_Rows]) -> Chunk:
+    """Return the rows of an entity as one chunk."""
+    times, columns = parts[0]
+    if len(parts) > 1:
+        names = [column.timeline_name() for column in times]
+        times = _joined(names, [rows.times for rows in parts])
+        descriptors = [column.component_descriptor() for column in columns]
+        columns = _joined(descriptors, [rows.columns for rows in parts])
+    return Chunk.from_columns(entity, times, columns)
+
+
+def _joined(what: Sequence[Any], parts: Sequence[Sequence[Any]]) -> list[Any]:
+    """Columns whose rows are those of several parts."""
+    arrays = [[column.as_arrow_array() for column in columns] for columns in parts]
+    joined = map(pa.concat_arrays, zip(*arrays, strict=True))
+    return [_Column(*column) for column in zip(what, joined, strict=True)]
+
+
+def static_chunk(entity: str, *what: rr.AsComponents) -> Chunk:
+    """Return data of an entity that holds for the whole recording."""
+    batches = [batch for part in what for batch in part.as_component_batches()]
+    columns = []
+    for batch in batches:
+        array = batch.as_arrow_array()
+        row = pa.ListArray.from_arrays(pa.array([0, len(array)], pa.int32()), array)
+        columns.append(_Column(batch.component_descriptor(), row))
+    return Chunk.from_columns(entity, [], columns)
+
+
+def scalars(values: np.ndarray) -> list[rr.ComponentColumn]:
+    """Rows of a scalar (n,) or vector (n, k) signal, n ≥ 1."""
+    flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
+    ends = np.arange(0, flat.size + 1, flat.size // len(values), dtype=np.int32)
+    return [_Column(_SCALARS, pa.ListArray.from_arrays(pa.array(ends), pa.array(flat)))]
 
 
 def properties(values: Mapping[str, Any]) -> rr.AnyValues:

@@ -14,7 +14,7 @@ import selectors
 import threading
 from pathlib import Path
 
-_CHUNK_BYTES = 1 << 20
+_CHUNK_BYTES = 1 << 18
 
 
 class PipedFile:
@@ -40,6 +40,7 @@ class PipedFile:
         self._reader, self._writer = os.pipe()
         os.set_blocking(self._reader, False)
         self.address = f"/dev/fd/{self._writer}"
+        self._buffer = memoryview(bytearray(_CHUNK_BYTES))
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._empty, daemon=True)
         self._thread.start()
@@ -87,8 +88,8 @@ class PipedFile:
     def _move(self) -> bool:
         """Move what is in the pipe to the file; False after its last writer has closed it."""
         with self._lock, contextlib.suppress(BlockingIOError):
-            while data := os.read(self._reader, _CHUNK_BYTES):
-                self._write(memoryview(data))
+            while count := os.readv(self._reader, [self._buffer]):
+                self._write(self._buffer[:count])
             return False
         return True
 

@@ -12,7 +12,7 @@ from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS
 from cosim.physics.contact import foot_positions
 from cosim.recording.blueprint import robot_names
-from cosim.recording.file import Recording
+from cosim.recording.file import Sink
 from cosim.recording.policy_map import PolicyMap
 
 # Okabe–Ito, safe for colour-blind readers; one per robot.
@@ -38,7 +38,7 @@ def palette(colours: list[int]) -> np.ndarray:
     return np.array(colours, dtype=np.uint32)
 
 
-def write_scene(file: Recording, scenario: Scenario, robot: RobotParams) -> None:
+def write_scene(file: Sink, scenario: Scenario, robot: RobotParams) -> None:
     """Log everything that does not move: board, zone, targets, and robots in their own frames.
 
     Args:
@@ -123,7 +123,7 @@ def shaft_end_m(robot: RobotParams, side: float) -> float:
     return side * (robot.motor_radius_m + robot.motor_length_m / 2.0)
 
 
-def _write_robot(file: Recording, name: str, colour: int, robot: RobotParams) -> None:
+def _write_robot(file: Sink, name: str, colour: int, robot: RobotParams) -> None:
     base = f"/world/{name}/robot"
     middle = robot.height_m / 2.0 - robot.com_height_m
     file.static(
@@ -171,7 +171,7 @@ def _write_robot(file: Recording, name: str, colour: int, robot: RobotParams) ->
     )
 
 
-def _write_track_styles(file: Recording, name: str, colour: int, cell_m: float) -> None:
+def _write_track_styles(file: Sink, name: str, colour: int, cell_m: float) -> None:
     """Styles of what a robot leaves on the floor and intends."""
     file.static(
         f"/world/{name}/trail", rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
@@ -207,7 +207,7 @@ def unit_arrows(action: np.ndarray) -> np.ndarray:
     return steps / np.linalg.norm(steps, axis=-1, keepdims=True)
 
 
-def write_floor(file: Recording, name: str, scenario: Scenario, policy: PolicyMap) -> None:
+def write_floor(file: Sink, name: str, scenario: Scenario, policy: PolicyMap) -> None:
     """Log a robot's policy at `/world/<name>/policy`: a tile and an arrow per cell it visited.
 
     Args:

@@ -12,7 +12,7 @@ from cosim.onboard.features import DIRECTION_COUNT, DISTANCE_CLASSES, GRADIENT_S
 from cosim.onboard.steering import MODE_NAMES
 from cosim.physics.rotation import headings
 from cosim.recording.blueprint import robot_names
-from cosim.recording.file import Recording, simulated
+from cosim.recording.file import Sink
 from cosim.recording.scene import (
     EIGHT,
     GREY,
@@ -171,7 +171,7 @@ def block_ends(count: int, every: int) -> np.ndarray:
     return np.minimum(np.arange(every - 1, count + every - 1, every), count - 1)
 
 
-def write_styles(file: Recording, signals: Sequence[SignalSpec], robots: int) -> None:
+def write_styles(file: Sink, signals: Sequence[SignalSpec], robots: int) -> None:
     """Log names, units, colours and aggregation of every signal and state of an episode."""
     for robot, name in enumerate(robot_names(robots)):
         series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in signals}
@@ -211,12 +211,9 @@ def write_styles(file: Recording, signals: Sequence[SignalSpec], robots: int) ->
             _write_states(file, f"/rl/{name}/{path}", values, colours)
     colours = [SERIES[2], EIGHT[5], EIGHT[4], GREY, LIGHT]
     _write_states(file, OUTCOME, (*ENDS, STILL_RUNNING), colours)
-    file.columns(OUTCOME, simulated(np.zeros(1)), rr.StateChange.columns(state=[STILL_RUNNING]))
 
 
-def _write_states(
-    file: Recording, entity: str, values: Sequence[str], colours: Sequence[int]
-) -> None:
+def _write_states(file: Sink, entity: str, values: Sequence[str], colours: Sequence[int]) -> None:
     states = rr.StateConfiguration(
         values=list(values), labels=list(values), colors=palette(list(colours))
     )

@@ -1,9 +1,9 @@
 """Recordings: complete files, the right numbers in them, and honest failures."""
 
-import errno
 import shutil
 import subprocess
 import sys
+import time
 from collections import namedtuple
 from pathlib import Path
 
@@ -335,24 +335,66 @@ def test_full_disk_ends_in_a_sentence_and_no_file_by_its_name(tmp_path, when):
     assert len(read_rrd(part).signals["/sim/r1/motors/omega"].time_s) >= 2000
 
 
-def test_recorder_on_a_full_disk_writes_nothing_twice(recorded, tmp_path):
-    """The batch whose writing failed is not sent again when the recorder is left."""
-    _, steps = recorded
-    path = tmp_path / "full.rrd"
-    with EpisodeRecorder(path, SCENARIO, CoSimConfig(), "test", {"seed": 0}) as recorder:
-        settle = recorder.file._file.settle
-        failures = iter([OSError(errno.ENOSPC, "No space left on device")])
+# An episode that never ends: an RL step of two robots over and over, recorded as if it went on.
+ENDLESS = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from cosim.base.errors import run_command
+from cosim.model.config import CoSimConfig
+from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.levels import with_bursts
+from cosim.simulation.cosimulation import CoSimulation
+from fmus.build import cached_fmu
+from tests.cosim.recording.test_recording import NORTH, SCENARIO, SOUTH
 
-        def fail_once() -> None:
-            settle()
-            for error in failures:
-                raise error
+def record():
+    system = CoSimulation(SCENARIO, cached_fmu(), with_bursts(CoSimConfig(), "default"))
+    system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
+    step = system.advance(np.array([SOUTH, NORTH]))
+    size = int(sys.argv[2])
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    with EpisodeRecorder(Path(sys.argv[1]), SCENARIO, system.config, "test", {}) as recorder:
+        for number in range(10_000):
+            recorder.write(step._replace(number=number, first_tick=number * 200_000))
 
-        recorder.file._file.settle = fail_once
-        with pytest.raises(RecordingError, match=r"full\.rrd\.part .* \(No space left on device\)"):
-            for step in [step for _ in range(5) for step in steps]:
-                recorder.write(step, Decision(step.action, np.zeros((2, 8))))
-    assert len(rows(path, "/sim/r1/motors/omega")[0]) == 5 * 2000
+run_command(record)
+"""
+
+
+@pytest.mark.parametrize("megabytes", [0.3, 30.0])
+def test_full_disk_ends_an_episode_in_one_sentence(tmp_path, megabytes):
+    """The thread that writes has the error, the episode ends with it."""
+    path = tmp_path / "a.rrd"
+    command = [sys.executable, "-c", ENDLESS, path, str(round(1e6 * megabytes))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 2, done.stderr
+    part = tmp_path / "a.rrd.part"
+    assert done.stderr == (
+        f"error: the recording {part} could not be written out (File too large); free some disk "
+        "space; what it and other .part files next to it hold can be read\n"
+    )
+    assert [file.name for file in tmp_path.iterdir()] == [part.name]
+    if megabytes > 1.0:
+        assert len(read_rrd(part).signals["/sim/r1/motors/omega"].time_s) >= 20_000
+
+
+def test_what_a_killed_episode_wrote_can_be_read(tmp_path):
+    """Killed while a stretch is written: the one before it is whole."""
+    path = tmp_path / "a.rrd"
+    part = tmp_path / "a.rrd.part"
+    command = [sys.executable, "-c", ENDLESS, path, str(10**9)]
+    with subprocess.Popen(command) as process:
+        while not part.exists() or part.stat().st_size < 30_000_000:
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.kill()
+    episode = read_episode(part)
+    assert not episode.complete
+    omega, position = (episode.signals[f"r1/{name}"] for name in ("motors/omega", "position"))
+    assert len(omega.time_s) % 20_000 == 0
+    assert omega.time_s[-1] == pytest.approx(1e-3 * len(omega.time_s))
+    assert position.time_s[-1] > omega.time_s[-1] - 60.0
 
 
 def test_rows_between_two_flushes_are_one_chunk(tmp_path):
