@@ -362,6 +362,7 @@ run_command(record)
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("megabytes", [0.3, 30.0])
 def test_full_disk_ends_an_episode_in_one_sentence(tmp_path, megabytes):
     """The thread that writes has the error, the episode ends with it."""
@@ -379,6 +380,7 @@ def test_full_disk_ends_an_episode_in_one_sentence(tmp_path, megabytes):
         assert len(read_rrd(part).signals["/sim/r1/motors/omega"].time_s) >= 20_000
 
 
+@pytest.mark.long
 def test_what_a_killed_episode_wrote_can_be_read(tmp_path):
     """Killed while a stretch is written: the one before it is whole."""
     path = tmp_path / "a.rrd"
