@@ -3,7 +3,6 @@
 The command line is `cosim.transfer`.
 """
 
-import time
 from collections.abc import Collection
 from itertools import product
 from pathlib import Path
@@ -13,7 +12,6 @@ from rich.console import Console
 from rich.markdown import Markdown
 
 from agent.study.episodes import (
-    EPISODES,
     MEASURES,
     METHOD,
     MU,
@@ -24,16 +22,14 @@ from agent.study.episodes import (
     EpisodesRow,
     StudyLine,
     case_of,
+    simulate,
 )
 from agent.study.goals import Goal, goals
 from agent.study.policies import trained
 from agent.study.store import EpisodeStore
 from agent.training.settings import BEST, COMPARED, METHODS
-from cosim.base.errors import UserError
-from cosim.base.jobs import Workers, run, until
+from cosim.base.jobs import Workers, until
 from cosim.base.progress import Progress, silent
-from cosim.base.reading import Kind, read_json
-from cosim.base.storage import write_json
 from cosim.base.table import markdown as table_text
 from cosim.base.table import show as show_table
 from cosim.base.table import write_report
@@ -46,7 +42,6 @@ MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 # Episodes of a pair in rows of the best method at the default friction, and of all other rows.
 _MANY, _SOME, QUICK_EPISODES = 200, 50, 2
 COLUMNS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
-_SESSIONS = Kind("list of sessions", "remove it", UserError)
 
 
 class TransferRow(EpisodesRow, frozen=True, kw_only=True):
@@ -55,22 +50,12 @@ class TransferRow(EpisodesRow, frozen=True, kw_only=True):
     method: str
 
 
-class Session(msgspec.Struct, frozen=True, kw_only=True):
-    """A run of the command that simulated something."""
-
-    elapsed_s: float
-    episodes: int
-    jobs: int
-
-
 class TransferReport(msgspec.Struct, frozen=True, kw_only=True):
     """The content of transfer.json."""
 
     schema_version: int = 1
     seed: int | None
     complete: bool
-    elapsed_s: float
-    sessions: tuple[Session, ...]
     episode_wall_s: float
     simulated: int
     goals: tuple[Goal, ...]
@@ -117,20 +102,11 @@ def transfer(
                 wanted = len(case.starts) if policy.config.scenario.robots == 1 else _MANY
             indices = case.sample(min(wanted, len(case.starts)))
             lines.append(StudyLine(case, indices, {"method": method}))
-    path, began = out / "sessions.json", time.monotonic()
-    sessions = read_json(path, _SESSIONS, list[Session]) if path.exists() else []
-    jobs, before = [job for line in lines for job in line.jobs()], len(sessions)
-    ended = run(jobs, store, EPISODES, where, may_begin=may_begin, progress=progress)
-    for count, _ in enumerate(ended, 1):  # kept at once: a killed process has no later chance
-        elapsed_s = time.monotonic() - began
-        sessions[before:] = [Session(elapsed_s=elapsed_s, episodes=count, jobs=where.count)]
-        write_json(path, sessions)
+    simulate(lines, store, where, may_begin=may_begin, progress=progress)
     rows = tuple(line.row(store, TransferRow) for line in lines)
     report = TransferReport(
         seed=seed if rows else None,
         complete=all(row.episodes == row.planned for row in rows),
-        elapsed_s=sum(session.elapsed_s for session in sessions),
-        sessions=tuple(sessions),
         episode_wall_s=sum(row.wall_s for row in rows),
         simulated=sum(len(store.file(line.case).results) for line in lines),
         goals=tuple(goals(row for row in rows if row.method == BEST)),
@@ -154,7 +130,6 @@ def show(report: TransferReport) -> None:
 def _findings(report: TransferReport) -> list[str]:
     return [
         *(goal.finding() for goal in report.goals),
-        f"- {report.simulated} episodes simulated in {report.elapsed_s / 60.0:.0f} min "
-        f"(the command ran {len(report.sessions)} times); the episodes alone took "
-        f"{report.episode_wall_s / 60.0:.0f} min of the threads.",
+        f"- {report.simulated} episodes, which took {report.episode_wall_s / 60.0:.0f} min of the "
+        "threads.",
     ]

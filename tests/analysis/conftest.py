@@ -126,8 +126,6 @@ def write_transfer(tmp_path):
         report = TransferReport(
             seed=0,
             complete=True,
-            elapsed_s=1.0,
-            sessions=(),
             episode_wall_s=1.0,
             simulated=50,
             goals=(),

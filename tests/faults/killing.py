@@ -20,8 +20,7 @@ from cosim.recording.rrd import read_rrd
 CACHED = ("kernels", "calibrations", "fmus", "moves", "policies", "bounds", "web_viewer")
 # What depends on the clock, by its name in JSON.
 OF_THE_CLOCK = {
-    "attempts", "cores", "elapsed_s", "episode_wall_s", "issued", "realtime_factor", "seconds",
-    "sessions",
+    "attempts", "cores", "episode_wall_s", "issued", "realtime_factor", "seconds",
     "simulated", "wall_s",
 }  # fmt: skip
 # What the log says of a file of the cache that is not whole.

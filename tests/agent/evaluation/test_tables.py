@@ -157,8 +157,6 @@ def test_transfer_has_all_that_its_file_has():
     report = transfer.TransferReport(
         seed=0,
         complete=False,
-        elapsed_s=60.0,
-        sessions=(transfer.Session(elapsed_s=60.0, episodes=50, jobs=2),),
         episode_wall_s=120.0,
         simulated=50,
         goals=(),

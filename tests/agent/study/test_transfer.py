@@ -65,8 +65,6 @@ def test_rows_without_and_with_the_shield(table):
 def test_table_is_written_and_not_made_again(table, board):
     out = board.parent / "out"
     assert table.complete
-    assert len(table.sessions) == 1
-    assert table.elapsed_s > table.episode_wall_s / 2
     written = (out / "transfer.json").read_bytes()
     assert msgspec.json.decode(written, type=TransferReport) == table
     assert quick_table(board, out) == table
