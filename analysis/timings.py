@@ -119,7 +119,7 @@ class Timings:
     def stage(self, name: str) -> Iterator[None]:
         """Time the body; what an interrupted attempt took is added to what it took before.
 
-        A stage that is made again is timed again.
+        A stage that is rebuilt is timed again.
         """
         before = self._content.stages.get(name)
         earlier_s, attempts = 0.0, 0

@@ -2,7 +2,7 @@
 
 It times, in turns in one run, fmpy from Python, the compiled calls of
 the co-simulation's driver, and the same equations inlined in one numba kernel: the floor. The three
-are first held to the same bits, so that they are known to do the same work.
+are first checked for the same bits, so that they are known to do the same work.
 """
 
 import math

@@ -137,7 +137,7 @@ def test_policy_may_only_act(episode):
 
 
 class Torn:
-    """A policy that values all directions alike, and chooses among them by itself."""
+    """A policy that values all directions alike, and chooses among them alone."""
 
     asked = 0
 

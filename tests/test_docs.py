@@ -36,7 +36,8 @@ IDENTIFICATION = (
 HOMONYMS: set[str] = set()  # class names that more than one module may have
 # Idioms that shall not come back; the files of fmus/ are part of what FMUs are known by.
 IDIOMS = re.compile(
-    r"\b(anew|beside|held against|(is|are) told|mend(s|ed)?|nobody|somebody|to and fro|whoever)\b",
+    r"\b(anew|beside|goes on|held (against|to)|holds? before|in a sentence|in the small|in words"
+    r"|(is|are) told|made again|mend(s|ed)?|nobody|so many|somebody|to and fro|whoever)\b",
     re.IGNORECASE,
 )
 NUMBER = re.compile(r"\d+")

@@ -90,7 +90,7 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True):
     """The content of certificate.json.
 
     Attributes:
-        claim: in words.
+        claim: as text.
         confidence: with which a verdict is right, whatever the policy.
         verdict: certified, refused, or undecided as the episodes are too few.
         evidence, starts: see the classes.
@@ -150,7 +150,7 @@ def now() -> str:
 
 
 def said(certificate: Certificate) -> str:
-    """Return the verdict in words."""
+    """Return the verdict as text."""
     claim, confidence = certificate.claim, certificate.confidence
     seed = certificate.case.seed
     return f"{certificate.verdict}: {claim} at confidence {confidence:.10g}, seed {seed}"
@@ -237,7 +237,7 @@ def code_of_certificates() -> str:
 
 
 def covered(case: Case, episodes: int) -> CoveredStarts:
-    """The starts of so many episodes."""
+    """The starts of a number of episodes."""
     starts = len(case.starts)
     return CoveredStarts(starts, enumerable(case.policy.process), episodes / starts)
 

@@ -54,7 +54,7 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
         claim, verdict: of it.
         compared: episodes that were simulated again.
         found: probability that they show it where a share of `ALTERED` of all rows was altered.
-        differences: in words; none if it stands. Of an episode that ended alike other numbers
+        differences: as text; none if it stands. Of an episode that ended alike other numbers
             differ.
         changes: versions and digests that are not those of the certificate, then and now. They do
             no harm while there are no differences.

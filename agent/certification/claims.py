@@ -20,7 +20,7 @@ class Claim(NamedTuple):
     """A statement about a policy.
 
     Attributes:
-        text: in words.
+        text: as text.
         against: outcomes of episodes that speak against it.
         limit: the claim holds where their rate is below it.
     """

@@ -50,11 +50,11 @@ class SequentialTest:
         return self.alpha / ((look + 1) * (look + 2))
 
     def episodes_to_certify(self, against: int) -> int:
-        """Episodes after which the claim is certified if no more than so many speak against it."""
+        """Episodes after which the claim is certified if at most that many speak against it."""
         return _enough(against, self.limit, self.level(against))
 
     def episodes_to_refute(self, against: int) -> int:
-        """Episodes within which so many (at least one) that speak against the claim refuse it."""
+        """Episodes within which that many (at least one) against the claim refuse it."""
         return _refuted(against, self.limit, self.level(against - 1))
 
     def decide(self, episodes: Iterable[bool]) -> ClaimDecision:
@@ -76,12 +76,12 @@ class SequentialTest:
         return ClaimDecision("undecided", count, against)
 
     def chance(self, against: int, episodes: int) -> float:
-        """Bound of the probability of at most so many against a claim whose rate is the limit."""
+        """Bound of the probability of at most that many against a claim whose rate is the limit."""
         return _at_most(against, episodes, self.limit)
 
 
 def _at_most(successes: int, trials: int, rate: float) -> float:
-    """P(at most so many successes) for any strata of this mean rate, bounded (Hoeffding 1956)."""
+    """P(at most that many successes) for any strata of this mean rate, bounded (Hoeffding 1956)."""
     if successes > trials * rate - 1.0:
         return 1.0
     return float(binom.cdf(successes, trials, rate))
@@ -94,7 +94,7 @@ def _enough(against: int, limit: float, level: float) -> int:
 
 @cache
 def _refuted(against: int, limit: float, level: float) -> int:
-    # so many against of n are no more than the rest that are for the claim
+    # this number against of n are no more than the rest that are for the claim
     return _first(lambda n: _at_most(n - against, n, 1.0 - limit) > level, against) - 1
 
 

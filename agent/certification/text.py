@@ -1,4 +1,4 @@
-"""Certificates, checks and estimates in words, for the terminal."""
+"""Certificates, checks and estimates as text, for the terminal."""
 
 import msgspec
 

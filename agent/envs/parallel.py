@@ -47,7 +47,7 @@ def episode_info(episode: EnvEpisode, robot: int, *, names: bool) -> dict[str, A
     """Return what environments say about an episode in addition to the observation.
 
     Args:
-        episode: that goes on or has ended.
+        episode: that continues or has ended.
         robot: whose info it is.
         names: whether `outcome_name` is there, the text of the code `outcome`.
     """

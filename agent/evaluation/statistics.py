@@ -72,7 +72,7 @@ def rate_of_weights(share: float, worth: float) -> Rate:
 def interval_text(
     of: Interval | Statistics, digits: int, factor: float = 1.0, unit: str = ""
 ) -> str:
-    """Mean in words, and its interval if it has one."""
+    """Mean as text, and its interval if it has one."""
     if of.mean is None:
         return "–"
     text = f"{factor * of.mean:.{digits}f}{unit}"

@@ -1,6 +1,6 @@
 """Runs a search over episodes of the co-simulation, and keeps each episode as it comes.
 
-A generation is simulated at once. An interrupted search is asked the same again and told the
+A generation is simulated at once. An interrupted search is asked the same again and given the
 results that are kept, so that it resumes as if nothing had happened.
 """
 

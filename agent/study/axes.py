@@ -28,7 +28,7 @@ class AxisPoint(NamedTuple):
 
     Attributes:
         axis: what is not ideal.
-        value: how much, in words for the table.
+        value: how much, as text for the table.
         world: in which it is so.
     """
 

@@ -24,7 +24,7 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     holds: bool
 
     def finding(self) -> str:
-        """Return it in words."""
+        """Return it as text."""
         form = (3, 1.0, "") if self.goal.startswith("path") else (1, 100.0, "%")
         limit = interval_text(Interval(self.limit, None, None), *form)
         worst = interval_text(Interval(self.worst, self.low, self.high), *form)

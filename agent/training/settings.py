@@ -28,7 +28,7 @@ def refuse_former(method: Any, of: str) -> None:
 
     Args:
         method: by name.
-        of: what it is the method of, in words.
+        of: what it is the method of, as text.
 
     Raises:
         UserError: it names what replaces it.

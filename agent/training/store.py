@@ -71,7 +71,7 @@ def load_run(folder: Path, config: PolicyConfig) -> tuple[Trained, TrainingLog] 
         policy = (PairPolicy if of_pair(config) else Policy).load(path)
         log = TrainingLog.load(folder / LOG_FILE)
     except (PolicyError, TrainingLogError) as error:
-        _LOGGER.warning("%s: it is made again", error)
+        _LOGGER.warning("%s: it is rebuilt", error)
         return None
     return (policy, log) if policy.config == config else None
 

@@ -76,7 +76,7 @@ class Caption:
     inputs: tuple[str, ...] = ()
 
     def text(self) -> str:
-        """The caption in words, for a page."""
+        """The caption as text, for a page."""
         claim = f" The paper: {self.claim}" if self.claim else ""
         return f"{self.title}.{claim} Here: {' '.join(self.ours)}"
 
@@ -109,5 +109,5 @@ def read_caption(folder: Path, figure: str) -> Caption:
 def interval(
     of: Interval | Statistics, factor: float = 1.0, digits: int = 2, unit: str = ""
 ) -> str:
-    """Mean and its 95 % interval, if it has one, in words."""
+    """Mean and its 95 % interval, if it has one, as text."""
     return interval_text(of, digits, factor, unit).replace("-", "−")

@@ -43,7 +43,7 @@ class Watchable(NamedTuple):
     Attributes:
         name: scenario and number, as `--episode` takes it.
         file: recording, relative to the page.
-        outcome: of the episode, in words.
+        outcome: of the episode, as text.
         path_length_cm: mean over the robots.
         sim_time_s: how long it lasted.
         megabytes: size of the recording.

@@ -2,7 +2,7 @@
 
 Errors are those of the places against the closed solution of the coupled system. The cost is that
 of a compiled step of both oscillators, and of the same step through fmpy's Python classes; both are
-first held to the same bits.
+first checked for the same bits.
 """
 
 import contextlib

@@ -45,7 +45,7 @@ class Mutation:
 
     Attributes:
         part: of the project, such as "motor".
-        change: what it changes, in words.
+        change: what it changes, as text.
         file: path in the project.
         old, new: a text that occurs once in the file, and what replaces it.
         tests: files or tests that pytest runs.

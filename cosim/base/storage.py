@@ -115,7 +115,7 @@ def cached(
 
     def remake() -> Value:
         if path.exists() and not again:
-            _LOGGER.warning("%s is not as it was kept: it is made again", path)
+            _LOGGER.warning("%s is corrupted: rebuilding it", path)
         value = make()
         save(value, path)
         write_checksum(path)

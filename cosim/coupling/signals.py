@@ -121,7 +121,7 @@ class Samples(NamedTuple):
     Attributes:
         omega, omega_des, theta, voltage, current: (n, N, 2), motors D and E.
         omega_dot: (n, N, 2), rad/s².
-        noise: (n, N, 2) that each motor's controller hears, rad/s.
+        noise: (n, N, 2) in each motor's measured speed, rad/s.
         command: (n, N, 2) u of Eq. (14) before saturation, V; NaN if the FMU does not tell.
         integral: (n, N, 2) of the speed error in the controller, rad; likewise.
         disturbance: (n, N, 2) torque of input d in N m.

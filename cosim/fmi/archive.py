@@ -1,7 +1,7 @@
 """FMU archives, unpacked into the cache: once for each content, and only what a run needs.
 
 An archive may come from anywhere: all names are checked before anything is written, and no file
-gets larger than the archive declares. What is unpacked is held to the archive's checksums.
+gets larger than the archive declares. What is unpacked is checked against the archive's checksums.
 """
 
 import hashlib

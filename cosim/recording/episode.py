@@ -1,7 +1,7 @@
 """One co-simulated episode as a Rerun recording: every signal of every RL step.
 
 What is recorded is `cosim.recording.series`, how often `cosim.recording.levels`, what moves in the
-3D view `cosim.recording.episode_scene`, the log in words `cosim.recording.episode_log`. A thread
+3D view `cosim.recording.episode_scene`, the log as text `cosim.recording.episode_log`. A thread
 writes stretches of many RL steps while the simulation continues, one chunk per entity: few long
 chunks are written, stored and read several times faster than many short ones, and Rerun keeps an
 index of all of them in memory.

@@ -1,4 +1,4 @@
-"""An episode in words and states: decisions, moves that end or are given up, and why it ended.
+"""An episode as text and states: decisions, moves that end or are given up, and why it ended.
 
 The words are for people. Programs read the states, of entities named in `cosim.recording.series`.
 """

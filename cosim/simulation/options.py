@@ -27,7 +27,7 @@ class Physics:
 
     preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
     """Machine: paper (Tables I and II), icra2006, thesis, or a file (.toml, see
-    docs/validation.md). What a world says holds before what the machine brings along, and --mu and
+    docs/validation.md). What a world says overrides what the machine brings along, and --mu and
     --noise before both; on a board robots have the diameter of the scenario."""
     mu: float | None = None
     """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature), 0.15 by default or

@@ -3,7 +3,7 @@
 Unknowns z are values of connected inputs. The residual is what their outputs then give minus z:
 at one point of time for algebraic loops, and over a step, which is taken back and repeated, for
 implicit coupling. The inverse of the residual's Jacobian is made by finite differences, kept from
-step to step, updated by Broyden's formula, and made again where convergence is slow.
+step to step, updated by Broyden's formula, and rebuilt where convergence is slow.
 """
 
 from typing import NamedTuple

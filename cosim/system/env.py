@@ -36,7 +36,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
     """A system of FMUs whose inputs are actions, and whose outputs are observations.
 
     A reset goes back to the state after initialisation, which is saved once; FMUs that cannot save
-    their states, or that begin with drawn parameters, are made again.
+    their states, or that begin with drawn parameters, are rebuilt.
 
     >>> import minirobots as mr
     >>> from cosim.system.graph import Component

@@ -38,7 +38,7 @@ def run(options: DesignRobot, _: Progress) -> "Design":
 
 
 def show(options: DesignRobot, found: "Design") -> None:
-    """Print it in words."""
+    """Print it as text."""
     robot = find_preset(options.preset).config().with_overrides(options.mu).robot
     print("\n".join(_lines(found, robot)))
 

@@ -56,7 +56,7 @@ class SimulateSystem(IsolatedOptions):
     record: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
     """Variables to record, as component.variable; by default all outputs."""
     every: Annotated[int, tyro.conf.arg(metavar="N")] = 1
-    """Record every so many steps."""
+    """Record every N-th step."""
     profile: bool = False
     """Print time, steps and rollbacks of every FMU."""
     fmu_log: Literal["off", "warnings", "all"] = "warnings"

@@ -1,4 +1,4 @@
-"""The training benchmark in the small: its figures, and that training is as fast as said."""
+"""The training benchmark on a small scale: its figures, and that training is as fast as said."""
 
 import json
 

@@ -18,7 +18,7 @@ from analysis.reading.results import RESULTS
 from cosim.base.storage import write_json
 from minirobots.reproduction import reproduce
 
-# Everything in the small: few, short, but real runs.
+# Everything on a small scale: few, short, but real runs.
 TINY = Profile(
     name="tiny",
     runs=2,
@@ -51,7 +51,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(autouse=True)
 def few_evaluations(monkeypatch):
-    """The same while a test goes on with a reproduction."""
+    """The same while a test continues with a reproduction."""
     evaluate_seldom(monkeypatch)
 
 

@@ -24,7 +24,7 @@ OF_THE_CLOCK = {
     "simulated", "wall_s",
 }  # fmt: skip
 # What the log says of a file of the cache that is not whole.
-REMADE = re.compile("not as it was kept|is damaged")
+REMADE = re.compile("is corrupted|is damaged")
 TIMES = re.compile(rb"<caption><strong>Time\.</strong>.*?</table>", re.DOTALL)
 STUDY = """
 policies = ["shortest"]

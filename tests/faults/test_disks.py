@@ -146,7 +146,7 @@ def test_a_full_disk(tmp_path, disk, name):
 @pytest.mark.faults
 @pytest.mark.parametrize("megabytes", [1, 3, 8, 20])
 def test_a_cache_on_a_disk_that_fills(tmp_path, megabytes):
-    """Runs end in a sentence or well, whatever the full disk has; with room the next one goes well.
+    """Runs end in a one-line error or well, whatever the disk has; with room the next goes well.
 
     Where this user may not mount anything, a limit of file sizes stands in for the disk.
     """

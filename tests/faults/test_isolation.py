@@ -1,4 +1,4 @@
-"""What a foreign FMU does to its process ends a command in a sentence, and nothing is lost."""
+"""What a foreign FMU does to its process ends a command in one line, and nothing is lost."""
 
 import contextlib
 import json

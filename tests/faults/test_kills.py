@@ -114,7 +114,7 @@ def test_killed_once(undisturbed, tmp_path, name, moment):
 def test_killed_again_and_again(undisturbed, tmp_path, name):
     whole = undisturbed(name)
     place = Workplace(tmp_path, whole.case)
-    for share in (moment / 3.0 for moment in moments(name)):  # it goes on from kill to kill
+    for share in (moment / 3.0 for moment in moments(name)):  # it continues from kill to kill
         print(f"{name} is killed after {share:.3f} of {whole.duration_s:.1f} s")
         place.stop(share * whole.duration_s)
     check(place, whole)
@@ -124,7 +124,7 @@ def test_killed_again_and_again(undisturbed, tmp_path, name):
 @pytest.mark.parametrize("how", ENDS)
 @pytest.mark.parametrize("name", PARTIAL)
 def test_interrupted(undisturbed, tmp_path, name, how):
-    """Status and mark of what is there; the same command goes on."""
+    """Status and mark of what is there; the same command continues."""
     whole = undisturbed(name)
     place = Workplace(tmp_path, whole.case)
     began = place.start()

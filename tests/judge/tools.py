@@ -55,7 +55,7 @@ class Verdict(msgspec.Struct, frozen=True):
         tool: name.
         version: of the tool, empty if it is not at hand.
         artefact: model and standard.
-        says: in words: "valid", "not at hand: …", or what is wrong.
+        says: as text: "valid", "not at hand: …", or what is wrong.
         deviation: largest of all outputs from the reference results, relative to the largest value
             of that output; None where nothing was simulated.
         agrees: whether the FMU passes; None if nobody was asked.

@@ -1,6 +1,6 @@
 """The two coupled masses in masters not written here, each in a process of its own.
 
-Both masses begin at 1 m, as the FMUs do by themselves: libcosim sets no start values of outputs.
+Both masses begin at 1 m, as the FMUs do alone: libcosim sets no start values of outputs.
 
 `python -m tests.references.masses_ssp NAME ARCHIVE STEP_S UNTIL_S` prints the places of both masses
 at the end in m, and the wall-clock time of a step in ns, as JSON.

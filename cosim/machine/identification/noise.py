@@ -1,4 +1,4 @@
-"""Tracks against simulations: errors from frame to frame, and how large they are by themselves.
+"""Tracks against simulations: errors from frame to frame, and how large they are alone.
 
 A camera's errors are independent from frame to frame. A robot's are not: what speed noise and motor
 phases do to it stays, and its track walks away from any simulation. So a scalar Kalman filter each

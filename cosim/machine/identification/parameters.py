@@ -14,7 +14,7 @@ class RobotParameter(NamedTuple):
 
     Attributes:
         name: of a field of `RobotParams`, or as below.
-        description: in words.
+        description: as text.
         unit: for people, and how many of it are one of the SI unit.
         scale: that number.
         spread: standard deviation around the usual value before anything is measured (assumed), in

@@ -51,7 +51,7 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
         preset: what was taken for all else.
         frames, duration_s: of the track.
         parameters: in the order of `cosim.machine.identification.parameters`.
-        unidentifiable: what the track says nothing of, in words.
+        unidentifiable: what the track says nothing of, as text.
         noise: of the camera, and how the robot strays from any simulation, by largest likelihood.
         evaluations: batches of simulations.
     """

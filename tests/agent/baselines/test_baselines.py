@@ -1,4 +1,4 @@
-"""The table of learners: how it is made, goes on and is written, and what it says."""
+"""The table of learners: how it is made, continues and is written, and what it says."""
 
 import json
 
@@ -140,7 +140,7 @@ def test_it_goes_on_where_it_ended(done, board, monkeypatch):
 
 
 def test_episodes_of_a_session_that_was_cut_are_in_the_table(done, board):
-    """Those of other physics, or more than are asked for, are not; a lost policy is made again."""
+    """Those of other physics, or more than are asked for, are not; a lost policy is rebuilt."""
     out = board.parent / "out"
     files = sorted((out / "runs").iterdir())
     old = tuple(Drive(k, Outcome.COLLISION, 1.0, 1.0) for k in range(6))

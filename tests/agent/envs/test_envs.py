@@ -84,7 +84,7 @@ def test_pettingzoo_steps_the_kernels_process(slip):
     for seed in range(20):
         env.reset(seed=seed)
         moving = np.ones(2, dtype=bool)
-        # robot 1 comes down, robot 2 goes up, both at random: they meet, leave or go on for long
+        # robot 1 comes down, robot 2 goes up, both at random: they meet, leave or continue for long
         actions = np.random.default_rng(seed).integers(3, size=(60, 2)) + np.array([5, 1])
         for action, (outcome, rewards, world) in zip(
             actions, kernel_episode(process, seed, actions), strict=False
@@ -181,7 +181,7 @@ def test_co_simulated_vector_environment_is_the_synchronous_one_bit_for_bit():
     )
     assert native.observation_space == plain.observation_space
     compare(native.reset(seed=5), plain.reset(seed=5))
-    # one leaves the board soon and begins anew, the others go on
+    # one leaves the board soon and begins anew, the others continue
     starts = np.array([[[5, 0]], [[4, 4]], [[20, 9]]])
     options = {"starts": starts}
     native.reset(options=options)
@@ -291,7 +291,7 @@ def test_co_simulated_environments_begin_together():
 
 
 def test_a_reset_of_some_seeds_them_alone():
-    """As Gymnasium's does: the boards that go on are not disturbed."""
+    """As Gymnasium's does: the boards that continue are not disturbed."""
     slippery = ProcessConfig(slip_probability=0.5)
 
     def paths(env):

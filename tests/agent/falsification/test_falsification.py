@@ -1,4 +1,4 @@
-"""A search of a small board: it goes on to the same bits, and its cases are run again."""
+"""A search of a small board: it continues to the same bits, and its cases are run again."""
 
 import json
 from collections.abc import Iterator

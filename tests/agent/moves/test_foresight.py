@@ -28,7 +28,7 @@ def test_gaps_and_times_of_paths_that_cross(delay):
     starts = np.array(board.starts).transpose(1, 0, 2)
     model = build_model(ideal_moves(), CONTACT)
     gaps, seconds = foresee(process, model, values, starts, 3, seeded_state(0))
-    # The second one is so many cells late, and is nearest when both are half of that away.
+    # The second one is some cells late, and is nearest when both are half of that away.
     assert gaps == pytest.approx([max(delay / np.sqrt(2.0) - CONTACT, 0.0)])
     moves = 18 + delay if delay else 6
     assert seconds == pytest.approx([moves * TIMING.rl_step_s])

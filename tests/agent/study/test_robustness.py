@@ -1,4 +1,4 @@
-"""The robustness table: its worlds, how it goes on, and what it writes."""
+"""The robustness table: its worlds, how it continues, and what it writes."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The table of transfer: its rows, and how it goes on."""
+"""The table of transfer: its rows, and how it continues."""
 
 from pathlib import Path
 

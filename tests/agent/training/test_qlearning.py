@@ -194,7 +194,7 @@ def test_cutting_a_run_into_chunks_changes_no_bit(name, algorithm):
 
 @pytest.mark.parametrize("update", ["ordinary", "penalty", "none"])
 def test_partner_of_a_failed_robot(update):
-    # robot 1 leaves the board at once (its only values point west), robot 2 goes on
+    # robot 1 leaves the board at once (its only values point west), robot 2 continues
     pair = Scenario("p", "", ((15, 18), (15, 12)), (((0, 5),), ((9, 9),)))
     process = build_process(pair, ProcessConfig(partner_of_failed=update))
     config = LearningConfig(episodes=1, eta=1.0, exploration=0.0, log_episodes=1, log_window=1)

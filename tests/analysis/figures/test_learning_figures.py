@@ -1,4 +1,4 @@
-"""Figures 5, 8, 10 and 11 from experiments run in the small, and what is said of other folders."""
+"""Figures 5, 8, 10 and 11 from small experiments, and what is said of other folders."""
 
 import json
 import shutil

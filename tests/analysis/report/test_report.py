@@ -1,4 +1,4 @@
-"""The report from results made in the small: what it says, what it refuses, and in a browser."""
+"""The report from small results: what it says, what it refuses, and in a browser."""
 
 import io
 import re

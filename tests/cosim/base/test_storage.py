@@ -58,7 +58,7 @@ def test_a_damaged_file_is_made_again(tmp_path, caplog, damage):
     with caplog.at_level(logging.WARNING):
         assert from_cache(path, made) == KEPT
     assert len(made) == 2
-    assert f"{path} is not as it was kept" in caplog.text
+    assert f"{path} is corrupted" in caplog.text
     from_cache(path, made)
     assert len(made) == 2
 

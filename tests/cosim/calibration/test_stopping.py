@@ -37,7 +37,7 @@ def test_robots_stop_within_what_the_shield_allows_for(motor_fmu):
 
 
 def test_held_robots_stand_still_on_a_slope_whatever_the_speed_noise(motor_fmu):
-    """Motors without set point hear no noise: before, these robots slid by 1 mm in a minute."""
+    """Motors without set point have no noise: before, these robots slid by 1 mm in a minute."""
     world = World(mu=0.03, floor_tilt_deg=1.0, motor_speed_noise=0.2)
     config = CoSimConfig().in_world(world)
     config = replace(config, steering=config.steering._replace(max_speed_rad_s=600.0))

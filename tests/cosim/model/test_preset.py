@@ -1,4 +1,4 @@
-"""Machines from files: what they set, what holds before them, what they may not say."""
+"""Machines from files: what they set, what overrides them, what they may not say."""
 
 import math
 

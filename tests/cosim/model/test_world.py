@@ -47,7 +47,7 @@ def test_motors_differ_as_declared():
         assert abs(factors.mean() - 1.0) < 0.01
         assert abs(factors.std() - 0.1) < 0.01
         assert 0.7 - 1e-9 <= factors.min() < factors.max() <= 1.3 + 1e-9
-        assert len(np.unique(factors)) > 3900  # every motor by itself
+        assert len(np.unique(factors)) > 3900  # every motor alone
     assert {motor.m for pair in drawn.motors for motor in pair} == {TABLE_II.m}
 
 

@@ -144,7 +144,7 @@ def test_damaged_fmu_of_the_cache_is_built_again(fmu, monkeypatch, tmp_path, cap
         checksum.write_text("0")
     assert build.cached_fmu("VibrationMotor") == path
     assert path.read_bytes() == content
-    said = f"{path} is not as it was kept: it is made again"
+    said = f"{path} is corrupted: rebuilding it"
     assert caplog.messages == [said] * (damage != "removed")
     stamp = path.stat().st_mtime_ns
     build.cached_fmu("VibrationMotor")
