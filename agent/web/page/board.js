@@ -1,5 +1,5 @@
 // The top view: board, value map, trails, moves and robots.
-const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#8c564b", "#7f7f7f"];
+const COLOURS = ["#1f83d6", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#8c564b", "#7f7f7f"];
 const EIGHTH = Math.PI / 4;
 const FACE = 0.42; // of a cell: length of a map's direction lines
 
@@ -51,7 +51,7 @@ class Board {
     g.fillRect(0, 0, width, height);
     g.scale(this.scale, -this.scale);
     g.translate(0, -this.rows_m);
-    if (options.map) this.drawMap(g, scenario.maps[options.selected]);
+    if (options.map) g.drawImage(this.mapOf(options.selected, width), 0, 0, scenario.columns * scenario.cell_m, this.rows_m);
     this.drawCells(g);
     if (options.trails) this.trails.forEach((trail, i) => this.line(g, trail, COLOURS[i], 1.5));
     robots.forEach((robot, i) => this.drawMove(g, robot, COLOURS[i]));
@@ -69,21 +69,39 @@ class Board {
     g.setLineDash([]);
   }
 
-  drawMap(g, map) {
-    const { columns, rows, cell_m: cell } = this.scenario;
+  // A robot's map as a picture, drawn again where robot, size or colours change; its rows go downwards.
+  mapOf(robot, width) {
+    const key = [robot, width, css("--quiet")].join();
+    if (this.mapKey !== key) {
+      const { columns, rows } = this.scenario, size = (width * (window.devicePixelRatio || 1)) / columns;
+      this.picture ??= document.createElement("canvas");
+      [this.picture.width, this.picture.height] = [Math.round(size * columns), Math.round(size * rows)];
+      const g = this.picture.getContext("2d");
+      g.scale(size, size);
+      this.drawMap(g, this.scenario.maps[robot], size);
+      this.mapKey = key;
+    }
+    return this.picture;
+  }
+
+  drawMap(g, map, size) {
+    const { columns, rows } = this.scenario;
     const known = map.value.filter((v) => v !== null), low = Math.min(...known), high = Math.max(...known);
-    const lines = css("--quiet");
+    g.strokeStyle = css("--quiet");
+    g.lineWidth = 0.8 / size;
+    g.beginPath();
     for (let x = 0; x < columns; x++)
       for (let y = 0; y < rows; y++) {
         const value = map.value[x * rows + y];
         if (value === null) continue;
         const near = (value - low) / (high - low || 1);
         g.fillStyle = `hsl(${215 + 150 * (1 - near)} 65% 50% / ${0.08 + 0.34 * near})`;
-        g.fillRect(x * cell, y * cell, cell * 1.01, cell * 1.01);
-        const angle = map.action[x * rows + y] * EIGHTH, at = [(x + 0.5) * cell, (y + 0.5) * cell];
-        const end = [at[0] + FACE * cell * Math.cos(angle), at[1] + FACE * cell * Math.sin(angle)];
-        this.line(g, [at, end], lines, 0.7);
+        g.fillRect(x, y, 1, 1);
+        const angle = map.action[x * rows + y] * EIGHTH;
+        g.moveTo(x + 0.5, y + 0.5);
+        g.lineTo(x + 0.5 + FACE * Math.cos(angle), y + 0.5 + FACE * Math.sin(angle));
       }
+    g.stroke();
   }
 
   drawCells(g) {

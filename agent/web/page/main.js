@@ -3,9 +3,14 @@ const OUTCOMES = ["running", "time-out", "success", "collision", "out of the boa
 const SPEEDS = [1, 5, 10, 30, 60];
 const $ = (id) => document.getElementById(id);
 
-function fail(text) {
+function say(text) {
   $("error").textContent = text;
   $("error").hidden = false;
+}
+
+// What the page cannot recover from.
+function fail(text) {
+  say(text);
   $("outcome").textContent = "error";
   window.pageError = text;
 }
@@ -68,7 +73,7 @@ function take({ kind, view, playing: plays = false }) {
   } else before = now;
   now = { ...read(view), wall };
   board.follow(now.robots);
-  plots.forEach(([name, plot]) => plot.add(now.time, now.robots[selected][name]));
+  plots.forEach(([name, plot]) => plot.add(now.time, now.robots.map((robot) => robot[name])));
   setPlaying(plays);
   ready = true;
   for (const id of ["play", "step", "restart"]) $(id).disabled = false;
@@ -100,7 +105,7 @@ function between() {
 function draw() {
   if (now) {
     board.draw(between(), { map: $("map").checked, trails: $("trails").checked, selected });
-    plots.forEach(([, plot]) => plot.draw());
+    plots.forEach(([, plot]) => plot.draw(selected));
     $("time").textContent = `${now.time.toFixed(1)} s`;
     $("path").textContent = now.robots.map((r) => `${(100 * r.path).toFixed(1)}`).join(" / ") + " cm";
     if (now.wall - pace.wall > 500) {
@@ -127,7 +132,7 @@ function send(message) {
     worker.postMessage(typeof message === "function" ? message() : message);
     $("error").hidden = true;
   } catch (error) {
-    fail(error.message);
+    say(error.message);
   }
 }
 
@@ -145,7 +150,6 @@ function choose(robot) {
   if (robot < 0 || robot >= scenario.targets.length) return;
   selected = robot;
   $("robot").value = robot;
-  plots.forEach(([, plot]) => plot.clear());
 }
 
 const keys = {
@@ -164,7 +168,10 @@ function shift(by) {
 
 function listen() {
   $("play").onclick = toggle;
-  $("step").onclick = () => send({ action: "play", playing: false, speed: 1 }) || send({ action: "step" });
+  $("step").onclick = () => {
+    play(false);
+    send({ action: "step" });
+  };
   $("restart").onclick = restart;
   $("speed").onchange = () => playing && play(true);
   for (const id of ["seed", "mu", "noise"]) $(id).onchange = restart;

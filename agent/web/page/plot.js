@@ -22,15 +22,16 @@ class Plot {
     this.points = [];
   }
 
-  add(time, values) {
+  // Values of all robots.
+  add(time, of) {
     if (this.points.length && time <= this.points.at(-1).time) return;
-    this.points.push({ time, values });
+    this.points.push({ time, of });
     if (this.points.length > KEPT) this.points.shift();
   }
 
-  draw() {
+  draw(robot) {
     const [g, width, height] = cleared(this.canvas, this.canvas.clientHeight);
-    const all = this.points.flatMap((p) => p.values);
+    const all = this.points.flatMap((p) => p.of[robot]);
     let low = Math.min(0, ...all), high = Math.max(0, ...all);
     if (low === high) high = low + 1;
     const times = this.points.map((p) => p.time), first = times[0] ?? 0, last = Math.max(times.at(-1) ?? 1, first + 1);
@@ -41,7 +42,7 @@ class Plot {
     g.strokeStyle = css("--line");
     g.textAlign = "right";
     g.textBaseline = "middle";
-    for (const value of [low, 0, high]) {
+    for (const value of new Set([low, 0, high])) {
       if (value === 0 && (y(low) - y(0) < 14 && low !== 0 || y(0) - y(high) < 14 && high !== 0)) continue;
       g.fillText(short(value), MARGIN - 5, y(value));
       g.beginPath();
@@ -57,10 +58,10 @@ class Plot {
       g.strokeStyle = COLOURS[k];
       g.lineWidth = 1.3;
       g.beginPath();
-      this.points.forEach((p, n) => (n ? g.lineTo(x(p.time), y(p.values[k])) : g.moveTo(x(p.time), y(p.values[k]))));
+      this.points.forEach((p, n) => (n ? g.lineTo(x(p.time), y(p.of[robot][k])) : g.moveTo(x(p.time), y(p.of[robot][k]))));
       g.stroke();
     });
-    const now = this.points.at(-1)?.values.map((v, k) => `${this.names[k]} ${short(v)}`) ?? [];
+    const now = this.points.at(-1)?.of[robot].map((v, k) => `${this.names[k]} ${short(v)}`) ?? [];
     this.canvas.setAttribute("aria-label", `${this.title} in ${this.unit}: ${now.join(", ") || "nothing yet"}`);
   }
 }
