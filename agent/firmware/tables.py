@@ -171,13 +171,22 @@ def _forbidden(scenario: Scenario) -> list[str]:
     ]
 
 
-def _bearings(process: Process) -> list[str]:
-    """Direction in which another robot is, if the table asks for it."""
+def bearings_by_offset(process: Process) -> np.ndarray:
+    """Return the direction in which another robot is, by its offset in columns and rows.
+
+    The first row and column are the least offsets; empty if the table does not ask for it.
+    """
     if not process.strides[_FEATURES.index("B")]:
-        return ["#define bearing(dx, dy) 0"]
+        return np.empty((0, 0), np.uint8)
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
     x, y = np.arange(1 - columns, columns), np.arange(1 - rows, rows)
-    of_offset = process.bearings[np.ix_(x, y)]  # negative offsets count from the end
+    return process.bearings[np.ix_(x, y)]  # negative offsets count from the end
+
+
+def _bearings(process: Process) -> list[str]:
+    of_offset = bearings_by_offset(process)
+    if not of_offset.size:
+        return ["#define bearing(dx, dy) 0"]
     shape = "[2 * COLUMNS - 1][2 * ROWS - 1]"
     rows_of = ("{" + ",".join(map(str, row)) + "}" for row in of_offset.tolist())
     return [

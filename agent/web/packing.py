@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.firmware.tables import STEERING, best_directions
-from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.firmware.tables import STEERING, bearings_by_offset, best_directions
+from agent.mdp.greedy import PolicyError
 from agent.policies import load_policy, method_name
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy
@@ -153,7 +153,7 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         "starts": np.array([cell for cells in scenario.starts for cell in cells]),
         "walls": scenario.walls * scenario.cell_m,
         "forbidden": forbidden,
-        "bearings": _bearings(policy),
+        "bearings": bearings_by_offset(process),
     }
     if isinstance(policy, PairPolicy):
         kept = policy.arrays()
@@ -167,13 +167,3 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         if name in tables
     }
     return Packed(setup, packed)
-
-
-def _bearings(policy: GreedyPolicy) -> np.ndarray:
-    """Direction in which another robot is, if a table asks for it."""
-    process = policy.process
-    if isinstance(policy, PairPolicy) or not process.strides[4]:
-        return np.empty(0)
-    columns, rows = (size - 2 for size in process.terrain.shape[1:])
-    x, y = np.arange(1 - columns, columns), np.arange(1 - rows, rows)
-    return process.bearings[np.ix_(x, y)]  # negative offsets count from the end

@@ -1,5 +1,6 @@
 """The C of a page's episode against the kernels: poses, times and outcomes in every bit."""
 
+import numpy as np
 import pytest
 
 import agent
@@ -15,6 +16,7 @@ from cosim.model.world import World
 from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.simulate import draw_episode
+from tests.agent.firmware.test_firmware import random_policy
 from tests.references.web_episode import NativeEpisode
 
 pytestmark = pytest.mark.long  # it compiles C, and plays whole episodes
@@ -73,6 +75,14 @@ def test_robots_that_touch_have_the_bits_of_the_kernels(library):
 def test_obstacles_and_bounces_have_the_bits_of_the_kernels(library):
     policy = agent.train("5-doorway", method="shortest")
     compare(library, policy, [1], world={"restitution": 0.2}, time_limit=60.0, noise=0.1)
+
+
+def test_tables_of_all_features_decide_as_the_policy_does(library):
+    scenario = Scenario(
+        "small", "", ((9, 9), (2, 2)), (((9, 2),), ((2, 9),)), 12, 12, zone=(5, 5, 6, 6)
+    )
+    policy = random_policy(scenario, "xdgbhp", np.random.default_rng(3))
+    compare(library, policy, range(3), time_limit=60.0)
 
 
 @pytest.mark.slow
