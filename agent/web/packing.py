@@ -62,7 +62,7 @@ def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
         "--order jacobi": config.order != "gauss-seidel",
         "--communication-step": config.ticks_per_step != 1,
         "--motor-fmu": bool(config.motor_fmu),
-        "--motor-parameters": bool(config.motor_parameters),
+        "--motor-parameter": bool(config.motor_parameters),
     }
     for field in world.__struct_fields__:
         if field not in {"restitution", "mu", "motor_speed_noise", "obstacles", "edge"}:
@@ -84,8 +84,12 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
     Args:
         policy: of the robots.
         scenario: with the obstacles of its world.
-        config: calibrated, see `require_playable`.
+        config: calibrated.
+
+    Raises:
+        ConfigError: see `require_playable`.
     """
+    require_playable(scenario, config)
     plant = new_plant(config, scenario.robots, end_on_collision=config.on_collision == "end")
     process, thresholds, timing = policy.process, distance_thresholds(scenario), config.timing
     body, contact, ticks = plant.body, plant.body.contact, config.ticks_per_period

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.base.progress import Progress, under_way
+from cosim.model.config import ConfigError
 from minirobots.options import File, ScenarioName, Seed, Simulating
 
 
@@ -21,6 +22,11 @@ class Web(Simulating):
     out: File
     """Page to write (.html)."""
     seed: Seed = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.physics.motor_fmu:
+            raise ConfigError("a page has the built-in motor only; leave out --motor-fmu")
 
 
 def run(options: Web, progress: Progress) -> dict[str, Any]:

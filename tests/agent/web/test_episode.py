@@ -34,7 +34,6 @@ def compare(library, policy, seeds, world=None, **options) -> list[str]:
     """Compare episodes of the C with those of the kernels; how they ended."""
     given = policy.config.scenario if world is None else policy.config.scenario.name
     scenario, config, fmu = resolve(SimulationOptions(**options), given, world=world)
-    require_playable(scenario, config)
     episode, outcomes, n = (
         NativeEpisode(library, pack(policy, scenario, config)),
         [],

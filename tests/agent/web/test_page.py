@@ -150,6 +150,8 @@ def test_command_writes_a_page_or_refuses(command, tmp_path):
     for arguments, named in (
         (["--scenario", "2"], "scenario 1a"),
         (["--scenario", "1a", "--shield"], "--shield"),
+        (["--scenario", "1a", "--motor-fmu", __file__], "--motor-fmu"),
+        (["--scenario", "1a", "--motor-parameter", "J=5e-9"], "--motor-parameter"),
         (["--scenario", "1a", "--policy", __file__], "policy"),
         (["--scenario", "1a", "--out", "page.txt"], ".html"),
     ):
