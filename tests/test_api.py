@@ -117,15 +117,38 @@ def test_another_seed_is_another_episode(policy, episode):
     assert signals(cosim.simulate("1a", policy, seed=4, **BRIEF)) != signals(episode)
 
 
-def test_recording_lives_as_long_as_its_episode(policy, tmp_path, monkeypatch):
+def test_recording_in_memory_is_that_of_its_file(episode, tmp_path):
+    """Values, times, units, states, parameters and all else that an episode says."""
+    episode.save(tmp_path / "new" / "episode.rrd")
+    read = analysis.open(tmp_path / "new" / "episode.rrd")
+    assert list(read.signals) == list(episode.signals)
+    for name, signal in episode.signals.items():
+        again = read.signals[name]
+        assert again.values.dtype == signal.values.dtype
+        np.testing.assert_array_equal(again.values, signal.values)
+        np.testing.assert_array_equal(again.time_s, signal.time_s)
+        assert (again.components, again.unit) == (signal.components, signal.unit)
+    for name, states in episode.texts.items():
+        assert read.texts[name].texts == states.texts
+        np.testing.assert_array_equal(read.texts[name].time_s, states.time_s)
+    apart = ("recording", "signals", "texts")
+    ours, theirs = ({k: v for k, v in vars(e).items() if k not in apart} for e in (episode, read))
+    assert ours == theirs
+    assert read.complete
+
+
+def test_a_recording_is_a_file_once_its_path_is_asked_for(policy, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
     episode = cosim.simulate("1a", policy, record="summary", **BRIEF)
+    assert not list(tmp_path.rglob("*.rrd*"))
     folder = episode.path.parent
     assert [path.name for path in folder.iterdir()] == ["episode.rrd"]
     del episode
     gc.collect()
     assert not folder.exists()
-    assert not list(tmp_path.iterdir())
+    assert not list(tmp_path.rglob("*.rrd*"))
 
 
 def test_policy_may_only_act(episode):

@@ -45,7 +45,7 @@ def chosen(
         found = {path for path in paths if any(fnmatchcase(path, p + name) for p in PREFIXES)}
         if not found:
             raise ExportError(
-                f"--signals {name}: {episode.path} has no such signal or state; "
+                f"--signals {name}: {episode.origin} has no such signal or state; "
                 "`minirobots inspect` lists them"
             )
         kept |= found
@@ -55,7 +55,7 @@ def chosen(
             _, rows = np.unique(np.floor(signal.time_s * rate_hz + 1e-6), return_index=True)
             signals[path] = signal._replace(time_s=signal.time_s[rows], values=signal.values[rows])
     texts = {path: text for path, text in episode.texts.items() if path in kept}
-    return replace(episode, signals=Signals(episode.path, signals), texts=texts, folder=None)
+    return replace(episode, signals=Signals(episode.origin, signals), texts=texts)
 
 
 def facts_of(episode: "Episode") -> dict[str, Any]:

@@ -89,7 +89,7 @@ def find_cycle(episode: Episode) -> Cycle:
     turns = [turn for robot in episode.robots for turn in _turns(episode, robot)]
     if not turns:
         raise FigureError(
-            f"{episode.path}: no burst holds a whole turn of the motors in which a robot drives; "
+            f"{episode.origin}: no burst holds a whole turn of the motors in which a robot drives; "
             "record a longer episode"
         )
     return _cycle(episode, min(turns, key=_Turn.apart_rad))

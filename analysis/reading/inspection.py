@@ -124,7 +124,7 @@ def inspect_episode(episode: Episode) -> Inspection:
             sum(move.given_up for move in moves),
         )
     return Inspection(
-        recording=str(episode.path),
+        recording=episode.origin,
         recording_id=episode.recording_id,
         complete=episode.complete,
         outcome=episode.outcome or None,

@@ -88,7 +88,7 @@ class EpisodeRecorder:
     end.
 
     Args:
-        path: of the recording.
+        path: of the recording, or what keeps it in memory.
         scenario: board, targets, number of robots.
         config: parameters; its `burst_s` should be that of the level.
         recording_id: identity of the recording; equal runs use equal ones.
@@ -101,7 +101,7 @@ class EpisodeRecorder:
 
     def __init__(
         self,
-        path: Path,
+        path: Path | Kept,
         scenario: Scenario,
         config: CoSimConfig,
         recording_id: str,
@@ -136,17 +136,24 @@ class EpisodeRecorder:
             policies=bool(policies),
             camera=camera,
         )
-        self._waiting = self._later(
-            lambda: self._open(
-                Recording(path, recording_id, blueprint, viewer), level, facts, policies
-            )
-        )
+
+        def opened() -> Recording | Kept:
+            if isinstance(path, Path):
+                return Recording(path, recording_id, blueprint, viewer)
+            path.recording_id, path.blueprint = recording_id, blueprint
+            return path
+
+        self._waiting = self._later(lambda: self._open(opened(), level, facts, policies))
 
     def _open(
-        self, file: Recording, level: Level, facts: dict[str, Any], policies: Sequence[PolicyMap]
+        self,
+        file: Recording | Kept,
+        level: Level,
+        facts: dict[str, Any],
+        policies: Sequence[PolicyMap],
     ) -> None:
         """Write what is known before the first RL step."""
-        self.file, scenario = file, self._scenario
+        self._file, scenario = file, self._scenario
         known = {
             "record": level,
             "targets_m": [scenario.centre_m(t) for t in scenario.targets],
@@ -178,10 +185,10 @@ class EpisodeRecorder:
 
     def _close(self) -> None:
         """Complete the file, also after an error, which it then ends with."""
-        if not hasattr(self, "file"):
+        if not hasattr(self, "_file"):
             return
         try:
-            self.file.close()
+            self._file.close()
         except BaseException as error:
             self._error = self._error or error
 
@@ -200,7 +207,7 @@ class EpisodeRecorder:
 
     def set_property(self, name: str, values: Mapping[str, Any]) -> None:
         """Write a property of the recording."""
-        self._later(lambda: self.file.properties(name, values))
+        self._later(lambda: self._file.properties(name, values))
 
     def write(
         self,
@@ -243,7 +250,7 @@ class EpisodeRecorder:
     def _write_stretch(self, stretch: list[_Decided]) -> None:
         if not stretch:
             return
-        self.file.check_space()
+        self._file.check_space()
         steps = [decided.step for decided in stretch]
         samples: Any = _Joined(steps)
         dt, ticks = self._config.timing.dt_s, self._config.ticks_per_period
@@ -259,15 +266,15 @@ class EpisodeRecorder:
         time_s = self._end_s(steps[-1])
         if self._live or time_s > self._next_flush_s - _ROUNDING_S:
             self._next_flush_s += _MINUTE_S
-            self.file.flush()
+            self._file.flush()
         elif time_s < _SHORT_S:
-            self.file.flush(_MANY_ROWS)
+            self._file.flush(_MANY_ROWS)
 
     def _send(
         self, entity: str, time_s: np.ndarray, values: np.ndarray, rl_step: Any = None
     ) -> None:
         if len(time_s):
-            self.file.columns(entity, simulated(time_s, rl_step), scalars(values))
+            self._file.columns(entity, simulated(time_s, rl_step), scalars(values))
 
     def _write_signals(self, steps: list[Step], samples: Samples, time_s: np.ndarray) -> None:
         timing = self._config.timing
@@ -290,7 +297,7 @@ class EpisodeRecorder:
                 continue
             for robot, name in enumerate(self._names):
                 rows = scalars(values[:, robot])
-                self.file.columns(f"/sim/{name}/{signal.path}", times[every], rows)
+                self._file.columns(f"/sim/{name}/{signal.path}", times[every], rows)
 
     def _burst_is_due(self, step: Step) -> bool:
         time_s = step.first_tick * self._config.timing.dt_s
@@ -308,7 +315,7 @@ class EpisodeRecorder:
         for path in self._detail.burst_signals:
             for robot, name in enumerate(self._names):
                 rows = scalars(getattr(raw, path)[:, robot])
-                self.file.columns(f"/raw/{name}/{path}", times, rows)
+                self._file.columns(f"/raw/{name}/{path}", times, rows)
 
     def _write_decisions(self, stretch: list[_Decided], name: str, robot: int) -> None:
         """Write what was seen and decided at the start of each RL step, and seen at the end."""
@@ -323,7 +330,7 @@ class EpisodeRecorder:
             states["greedy"] = [DIRECTION_NAMES[int(d.action[robot])] for d in decisions]
         for path, names in states.items():
             rows = rr.StateChange.columns(state=names)
-            self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), rows)
+            self._file.columns(f"/rl/{name}/{path}", simulated(times, numbers), rows)
         last = stretch[-1].step
         if last.outcome:
             seen.append(last.after)
@@ -343,7 +350,7 @@ class EpisodeRecorder:
             self._modes[robot] = modes[-1] if len(modes) else self._modes[robot]
         if times:
             rows = rr.StateChange.columns(state=names)
-            self.file.columns(f"/rl/{name}/steering", simulated(np.array(times)), rows)
+            self._file.columns(f"/rl/{name}/steering", simulated(np.array(times)), rows)
 
     def _write_observations(
         self,
@@ -368,7 +375,7 @@ class EpisodeRecorder:
         classes = [DISTANCE_CLASSES[observation.distance_class[robot]] for observation in seen]
         for path, names in (("gradient", signs), ("distance_class", classes)):
             states = rr.StateChange.columns(state=names)
-            self.file.columns(f"/rl/{name}/{path}", simulated(times, numbers), states)
+            self._file.columns(f"/rl/{name}/{path}", simulated(times, numbers), states)
 
     def _write_rewards(self, stretch: list[_Decided], name: str, robot: int) -> None:
         earned = [d for d in stretch if not np.isnan(d.reward_parts[robot]).any()]
@@ -385,7 +392,7 @@ class EpisodeRecorder:
 
     def _write_log(self, stretch: list[_Decided]) -> None:
         told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts in stretch)
-        write_lines(self.file, [line for lines in told for line in lines])
+        write_lines(self._file, [line for lines in told for line in lines])
 
     def _starts(self, stretch: list[_Decided]) -> tuple[np.ndarray, np.ndarray]:
         """Times in s and numbers of the stretch's RL steps."""

@@ -14,7 +14,9 @@ import json
 import os
 import shutil
 import sys
+import weakref
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +27,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from cosim.base.errors import USER_ERROR_STATUS, UserError
+from cosim.base.storage import temporary_folder
 from cosim.recording.piped_file import PipedFile
 
 APPLICATION = "minirobots"
@@ -92,21 +95,50 @@ class Sink:
                 del self._gathered[entity]
                 self.send([_chunk(entity, parts)])
 
+    def check_space(self) -> None:
+        """Raise RecordingError if there will soon be no room for more."""
+
+    def close(self) -> None:
+        """Complete the recording."""
+        self.flush()
+
 
 class Kept(Sink):
-    """Chunks in memory.
+    """A recording in memory.
 
     Attributes:
+        recording_id: identity of the recording.
+        blueprint: what the viewer shows when it is opened.
         chunks: that were sent so far.
     """
 
     def __init__(self) -> None:
         super().__init__()
+        self.recording_id = ""
+        self.blueprint: rrb.Blueprint | None = None
         self.chunks: list[Chunk] = []
 
     def send(self, chunks: Iterable[Chunk]) -> None:
         """See `Sink.send`."""
         self.chunks += chunks
+
+    def write(self, path: Path) -> None:
+        """Write a file.
+
+        Raises:
+            RecordingError: the folder cannot be written, or the disk is full.
+        """
+        with Recording(path, self.recording_id, self.blueprint) as file:
+            file.send(self.chunks)
+
+    @cached_property
+    def path(self) -> Path:
+        """A file with it, written now, in a temporary folder that lives as long as this object."""
+        folder = temporary_folder()
+        weakref.finalize(self, folder.cleanup)
+        path = Path(folder.name) / "episode.rrd"
+        self.write(path)
+        return path
 
 
 class Recording(Sink):
@@ -130,7 +162,7 @@ class Recording(Sink):
         self,
         path: Path,
         recording_id: str,
-        blueprint: rrb.Blueprint,
+        blueprint: rrb.Blueprint | None,
         viewer: str | None = None,
     ) -> None:
         super().__init__()
@@ -297,9 +329,9 @@ def static_chunk(entity: str, *what: rr.AsComponents) -> Chunk:
 
 
 def scalars(values: np.ndarray) -> list[rr.ComponentColumn]:
-    """Rows of a scalar (n,) or vector (n, k) signal, n ≥ 1."""
+    """Rows of a scalar (n,) or vector (n, k) signal."""
     flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
-    ends = np.arange(0, flat.size + 1, flat.size // len(values), dtype=np.int32)
+    ends = np.arange(len(values) + 1, dtype=np.int32) * (values.shape[1] if values.ndim > 1 else 1)
     return [_Column(_SCALARS, pa.ListArray.from_arrays(pa.array(ends), pa.array(flat)))]
 
 

@@ -8,8 +8,6 @@ import difflib
 import json
 import re
 import shutil
-import tempfile
-import weakref
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,7 +18,8 @@ import numpy as np
 
 from cosim.base.reading import Kind, parsing, require_file
 from cosim.base.storage import StorageError, named, replacing
-from cosim.recording.rrd import RecordingReadError, Signal, Texts, read_rrd
+from cosim.recording.file import Kept
+from cosim.recording.rrd import RecordingReadError, Signal, Texts, read_chunks, read_rrd
 from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME, STILL_RUNNING
 
 _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
@@ -70,12 +69,12 @@ class Signals(Mapping[str, Signal]):
     those below /sim, /rl, /raw and /world. Iterating gives whole paths.
 
     Args:
-        path: of the recording, for messages.
+        origin: what they are of, for messages.
         signals: by whole path.
     """
 
-    def __init__(self, path: Path, signals: Mapping[str, Signal]) -> None:
-        self._path, self._signals = path, signals
+    def __init__(self, origin: str, signals: Mapping[str, Signal]) -> None:
+        self._origin, self._signals = origin, signals
 
     def __getitem__(self, name: str) -> Signal:
         """The signal of a name.
@@ -92,7 +91,7 @@ class Signals(Mapping[str, Signal]):
             if near
             else "record with the defaults of `python -m cosim.run`"
         )
-        raise SignalError(f"{self._path} has no signal {name}; {fix}")
+        raise SignalError(f"{self._origin} has no signal {name}; {fix}")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._signals)
@@ -117,7 +116,7 @@ class Episode:
     'rad/s'
 
     Attributes:
-        path: of the recording.
+        recording: a file, or what keeps the episode in memory.
         recording_id: its identity.
         complete: whether its writer completed it; a killed one leaves what it had written.
         outcome: success, collision, out_of_board or timeout; empty if the recording ends before.
@@ -130,10 +129,9 @@ class Episode:
             "/sim/r1/motors/omega" or, in short, "r1/motors/omega".
         texts: states and the log by entity path, such as "/rl/r1/failure".
         moves: of each robot, in order.
-        folder: a temporary folder with the recording, removed together with this object.
     """
 
-    path: Path
+    recording: Path | Kept
     recording_id: str
     complete: bool
     outcome: str
@@ -144,14 +142,19 @@ class Episode:
     signals: Signals
     texts: Mapping[str, Texts]
     moves: Mapping[str, tuple[DrivenMove, ...]]
-    folder: tempfile.TemporaryDirectory[str] | None = None
 
-    def __post_init__(self) -> None:
-        if self.folder is not None:
-            weakref.finalize(self, self.folder.cleanup)
+    @property
+    def path(self) -> Path:
+        """Return the recording, which is written to a temporary folder if it was in memory only."""
+        return self.recording if isinstance(self.recording, Path) else self.recording.path
+
+    @property
+    def origin(self) -> str:
+        """Return what messages call the episode."""
+        return str(self.recording) if isinstance(self.recording, Path) else "the episode"
 
     def __repr__(self) -> str:
-        return f"Episode({self.path}: {self.outcome or 'unfinished'}, {self.time_s:g} s)"
+        return f"Episode({self.origin}: {self.outcome or 'unfinished'}, {self.time_s:g} s)"
 
     def parameter(self, name: str) -> float:
         """The value of a numeric parameter.
@@ -162,7 +165,7 @@ class Episode:
         parameter = self.parameters.get(name)
         if parameter is None or isinstance(parameter.value, (str, list)):
             raise RecordingReadError(
-                f"{self.path} does not say its parameter {name}; record it again"
+                f"{self.origin} does not say its parameter {name}; record it again"
             )
         return float(parameter.value)
 
@@ -179,22 +182,27 @@ class Episode:
         path = named(path, ".rrd")
         if path.exists():
             raise StorageError(f"{path}: it exists; move it away or choose another name")
-        require_file(self.path, EPISODE)
+        if isinstance(self.recording, Kept):
+            self.recording.write(path)
+            return
+        require_file(self.recording, EPISODE)
         with replacing(path) as temporary:
-            shutil.copyfile(self.path, temporary)
+            shutil.copyfile(self.recording, temporary)
 
 
-def read_episode(path: Path, folder: tempfile.TemporaryDirectory[str] | None = None) -> Episode:
-    """Read the recording of an episode, whole or left by a killed writer.
+def read_episode(recording: Path | Kept) -> Episode:
+    """Read the recording of an episode, whole or left by a killed writer, or from memory.
 
     Args:
-        path: an .rrd file, or the .rrd.part that a killed writer left.
-        folder: temporary folder that the episode is to own, if any.
+        recording: an .rrd file, the .rrd.part that a killed writer left, or chunks in memory.
 
     Raises:
         RecordingReadError: the file does not exist, cannot be read, or holds no episode.
     """
-    data = read_rrd(path)
+    if isinstance(recording, Path):
+        path, data = recording, read_rrd(recording)
+    else:
+        path, data = Path("the episode"), read_chunks(recording.chunks, recording.recording_id)
     found = {match[2] for key in data.signals if (match := _ROBOT.match(key))}
     robots = sorted(found, key=lambda name: (len(name), name))  # r10 after r2
     if not robots or "episode" not in data.properties:
@@ -212,7 +220,7 @@ def read_episode(path: Path, folder: tempfile.TemporaryDirectory[str] | None = N
             for name, text in data.properties.get("parameters", {}).items()
         }
     return Episode(
-        path=path,
+        recording=recording,
         recording_id=data.recording_id,
         complete=data.complete,
         outcome="".join(outcomes),
@@ -220,10 +228,9 @@ def read_episode(path: Path, folder: tempfile.TemporaryDirectory[str] | None = N
         robots=tuple(robots),
         facts={key: _fact(value) for key, value in data.properties["episode"].items()},
         parameters=parameters,
-        signals=Signals(path, data.signals),
+        signals=Signals(str(path), data.signals),
         texts=data.texts,
         moves={r: _moves(data.texts.get(f"/rl/{r}/move", _NOTHING), time_s) for r in robots},
-        folder=folder,
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from rerun.chunk import RrdReader
+from rerun.chunk import Chunk, RrdReader
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, require_file
@@ -73,7 +73,7 @@ class RecordingData:
     """Contents of a recording.
 
     Attributes:
-        path: of the file.
+        path: of the file, None in memory.
         recording_id: its identity; equal runs have equal ones.
         complete: whether its writer completed it.
         signals: by entity path, such as "/sim/r1/motors/omega"; a pose is two signals,
@@ -83,7 +83,7 @@ class RecordingData:
         properties: by their name, such as "episode", then by key.
     """
 
-    path: Path
+    path: Path | None
     recording_id: str
     complete: bool
     signals: dict[str, Signal]
@@ -138,6 +138,23 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
             )
         complete = original is None and _has_footer(reader)
         chunks = reader.stream().to_chunks()
+    return read_chunks(chunks, entries[0].recording_id, original or file, complete)
+
+
+def read_chunks(
+    chunks: Iterable[Chunk], recording_id: str, path: Path | None = None, complete: bool = True
+) -> RecordingData:
+    """Read the chunks of a recording, as `read_rrd` does those of a file.
+
+    Args:
+        chunks: all of them.
+        recording_id: its identity.
+        path: of the file that they come from, if any.
+        complete: whether these are all that there should be.
+
+    Raises:
+        RecordingReadError: a signal changes its number of components.
+    """
     moving: dict[tuple[str, str], list[pa.RecordBatch]] = defaultdict(list)
     names: dict[str, tuple[str, ...]] = {}
     units: dict[str, str] = {}
@@ -170,9 +187,7 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
                 unit = units.get(entity, "")
             held = _signal(entity + ending, batches, column, names.get(entity, ()))
             signals[entity + ending] = held._replace(unit=unit)
-    return RecordingData(
-        original or file, entries[0].recording_id, complete, signals, texts, documents, properties
-    )
+    return RecordingData(path, recording_id, complete, signals, texts, documents, properties)
 
 
 def _has_footer(reader: RrdReader) -> bool:

@@ -16,12 +16,12 @@ import numpy as np
 from cosim.base.arguments import require_one_of, taken_seed
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.provenance import digest_of, versions
-from cosim.base.storage import temporary_folder
 from cosim.coupling.rl_step import Step, SupportsAct
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import World
 from cosim.onboard.observing import draw_starts
 from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.file import Kept
 from cosim.recording.levels import DETAILS, Level, with_bursts
 from cosim.recording.reader import Episode, read_episode
 from cosim.simulation.batch import DRIVERS, chosen_driver
@@ -71,8 +71,7 @@ def simulate(
             `noise`, `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.
 
     Returns:
-        Outcome, moves, parameters and every signal, with its recording in a temporary folder that
-        lives as long as the record; `save` keeps it.
+        Outcome, moves, parameters and every signal, in memory; `save` writes the recording.
 
     Raises:
         ConfigError: an option is unknown or does not fit.
@@ -96,14 +95,13 @@ def simulate(
         state = f"{episode.time_s:.0f} s {step.outcome}"
         report("simulating", episode.time_s, limit_s, state)
 
-    folder = temporary_folder()
-    path = Path(folder.name) / "episode.rrd"
+    kept = Kept()
 
     def recorder(episode: RunningEpisode) -> EpisodeRecorder:
         facts = episode_facts(scenario, seed, fmu, 0, starts, driver)
         maps = getattr(policy, "maps", list)()
         return EpisodeRecorder(
-            path,
+            kept,
             scenario,
             config,
             task.recording_id,
@@ -117,7 +115,7 @@ def simulate(
     report("simulating", 0.0, config.timing.episode_limit_s)  # kernels may be compiled first
     for _ in simulate_tasks([task], 1):
         pass
-    return read_episode(path, folder)
+    return read_episode(kept)
 
 
 def episode_facts(

@@ -11,7 +11,6 @@ import tyro
 
 from cosim.base.command import MotorFmuFile
 from cosim.base.progress import Progress
-from cosim.base.storage import temporary_folder
 from minirobots.options import File, IsolatedOptions
 
 if TYPE_CHECKING:
@@ -79,8 +78,9 @@ def run(options: Replay, progress: Progress) -> Comparison:
     from cosim.base.provenance import versions
     from cosim.base.reading import parsing
     from cosim.recording.episode import EpisodeRecorder
+    from cosim.recording.file import Kept
     from cosim.recording.reader import EPISODE
-    from cosim.recording.rrd import read_rrd
+    from cosim.recording.rrd import read_chunks, read_rrd
     from cosim.simulation.episode import RunningEpisode
     from cosim.simulation.options import Physics
     from cosim.simulation.tasks import EpisodeOrigin, Task, simulate_tasks
@@ -93,27 +93,26 @@ def run(options: Replay, progress: Progress) -> Comparison:
     path = options.policy or options.recording.absolute().parents[1] / "policy.npz"
     loaded = load_policy(path, origin.scenario)
     task = Task.again(origin, Physics(motor_fmu=options.motor_fmu).fmu(progress), loaded)
-    with temporary_folder() as folder:
-        file = Path(folder) / "again.rrd"
+    kept = Kept()
 
-        def recorder(episode: RunningEpisode) -> EpisodeRecorder:
-            return EpisodeRecorder(
-                file,
-                task.scenario,
-                task.config,
-                data.recording_id,
-                {},
-                level=level,
-                policies=loaded.maps(),
-                drawn=episode.drawn,
-            )
+    def recorder(episode: RunningEpisode) -> EpisodeRecorder:
+        return EpisodeRecorder(
+            kept,
+            task.scenario,
+            task.config,
+            data.recording_id,
+            {},
+            level=level,
+            policies=loaded.maps(),
+            drawn=episode.drawn,
+        )
 
-        def watch(_: Any, episode: RunningEpisode, __: float) -> None:
-            progress("replaying", episode.time_s, task.config.timing.episode_limit_s)
+    def watch(_: Any, episode: RunningEpisode, __: float) -> None:
+        progress("replaying", episode.time_s, task.config.timing.episode_limit_s)
 
-        for _ in simulate_tasks([replace(task, recorder=recorder, watch=watch)], 1):
-            pass
-        replayed = read_rrd(file)
+    for _ in simulate_tasks([replace(task, recorder=recorder, watch=watch)], 1):
+        pass
+    replayed = read_chunks(kept.chunks, data.recording_id)
     now = versions()
     changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
     return _compared(data, replayed, changed)

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -69,17 +68,6 @@ def test_an_episode_is_saved_under_another_name_and_nothing_is_lost(recording, e
     assert saved.read_bytes() == recording.read_bytes()
     with pytest.raises(StorageError, match="it exists; move it away"):
         episode.save(saved)
-
-
-def test_a_temporary_folder_ends_with_its_episode(recording):
-    folder = tempfile.TemporaryDirectory()
-    path = Path(shutil.copy(recording, folder.name))
-    episode = read_episode(path, folder)
-    del folder
-    assert len(episode.signals["r1/heading"].values) > 0
-    assert path.exists()
-    del episode
-    assert not path.parent.exists()
 
 
 def test_analysis_opens_recordings(recording, episode):

@@ -413,6 +413,15 @@ def test_rows_between_two_flushes_are_one_chunk(tmp_path):
     assert np.array_equal(values.ravel(), 2.0 * time_s)
 
 
+@pytest.mark.parametrize("values", [np.zeros(0), np.zeros((0, 2)), np.arange(6.0).reshape(3, 2)])
+def test_signals_may_be_empty(tmp_path, values):
+    path = tmp_path / "episode.rrd"
+    with Recording(path, "test", episode_blueprint(1, SCENARIO.size_m)) as file:
+        file.columns("/sim/r1/heading", simulated(np.arange(float(len(values)))), scalars(values))
+    assert verified(path)
+    assert len(read_rrd(path).signals["/sim/r1/heading"].values) == len(values)
+
+
 def test_unwritable_folder_is_named():
     with pytest.raises(OSError, match="/proc"):
         Recording(Path("/proc/none/x.rrd"), "test", episode_blueprint(1, SCENARIO.size_m))
