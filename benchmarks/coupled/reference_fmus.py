@@ -1,13 +1,15 @@
 """The Modelica Association's reference FMUs in our master, against the outputs that they publish.
 
 Their sources come from a folder of the user's: a copy of
-https://github.com/modelica/Reference-FMUs. Every model is compiled for this machine, as FMI 2.0
-where there is such a description and as FMI 3.0, and run over the times of its published output.
-Stair's steps and Van der Pol's place are passed on through Feedthrough, too, from one standard to
-the other.
+https://github.com/modelica/Reference-FMUs. Every model is compiled for this machine, as FMI 2.0 where there is such a description and as
+FMI 3.0, and run over the times of its published output. Those outputs come from Euler's method
+with the models' fixed steps, as the FMUs for Co-Simulation have it; for Model Exchange the
+reference is fmpy's simulation of the same FMU. Stair's steps and Van der Pol's place are passed on
+through Feedthrough, too, from one standard to the other.
 """
 
 import csv
+import itertools
 import tempfile
 import zipfile
 from dataclasses import dataclass
@@ -15,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fmpy import platform, platform_tuple, sharedLibraryExtension
+from fmpy import platform, platform_tuple, sharedLibraryExtension, simulate_fmu
 
 from cosim.base.errors import UserError
 from cosim.fmi.fmu import Fmu
@@ -97,7 +99,14 @@ def measure(src: Path) -> dict[str, Any]:
             time_s, expected = published(src / model / f"{model}_out.csv")
             modes = (False, True) if (model, fmi) == ("BouncingBall", 3) else (False,)
             rows += [_compared(model, fmi, path, time_s, expected, events) for events in modes]
-        passed = [_passed_on(fmus, source, target) for source in (2, 3) for target in (2, 3)]
+        rows += [
+            _exchanged(model, fmi, path, *published(src / model / f"{model}_out.csv"))
+            for (model, fmi), path in fmus.items()
+        ]
+        passed = [
+            _passed_on(fmus, source, target, exchange)
+            for source, target, exchange in itertools.product((2, 3), (2, 3), (False, True))
+        ]
     return {"models": rows, "passed_on": passed}
 
 
@@ -130,11 +139,46 @@ def _compared(
     }
 
 
-def _passed_on(fmus: dict[tuple[str, int], Path], source: int, target: int) -> dict[str, Any]:
+def _exchanged(
+    model: str, fmi: int, path: Path, time_s: np.ndarray, expected: dict[str, np.ndarray]
+) -> dict[str, Any]:
+    """Deviations of a model for Model Exchange: from what is published, and from fmpy's solver."""
+    fmu = Fmu(path, exchange=True)
+    expected = {name: values for name, values in expected.items() if name in fmu.variables}
+    step_s = round(float(time_s[1] - time_s[0]), 9)
+    until_s = round(float(time_s[-1]) / step_s) * step_s
+    names = [f"{model}.{name}" for name in expected]
+    with System([Component(model, fmu)], step_s=step_s, record=names) as system:
+        run = system.run(until_s)
+    other = simulate_fmu(
+        str(path), stop_time=until_s, fmi_type="ModelExchange", relative_tolerance=1e-10,
+        output=list(expected), output_interval=step_s, record_events=False,
+    )  # fmt: skip
+    found = {name: run.signals[f"{model}.{name}"].astype(float) for name in expected}
+    rows = min(len(time_s), len(other))  # where one has ended, fmpy has no last row
+
+    def largest(a: Any, b: Any) -> float:
+        return max(float(np.abs(a[name][:rows] - b[name][:rows]).max()) for name in expected)
+
+    return {
+        "model": model,
+        "fmi": fmi,
+        "exchange": True,
+        "rows": len(time_s),
+        "deviation": largest(found, expected),
+        "from_fmpy": largest(found, other),
+        "published_from_fmpy": largest(expected, other),
+        "ended": run.ended,
+    }
+
+
+def _passed_on(
+    fmus: dict[tuple[str, int], Path], source: int, target: int, exchange: bool
+) -> dict[str, Any]:
     """Return whether Feedthrough puts out what Stair and Van der Pol put out, a step later."""
     components = [
-        Component("stair", fmus["Stair", source]),
-        Component("van_der_pol", fmus["VanDerPol", source]),
+        Component("stair", Fmu(fmus["Stair", source], exchange=exchange)),
+        Component("van_der_pol", Fmu(fmus["VanDerPol", source], exchange=exchange)),
         Component("through", fmus["Feedthrough", target]),
     ]
     pairs = {"stair.counter": "Int32", "van_der_pol.x0": "Float64_continuous"}
@@ -145,4 +189,4 @@ def _passed_on(fmus: dict[tuple[str, int], Path], source: int, target: int) -> d
         (run.signals[f"through.{to}_output"][1:] == run.signals[name][:-1]).all()
         for name, to in pairs.items()
     )
-    return {"from_fmi": source, "to_fmi": target, "same": same}
+    return {"from_fmi": source, "exchange": exchange, "to_fmi": target, "same": same}

@@ -1,4 +1,4 @@
-"""FMUs for Co-Simulation of FMI 2.0 and 3.0: unpacked, checked, and loaded with fmpy."""
+"""FMUs of FMI 2.0 and 3.0: unpacked, checked, and loaded with fmpy."""
 
 import copy
 import ctypes
@@ -18,15 +18,20 @@ from xml.etree.ElementTree import fromstring
 import fmpy
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import (
+    FMU2Model,
     FMU2Slave,
     fmi2CallbackAllocateMemoryTYPE,
     fmi2CallbackFreeMemoryTYPE,
     fmi2CallbackFunctions,
     fmi2CallbackLoggerTYPE,
 )
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 from fmpy.logging import addLoggerProxy
-from fmpy.model_description import CoSimulation, ModelDescription, ValidationError
+from fmpy.model_description import (
+    CoSimulation,
+    ModelDescription,
+    ValidationError,
+)
 from fmpy.validation import validate_model_description
 
 from cosim.base.errors import UserError
@@ -51,6 +56,7 @@ _HARMLESS = re.compile(
     r"|unit \"[^\"]*\" of .* is not defined|VendorAnnotations.*not expected"
     r"|attribute 'stepSize' is not allowed"
 )
+_KINDS = {2: (FMU2Slave, FMU2Model), 3: (FMU3Slave, FMU3Model)}  # in fmpy, by the standard
 _FOLDERS = (fmpy.platform_tuple, fmpy.platform)  # of binaries, of FMI 3.0 and 2.0
 
 
@@ -66,7 +72,9 @@ class Fmu:
         oddities: how its description violates the standard without a consequence.
         folder: where it is unpacked.
         description: fmpy's model description.
-        interface: fmpy's description of its Co-Simulation capabilities.
+        exchange: whether instances are for Model Exchange.
+        interface: fmpy's description of its Co-Simulation capabilities, or those that it has with a
+            solver.
         standard: 2 or 3, of FMI.
         variables: fmpy's descriptions of its variables, by name.
 
@@ -80,7 +88,12 @@ class Fmu:
     leniency = ", or accept it with --lenient (lenient=True in Python)"
 
     def __init__(
-        self, path: Path, *, lenient: bool = False, most_bytes: int = MAX_DESCRIPTION_BYTES
+        self,
+        path: Path,
+        *,
+        lenient: bool = False,
+        most_bytes: int = MAX_DESCRIPTION_BYTES,
+        exchange: bool | None = False,
     ) -> None:
         """Unpack and read an FMU.
 
@@ -89,6 +102,8 @@ class Fmu:
             lenient: whether to accept every violation of the standard that the description can be
                 read with, not only those that change no results.
             most_bytes: of the modelDescription.xml.
+            exchange: whether to use its interface for Model Exchange in place of that for
+                Co-Simulation; None for that of which there is one, Co-Simulation if there are both.
         """
         self.path = path
         self.oddities: list[str] = []
@@ -110,9 +125,17 @@ class Fmu:
             raise FmuError(f"{self.noun} {path} is broken ({reason}); {self.fix}") from error
         self.check_standard()
         self.standard = int(str(self.description.fmiVersion)[0])
-        if self.description.coSimulation is None:
-            raise FmuError(f"{self.noun} {path} has no Co-Simulation interface; export it with one")
-        self.interface: CoSimulation = self.description.coSimulation
+        described = self.description
+        self.exchange = described.coSimulation is None if exchange is None else exchange
+        found = described.modelExchange if self.exchange else described.coSimulation
+        if found is None:
+            wanted = "Model Exchange" if exchange else "Co-Simulation"
+            raise FmuError(f"{self.noun} {path} has no {wanted} interface; export it with one")
+        self.interface = found if isinstance(found, CoSimulation) else CoSimulation(
+            found.modelIdentifier, found.needsExecutionTool,
+            found.canBeInstantiatedOnlyOncePerProcess, found.canGetAndSetFMUstate,
+            canHandleVariableCommunicationStepSize=True,
+        )  # fmt: skip
         name = str(self.interface.modelIdentifier)
         if not (name.isascii() and name.isidentifier()):  # it could lead out of the folder
             raise FmuError(
@@ -192,7 +215,8 @@ class Fmu:
         with _LOADING, same_folder():  # fmpy changes it while it loads
             if self._loaded is None:
                 with restored_arithmetic():  # which -ffast-math changes where it is loaded
-                    self._loaded = (FMU3Slave if self.standard == 3 else FMU2Slave)(
+                    kinds = _KINDS[self.standard]
+                    self._loaded = kinds[self.exchange](
                         guid=self.description.guid,
                         modelIdentifier=self.interface.modelIdentifier,
                         unzipDirectory=str(self.folder),
@@ -203,11 +227,11 @@ class Fmu:
             slave.instanceName, slave.loaded = name, self._loaded  # which outlives it so
             # A reference to the slave in the callback would keep both for ever.
             if self.standard == 3:
+                events_of = {"eventModeUsed": events, "earlyReturnAllowed": events}
                 slave.instantiate(
                     loggingOn=log.level != "off",
-                    eventModeUsed=events,
-                    earlyReturnAllowed=events,
                     logMessage=lambda *told: log.take(told[1], told[3]),
+                    **({} if self.exchange else events_of),
                 )
             else:
                 slave.instantiate(callbacks=_callbacks(log), loggingOn=log.level != "off")
@@ -358,7 +382,7 @@ def free(slave: Any) -> None:
     """
     if fault_of(slave) >= FMI_FATAL:
         return
-    if isinstance(slave, FMU3Slave):
+    if isinstance(slave, _KINDS[3]):
         slave.fmi3FreeInstance(slave.component)
     else:
         slave.fmi2FreeInstance(slave.component)

@@ -81,12 +81,13 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
     """The FMU of each component by its name; one that several have is read once.
 
     Raises:
-        GraphError: there is no component, two have one name, or an FMU cannot be there twice.
+        GraphError: there is no component, two have one name, an FMU cannot be there twice, or has a
+            clock that the master must let tick.
         FmuError: an FMU cannot be used.
     """
     if not components:
         raise GraphError("the system has no component; give it one")
-    files: dict[Path, Fmu] = {}
+    files: dict[Path | Fmu, Fmu] = {}
     found: dict[str, Fmu] = {}
     owners: dict[object, str] = {}  # of binaries, by content and by instantiation token
     for name, given, _ in components:
@@ -94,10 +95,22 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
         if name in found:
             raise GraphError(f"two components are named {name}; rename one")
         try:
-            fmu = files.get(path) or (given if isinstance(given, Fmu) else Fmu(path))
+            fmu = files.get(given) or (
+                given if isinstance(given, Fmu) else Fmu(path, exchange=None)
+            )
         except FmuError as error:
             raise FmuError(f"component {name}: {error}") from error
-        found[name] = files[path] = fmu
+        found[name] = files[given] = fmu
+        for v in fmu.variables.values():
+            if (
+                v.type == "Clock"
+                and v.causality == "input"
+                and v.intervalVariability != "triggered"
+            ):
+                raise GraphError(
+                    f"component {name}: {path} has the clock '{v.name}' that ticks in time "
+                    f"({v.intervalVariability}), which is not supported; export it without"
+                )
         for identity in (fmu.folder, str(fmu.description.guid)):
             other = owners.setdefault(identity, name)
             if other != name and fmu.interface.canBeInstantiatedOnlyOncePerProcess:

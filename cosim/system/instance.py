@@ -3,7 +3,7 @@
 import ctypes
 import math
 import weakref
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from operator import index
 from typing import Any, NamedTuple
 
@@ -23,9 +23,9 @@ from cosim.fmi.fmu import (
     status_of,
 )
 from cosim.system.graph import Component, GraphError
+from cosim.system.integration import Integration, settled
 
 _ABLE = ("parameter", "input", "structuralParameter")
-MOST_UPDATES = 10_000  # of discrete states at the start, until an FMU wants no more
 _TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -68,6 +68,7 @@ class Instance:
         fmu: of which it is.
         log: what the FMU has reported last, oldest first.
         handle: its address.
+        integration: its solver, if it is for Model Exchange.
         events: whether it leaves events to the master.
         ends: whether it has asked to end at the start.
 
@@ -83,10 +84,13 @@ class Instance:
         *,
         events: bool = False,
         fmu_log: LogLevel = "warnings",
+        solver_tolerance: float = 1e-8,
     ) -> None:
         self.name, self.fmu = component.name, fmu
         self.log = Log(fmu_log, self.name)
-        self.events = events and fmu.standard == 3 and fmu.interface.hasEventMode
+        self.events = fmu.exchange or (
+            events and fmu.standard == 3 and bool(fmu.interface.hasEventMode)
+        )
         self._start = {name: self._checked(name) for name in component.start}
         self._values = component.start
         self.ends = False
@@ -98,6 +102,9 @@ class Instance:
             raise self._failed(f"does not load{tool}", error) from error
         self._finalizer = weakref.finalize(self, free, self._slave)
         self.handle = int(self._slave.component)
+        self.integration = None
+        if fmu.exchange:
+            self.integration = Integration(fmu, self._slave, self.log, solver_tolerance)
         sizes = [v for v in self._start.values() if v.causality == "structuralParameter"]
         if sizes:
             self._set_up("enterConfigurationMode")
@@ -129,6 +136,7 @@ class Instance:
 
     def begin(self, start_s: float, stop_s: float | None, tolerance: float | None) -> None:
         """Enter Initialization Mode; raises FmuError."""
+        self._start_s = start_s
         given = {"tolerance": tolerance, "startTime": start_s, "stopTime": stop_s}
         if self.fmu.standard == 2:
             self._set_up("setupExperiment", **given)
@@ -141,19 +149,16 @@ class Instance:
         self._set_up("exitInitializationMode")
         self._finalizer.detach()
         self._finalizer = weakref.finalize(self, end, self._slave)
-        if self.events:
-            for _ in range(MOST_UPDATES):
-                again, ends, *_ = self._set_up("updateDiscreteStates")
-                self.ends |= ends
-                if ends or not again:
-                    break
-            else:
-                raise self.failure(0.0, f"wants more than {MOST_UPDATES} updates of its states")
+        if self.integration:
+            self.ends = self._set_up(self.integration.start, start_s=self._start_s)
+        elif self.events:
+            self.ends, _ = self._set_up(settled, slave=self._slave)
             self._set_up("enterStepMode")
 
-    def _set_up(self, function: str, **arguments: Any) -> Any:
+    def _set_up(self, function: str | Callable[..., Any], **arguments: Any) -> Any:
+        called = getattr(self._slave, function) if isinstance(function, str) else function
         try:
-            return getattr(self._slave, function)(**arguments)
+            return called(**arguments)
         except Exception as error:
             raise self._failed("cannot be initialised", error) from error
 
@@ -244,7 +249,10 @@ class Instance:
 
     def address(self, function: str) -> int:
         """Address of a C function, given without the prefix of its standard; 0 if there is none."""
-        found = getattr(self._slave.dll, f"fmi{self.fmu.standard}{function}", None)
+        stands_for = self.integration.functions if self.integration else {}
+        found = stands_for.get(function) or getattr(
+            self._slave.dll, f"fmi{self.fmu.standard}{function}", None
+        )
         return 0 if found is None else function_address(found)
 
     def free_state(self, state: int) -> None:
@@ -254,6 +262,8 @@ class Instance:
 
     def failure(self, time_s: float, what: str, status: int = FMI_ERROR) -> FmuError:
         """The error that tells which component failed, when, and what it said last."""
+        if self.integration and self.integration.failures:
+            raise self.integration.failures[0]
         return self.fmu.failure(self._slave, self.name, self.log, time_s, what, status)
 
     def close(self) -> None:

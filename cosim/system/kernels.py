@@ -39,7 +39,7 @@ from cosim.system.layout import (
     FIRST_SET,
     FIRST_SINGLE,
     HANDLE,
-    STANDARD,
+    STEPS_AS,
     UPDATE,
     Memory,
     Tables,
@@ -125,7 +125,7 @@ def _step(t: Tables, c: int, begin_s: float, step_s: float, final: int) -> int:
     """Step a component, over its events too where it leaves them to us."""
     handle = t.components[c, HANDLE]
     function = t.components[c, DO_STEP]
-    if t.components[c, STANDARD] == 2:
+    if t.components[c, STEPS_AS] == 2:
         t.counts[c, STEPS] += 1
         status = do_step_2(function, (handle, begin_s, step_s, final))
         if status == FMI_WARNING:

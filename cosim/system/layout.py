@@ -20,8 +20,8 @@ TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")  # of value
 (
     STANDARD, HANDLE, DO_STEP, GET_STATE, SET_STATE, ASK, ENTER_EVENTS, UPDATE, ENTER_STEPS,
     EVENTS, DISCRETE, FIRST_SET, END_SET, FIRST_GET, END_GET, FIRST_COPY, END_COPY,
-    FIRST_REAL, END_REAL, FIRST_SINGLE, END_SINGLE, COLUMNS,
-) = range(22)  # fmt: skip
+    FIRST_REAL, END_REAL, FIRST_SINGLE, END_SINGLE, STEPS_AS, COLUMNS,
+) = range(23)  # fmt: skip
 # Columns of `Tables.exchanges`, of `Tables.copies`, and of `Tables.feeds`.
 FUNCTION, REFERENCES, COUNT, VALUES, SIZE = range(5)
 SOURCE, TARGET, SOURCE_TYPE, TARGET_TYPE, NUMBER, SCALED = range(6)
@@ -169,6 +169,10 @@ class Layout:
             mine = [k for k, link in enumerate(by_target) if link.target[0] == name]
             row[FIRST_COPY], row[END_COPY] = (mine[0], mine[-1] + 1) if mine else (0, 0)
             mine = [v for group in sets.get(name, {}).values() for v in group]
+            if instance.integration and mine:
+                first, last = (self.places[name, mine[k]] for k in (0, -1))
+                block = slice(first.offset, last.offset + last.size)
+                instance.integration.inputs = self.memory.u1[block]
             for first, width, function in ((FIRST_REAL, 8, "8"), (FIRST_SINGLE, 4, "4")):
                 floats = [
                     self.places[name, v]
@@ -223,15 +227,19 @@ class Layout:
         return groups
 
     def _fill(self, row: np.ndarray, instance: Instance) -> None:
-        third = instance.fmu.standard == 3
-        row[STANDARD], row[HANDLE], row[EVENTS] = 2 + third, instance.handle, instance.events
+        exchange, standard = bool(instance.integration), instance.fmu.standard
+        third = exchange or standard == 3
+        row[STANDARD], row[HANDLE], row[EVENTS] = standard, instance.handle, instance.events
+        row[STEPS_AS] = 2 + third
         row[DO_STEP] = instance.address("DoStep")
         row[GET_STATE] = instance.address("GetFMUState" if third else "GetFMUstate")
         row[SET_STATE] = instance.address("SetFMUState" if third else "SetFMUstate")
         if third:
             row[ENTER_EVENTS] = instance.address("EnterEventMode")
             row[UPDATE] = instance.address("UpdateDiscreteStates")
-            row[ENTER_STEPS] = instance.address("EnterStepMode")
+            row[ENTER_STEPS] = instance.address(
+                "EnterContinuousTimeMode" if exchange else "EnterStepMode"
+            )
         else:
             row[ASK] = instance.address("GetBooleanStatus")
 

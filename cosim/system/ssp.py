@@ -30,6 +30,7 @@ from cosim.system.schema import check, local_name
 
 DESCRIPTION = "SystemStructure.ssd"
 _FMU = "application/x-fmu-sharedlibrary"
+_EXCHANGE = {"any": None, "CoSimulation": False, "ModelExchange": True}
 _SYSTEM_FILE = Kind("system file", "export it as SSP 1.0 or 2.0 (.ssp or .ssd)", GraphError)
 Connector = tuple[str, str]  # place of an element, and name
 # Kinds of connectors whose element takes or gives a value.
@@ -108,7 +109,7 @@ def read_system(
 
 
 class _Reader:
-    def __init__(self, path: Path, load: Callable[[Path], Fmu], variant: str) -> None:
+    def __init__(self, path: Path, load: Callable[..., Fmu], variant: str) -> None:
         self._path, self._load = path, load
         require_file(path, _SYSTEM_FILE)
         with parsing(path, _SYSTEM_FILE):
@@ -124,7 +125,7 @@ class _Reader:
                 raise GraphError(f"{path} is no archive with variants; name the .ssd file itself")
             self._root = _parsed(description, str(path))
             self._units = units_of(self._root)
-        self._fmus: dict[Path, Fmu] = {}
+        self._fmus: dict[tuple[Path, str], Fmu] = {}
         self._components: dict[str, Fmu] = {}
         self._given: dict[str, dict[str, Value]] = {}  # start values of components
         self._connectors: dict[Connector, Element] = {}  # where declared
@@ -199,17 +200,19 @@ class _Reader:
         kind = element.get("type", _FMU)
         if kind != _FMU:
             raise GraphError(f"{said} is of type {kind}; put FMUs in its place")
-        if element.get("implementation", "any") not in ("any", "CoSimulation"):
-            raise GraphError(f"{said} is for Model Exchange; export it for Co-Simulation")
+        implementation = element.get("implementation", "any")
+        if implementation not in _EXCHANGE:
+            raise GraphError(f"{said} is for {implementation}; choose from {', '.join(_EXCHANGE)}")
         if name in self._components:
             raise GraphError(f"{said} stands there twice; rename one")
         path = self._resolve(element.get("source", ""))
-        if path not in self._fmus:
+        if (path, implementation) not in self._fmus:
             try:
-                self._fmus[path] = self._load(path)
+                fmu = self._load(path, exchange=_EXCHANGE[implementation])
             except FmuError as error:
                 raise FmuError(f"component {name}: {error}") from error
-        fmu = self._fmus[path]
+            self._fmus[path, implementation] = fmu
+        fmu = self._fmus[path, implementation]
         values = bound_values(element, self._read, said, level) | above
         # SSP says to ignore values for what the FMU does not have.
         self._given[name] = {key: v for key, v in values.items() if key in fmu.variables}

@@ -103,6 +103,7 @@ class System:
         loops: Loops = "solve",
         inputs: Mapping[str, Given] | None = None,
         fmu_log: LogLevel = "warnings",
+        solver_tolerance: float = 1e-8,
     ) -> None:
         """Make the components and initialise them.
 
@@ -132,6 +133,8 @@ class System:
                 times floats are interpolated linearly, others hold.
             fmu_log: "off" to have FMUs report nothing, "warnings" to log how many of their steps
                 returned a warning, and "all" to print each of their messages, too.
+            solver_tolerance: relative tolerance of CVODE, which integrates FMUs for Model Exchange;
+                their states' nominal values times it are the absolute ones.
 
         Raises:
             GraphError: the system cannot be; the message names component, variable, connection.
@@ -140,6 +143,7 @@ class System:
             OSError: an FMU cannot be read.
         """
         _require_positive("step", step_s)
+        _require_positive("solver_tolerance", solver_tolerance)
         if tolerance is not None:
             _require_positive("tolerance", tolerance)
         fmus = load_fmus(components)
@@ -193,7 +197,10 @@ class System:
             with calling("its initialisation"):
                 for component in components:
                     fmu = fmus[component.name]
-                    instance = Instance(component, fmu, events=event_mode, fmu_log=fmu_log)
+                    instance = Instance(
+                        component, fmu, events=event_mode, fmu_log=fmu_log,
+                        solver_tolerance=solver_tolerance,
+                    )  # fmt: skip
                     self._instances[component.name] = instance
                 start = sampled(self._inputs, np.array([start_s]))
                 layout = Layout(self._instances, links, self._recorded, checked, start)

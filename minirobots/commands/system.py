@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 class SimulateSystem(IsolatedOptions):
     """Simulate the FMUs of an SSP file (1.0 or 2.0), coupled by a compiled master.
 
-    FMUs are of FMI 2.0 or 3.0 for Co-Simulation, in one system also both. All outputs are recorded
-    at every step.
+    FMUs are of FMI 2.0 or 3.0, for Co-Simulation or for Model Exchange; one system can have all of
+    them. All outputs are recorded at every step.
     """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
@@ -48,6 +48,10 @@ class SimulateSystem(IsolatedOptions):
     tolerance: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None
     """Vary the step so that the error of one in Float64 outputs stays below this share of the
     larger of a value and its nominal one; FMUs must be able to save their states."""
+    solver_tolerance: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1e-8
+    """Relative tolerance of the solver (CVODE) that integrates FMUs for Model Exchange. Of an FMU
+    that has both interfaces, that for Co-Simulation is used unless the file says
+    implementation="ModelExchange" at its component."""
     longest_step: Seconds | None = None
     """With a tolerance, the longest step in s."""
     event_mode: bool = False
@@ -118,6 +122,7 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
         loops=options.loops,
         inputs=inputs,
         fmu_log=options.fmu_log,
+        solver_tolerance=options.solver_tolerance,
     )
     at_end.append(lambda _: system.close())  # whatever its FMUs do in their end, results are whole
     simulated = system.run(until_s, every=options.every, progress=progress)

@@ -1,8 +1,8 @@
 /* Small models with closed-form steps, as FMUs of FMI 2.0 and 3.0 in one library.
 
 Which model an instance is, its GUID or instantiation token says. Every variable has a slot, whose
-number is its value reference (see small.py); inputs hold over a step. Only what a master for
-Co-Simulation calls is here. */
+number is its value reference (see small.py); inputs hold over a step. Of those that are for Model
+Exchange too, the derivatives are here. */
 
 #include <math.h>
 #include <stdbool.h>
@@ -17,6 +17,7 @@ Co-Simulation calls is here. */
 
 enum { SLOTS = 48, MOST = 8 };
 enum { OK, WARNING, DISCARD, ERROR };
+enum { DERIVATIVES = 40, FREE = 0, EVENT, CONTINUOUS };
 
 typedef struct {
     double real[SLOTS];
@@ -29,6 +30,8 @@ typedef struct {
 typedef struct {
     char model;
     bool events;
+    bool exchange;
+    int mode; /* EVENT and CONTINUOUS for Model Exchange only */
     fmi3LogMessageCallback log_3;
     fmi2CallbackLogger log_2;
     void *environment;
@@ -55,6 +58,7 @@ static Instance *make(const char *token) {
     case 'a': c->s.whole[1] = 3; break;                                   /* array */
     case 'r': break;                                                      /* restless */
     case 'c': r[2] = 1; break;                                            /* curve */
+    case 'v': r[1] = 2, r[3] = 1, r[4] = INFINITY; break;                 /* van der pol */
     default: free(c); return NULL;
     }
     return c;
@@ -127,8 +131,34 @@ static int step(Instance *c, double time, double h, bool *event) {
     return OK;
 }
 
+/* Model Exchange: slots of the states and their derivatives, the number of indicators. */
+static size_t states(const Instance *c, unsigned slots[2]) {
+    bool second = c->model == 'o' || c->model == 'b' || c->model == 'v';
+    slots[0] = c->model == 'o' ? 4 : c->model == 'd' ? 2 : 1;
+    slots[1] = slots[0] + 1;
+    return second ? 2 : c->model == 'd';
+}
+
+static double derivative(const Instance *c, size_t k) {
+    const double *r = c->s.real;
+    switch (c->model) {
+    case 'o':
+        return k ? (r[6] - r[2] * r[4] - r[3] * (r[4] - r[7]) - r[9] * (r[5] - r[10])) / r[1] : r[5];
+    case 'd': return r[3] - r[1] * r[2];
+    case 'b': return k ? -r[3] : r[2];
+    case 'v': return k ? r[3] * (1 - r[1] * r[1]) * r[2] - r[1] : r[2];
+    }
+    return 0;
+}
+
+/* Values that are set where they may not be. */
+static bool refuses(Instance *c, const char *type) {
+    return c->mode == CONTINUOUS && strcmp(type, "Real") && strncmp(type, "Float", 5);
+}
+
 static double real_of(const Instance *c, unsigned vr) {
     const double *r = c->s.real;
+    if (vr >= DERIVATIVES && c->model != 'f') return derivative(c, vr - DERIVATIVES);
     if (c->model == 'o' && vr == 8) return r[3] * (r[4] - r[7]) + r[9] * (r[5] - r[10]);
     if (c->model == 'f' && vr % 2) return r[vr - 1];
     if (c->model == 'c' && vr == 5) {
@@ -152,6 +182,7 @@ static int64_t whole_of(const Instance *c, unsigned vr) {
     }                                                                                              \
     fmi2Status fmi2Set##NAME(fmi2Component c, const fmi2ValueReference vr[], size_t n,             \
                              const TYPE values[]) {                                                \
+        if (refuses(c, #NAME)) return fmi2Error;                                                   \
         for (size_t k = 0; k < n; k++) ((Instance *)c)->s.FIELD[vr[k]] = values[k];                \
         return fmi2OK;                                                                             \
     }
@@ -168,7 +199,7 @@ ACCESS_2(Boolean, fmi2Boolean, whole_of, whole)
     }                                                                                              \
     fmi3Status fmi3Set##NAME(fmi3Instance c, const fmi3ValueReference vr[], size_t n,              \
                              const TYPE values[], size_t size) {                                   \
-        if (n != size) return fmi3Error;                                                           \
+        if (n != size || refuses(c, #NAME)) return fmi3Error;                                      \
         for (size_t k = 0; k < n; k++) ((Instance *)c)->s.FIELD[vr[k]] = values[k];                \
         return fmi3OK;                                                                             \
     }
@@ -211,12 +242,124 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
     return fmi3OK;
 }
 
+/* Model Exchange, for both standards: the ball bounces below its floor; the stair rises at whole
+   seconds; van der Pol's place changes its sign at the end of a step of the solver. */
+static int update(Instance *c, bool *again, bool *ends, bool *defined, double *next) {
+    State *s = &c->s;
+    *again = *ends = *defined = false;
+    if (c->exchange && c->mode != EVENT) return say(c, ERROR, "this is no Event Mode");
+    if (c->model == 'r') *again = s->whole[1] == 1, *ends = s->whole[1] == 2;
+    if (c->model == 'b' && s->real[1] <= 0 && s->real[2] < 0) s->real[1] = 1e-300, bounce(s);
+    if (c->model == 's' && c->exchange) {
+        while (s->time >= (double)s->whole[1]) s->whole[1]++;
+        *ends = s->whole[1] >= s->whole[2];
+        *defined = true, *next = (double)s->whole[1];
+    }
+    if (c->model == 'v' && (s->real[1] < 0) != s->whole[6]) s->whole[5]++, s->whole[6] ^= 1;
+    return OK;
+}
+
+static int enter(Instance *c, int mode) {
+    if (c->exchange && c->mode == mode) return say(c, ERROR, "this is that mode");
+    c->mode = c->exchange ? mode : FREE;
+    return OK;
+}
+
+static int get_derivatives(Instance *c, double values[], size_t n) {
+    if (c->model == 'd' && c->s.time > c->s.real[4] * (1 + 1e-9))
+        return say(c, ERROR, "cannot go on");
+    for (size_t k = 0; k < n; k++) values[k] = derivative(c, k);
+    return OK;
+}
+
+static int completed(Instance *c, bool *event, bool *ends) {
+    State *s = &c->s;
+    *event = c->model == 'v' && (s->real[1] < 0) != s->whole[6];
+    *ends = c->model == 'v' && s->time >= s->real[4];
+    return OK;
+}
+
+#define EXCHANGE(S, C, NAME)                                                                       \
+    fmi##S##Status fmi##S##EnterEventMode(C c) { return (fmi##S##Status)enter(c, EVENT); }         \
+    fmi##S##Status fmi##S##EnterContinuousTimeMode(C c) {                                          \
+        return (fmi##S##Status)enter(c, CONTINUOUS);                                               \
+    }                                                                                              \
+    fmi##S##Status fmi##S##SetTime(C c, double time) {                                             \
+        ((Instance *)c)->s.time = time;                                                            \
+        return fmi##S##OK;                                                                         \
+    }                                                                                              \
+    fmi##S##Status fmi##S##SetContinuousStates(C c, const double x[], size_t n) {                  \
+        unsigned slots[2];                                                                         \
+        states(c, slots);                                                                          \
+        for (size_t k = 0; k < n; k++) ((Instance *)c)->s.real[slots[k]] = x[k];                   \
+        return fmi##S##OK;                                                                         \
+    }                                                                                              \
+    fmi##S##Status fmi##S##GetContinuousStates(C c, double x[], size_t n) {                        \
+        unsigned slots[2];                                                                         \
+        states(c, slots);                                                                          \
+        for (size_t k = 0; k < n; k++) x[k] = ((Instance *)c)->s.real[slots[k]];                   \
+        return fmi##S##OK;                                                                         \
+    }                                                                                              \
+    fmi##S##Status fmi##S##GetNominalsOfContinuousStates(C c, double x[], size_t n) {              \
+        for (size_t k = 0; k < n; k++) x[k] = 1;                                                   \
+        return fmi##S##OK;                                                                         \
+    }                                                                                              \
+    fmi##S##Status NAME(C c, double values[], size_t n) {                                          \
+        return (fmi##S##Status)get_derivatives(c, values, n);                                      \
+    }                                                                                              \
+    fmi##S##Status fmi##S##GetEventIndicators(C c, double z[], size_t n) {                         \
+        const double *r = ((Instance *)c)->s.real; /* below the floor with some width */           \
+        if (n) z[0] = r[1] > -1e-10 && r[1] <= 0 && r[2] > 0 ? -1e-10 : r[1];                      \
+        return fmi##S##OK;                                                                         \
+    }
+EXCHANGE(2, fmi2Component, fmi2GetDerivatives)
+EXCHANGE(3, fmi3Instance, fmi3GetContinuousStateDerivatives)
+
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean final, fmi2Boolean *event,
+                                       fmi2Boolean *ends) {
+    bool told[2];
+    int status = completed(c, &told[0], &told[1]);
+    *event = told[0], *ends = told[1];
+    return (fmi2Status)status;
+}
+fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean final, fmi3Boolean *event,
+                                       fmi3Boolean *ends) {
+    return (fmi3Status)completed(c, event, ends);
+}
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
+    bool told[3];
+    int status = update(c, &told[0], &told[1], &told[2], &info->nextEventTime);
+    info->newDiscreteStatesNeeded = told[0], info->terminateSimulation = told[1];
+    info->nextEventTimeDefined = told[2];
+    info->valuesOfContinuousStatesChanged = info->nominalsOfContinuousStatesChanged = false;
+    return (fmi2Status)status;
+}
+fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources,
+                                          fmi3Boolean visible, fmi3Boolean logging,
+                                          fmi3InstanceEnvironment environment,
+                                          fmi3LogMessageCallback log) {
+    Instance *c = make(token);
+    if (c && logging) c->log_3 = log, c->environment = environment;
+    if (c) c->exchange = true;
+    return c;
+}
+fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n) {
+    unsigned slots[2];
+    *n = states(c, slots);
+    return fmi3OK;
+}
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n) {
+    *n = ((Instance *)c)->model == 'b';
+    return fmi3OK;
+}
+
 /* FMI 2.0 */
 static bool needs_stop(Instance *c) { return c->model == 'd' && c->s.real[7] > 0; }
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible,
                               fmi2Boolean logging) {
     Instance *c = make(guid);
+    if (c) c->exchange = type == fmi2ModelExchange;
     if (c && logging) c->log_2 = functions->logger, c->environment = functions->componentEnvironment;
     return c;
 }
@@ -227,7 +370,10 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean defined, fmi2Real to
     return needs_stop(c) && !stops ? fmi2Error : fmi2OK;
 }
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
+    if (((Instance *)c)->exchange) ((Instance *)c)->mode = EVENT;
+    return fmi2OK;
+}
 fmi2Status fmi2Terminate(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real h, fmi2Boolean final) {
     bool event;
@@ -261,18 +407,16 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean defined, fmi3
     ((Instance *)c)->s.time = start;
     return needs_stop(c) && !stops ? fmi3Error : fmi3OK;
 }
-fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
+    return (fmi3Status)fmi2ExitInitializationMode(c);
+}
 fmi3Status fmi3Terminate(fmi3Instance c) { return fmi3OK; }
-fmi3Status fmi3EnterEventMode(fmi3Instance c) { return fmi3OK; }
 fmi3Status fmi3EnterStepMode(fmi3Instance c) { return fmi3OK; }
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Boolean *ends,
                                     fmi3Boolean *nominals, fmi3Boolean *values,
                                     fmi3Boolean *defined, fmi3Float64 *next) {
-    Instance *i = c;
-    *again = *ends = *nominals = *values = *defined = false;
-    if (i->model == 'r') *again = i->s.whole[1] == 1, *ends = i->s.whole[1] == 2;
-    if (i->model == 'b' && i->s.real[1] == 0 && i->s.real[2] < 0) bounce(&i->s);
-    return fmi3OK;
+    *nominals = *values = false;
+    return (fmi3Status)update(c, again, ends, defined, next);
 }
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 h, fmi3Boolean final,
                       fmi3Boolean *event, fmi3Boolean *ends, fmi3Boolean *early,
@@ -309,13 +453,10 @@ STATES(3, State, fmi3Instance)
 NONE(fmi2GetTypesPlatform) NONE(fmi2GetVersion) NONE(fmi2SetDebugLogging) NONE(fmi2Reset)
 NONE(fmi2GetString) NONE(fmi2SetString) NONE(fmi2SerializedFMUstateSize)
 NONE(fmi2SerializeFMUstate) NONE(fmi2DeSerializeFMUstate) NONE(fmi2GetDirectionalDerivative)
-NONE(fmi2EnterEventMode) NONE(fmi2NewDiscreteStates) NONE(fmi2EnterContinuousTimeMode)
-NONE(fmi2CompletedIntegratorStep) NONE(fmi2SetTime) NONE(fmi2SetContinuousStates)
-NONE(fmi2GetDerivatives) NONE(fmi2GetEventIndicators) NONE(fmi2GetContinuousStates)
-NONE(fmi2GetNominalsOfContinuousStates) NONE(fmi2SetRealInputDerivatives)
+NONE(fmi2SetRealInputDerivatives)
 NONE(fmi2GetRealOutputDerivatives) NONE(fmi2CancelStep) NONE(fmi2GetStatus)
 NONE(fmi2GetRealStatus) NONE(fmi2GetIntegerStatus) NONE(fmi2GetStringStatus) NONE(fmi3GetVersion)
-NONE(fmi3SetDebugLogging) NONE(fmi3InstantiateModelExchange)
+NONE(fmi3SetDebugLogging)
 NONE(fmi3InstantiateScheduledExecution) NONE(fmi3Reset) NONE(fmi3GetString) NONE(fmi3GetBinary)
 NONE(fmi3GetClock) NONE(fmi3SetString) NONE(fmi3SetBinary) NONE(fmi3SetClock)
 NONE(fmi3GetNumberOfVariableDependencies) NONE(fmi3GetVariableDependencies)
@@ -323,9 +464,5 @@ NONE(fmi3SerializedFMUStateSize) NONE(fmi3SerializeFMUState) NONE(fmi3Deserializ
 NONE(fmi3GetDirectionalDerivative) NONE(fmi3GetAdjointDerivative) NONE(fmi3GetIntervalDecimal)
 NONE(fmi3GetIntervalFraction) NONE(fmi3GetShiftDecimal) NONE(fmi3GetShiftFraction)
 NONE(fmi3SetIntervalDecimal) NONE(fmi3SetIntervalFraction) NONE(fmi3SetShiftDecimal)
-NONE(fmi3SetShiftFraction) NONE(fmi3EvaluateDiscreteStates) NONE(fmi3EnterContinuousTimeMode)
-NONE(fmi3CompletedIntegratorStep) NONE(fmi3SetTime) NONE(fmi3SetContinuousStates)
-NONE(fmi3GetContinuousStateDerivatives) NONE(fmi3GetEventIndicators) NONE(fmi3GetContinuousStates)
-NONE(fmi3GetNominalsOfContinuousStates) NONE(fmi3GetNumberOfEventIndicators)
-NONE(fmi3GetNumberOfContinuousStates) NONE(fmi3GetOutputDerivatives)
+NONE(fmi3SetShiftFraction) NONE(fmi3EvaluateDiscreteStates) NONE(fmi3GetOutputDerivatives)
 NONE(fmi3ActivateModelPartition)

@@ -45,6 +45,7 @@ class Variable(NamedTuple):
         unit: one of those that are defined here.
         needs: slots of inputs that an output depends on.
         size: slot of the structural parameter that is its dimension.
+        of: slot of the state that it is the derivative of.
     """
 
     slot: int
@@ -55,6 +56,7 @@ class Variable(NamedTuple):
     unit: str | None = None
     needs: tuple[int, ...] = ()
     size: int | None = None
+    of: int | None = None
 
 
 def _feedthrough() -> Iterable[Variable]:
@@ -112,6 +114,13 @@ MODELS = {
         Variable(6, "count", "Int32", "input", "0"),
         Variable(7, "next", "Int32", needs=(6,)),  # count + 1
     ),
+    "van_der_pol": (
+        Variable(1, "x0", start="2"),
+        Variable(2, "x1", start="0"),
+        Variable(3, "mu", causality="parameter", start="1"),
+        Variable(4, "ends_at", causality="parameter", start="1e300"),
+        Variable(5, "turns", "Int32", start="0"),  # of the sign of x0
+    ),
     "feedthrough": tuple(_feedthrough()),
     "array": (
         Variable(1, "n", "UInt64", "structuralParameter", "3"),
@@ -119,6 +128,9 @@ MODELS = {
         Variable(3, "y", "Float64", needs=(2,), size=1),
     ),
 }
+
+# Slots of states, of models for Model Exchange; their derivatives have 40 and 41.
+STATES = {"oscillator": (4, 5), "dahlquist": (2,), "ball": (1, 2), "van_der_pol": (1, 2)}
 
 
 def small_fmu(
@@ -130,6 +142,7 @@ def small_fmu(
     able: bool = True,
     told: bool = True,
     internal_s: float | None = None,
+    interfaces: tuple[str, ...] = ("CoSimulation",),
 ) -> Path:
     """Write one of `MODELS` as an FMU for this machine.
 
@@ -141,15 +154,29 @@ def small_fmu(
         able: whether it says that its state can be saved, and its step varied.
         told: whether it says what outputs depend on.
         internal_s: fixed internal step that it says it has, in FMI 3.0.
+        interfaces: elements of those that it has, "ModelExchange" among them.
     """
     named = units or {}
     variables = [v._replace(unit=named.get(v.name, v.unit)) for v in (_TIME, *MODELS[model])]
     if fmi == 2:
         variables = [v for v in variables if v.kind in _OF_FMI_2]
+    if "ModelExchange" in interfaces:
+        variables += [
+            Variable(40 + k, f"der{k}", causality="local", of=state)
+            for k, state in enumerate(STATES.get(model, ()))
+        ]
     text = (_description_2 if fmi == 2 else _description_3)(model, variables, able, told)
     if internal_s is not None:
         fixed = f'<CoSimulation fixedInternalStepSize="{internal_s}"'
         text = text.replace("<CoSimulation", fixed)
+    if "ModelExchange" in interfaces:
+        begin, end = text.index("<CoSimulation"), text.index("<UnitDefinitions")
+        stepped = text[begin:end] if "CoSimulation" in interfaces else ""
+        state = "canGetAndSetFMUstate" if fmi == 2 else "canGetAndSetFMUState"
+        told = "" if fmi == 2 else ' needsCompletedIntegratorStep="true"'
+        told += f' {state}="{str(able).lower()}"'
+        exchanged = f'<ModelExchange modelIdentifier="{model}"{told}/>'
+        text = text[:begin] + exchanged + stepped + text[end:]
     folder = platform if fmi == 2 else platform_tuple
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", text)
@@ -208,7 +235,7 @@ def _attributes(v: Variable, **others: str | None) -> str:
         "valueReference": str(v.slot),
         "causality": v.causality,
         "variability": fixed.get(v.causality, changing),
-        "initial": ("exact" if v.start else "calculated") if output else None,
+        "initial": ("exact" if v.start else "calculated") if output or v.of else None,
         **others,
     }
     return " ".join(f"{k}={quoteattr(value)}" for k, value in values.items() if value is not None)
@@ -224,11 +251,20 @@ def _description_3(model: str, variables: list[Variable], able: bool, told: bool
     text, unknowns = "", ""
     for v in variables:
         declared = "Option" if v.kind == "Enumeration" else None
-        attributes = _attributes(v, start=v.start, unit=v.unit, declaredType=declared)
+        derivative = None if v.of is None else str(v.of)
+        attributes = _attributes(
+            v, start=v.start, unit=v.unit, declaredType=declared, derivative=derivative
+        )
         dimension = f'<Dimension valueReference="{v.size}"/>' if v.size else ""
         text += f"<{v.kind} {attributes}>{dimension}</{v.kind}>\n"
         needs = f' dependencies="{" ".join(map(str, v.needs))}"' if told else ""
         unknowns += f'<Output valueReference="{v.slot}"{needs}/>' * (v.causality == "output")
+    for v in variables:
+        unknowns += f'<ContinuousStateDerivative valueReference="{v.slot}"/>' * (v.of is not None)
+    for v in variables:
+        unknowns += f'<InitialUnknown valueReference="{v.slot}"/>' * (v.of is not None)
+    if model == "ball":
+        unknowns += '<EventIndicator valueReference="1"/>'
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="{model}" instantiationToken="{model}">
 <CoSimulation modelIdentifier="{model}" canGetAndSetFMUState="{flag}"
@@ -248,18 +284,26 @@ def _description_2(model: str, variables: list[Variable], able: bool, told: bool
     for v in variables:
         kind = _OF_FMI_2[v.kind]
         values = {"start": v.start, "unit": v.unit if kind == "Real" else None}
+        values["derivative"] = None if v.of is None else str(places[v.of])
         values["declaredType"] = "Option" if kind == "Enumeration" else None
         inner = " ".join(f'{k}="{value}"' for k, value in values.items() if value is not None)
         text += f"<ScalarVariable {_attributes(v)}><{kind} {inner}/></ScalarVariable>\n"
         needs = f' dependencies="{" ".join(str(places[n]) for n in v.needs)}"' if told else ""
         unknowns += f'<Unknown index="{places[v.slot]}"{needs}/>' * (v.causality == "output")
+    states = "".join(f'<Unknown index="{places[v.slot]}"/>' for v in variables if v.of is not None)
+    structure = f"<Outputs>{unknowns}</Outputs>" + (
+        f"<Derivatives>{states}</Derivatives><InitialUnknowns>{states}</InitialUnknowns>"
+        if states
+        else ""
+    )
+    indicators = ' numberOfEventIndicators="1"' if model == "ball" else ""
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="{model}" guid="{model}">
+<fmiModelDescription fmiVersion="2.0" modelName="{model}" guid="{model}"{indicators}>
 <CoSimulation modelIdentifier="{model}" canGetAndSetFMUstate="{flag}"
   canHandleVariableCommunicationStepSize="{flag}"/>
 {_unit_definitions()}
 <TypeDefinitions><SimpleType name="Option"><Enumeration><Item name="one" value="1"/>
 <Item name="two" value="2"/></Enumeration></SimpleType></TypeDefinitions>
 <ModelVariables>{text}</ModelVariables>
-<ModelStructure><Outputs>{unknowns}</Outputs></ModelStructure>
+<ModelStructure>{structure}</ModelStructure>
 </fmiModelDescription>"""

@@ -27,7 +27,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Fmu]:
         key = repr((model, fmi, differences))
         if key not in made:
             path: Path = folder / f"{len(made)}.fmu"
-            made[key] = Fmu(small_fmu(path, model, fmi, **differences))
+            made[key] = Fmu(small_fmu(path, model, fmi, **differences), exchange=None)
         return made[key]
 
     return make

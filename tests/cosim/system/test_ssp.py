@@ -192,8 +192,8 @@ def test_values_in_another_unit_are_converted_or_refused(archive):
             "component second is of type application/x-ssp-package; put FMUs in its place",
         ),
         (
-            '<ssd:Component name="second" implementation="ModelExchange" source="a.fmu"/>',
-            "component second is for Model Exchange",
+            '<ssd:Component name="second" implementation="ScheduledExecution" source="a.fmu"/>',
+            "component second is for ScheduledExecution; choose from any, CoSimulation",
         ),
         (
             NESTED.format(
