@@ -1,11 +1,11 @@
 """The Modelica Association's reference FMUs in our master, against the outputs that they publish.
 
 Their sources come from a folder of the user's: a copy of
-https://github.com/modelica/Reference-FMUs. Every model is compiled for this machine, as FMI 2.0 where there is such a description and as
-FMI 3.0, and run over the times of its published output. Those outputs come from Euler's method
-with the models' fixed steps, as the FMUs for Co-Simulation have it; for Model Exchange the
-reference is fmpy's simulation of the same FMU. Stair's steps and Van der Pol's place are passed on
-through Feedthrough, too, from one standard to the other.
+https://github.com/modelica/Reference-FMUs. Every model is compiled for this machine, as FMI 2.0
+where there is such a description and as FMI 3.0, and run over the times of its published output.
+Those outputs come from Euler's method with the models' fixed steps, as the FMUs for Co-Simulation
+have it; for Model Exchange the reference is fmpy's simulation of the same FMU. Stair's steps and
+Van der Pol's place are passed on through Feedthrough, too, from one standard to the other.
 """
 
 import csv

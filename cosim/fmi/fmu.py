@@ -27,11 +27,7 @@ from fmpy.fmi2 import (
 )
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 from fmpy.logging import addLoggerProxy
-from fmpy.model_description import (
-    CoSimulation,
-    ModelDescription,
-    ValidationError,
-)
+from fmpy.model_description import CoSimulation, ModelDescription, ValidationError
 from fmpy.validation import validate_model_description
 
 from cosim.base.errors import UserError
@@ -215,8 +211,7 @@ class Fmu:
         with _LOADING, same_folder():  # fmpy changes it while it loads
             if self._loaded is None:
                 with restored_arithmetic():  # which -ffast-math changes where it is loaded
-                    kinds = _KINDS[self.standard]
-                    self._loaded = kinds[self.exchange](
+                    self._loaded = _KINDS[self.standard][self.exchange](
                         guid=self.description.guid,
                         modelIdentifier=self.interface.modelIdentifier,
                         unzipDirectory=str(self.folder),
@@ -227,11 +222,11 @@ class Fmu:
             slave.instanceName, slave.loaded = name, self._loaded  # which outlives it so
             # A reference to the slave in the callback would keep both for ever.
             if self.standard == 3:
-                events_of = {"eventModeUsed": events, "earlyReturnAllowed": events}
+                returning = {"eventModeUsed": events, "earlyReturnAllowed": events}
                 slave.instantiate(
                     loggingOn=log.level != "off",
                     logMessage=lambda *told: log.take(told[1], told[3]),
-                    **({} if self.exchange else events_of),
+                    **({} if self.exchange else returning),
                 )
             else:
                 slave.instantiate(callbacks=_callbacks(log), loggingOn=log.level != "off")

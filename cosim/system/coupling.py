@@ -33,7 +33,7 @@ from cosim.system.layout import (
     END_GET,
     END_SET,
     FIRST_GET,
-    FIRST_SET,
+    FIRST_START,
     GET_STATE,
     HANDLE,
     SET_STATE,
@@ -161,7 +161,8 @@ def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> t
             if s.flags[RUNNING]:
                 status = set_inputs(t, c)
             else:
-                status = exchange_values(t, c, t.components[c, FIRST_SET], t.components[c, END_SET])
+                first_set = t.components[c, FIRST_START]
+                status = exchange_values(t, c, first_set, t.components[c, END_SET])
             if status == ENDED:
                 s.flags[ENDING] = c
             elif status > FMI_WARNING:

@@ -18,7 +18,9 @@ from cosim.fmi.fmu import Fmu, FmuError
 from cosim.fmi.units import UnitUse, conversion, unit_use
 
 Node = tuple[str, str]  # component and variable
-_CLASSES = {"Boolean": "Boolean", "Enumeration": "Enumeration"}  # others are numbers
+_CLASSES = {name: name for name in ("Boolean", "Enumeration", "String")}  # others are numbers
+# What a connection may set, by the causality of its source; parameters at initialisation only.
+_TARGETS = {"output": ("input",), "calculatedParameter": ("input", "parameter")}
 
 
 class GraphError(UserError):
@@ -95,18 +97,13 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
         if name in found:
             raise GraphError(f"two components are named {name}; rename one")
         try:
-            fmu = files.get(given) or (
-                given if isinstance(given, Fmu) else Fmu(path, exchange=None)
-            )
+            made = given if isinstance(given, Fmu) else None
+            fmu = files.get(given) or made or Fmu(path, exchange=None)
         except FmuError as error:
             raise FmuError(f"component {name}: {error}") from error
         found[name] = files[given] = fmu
         for v in fmu.variables.values():
-            if (
-                v.type == "Clock"
-                and v.causality == "input"
-                and v.intervalVariability != "triggered"
-            ):
+            if v.intervalVariability not in (None, "triggered"):
                 raise GraphError(
                     f"component {name}: {path} has the clock '{v.name}' that ticks in time "
                     f"({v.intervalVariability}), which is not supported; export it without"
@@ -165,14 +162,13 @@ def check_connections(fmus: Mapping[str, Fmu], connections: Iterable[Connection]
         source, target = find(fmus, connection.source), find(fmus, connection.target)
         said = f"connection {connection.source} -> {connection.target}"
         from_, to = (fmus[end[0]].variables[end[1]] for end in (source, target))
-        for variable, name, causality in (
-            (from_, connection.source, "output"),
-            (to, connection.target, "input"),
-        ):
-            if variable.causality != causality:
-                raise GraphError(
-                    f"{said}: {name} is of causality {variable.causality}; connect an {causality}"
-                )
+        if to.causality not in _TARGETS.get(str(from_.causality), ()):
+            raise GraphError(
+                f"{said}: they are of causality {from_.causality} and {to.causality}; connect an "
+                "output to an input, or a calculatedParameter to an input or a parameter"
+            )
+        if to.type == "String" and connection.target_index:
+            raise GraphError(f"{said}: elements of arrays of texts are not set; connect the array")
         # An alias has the value reference of its variable, in FMI 2.0 in one type.
         indices = taken.setdefault((target[0], to.valueReference, str(to.type)), set())
         if indices & {(), connection.target_index} or (indices and not connection.target_index):
@@ -210,7 +206,7 @@ def keeps(source: str, target: str) -> bool:
     """Return whether every value of an FMI type is one of another, of any standard."""
     source, target = (_OF_FMI_3.get(name, name) for name in (source, target))
     if source == target:
-        return source not in ("String", "Binary", "Clock")
+        return source not in ("Binary", "Clock")
     if target.startswith("Float"):
         exact_bits = 53 if target == "Float64" else 24
         return source == "Float32" or (source in _BITS and _BITS[source] <= exact_bits)
@@ -280,8 +276,8 @@ def links_in_loops(fmus: Mapping[str, Fmu], links: Sequence[Link]) -> list[Link]
 def is_continuous(fmus: Mapping[str, Fmu], link: Link) -> bool:
     """Return whether a connection passes on float64 values that vary without jumps."""
     ends = [fmus[component].variables[name] for component, name in (link.source, link.target)]
-    types = {str(v.type) for v in ends}
-    return types <= {"Real", "Float64"} and all(v.variability != "discrete" for v in ends)
+    varying = all(v.variability not in ("discrete", "fixed", "tunable") for v in ends)
+    return varying and {str(v.type) for v in ends} <= {"Real", "Float64"}
 
 
 def _passed_on(fmu: Fmu, output: str) -> list[str]:

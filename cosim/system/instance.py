@@ -3,7 +3,7 @@
 import ctypes
 import math
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from operator import index
 from typing import Any, NamedTuple
 
@@ -23,7 +23,8 @@ from cosim.fmi.fmu import (
     status_of,
 )
 from cosim.system.graph import Component, GraphError
-from cosim.system.integration import Integration, settled
+from cosim.system.integration import Integration, c_function, settled
+from cosim.system.texts import Texts
 
 _ABLE = ("parameter", "input", "structuralParameter")
 _TRUTHS = {"true": True, "1": True, "false": False, "0": False}
@@ -49,12 +50,14 @@ _KINDS = {
         "Integer": Exchange("Integer", "i4"),
         "Boolean": Exchange("Boolean", "i4"),
         "Enumeration": Exchange("Integer", "i4"),
+        "String": Exchange("String", "i8"),  # by their numbers
     },
     3: {
         "Float64": Exchange("Float64", "f8"),
         "Float32": Exchange("Float32", "f4"),
         "Boolean": Exchange("Boolean", "u1"),
         "Enumeration": Exchange("Int64", "i8"),
+        "String": Exchange("String", "i8"),
         **{name: Exchange(name, dtype) for name, dtype in _INTEGERS.items()},
     },
 }
@@ -69,6 +72,7 @@ class Instance:
         log: what the FMU has reported last, oldest first.
         handle: its address.
         integration: its solver, if it is for Model Exchange.
+        functions: of Python, that compiled code calls.
         events: whether it leaves events to the master.
         ends: whether it has asked to end at the start.
 
@@ -88,9 +92,8 @@ class Instance:
     ) -> None:
         self.name, self.fmu = component.name, fmu
         self.log = Log(fmu_log, self.name)
-        self.events = fmu.exchange or (
-            events and fmu.standard == 3 and bool(fmu.interface.hasEventMode)
-        )
+        leaves = events and fmu.standard == 3 and bool(fmu.interface.hasEventMode)
+        self.events = leaves or fmu.exchange
         self._start = {name: self._checked(name) for name in component.start}
         self._values = component.start
         self.ends = False
@@ -105,6 +108,7 @@ class Instance:
         self.integration = None
         if fmu.exchange:
             self.integration = Integration(fmu, self._slave, self.log, solver_tolerance)
+        self.functions = self.integration.functions if self.integration else {}
         sizes = [v for v in self._start.values() if v.causality == "structuralParameter"]
         if sizes:
             self._set_up("enterConfigurationMode")
@@ -113,7 +117,7 @@ class Instance:
         self._set(v for v in self._start.values() if v.causality != "structuralParameter")
 
     def kind(self, variable: ModelVariable) -> Exchange | None:
-        """Return how a variable's values are exchanged; None if they are not (texts, clocks)."""
+        """Return how a variable's values are exchanged; None if they are not (binary, clocks)."""
         return _KINDS[self.fmu.standard].get(str(variable.type))
 
     def shape(self, variable: ModelVariable) -> tuple[int, ...]:
@@ -249,11 +253,32 @@ class Instance:
 
     def address(self, function: str) -> int:
         """Address of a C function, given without the prefix of its standard; 0 if there is none."""
-        stands_for = self.integration.functions if self.integration else {}
-        found = stands_for.get(function) or getattr(
-            self._slave.dll, f"fmi{self.fmu.standard}{function}", None
-        )
+        found = getattr(self._slave.dll, f"fmi{self.fmu.standard}{function}", None)
+        found = self.functions.get(function, found)
         return 0 if found is None else function_address(found)
+
+    def text_address(self, verb: str, names: Sequence[str], block: np.ndarray, texts: Texts) -> int:
+        """Return the address of a C function that gets or sets texts, by their numbers in `block`.
+
+        Args:
+            verb: "Get" or "Set".
+            names: of the variables.
+            block: (n,) int64, numbers of their texts.
+            texts: by number.
+        """
+        references = [self.fmu.variables[name].valueReference for name in names]
+        number = () if self.fmu.standard == 2 else (len(block),)
+
+        def get(*_: Any) -> None:
+            block[:] = [texts.number(t) for t in self._slave.getString(references, *number)]
+
+        def put(*_: Any) -> None:
+            self._slave.setString(references, [texts.known[k] for k in block])
+
+        form = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p, *[ctypes.c_size_t] * len(number))
+        function = c_function(self.log, get if verb == "Get" else put, *form)
+        self.functions[f"{verb}String {names}"] = function
+        return function_address(function)
 
     def free_state(self, state: int) -> None:
         """Free a saved state, unless the FMU has failed."""
@@ -262,8 +287,6 @@ class Instance:
 
     def failure(self, time_s: float, what: str, status: int = FMI_ERROR) -> FmuError:
         """The error that tells which component failed, when, and what it said last."""
-        if self.integration and self.integration.failures:
-            raise self.integration.failures[0]
         return self.fmu.failure(self._slave, self.name, self.log, time_s, what, status)
 
     def close(self) -> None:

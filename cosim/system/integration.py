@@ -1,12 +1,12 @@
 """FMUs for Model Exchange, integrated by CVODE so that they step as FMUs for Co-Simulation do.
 
-CVODE comes with fmpy. The compiled master gets the addresses of the functions here in place of
-those that FMUs for Model Exchange do not have.
+CVODE comes with fmpy. The compiled master gets addresses of functions here in place of those that
+FMUs for Model Exchange do not have.
 """
 
-import ctypes
 import math
 from collections.abc import Callable
+from ctypes import CFUNCTYPE, POINTER, byref, c_bool, c_double, c_int, c_void_p
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,25 +15,15 @@ from fmpy.fmi1 import FMICallException
 from fmpy.sundials import CV_ROOT_RETURN, CVode, CVodeSolver, SUNContext_PushErrHandler
 from fmpy.sundials.libraries import sundials_core, sundials_cvode
 
-from cosim.fmi.abi import FMI_DISCARD, FMI_ERROR, FMI_OK, FMI_WARNING
+from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING
 from cosim.fmi.fmu import Fmu, Log, status_of
 
 _MOST_UPDATES = 10_000  # of discrete states at one point of time, and events in one step
 _NEAR = 1e-9  # share of a step of the master by which an event may come after its end
 _ONE_STEP = 2  # CV_ONE_STEP
-_ADDRESS, _FLAG, _PLACE = ctypes.c_void_p, ctypes.POINTER(ctypes.c_bool), ctypes.c_void_p
-_TIME = ctypes.POINTER(ctypes.c_double)
-_STEP_FORM = (ctypes.c_double, ctypes.c_double, ctypes.c_bool, _FLAG, _FLAG, _FLAG, _TIME)
-_CALLS = {
-    "DoStep": _STEP_FORM,
-    "UpdateDiscreteStates": (*(_FLAG,) * 5, _TIME),
-    "GetFMUState": (ctypes.POINTER(_PLACE),),
-    "SetFMUState": (_PLACE,),
-}  # behind the instance; those of FMI 3.0 stand for those of FMI 2.0, too
-_set_stop_time = sundials_cvode.CVodeSetStopTime
-_set_stop_time.argtypes = (_ADDRESS, ctypes.c_double)
-_warn_of_small_steps = sundials_cvode.CVodeSetMaxHnilWarns
-_warn_of_small_steps.argtypes = (_ADDRESS, ctypes.c_int)
+_FLAG = POINTER(c_bool)
+sundials_cvode.CVodeSetStopTime.argtypes = (c_void_p, c_double)
+sundials_cvode.CVodeSetMaxHnilWarns.argtypes = (c_void_p, c_int)
 
 
 def settled(slave: Any) -> tuple[bool, float]:
@@ -53,23 +43,44 @@ def settled(slave: Any) -> tuple[bool, float]:
     raise RuntimeError(f"it wants more than {_MOST_UPDATES} updates of its states")
 
 
+def c_function(log: Log, function: Callable[..., Any], *form: Any) -> Any:
+    """Return a C function of an instance, whose failures become a status and a message.
+
+    Args:
+        log: of the instance; gets the message.
+        function: that is called without the instance.
+        form: types of its arguments.
+    """
+
+    def call(_instance: int, *arguments: Any) -> int:
+        warning = log.warning
+        try:
+            function(*arguments)
+        except Exception as error:
+            log.append(": ".join([str(error).rstrip("."), *list(log)[-1:]]))
+            return status_of(error)
+        return FMI_OK if log.warning is warning else FMI_WARNING
+
+    return CFUNCTYPE(c_int, c_void_p, *form)(call)
+
+
 class Integration:
-    """Solver of an instance for Model Exchange, and the functions that stand for it.
+    """Solver of an instance for Model Exchange.
 
     Attributes:
         functions: C functions by their names in FMI 3.0 for Co-Simulation.
         inputs: bytes of the values that are set; a change of them restarts the solver.
-        failures: what else than failed calls was raised, such as by Ctrl-C.
     """
 
     def __init__(self, fmu: Fmu, slave: Any, log: Log, tolerance: float) -> None:
-        self._fmu, self._slave, self._log, self._tolerance = fmu, slave, log, tolerance
-        self.inputs, self._set = np.empty(0, dtype=np.uint8), b""
-        self.failures: list[BaseException] = []
-        own = (self._do_step, self._update, self._save, self._restore)
+        self._fmu, self._slave, self._tolerance = fmu, slave, tolerance
+        self.inputs, self._given = np.empty(0, dtype=np.uint8), b""
+        step = (c_double, c_double, c_bool, _FLAG, _FLAG, _FLAG, POINTER(c_double))
         self.functions = {
-            name: ctypes.CFUNCTYPE(ctypes.c_int, _ADDRESS, *form)(self._guarded(function))
-            for (name, form), function in zip(_CALLS.items(), own, strict=True)
+            "DoStep": c_function(log, self._do_step, *step),
+            "UpdateDiscreteStates": c_function(log, self._update, *[_FLAG] * 5, POINTER(c_double)),
+            "GetFMUState": c_function(log, self._save, POINTER(c_void_p)),
+            "SetFMUState": c_function(log, self._restore, c_void_p),
         }
         self._time_s, self._next_event_s = 0.0, math.inf
         self._saved: dict[int, tuple[float, float]] = {}  # both, by saved states
@@ -77,53 +88,29 @@ class Integration:
 
     def start(self, start_s: float) -> bool:
         """Begin after Initialization Mode; returns whether the FMU asks to end."""
-        self._time_s = start_s
-        ends = self._settle()
-        if ends:
+        self._time_s, slave, described = start_s, self._slave, self._fmu.description
+        if self._settle():
             return True
-        slave, described = self._slave, self._fmu.description
         slave.enterContinuousTimeMode()
-        third = self._fmu.standard == 3
+        sizes = described.numberOfContinuousStates, described.numberOfEventIndicators
+        derivatives = slave.getDerivatives if self._fmu.standard == 2 else None
+        if derivatives is None:
+            sizes = slave.getNumberOfContinuousStates(), slave.getNumberOfEventIndicators()
+            derivatives = slave.getContinuousStateDerivatives
         self._solver = _Solver(
-            nx=slave.getNumberOfContinuousStates() if third else described.numberOfContinuousStates,
-            nz=slave.getNumberOfEventIndicators() if third else described.numberOfEventIndicators,
-            get_x=slave.getContinuousStates,
-            set_x=slave.setContinuousStates,
-            get_dx=slave.getContinuousStateDerivatives if third else slave.getDerivatives,
-            get_z=slave.getEventIndicators,
-            get_nominals=slave.getNominalsOfContinuousStates,
-            set_time=slave.setTime,
-            input=SimpleNamespace(apply=lambda _: None),  # inputs hold
-            startTime=start_s,
-            relativeTolerance=self._tolerance,
-        )
+            *sizes, slave.getContinuousStates, slave.setContinuousStates, derivatives,
+            slave.getEventIndicators, slave.getNominalsOfContinuousStates, slave.setTime,
+            SimpleNamespace(apply=lambda _: None), start_s, relativeTolerance=self._tolerance,
+        )  # fmt: skip
         return False
-
-    def _guarded(self, function: Callable[..., Any]) -> Callable[..., int]:
-        """Return a function whose failures become a status and a message."""
-
-        def call(_instance: int, *arguments: Any) -> int:
-            warning = self._log.warning
-            try:
-                function(*arguments)
-            except Exception as error:
-                said = f": {self._log[-1]}" if self._log else ""
-                self._log.append(str(error).rstrip(".") + said)
-                return status_of(error)
-            except BaseException as error:  # which would be lost on its way out of compiled code
-                self.failures.append(error)
-                return FMI_ERROR
-            return FMI_OK if self._log.warning is warning else FMI_WARNING
-
-        return call
 
     def _do_step(
         self, begin_s: float, step_s: float, final: bool, _event: Any, ends: Any, *_: Any
     ) -> None:
         """Integrate over a step of the master, with all events in it and at its end."""
         end_s, slack_s = begin_s + step_s, _NEAR * step_s
-        if (given := self.inputs.tobytes()) != self._set:
-            self._set, self._fresh = given, False
+        if (given := self.inputs.tobytes()) != self._given:
+            self._given, self._fresh = given, False
         for _ in range(_MOST_UPDATES):
             until_s = min(end_s, self._next_event_s)
             event, ends[0] = self._integrate(until_s, slack_s, final)
@@ -146,20 +133,19 @@ class Integration:
             slave.setTime(self._time_s)
             solver.reset(self._time_s)
             self._fresh = True
-        interface = self._fmu.description.modelExchange
-        _set_stop_time(solver.cvode_mem, until_s)
+        sundials_cvode.CVodeSetStopTime(solver.cvode_mem, until_s)
+        ends = False
         while until_s - self._time_s > slack_s:
             event, time_s = solver.advance(until_s)
             if not time_s > self._time_s:
                 raise RuntimeError(f"the solver makes no progress at {time_s:.9g} s")
             self._time_s = time_s
-            slave.setTime(self._time_s)
-            if interface.needsCompletedIntegratorStep:
+            slave.setTime(time_s)
+            if self._fmu.description.modelExchange.needsCompletedIntegratorStep:
                 wanted, ends = slave.completedIntegratorStep(final)
-                if wanted or ends:
-                    return wanted, ends
-            if event:
-                return True, False
+                event |= wanted
+            if event or ends:
+                return event, ends
         return False, False
 
     def _settle(self) -> bool:
@@ -172,31 +158,28 @@ class Integration:
         ends[0] = self._settle()
 
     def _save(self, place: Any) -> None:
-        state = ctypes.c_void_p(place[0])
-        self._state_call("Get", ctypes.byref(state))
-        place[0] = state.value
-        self._saved[state.value or 0] = self._time_s, self._next_event_s
+        self._call_state("Get", place)
+        self._saved[place[0]] = self._time_s, self._next_event_s
 
     def _restore(self, state: int) -> None:
-        self._state_call("Set", ctypes.c_void_p(state))
+        self._call_state("Set", c_void_p(state))
         self._time_s, self._next_event_s = self._saved[state]
         self._fresh = False
 
-    def _state_call(self, verb: str, argument: Any) -> None:
-        standard = self._fmu.standard
-        name = f"fmi{standard}{verb}FMU{'State' if standard == 3 else 'state'}"
+    def _call_state(self, verb: str, argument: Any) -> None:
+        name = f"fmi{self._fmu.standard}{verb}FMU{'State' if self._fmu.standard == 3 else 'state'}"
         getattr(self._slave, name)(self._slave.component, argument)
 
 
 class _Solver(CVodeSolver):
     """CVODE that makes one step at a time, and raises what the FMU's functions raise in it."""
 
-    error: BaseException | None = None
+    error: Exception | None = None
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
         sundials_core.SUNContext_ClearErrHandlers(self.sunctx)  # which print
-        _warn_of_small_steps(self.cvode_mem, -1)  # never: it prints
+        sundials_cvode.CVodeSetMaxHnilWarns(self.cvode_mem, -1)  # never: it prints
         SUNContext_PushErrHandler(self.sunctx, self.ehfun_, None)
 
     def f(self, *arguments: Any) -> int:
@@ -210,21 +193,18 @@ class _Solver(CVodeSolver):
     def _guarded(self, function: Callable[..., int], *arguments: Any) -> int:
         try:
             return function(*arguments)
-        except BaseException as error:
+        except Exception as error:
             self.error = error
             discards = isinstance(error, FMICallException) and error.status == FMI_DISCARD
             return 1 if discards else -1  # 1: a shorter step may do
 
     def advance(self, until_s: float) -> tuple[bool, float]:
         """Make a step; returns whether a state event ends it, and the time in s."""
-        reached = ctypes.c_double()
-        self.error = None
-        flag = CVode(self.cvode_mem, until_s, self.x, ctypes.byref(reached), _ONE_STEP)
+        reached, self.error = c_double(), None
+        flag = CVode(self.cvode_mem, until_s, self.x, byref(reached), _ONE_STEP)
         if flag < 0:
-            if self.error is not None:
-                raise self.error
-            _, function, _, message = self.error_info or (0, "CVode", "", f"flag {flag}")
-            raise RuntimeError(f"{function} cannot integrate it: {message}")
+            function, message = (self.error_info or ("", "CVode", "", f"flag {flag}"))[1::2]
+            raise self.error or RuntimeError(f"{function} cannot integrate it: {message}")
         if not self.discrete:
             self.set_x(self.px, self.nx)
         return flag == CV_ROOT_RETURN, reached.value

@@ -72,6 +72,7 @@ class Scheme(NamedTuple):
         clock_kind: its argument.
         solves: 1 if algebraic loops are solved, 0 if values pass with a delay.
         exchanges: limit of those at one point of time.
+        at_once: limit of steps between two looks at the keyboard.
         loop_tolerance, step_tolerance: of equations at a point of time and over a step, relative
             to the larger of a value and its nominal one.
     """
@@ -86,6 +87,7 @@ class Scheme(NamedTuple):
     clock_kind: int
     solves: int
     exchanges: int
+    at_once: int
     loop_tolerance: float
     step_tolerance: float
 

@@ -12,6 +12,7 @@ import numpy as np
 from cosim.system.graph import GraphError, Link, Node
 from cosim.system.inputs import Input
 from cosim.system.instance import Instance
+from cosim.system.texts import Texts
 
 WORD = 8  # bytes; what every variable begins at a multiple of
 MOST_BYTES = 2**28  # of all values: far above what systems exchange, far below what fills a machine
@@ -20,8 +21,8 @@ TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")  # of value
 (
     STANDARD, HANDLE, DO_STEP, GET_STATE, SET_STATE, ASK, ENTER_EVENTS, UPDATE, ENTER_STEPS,
     EVENTS, DISCRETE, FIRST_SET, END_SET, FIRST_GET, END_GET, FIRST_COPY, END_COPY,
-    FIRST_REAL, END_REAL, FIRST_SINGLE, END_SINGLE, STEPS_AS, COLUMNS,
-) = range(23)  # fmt: skip
+    FIRST_REAL, END_REAL, FIRST_SINGLE, END_SINGLE, STEPS_AS, FIRST_START, COLUMNS,
+) = range(24)  # fmt: skip
 # Columns of `Tables.exchanges`, of `Tables.copies`, and of `Tables.feeds`.
 FUNCTION, REFERENCES, COUNT, VALUES, SIZE = range(5)
 SOURCE, TARGET, SOURCE_TYPE, TARGET_TYPE, NUMBER, SCALED = range(6)
@@ -36,12 +37,14 @@ class Place(NamedTuple):
         dtype: of a value, as numpy names it.
         shape: () of a scalar.
         truth: whether they are Boolean.
+        texts: whose numbers they are, if any.
     """
 
     offset: int
     dtype: str
     shape: tuple[int, ...]
     truth: bool
+    texts: Texts | None = None
 
     @property
     def number(self) -> int:
@@ -57,6 +60,8 @@ class Place(NamedTuple):
         """Values (n, *shape) of rows (n, bytes) of the block."""
         values = np.ascontiguousarray(rows[:, self.offset : self.offset + self.size])
         found = values.view(self.dtype).reshape(len(rows), *self.shape)
+        if self.texts:
+            return np.array(self.texts.known)[found]
         return found.astype(bool) if self.truth else found
 
 
@@ -140,12 +145,16 @@ class Layout:
         self._instances = instances
         self.parts = [link.target for link in links if link.target_index]
         self.places: dict[Node, Place] = {}
+        self._texts = Texts()
         self._end = 0
         got = dict.fromkeys([*(link.source for link in links), *recorded, *checked])
         gets = self._groups(list(got))
         self.words = self._end // WORD
-        targets = [*(link.target for link in links), *(each.target for each in inputs)]
-        sets = self._groups([*dict.fromkeys(targets)])
+        targets = dict.fromkeys(link.target for link in links)
+        fixed = [n for n in targets if instances[n[0]].fmu.variables[n[1]].causality != "input"]
+        starts = self._groups(fixed)
+        fed = [each.target for each in inputs]
+        sets = self._groups([*(node for node in targets if node not in fixed), *fed])
         if self._end > MOST_BYTES:
             raise GraphError(
                 f"the values of the system take {self._end >> 20} MiB, more than "
@@ -161,6 +170,8 @@ class Layout:
         self.links = by_target
         for row, (name, instance) in zip(components, instances.items(), strict=True):
             self._fill(row, instance)
+            row[FIRST_START] = len(exchanges)
+            exchanges += [self._call("Set", name, *group) for group in starts.get(name, {}).items()]
             row[FIRST_SET] = len(exchanges)
             exchanges += [self._call("Set", name, *group) for group in sets.get(name, {}).items()]
             row[END_SET] = row[FIRST_GET] = len(exchanges)
@@ -209,7 +220,7 @@ class Layout:
             if kind is None:
                 raise GraphError(
                     f"component {component}: '{name}' of type {variable.type} can be neither "
-                    "recorded nor connected; choose numbers, Boolean or Enumeration"
+                    "recorded nor connected; choose numbers, Boolean, Enumeration or String"
                 )
             groups.setdefault(component, {}).setdefault(kind.function, []).append(name)
         for component, by_function in groups.items():
@@ -219,8 +230,9 @@ class Layout:
                     variable = instance.fmu.variables[name]
                     kind = instance.kind(variable)
                     assert kind is not None
-                    truth = variable.type == "Boolean"
-                    place = Place(self._end, kind.dtype, instance.shape(variable), truth)
+                    truth, text = (variable.type == each for each in ("Boolean", "String"))
+                    shape, texts = instance.shape(variable), self._texts if text else None
+                    place = Place(self._end, kind.dtype, shape, truth, texts)
                     self.places[component, name] = place
                     self._end += place.size
                 self._end += -self._end % WORD
@@ -250,13 +262,14 @@ class Layout:
         references = np.array([v.valueReference for v in variables], dtype=np.uint32)
         self._references.append(references)
         places = [self.places[component, name] for name in names]
-        return (
-            instance.address(verb + function),
-            references.ctypes.data,
-            len(references),
-            self.memory.u1.ctypes.data + places[0].offset,
-            sum(place.number for place in places),
-        )
+        first, number = places[0].offset, sum(place.number for place in places)
+        if function == "String":
+            block = self.memory.i8[first // WORD : first // WORD + number]
+            address = instance.text_address(verb, names, block, self._texts)
+        else:
+            address = instance.address(verb + function)
+        values = self.memory.u1.ctypes.data + first
+        return address, references.ctypes.data, len(references), values, number
 
     def feed(self, inputs: Sequence[Input]) -> None:
         """Replace the values of inputs that are given over time."""
@@ -290,8 +303,8 @@ class Layout:
         where = []
         for node in nodes:
             place = self.places[node]
-            if place.shape:
-                raise GraphError(f"{'.'.join(node)} is an array; choose scalars")
+            if place.shape or place.texts:
+                raise GraphError(f"{'.'.join(node)} is an array or text; choose numbers")
             array: np.ndarray = getattr(self.memory, place.dtype)
             where.append((array, place.offset // array.itemsize))
         return lambda: [float(array[k]) for array, k in where]

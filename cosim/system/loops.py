@@ -42,7 +42,6 @@ from cosim.system.layout import Memory, Tables
 # Of a run, in an array: ticks reached, ticks of the next step, steps accepted, rows recorded,
 # steps rejected.
 TICK, NEXT, DONE, ROW, REJECTED = range(5)
-STEPS_AT_ONCE = 200_000
 # The PI controller of Gustafsson: the next step is as long as the errors of this one and of the
 # one before it let be, with a margin, and within limits of growth.
 _INTEGRAL, _PROPORTIONAL, _MARGIN, _LEAST, _MOST = 0.7, 0.4, 0.9, 0.2, 5.0
@@ -103,7 +102,7 @@ def run_fixed(
     Returns:
         As `advance`.
     """
-    stop = now[DONE] + STEPS_AT_ONCE
+    stop = now[DONE] + scheme.at_once
     while now[TICK] < until and now[ROW] < rows.shape[0] and now[DONE] < stop:
         status, component, phase = advance(t, m, scheme, now[TICK], 1, 1)
         if status not in (FMI_OK, ENDED):
@@ -141,7 +140,7 @@ def run_solved(
     not known. See `run_fixed`.
     """
     exponent = 3.0 if scheme.algorithm >= EXTRAPOLATED else 2.0
-    stop = now[DONE] + STEPS_AT_ONCE
+    stop = now[DONE] + scheme.at_once
     while now[TICK] < until and now[ROW] < rows.shape[0] and now[DONE] < stop:
         tick = now[TICK]
         count = min(now[NEXT], until - tick) if scheme.tolerance else 1

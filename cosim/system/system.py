@@ -11,6 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from cosim.base.jit import uninterrupted
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.fmu import FmuError, LogLevel, check_steps, function_address
@@ -52,7 +53,6 @@ from cosim.system.loops import (
     DONE,
     REJECTED,
     ROW,
-    STEPS_AT_ONCE,
     TICK,
     begin,
     run_fixed,
@@ -66,6 +66,7 @@ MasterAlgorithm = Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"]
 Loops = Literal["solve", "explicit"]
 ALGORITHMS = get_args(MasterAlgorithm)  # by their numbers
 _TOLERANCE = 1e-10  # of what is solved for
+_STEPS_AT_ONCE, _SLOW_STEPS_AT_ONCE = 200_000, 500  # where steps do not, and do call Python
 _MOST_EXCHANGES = 1000  # of values at one point of time
 ROWS_AT_ONCE = 4096
 _LONGEST = 1 << 40  # ticks of a step, by default: any
@@ -186,6 +187,7 @@ class System:
             getattr(time, "CLOCK_MONOTONIC", 0),
             int(loops == "solve"),
             _MOST_EXCHANGES if loops == "solve" else len(links) + 1,
+            _STEPS_AT_ONCE,
             _TOLERANCE,
             min(1e-2 * tolerance, 1e-6) if tolerance else _TOLERANCE,
         )
@@ -206,6 +208,8 @@ class System:
                 layout = Layout(self._instances, links, self._recorded, checked, start)
                 held = layout.places_of(continuous if number >= EXTRAPOLATED else [])
                 self._layout = layout
+                if any(instance.functions for instance in self._instances.values()):
+                    self._scheme = self._scheme._replace(at_once=_SLOW_STEPS_AT_ONCE)
                 self._coupling = make_coupling(layout, held, layout.places_of(torn))
                 self._solved = bool(tolerance or torn or number >= EXTRAPOLATED)
                 self._initialise([*layout.parts, *(link.target for link in torn)])
@@ -326,11 +330,14 @@ class System:
         """
         self._now[ROW] = 0
         block = self._layout.tables, self._layout.memory
+        slow = scheme.at_once == _SLOW_STEPS_AT_ONCE  # Python called by compiled code loses signals
         with calling(f"what begins at {self.time_s:g} s of simulated time"):
+            given = scheme, self._now, until, *room
             if self._solved:
-                found = run_solved(*block, self._coupling, scheme, self._now, until, *room)
+                run = uninterrupted(run_solved) if slow else run_solved
+                found = run(*block, self._coupling, *given)
             else:
-                found = run_fixed(*block, scheme, self._now, until, *room)
+                found = (uninterrupted(run_fixed) if slow else run_fixed)(*block, *given)
         self._over = found[0] != FMI_OK
         self._check(*found)
         return found[:2]
@@ -394,7 +401,7 @@ class System:
         """Sample inputs that are functions; returns the tick up to which a run may go with them."""
         if any(callable(given) for _, given in self._inputs.values()):
             begin = int(self._now[TICK])
-            until = min(until, begin + STEPS_AT_ONCE)
+            until = min(until, begin + _STEPS_AT_ONCE)
             ticks = np.arange(begin, until + 1)
             found = sampled(self._inputs, self._scheme.start_s + ticks * self._scheme.tick_s)
             self._layout.feed(found)

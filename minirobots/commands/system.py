@@ -146,7 +146,9 @@ def _write_recording(path: Path, run: "SystemRun") -> None:
             component = max((c for c in run.profile if name.startswith(f"{c}.")), key=len)
             entity = rr.new_entity_path([component, name.removeprefix(f"{component}.")])
             flat = values if values.ndim == 1 else values.reshape(len(values), -1)
-            recording.columns(entity, simulated(run.time_s), scalars(flat))
+            text = values.dtype.kind == "U"
+            rows = rr.TextLog.columns(text=values.tolist()) if text else scalars(flat)
+            recording.columns(entity, simulated(run.time_s), rows)
 
 
 def show(options: SimulateSystem, simulated: "tuple[int, System, SystemRun]") -> dict[str, Any]:

@@ -7,6 +7,7 @@ Exchange too, the derivatives are here. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -25,6 +26,7 @@ typedef struct {
     double array[2][MOST];
     double time;
     bool ends;
+    char text[64];
 } State;
 
 typedef struct {
@@ -35,6 +37,7 @@ typedef struct {
     fmi3LogMessageCallback log_3;
     fmi2CallbackLogger log_2;
     void *environment;
+    char told[64]; /* the text that was got last, which does not stay */
     State s;
 } Instance;
 
@@ -58,6 +61,7 @@ static Instance *make(const char *token) {
     case 'a': c->s.whole[1] = 3; break;                                   /* array */
     case 'r': break;                                                      /* restless */
     case 'c': r[2] = 1; break;                                            /* curve */
+    case 'n': break;                                                      /* namer */
     case 'v': r[1] = 2, r[3] = 1, r[4] = INFINITY; break;                 /* van der pol */
     default: free(c); return NULL;
     }
@@ -83,6 +87,8 @@ static int step(Instance *c, double time, double h, bool *event) {
     double *r = s->real;
     double end = time + h;
     *event = false;
+    memset(c->told, '?', sizeof c->told - 1);
+    if (c->model == 'n') snprintf(s->text, sizeof s->text, "step %d", (int)(end + 1e-9));
     s->time = time;
     switch (c->model) {
     case 'o': {
@@ -161,6 +167,7 @@ static double real_of(const Instance *c, unsigned vr) {
     if (vr >= DERIVATIVES && c->model != 'f') return derivative(c, vr - DERIVATIVES);
     if (c->model == 'o' && vr == 8) return r[3] * (r[4] - r[7]) + r[9] * (r[5] - r[10]);
     if (c->model == 'f' && vr % 2) return r[vr - 1];
+    if (c->model == 'd' && vr == 8) return 2 * r[1];
     if (c->model == 'c' && vr == 5) {
         double u = r[3], kind = (double)c->s.whole[1];
         return r[2] * (kind == 1 ? cos(u) : kind == 2 ? u * u : kind == 3 ? sqrt(u) : u) + r[4];
@@ -213,6 +220,31 @@ ACCESS_3(UInt32, fmi3UInt32, whole_of, whole)
 ACCESS_3(Int64, fmi3Int64, whole_of, whole)
 ACCESS_3(UInt64, fmi3UInt64, whole_of, whole)
 ACCESS_3(Boolean, fmi3Boolean, whole_of, whole)
+
+/* Texts: of the models feedthrough and namer only. */
+static const char *text_of(Instance *c) { return strcpy(c->told, c->s.text); }
+static int set_text(Instance *c, const char *text) {
+    if (c->mode == CONTINUOUS || strlen(text) >= sizeof c->s.text) return ERROR;
+    strcpy(c->s.text, text);
+    return OK;
+}
+fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                         fmi2String values[]) {
+    for (size_t k = 0; k < n; k++) values[k] = text_of(c);
+    return fmi2OK;
+}
+fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                         const fmi2String values[]) {
+    return (fmi2Status)set_text(c, values[0]);
+}
+fmi3Status fmi3GetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                         fmi3String values[], size_t size) {
+    return (fmi3Status)fmi2GetString(c, vr, n, values);
+}
+fmi3Status fmi3SetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                         const fmi3String values[], size_t size) {
+    return (fmi3Status)set_text(c, values[0]);
+}
 
 /* Float64 may be arrays: input 2 and output 3 of the model array, of the size that 1 says. */
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
@@ -451,14 +483,14 @@ STATES(3, State, fmi3Instance)
 /* The rest is there because importers look for it. */
 #define NONE(NAME) int NAME(void) { return ERROR; }
 NONE(fmi2GetTypesPlatform) NONE(fmi2GetVersion) NONE(fmi2SetDebugLogging) NONE(fmi2Reset)
-NONE(fmi2GetString) NONE(fmi2SetString) NONE(fmi2SerializedFMUstateSize)
+NONE(fmi2SerializedFMUstateSize)
 NONE(fmi2SerializeFMUstate) NONE(fmi2DeSerializeFMUstate) NONE(fmi2GetDirectionalDerivative)
 NONE(fmi2SetRealInputDerivatives)
 NONE(fmi2GetRealOutputDerivatives) NONE(fmi2CancelStep) NONE(fmi2GetStatus)
 NONE(fmi2GetRealStatus) NONE(fmi2GetIntegerStatus) NONE(fmi2GetStringStatus) NONE(fmi3GetVersion)
 NONE(fmi3SetDebugLogging)
-NONE(fmi3InstantiateScheduledExecution) NONE(fmi3Reset) NONE(fmi3GetString) NONE(fmi3GetBinary)
-NONE(fmi3GetClock) NONE(fmi3SetString) NONE(fmi3SetBinary) NONE(fmi3SetClock)
+NONE(fmi3InstantiateScheduledExecution) NONE(fmi3Reset) NONE(fmi3GetBinary)
+NONE(fmi3GetClock) NONE(fmi3SetBinary) NONE(fmi3SetClock)
 NONE(fmi3GetNumberOfVariableDependencies) NONE(fmi3GetVariableDependencies)
 NONE(fmi3SerializedFMUStateSize) NONE(fmi3SerializeFMUState) NONE(fmi3DeserializeFMUState)
 NONE(fmi3GetDirectionalDerivative) NONE(fmi3GetAdjointDerivative) NONE(fmi3GetIntervalDecimal)

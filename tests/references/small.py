@@ -26,11 +26,11 @@ _UNITS = {
     "mm": 'm="1" factor="0.001"',
     "s": 's="1"',
 }
-_OF_FMI_2 = {"Float64": "Real", "Int32": "Integer", "Boolean": "Boolean"} | {
+_OF_FMI_2 = {"Float64": "Real", "Int32": "Integer", "Boolean": "Boolean", "String": "String"} | {
     "Enumeration": "Enumeration"
 }
 _KINDS = ("Float64", "Int32", "Boolean", "Enumeration", "Float32", "Int8", "UInt8", "Int16",
-          "UInt16", "UInt32", "Int64", "UInt64")  # fmt: skip
+          "UInt16", "UInt32", "Int64", "UInt64", "String")  # fmt: skip
 
 
 class Variable(NamedTuple):
@@ -61,7 +61,7 @@ class Variable(NamedTuple):
 
 def _feedthrough() -> Iterable[Variable]:
     """Inputs of all types, each with the output that it is passed on to."""
-    starts = {"Boolean": "false", "Enumeration": "1"}
+    starts = {"Boolean": "false", "Enumeration": "1", "String": "none"}
     for k, kind in enumerate(_KINDS):
         slot = 2 * k + 2
         yield Variable(slot, f"{kind}_input", kind, "input", starts.get(kind, "0"))
@@ -90,6 +90,7 @@ MODELS = {
         Variable(5, "longest", causality="parameter", start="1e300", unit="s"),
         Variable(6, "warns_above", causality="parameter", start="1e300"),
         Variable(7, "needs_stop", causality="parameter", start="0.0"),
+        Variable(8, "double_k", causality="calculatedParameter"),
     ),
     "ball": (
         Variable(1, "h", start="1"),
@@ -114,6 +115,7 @@ MODELS = {
         Variable(6, "count", "Int32", "input", "0"),
         Variable(7, "next", "Int32", needs=(6,)),  # count + 1
     ),
+    "namer": (Variable(1, "name", "String"),),  # "step 2" after 2 s
     "van_der_pol": (
         Variable(1, "x0", start="2"),
         Variable(2, "x1", start="0"),
@@ -227,8 +229,8 @@ def compile_c(sources: Iterable[Path], folders: Iterable[Path], flags: Iterable[
 
 def _attributes(v: Variable, **others: str | None) -> str:
     """Attributes that both standards have at a variable, and others."""
-    output = v.causality == "output"
-    fixed = {"parameter": "fixed", "structuralParameter": "fixed"}
+    output = v.causality in ("output", "calculatedParameter")
+    fixed = dict.fromkeys(("parameter", "structuralParameter", "calculatedParameter"), "fixed")
     changing = "continuous" if v.kind.startswith("Float") else "discrete"
     values = {
         "name": v.name,
@@ -248,21 +250,25 @@ def _unit_definitions() -> str:
 
 def _description_3(model: str, variables: list[Variable], able: bool, told: bool) -> str:
     flag = str(able).lower()
-    text, unknowns = "", ""
+    elements, unknowns = "", ""
     for v in variables:
         declared = "Option" if v.kind == "Enumeration" else None
         derivative = None if v.of is None else str(v.of)
+        text = v.kind == "String"
         attributes = _attributes(
-            v, start=v.start, unit=v.unit, declaredType=declared, derivative=derivative
-        )
+            v, start=None if text else v.start, unit=v.unit, declaredType=declared,
+            derivative=derivative,
+        )  # fmt: skip
         dimension = f'<Dimension valueReference="{v.size}"/>' if v.size else ""
-        text += f"<{v.kind} {attributes}>{dimension}</{v.kind}>\n"
+        inner = f'<Start value="{v.start}"/>' * (text and v.start is not None) + dimension
+        elements += f"<{v.kind} {attributes}>{inner}</{v.kind}>\n"
         needs = f' dependencies="{" ".join(map(str, v.needs))}"' if told else ""
         unknowns += f'<Output valueReference="{v.slot}"{needs}/>' * (v.causality == "output")
     for v in variables:
         unknowns += f'<ContinuousStateDerivative valueReference="{v.slot}"/>' * (v.of is not None)
     for v in variables:
-        unknowns += f'<InitialUnknown valueReference="{v.slot}"/>' * (v.of is not None)
+        initial = v.of is not None or v.causality == "calculatedParameter"
+        unknowns += f'<InitialUnknown valueReference="{v.slot}"/>' * initial
     if model == "ball":
         unknowns += '<EventIndicator valueReference="1"/>'
     return f"""<?xml version="1.0" encoding="UTF-8"?>
@@ -272,7 +278,7 @@ def _description_3(model: str, variables: list[Variable], able: bool, told: bool
 {_unit_definitions()}
 <TypeDefinitions><EnumerationType name="Option"><Item name="one" value="1"/>
 <Item name="two" value="2"/></EnumerationType></TypeDefinitions>
-<ModelVariables>{text}</ModelVariables>
+<ModelVariables>{elements}</ModelVariables>
 <ModelStructure>{unknowns}</ModelStructure>
 </fmiModelDescription>"""
 
@@ -291,11 +297,16 @@ def _description_2(model: str, variables: list[Variable], able: bool, told: bool
         needs = f' dependencies="{" ".join(str(places[n]) for n in v.needs)}"' if told else ""
         unknowns += f'<Unknown index="{places[v.slot]}"{needs}/>' * (v.causality == "output")
     states = "".join(f'<Unknown index="{places[v.slot]}"/>' for v in variables if v.of is not None)
-    structure = f"<Outputs>{unknowns}</Outputs>" + (
-        f"<Derivatives>{states}</Derivatives><InitialUnknowns>{states}</InitialUnknowns>"
-        if states
-        else ""
+    structure = f"<Outputs>{unknowns}</Outputs>"
+    if states:
+        structure += f"<Derivatives>{states}</Derivatives>"
+    first = "".join(
+        f'<Unknown index="{places[v.slot]}"/>'
+        for v in variables
+        if v.of is not None or v.causality == "calculatedParameter"
     )
+    if first:
+        structure += f"<InitialUnknowns>{first}</InitialUnknowns>"
     indicators = ' numberOfEventIndicators="1"' if model == "ball" else ""
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="{model}" guid="{model}"{indicators}>

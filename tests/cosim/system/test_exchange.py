@@ -2,7 +2,9 @@
 
 import itertools
 import math
+import os
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -140,17 +142,11 @@ def test_failures_are_named_and_interrupts_arrive(small, fmi):
     ):
         simulate(fmu, 2.0, 1.0, start={"k": -1e4})
 
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGALRM, interrupt)
-    signal.setitimer(signal.ITIMER_REAL, 0.5)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            simulate(fmu, 1e6, 0.1)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        simulate(fmu, 1e6, 0.1)
+    timer.join()
 
 
 @pytest.mark.parametrize("fmi", [2, 3])

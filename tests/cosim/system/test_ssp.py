@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.recording.rrd import read_rrd
 from cosim.system.graph import Connection, GraphError
 from cosim.system.ssp import DESCRIPTION, read_system
 from cosim.system.system import System
@@ -239,6 +240,37 @@ def test_command_writes_what_it_recorded(archive, command, tmp_path, suffix):
     assert table.column_names == ["time", "first.x", "second.F"]
     assert np.asarray(table["time"]) == pytest.approx(np.arange(11) * 0.01)
     assert table["first.x"][-1].as_py() == told["last"]["first.x"]
+
+
+PARAMETERS = """<SystemStructureDescription version="1.0" name="s"
+xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription"><System name="s"><Elements>
+<System name="box"><Connectors><Connector name="twice" kind="calculatedParameter"/></Connectors>
+<Elements><Component name="a" source="a.fmu"/></Elements><Connections>
+<Connection startElement="a" startConnector="double_k" endConnector="twice"/></Connections></System>
+<Component name="b" source="a.fmu"/><Component name="namer" source="n.fmu"/>
+<Component name="through" source="f.fmu"/></Elements><Connections>
+<Connection startElement="box" startConnector="twice" endElement="b" endConnector="k"/>
+<Connection startElement="namer" startConnector="name" endElement="through"
+ endConnector="String_input"/></Connections></System></SystemStructureDescription>"""
+
+
+@pytest.mark.parametrize("suffix", ["csv", "rrd"])
+def test_command_passes_on_texts_and_calculated_parameters(small, command, tmp_path, suffix):
+    for name, model in (("a", "dahlquist"), ("n", "namer"), ("f", "feedthrough")):
+        (tmp_path / f"{name}.fmu").write_bytes(small(model).path.read_bytes())
+    (tmp_path / "s.ssd").write_text(PARAMETERS)
+    out = tmp_path / f"run.{suffix}"
+    words = ["--until", 2, "--step", 1, "--json", "--no-isolate", "--out", out]
+    words += ["--record", "b.double_k", "b.x", "through.String_output"]
+    done = command("system", tmp_path / "s.ssd", *words)
+    assert done.returncode == 0, done.stderr
+    last = json.loads(done.stdout.splitlines()[-1])["last"]
+    expected = {"b.double_k": 4.0, "through.String_output": "step 1"}
+    assert last == expected | {"b.x": pytest.approx(np.exp(-4.0))}
+    if suffix == "rrd":
+        assert read_rrd(out).texts["/through/String_output"].texts[-2:] == ("", "step 1")
+    else:
+        assert out.read_text().splitlines()[-1].endswith('"step 1"')
 
 
 @pytest.mark.parametrize(

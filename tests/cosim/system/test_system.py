@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import csv, parquet
 
 from cosim.coupling.assembly import Motors
 from cosim.coupling.fmu import MotorFmu
@@ -21,6 +22,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II
 from cosim.system.graph import Component, Connection, GraphError
 from cosim.system.instance import Instance
+from cosim.system.run import write_run
 from cosim.system.system import System
 from tests.references.two_masses import (
     CONNECTIONS,
@@ -139,6 +141,7 @@ def test_going_on_gives_the_same_bits_and_fewer_rows_where_wanted(masses):
 def test_values_of_every_type_are_passed_on(small, source, target):
     start = {
         "Float64_input": 2.5, "Int32_input": -7, "Boolean_input": True, "Enumeration_input": "two",
+        "String_input": "grüße, x",
     }  # fmt: skip
     if source == target == 3:
         start |= {
@@ -152,12 +155,54 @@ def test_values_of_every_type_are_passed_on(small, source, target):
         Component("b", small("feedthrough", target)),
     ]
     connections = [Connection(f"a.{kind}_output", f"b.{kind}_input") for kind in kinds]
-    with System(components, connections, step_s=0.1) as system:
-        run = system.run(0.1)
+    outputs = [f"b.{kind}_output" for kind in kinds]
+    with System(components, connections, step_s=0.1, record=outputs) as system:
+        run = system.run(0.3)
     for kind, value in zip(kinds, start.values(), strict=True):
         expected = {"Enumeration": 2, "Float32": np.float32(0.1)}.get(kind, value)
         assert (run.signals[f"b.{kind}_output"] == expected).all(), kind
     assert run.signals["b.Boolean_output"].dtype == bool
+
+
+@pytest.mark.parametrize(("source", "target"), [(2, 3), (3, 2), (3, 3)])
+@pytest.mark.parametrize("algorithm", [*ALGORITHMS, "implicit"])
+def test_calculated_parameters_set_parameters_at_the_start(small, source, target, algorithm):
+    components = [
+        Component("c", small("dahlquist", target), {"k": 7.0}),  # before its source
+        Component("a", small("dahlquist", source), {"k": 0.25}),
+        Component("b", small("dahlquist", target)),
+    ]
+    links = [
+        Connection("a.double_k", "b.k", 2.0), Connection("b.double_k", "c.k"),
+        Connection("a.double_k", "c.u"),
+    ]  # fmt: skip
+    record = ["b.x", "c.x", "b.double_k", "c.double_k"]
+    with System(components, links, step_s=0.1, algorithm=algorithm, record=record) as system:
+        run = system.run(1.0)
+    assert run.signals["b.double_k"].tolist() == [2.0] * 11
+    assert run.signals["c.double_k"].tolist() == [4.0] * 11
+    assert run.signals["b.x"] == pytest.approx(np.exp(-run.time_s))
+    assert run.signals["c.x"] == pytest.approx(0.25 + 0.75 * np.exp(-2.0 * run.time_s))
+
+
+def test_texts_that_change_are_passed_on_and_written(small, tmp_path):
+    stair = Component("stair", small("namer"))
+    components = [stair, Component("b", small("feedthrough"))]
+    links = [Connection("stair.name", "b.String_input")]
+    record = ["stair.name", "b.String_output"]
+    with System(components, links, step_s=0.5, record=record) as system:
+        run = system.run(2.0)
+    assert run.signals["stair.name"].tolist() == ["", "step 0", "step 1", "step 1", "step 2"]
+    assert run.signals["b.String_output"].tolist() == ["", "", "step 0", "step 1", "step 1"]
+    for suffix, read in ((".csv", csv.read_csv), (".parquet", parquet.read_table)):
+        write_run(tmp_path / f"run{suffix}", run)
+        table = read(tmp_path / f"run{suffix}")
+        assert table["stair.name"].to_pylist()[1:] == run.signals["stair.name"].tolist()[1:]
+    with (
+        System(components, links, record=record) as system,
+        pytest.raises(GraphError, match=r"stair\.name is an array or text; choose numbers"),
+    ):
+        system.reader(["stair.name"])
 
 
 @pytest.mark.parametrize(
