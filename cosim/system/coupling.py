@@ -257,8 +257,7 @@ def solve(
         _update(s)
         share, refused = 1.0, False
         for k in range(_MOST_HALVINGS):
-            for i in range(n):
-                s.unknowns[Z, i] = s.unknowns[OLD_Z, i] + share * s.unknowns[UPDATE, i]
+            s.unknowns[Z] = s.unknowns[OLD_Z] + share * s.unknowns[UPDATE]
             status, c, phase = _try(t, m, s, scheme, tick, count)
             refused = status in (FMI_DISCARD, UNSETTLED, NOT_A_NUMBER)
             if status > FMI_WARNING and not refused:
@@ -302,25 +301,14 @@ def _update(s: Coupling) -> float:
 def _broyden(s: Coupling) -> None:
     """Update the inverse J⁻¹ by Broyden's formula: J⁻¹ += (δ - J⁻¹ ρ) δᵀ J⁻¹ / (δᵀ J⁻¹ ρ)."""
     n = s.torn.shape[0]
-    below = 0.0
-    for i in range(n):
-        image = 0.0
-        for j in range(n):
-            change = s.unknowns[RESIDUAL, j] - s.unknowns[OLD_RESIDUAL, j]
-            image += s.inverse[i, j] * change
-        delta = s.unknowns[Z, i] - s.unknowns[OLD_Z, i]
-        s.unknowns[UPDATE, i] = delta - image
-        below += delta * image
-    if below == 0.0:
-        return
-    for j in range(n):
-        row = 0.0
-        for i in range(n):
-            row += (s.unknowns[Z, i] - s.unknowns[OLD_Z, i]) * s.inverse[i, j]
-        s.inverse[0, n + j] = row / below
-    for i in range(n):
-        for j in range(n):
-            s.inverse[i, j] += s.unknowns[UPDATE, i] * s.inverse[0, n + j]
+    inverse = s.inverse[:, :n]
+    delta = s.unknowns[Z] - s.unknowns[OLD_Z]
+    change = s.unknowns[RESIDUAL] - s.unknowns[OLD_RESIDUAL]
+    image = (inverse * change).sum(axis=1)
+    below = (delta * image).sum()
+    if below != 0.0:
+        row = (delta.reshape(n, 1) * inverse).sum(axis=0) / below
+        inverse += (delta - image).reshape(n, 1) * row
 
 
 @kernel
@@ -339,9 +327,8 @@ def _differentiate(
                 break
         if status > FMI_WARNING:
             return status, c, phase
-        for i in range(n):
-            change = s.unknowns[RESIDUAL, i] - s.unknowns[OLD_RESIDUAL, i]
-            s.inverse[i, j] = change / (s.unknowns[Z, j] - s.unknowns[OLD_Z, j])
+        change = s.unknowns[RESIDUAL] - s.unknowns[OLD_RESIDUAL]
+        s.inverse[:, j] = change / (s.unknowns[Z, j] - s.unknowns[OLD_Z, j])
     s.unknowns[Z], s.unknowns[RESIDUAL] = s.unknowns[OLD_Z], s.unknowns[OLD_RESIDUAL]
     s.flags[HAS_INVERSE] = _inverted(s.inverse)
     return FMI_OK if s.flags[HAS_INVERSE] else NO_SOLUTION, 0, GETTING
@@ -351,31 +338,18 @@ def _differentiate(
 def _inverted(a: np.ndarray) -> int:
     """Invert the first N columns of (N, 2 N) in place; returns 0 if they are singular."""
     n = a.shape[0]
-    for i in range(n):
-        for j in range(n):
-            a[i, n + j] = 1.0 if i == j else 0.0
+    a[:, n:] = np.eye(n)
     for k in range(n):
-        pivot = k
-        for i in range(k + 1, n):
-            if abs(a[i, k]) > abs(a[pivot, k]):
-                pivot = i
+        pivot = k + np.argmax(np.abs(a[k:, k]))
         if not abs(a[pivot, k]) > 0.0:
             return 0
-        for j in range(2 * n):
-            value = a[k, j]
-            a[k, j] = a[pivot, j]
-            a[pivot, j] = value
-        scale = a[k, k]
-        for j in range(2 * n):
-            a[k, j] /= scale
+        row = a[pivot].copy()
+        a[pivot] = a[k]
+        a[k] = row / row[k]
         for i in range(n):
-            share = a[i, k]
-            if i != k and share != 0.0:
-                for j in range(2 * n):
-                    a[i, j] -= share * a[k, j]
-    for i in range(n):
-        for j in range(n):
-            a[i, j] = a[i, n + j]
+            if i != k:
+                a[i] -= a[i, k] * a[k]
+    a[:, :n] = a[:, n:]
     return 1
 
 

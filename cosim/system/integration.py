@@ -7,6 +7,7 @@ FMUs for Model Exchange do not have.
 import math
 from collections.abc import Callable
 from ctypes import CFUNCTYPE, POINTER, byref, c_bool, c_double, c_int, c_void_p
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,14 +28,7 @@ sundials_cvode.CVodeSetMaxHnilWarns.argtypes = (c_void_p, c_int)
 
 
 def settled(slave: Any) -> tuple[bool, float]:
-    """Update discrete states in Event Mode until they stay.
-
-    Returns:
-        Whether the FMU asks to end, and the time of its next event in s.
-
-    Raises:
-        Exception: it fails, or wants updates for ever.
-    """
+    """Update discrete states until they stay; returns if it ends, and the next event's time."""
     update = getattr(slave, "updateDiscreteStates", None) or slave.newDiscreteStates
     for _ in range(_MOST_UPDATES):
         again, ends, _, _, defined, time_s = update()
@@ -82,6 +76,8 @@ class Integration:
             "GetFMUState": c_function(log, self._save, POINTER(c_void_p)),
             "SetFMUState": c_function(log, self._restore, c_void_p),
         }
+        described = fmu.description.modelExchange
+        self._completes = bool(described and described.needsCompletedIntegratorStep)
         self._time_s, self._next_event_s = 0.0, math.inf
         self._saved: dict[int, tuple[float, float]] = {}  # both, by saved states
         self._fresh = True  # whether the solver knows the present states
@@ -105,7 +101,7 @@ class Integration:
         return False
 
     def _do_step(
-        self, begin_s: float, step_s: float, final: bool, _event: Any, ends: Any, *_: Any
+        self, begin_s: float, step_s: float, final: bool, _event: Any, ends: Any, *_rest: Any
     ) -> None:
         """Integrate over a step of the master, with all events in it and at its end."""
         end_s, slack_s = begin_s + step_s, _NEAR * step_s
@@ -141,7 +137,7 @@ class Integration:
                 raise RuntimeError(f"the solver makes no progress at {time_s:.9g} s")
             self._time_s = time_s
             slave.setTime(time_s)
-            if self._fmu.description.modelExchange.needsCompletedIntegratorStep:
+            if self._completes:
                 wanted, ends = slave.completedIntegratorStep(final)
                 event |= wanted
             if event or ends:
@@ -177,18 +173,12 @@ class _Solver(CVodeSolver):
     error: Exception | None = None
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
+        for name in ("f", "g"):  # derivatives and event indicators, which CVODE calls
+            setattr(self, name, partial(self._guarded, getattr(self, name)))
         super().__init__(*arguments, **options)
         sundials_core.SUNContext_ClearErrHandlers(self.sunctx)  # which print
         sundials_cvode.CVodeSetMaxHnilWarns(self.cvode_mem, -1)  # never: it prints
         SUNContext_PushErrHandler(self.sunctx, self.ehfun_, None)
-
-    def f(self, *arguments: Any) -> int:
-        """Derivatives; see fmpy."""
-        return self._guarded(super().f, *arguments)
-
-    def g(self, *arguments: Any) -> int:
-        """Event indicators; see fmpy."""
-        return self._guarded(super().g, *arguments)
 
     def _guarded(self, function: Callable[..., int], *arguments: Any) -> int:
         try:

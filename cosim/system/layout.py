@@ -23,6 +23,8 @@ TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")  # of value
     EVENTS, DISCRETE, FIRST_SET, END_SET, FIRST_GET, END_GET, FIRST_COPY, END_COPY,
     FIRST_REAL, END_REAL, FIRST_SINGLE, END_SINGLE, STEPS_AS, FIRST_START, COLUMNS,
 ) = range(24)  # fmt: skip
+# Columns of the places of floats that are got, and bytes of one, by the function that gets them.
+_FLOATS = {"Real": (FIRST_REAL, 8), "Float64": (FIRST_REAL, 8), "Float32": (FIRST_SINGLE, 4)}
 # Columns of `Tables.exchanges`, of `Tables.copies`, and of `Tables.feeds`.
 FUNCTION, REFERENCES, COUNT, VALUES, SIZE = range(5)
 SOURCE, TARGET, SOURCE_TYPE, TARGET_TYPE, NUMBER, SCALED = range(6)
@@ -181,20 +183,12 @@ class Layout:
             row[FIRST_COPY], row[END_COPY] = (mine[0], mine[-1] + 1) if mine else (0, 0)
             mine = [v for group in sets.get(name, {}).values() for v in group]
             if instance.integration and mine:
-                first, last = (self.places[name, mine[k]] for k in (0, -1))
-                block = slice(first.offset, last.offset + last.size)
+                block = slice(*self._span(name, mine))
                 instance.integration.inputs = self.memory.u1[block]
-            for first, width, function in ((FIRST_REAL, 8, "8"), (FIRST_SINGLE, 4, "4")):
-                floats = [
-                    self.places[name, v]
-                    for group in gets.get(name, {}).values()
-                    for v in group
-                    if self.places[name, v].dtype == f"f{function}"
-                ]
-                if floats:
-                    last = floats[-1]
-                    row[first] = floats[0].offset // width
-                    row[first + 1] = (last.offset + last.size) // width
+            for function, names_got in gets.get(name, {}).items():
+                if function in _FLOATS:
+                    first, width = _FLOATS[function]
+                    row[first : first + 2] = np.array(self._span(name, names_got)) // width
             row[DISCRETE] = any(instance.fmu.variables[v].variability == "discrete" for v in mine)
         self.tables = Tables(
             components,
@@ -237,6 +231,11 @@ class Layout:
                     self._end += place.size
                 self._end += -self._end % WORD
         return groups
+
+    def _span(self, component: str, names: Sequence[str]) -> tuple[int, int]:
+        """First byte of variables that follow on each other in the block, and that behind them."""
+        first, last = (self.places[component, name] for name in (names[0], names[-1]))
+        return first.offset, last.offset + last.size
 
     def _fill(self, row: np.ndarray, instance: Instance) -> None:
         exchange, standard = bool(instance.integration), instance.fmu.standard

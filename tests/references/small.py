@@ -175,9 +175,9 @@ def small_fmu(
         begin, end = text.index("<CoSimulation"), text.index("<UnitDefinitions")
         stepped = text[begin:end] if "CoSimulation" in interfaces else ""
         state = "canGetAndSetFMUstate" if fmi == 2 else "canGetAndSetFMUState"
-        told = "" if fmi == 2 else ' needsCompletedIntegratorStep="true"'
-        told += f' {state}="{str(able).lower()}"'
-        exchanged = f'<ModelExchange modelIdentifier="{model}"{told}/>'
+        words = "" if fmi == 2 else ' needsCompletedIntegratorStep="true"'
+        words += f' {state}="{str(able).lower()}"'
+        exchanged = f'<ModelExchange modelIdentifier="{model}"{words}/>'
         text = text[:begin] + exchanged + stepped + text[end:]
     folder = platform if fmi == 2 else platform_tuple
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -230,7 +230,7 @@ def compile_c(sources: Iterable[Path], folders: Iterable[Path], flags: Iterable[
 def _attributes(v: Variable, **others: str | None) -> str:
     """Attributes that both standards have at a variable, and others."""
     output = v.causality in ("output", "calculatedParameter")
-    fixed = dict.fromkeys(("parameter", "structuralParameter", "calculatedParameter"), "fixed")
+    fixed = {"parameter": "fixed", "structuralParameter": "fixed", "calculatedParameter": "fixed"}
     changing = "continuous" if v.kind.startswith("Float") else "discrete"
     values = {
         "name": v.name,

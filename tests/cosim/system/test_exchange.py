@@ -191,7 +191,8 @@ def test_interface_is_chosen_by_the_file(tmp_path, fmi):
             else:
                 with pytest.raises(FmuError, match=r"component a: FMU .* has no .* interface"):
                     read_system(path)
-    path.write_text(SSD.format(f"{name}.fmu", "ScheduledExecution"))
+    path = tmp_path / "scheduled.ssd"
+    path.write_text(SSD.format("CoSimulation.fmu", "ScheduledExecution"))
     with pytest.raises(GraphError, match=r"is for ScheduledExecution; choose from any, Co"):
         read_system(path)
 
