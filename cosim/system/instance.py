@@ -24,7 +24,7 @@ from cosim.fmi.fmu import (
 )
 from cosim.system.graph import Component, GraphError
 from cosim.system.integration import Integration, c_function, settled
-from cosim.system.texts import Texts
+from cosim.system.texts import TextTable
 
 _ABLE = ("parameter", "input", "structuralParameter")
 _TRUTHS = {"true": True, "1": True, "false": False, "0": False}
@@ -257,7 +257,9 @@ class Instance:
         found = self.functions.get(function, found)
         return 0 if found is None else function_address(found)
 
-    def text_address(self, verb: str, names: Sequence[str], block: np.ndarray, texts: Texts) -> int:
+    def text_address(
+        self, verb: str, names: Sequence[str], block: np.ndarray, texts: TextTable
+    ) -> int:
         """Return the address of a C function that gets or sets texts, by their numbers in `block`.
 
         Args:

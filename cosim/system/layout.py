@@ -12,7 +12,7 @@ import numpy as np
 from cosim.system.graph import GraphError, Link, Node
 from cosim.system.inputs import Input
 from cosim.system.instance import Instance
-from cosim.system.texts import Texts
+from cosim.system.texts import TextTable
 
 WORD = 8  # bytes; what every variable begins at a multiple of
 MOST_BYTES = 2**28  # of all values: far above what systems exchange, far below what fills a machine
@@ -46,7 +46,7 @@ class Place(NamedTuple):
     dtype: str
     shape: tuple[int, ...]
     truth: bool
-    texts: Texts | None = None
+    texts: TextTable | None = None
 
     @property
     def number(self) -> int:
@@ -147,7 +147,7 @@ class Layout:
         self._instances = instances
         self.parts = [link.target for link in links if link.target_index]
         self.places: dict[Node, Place] = {}
-        self._texts = Texts()
+        self._texts = TextTable()
         self._end = 0
         got = dict.fromkeys([*(link.source for link in links), *recorded, *checked])
         gets = self._groups(list(got))

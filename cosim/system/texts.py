@@ -1,7 +1,7 @@
-"""Texts of a system by number, so that compiled code passes them on as it does integers."""
+"""TextTable of a system by number, so that compiled code passes them on as it does integers."""
 
 
-class Texts:
+class TextTable:
     """Table of texts, which grows with every other one that an FMU puts out.
 
     Attributes:
