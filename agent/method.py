@@ -7,9 +7,8 @@ on moves of robots that are asked when their moves end and drive through cells (
 "shortest" learns nothing: the joint paths on the grid that are optimal by the length of all
 robots' paths together, which are computed. So is "fastest", the least time on observed moves,
 which tells turns from straight lines, of one robot or of two together (two on moves through
-cells). So is "roundabout", for any number of robots: each one's shortest path as if alone,
-counter-clockwise about the middle of the board and round the others' targets; keeping apart is
-left to the shield.
+cells). "planned" is for groups: robots plan in space and time on mean
+times of moves, again at every decision (`agent.moves.group`).
 `python -m cosim.run` uses "pair" for two robots, "moves" for other numbers.
 """
 
@@ -20,10 +19,11 @@ from typing import NamedTuple
 from agent.mdp import optimum
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import MAX_JOINT_STATES
-from agent.moves import bound, pair
+from agent.moves import bound, group, pair
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
 from agent.moves.worlds import RANGES, Ranges
+from agent.training.group_policy import GroupPolicy
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy, PolicyConfig, Seed
@@ -51,6 +51,7 @@ ON_MOVES = {
     "robust": MoveSource(RANGES),
     "pair": MoveSource(through=True),
     "fastest": MoveSource(),
+    "planned": MoveSource(through=True),
 }
 
 
@@ -122,7 +123,7 @@ def method_config(
         motors = Physics(motor_fmu=motor_fmu, motor_parameters=motor_parameters)
         moves = _observed_moves(scenario, motors, driven, progress)
     if method in COMPUTED:
-        code = code_digest(optimum, bound, pair)
+        code = code_digest(optimum, bound, pair, group)
         return PolicyConfig(
             scenario, process, learning, Seed(0), moves, objective=method, kernel_version=code
         )
@@ -149,8 +150,8 @@ def method_of(config: PolicyConfig) -> Method | None:
 
 
 def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
-    if method == "roundabout":
-        return ProcessConfig(features=("x", "y"), target_obstacle="disk"), LearningConfig()
+    if method == "planned":
+        return ProcessConfig(features=("x", "y", "h")), LearningConfig()
     if method == "fastest":
         features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "h", "p")
         return ProcessConfig(features=features), LearningConfig()
@@ -210,7 +211,7 @@ def method_policy(
     motor_parameters: MotorParameters = (),
     again: bool = False,
     progress: Progress = silent,
-) -> tuple[Policy | PairPolicy, TrainingLog | None, Path]:
+) -> tuple[Policy | PairPolicy | GroupPolicy, TrainingLog | None, Path]:
     """The policy of a method: found in the cache, or trained or computed and kept there.
 
     Args:

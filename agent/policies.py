@@ -6,6 +6,7 @@ from pathlib import Path
 from agent.deep.policy import NetworkPolicy
 from agent.mdp.greedy import GreedyPolicy
 from agent.method import method_of
+from agent.training.group_policy import GroupPolicy
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import FILE, Policy, PolicyConfig
 from agent.training.settings import refuse_former
@@ -15,7 +16,7 @@ from cosim.model.scenario import Scenario
 
 def load_policy(
     path: Path | str, scenario: Scenario | None = None
-) -> Policy | PairPolicy | NetworkPolicy:
+) -> Policy | PairPolicy | GroupPolicy | NetworkPolicy:
     """Read a policy; with `scenario`, only if it was trained on that geometry.
 
     Raises:
@@ -29,7 +30,8 @@ def load_policy(
         pair = config.get("objective") == "fastest" and len(config["scenario"]["targets"]) > 1
         pair |= dict(config.get("learning", {})).get("algorithm") == "pair"
     if "network" not in config:
-        return (PairPolicy if pair else Policy).load(path, scenario)
+        planned = config.get("objective") == "planned"
+        return (GroupPolicy if planned else PairPolicy if pair else Policy).load(path, scenario)
     policy = NetworkPolicy.load(path)
     if scenario is not None:
         policy.require_scenario(scenario, f"{path}: the policy")

@@ -41,7 +41,7 @@ def test_study_page_runs_as_written(tmp_path, monkeypatch, capsys, command):
     for block in re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S):
         exec(compile(block, "docs/studies.md", "exec"), names)
     said = capsys.readouterr().out
-    assert "| roundabout | 1a | 0.15 | 4 | 100.0% [" in said
+    assert "| fastest | 1a | 0.15 | 4 | 100.0% [" in said
     assert "0.0 0.0 0.56" in said
     assert said.rstrip().endswith("[2 rows x 8 columns]")
     (file,) = re.findall(r'^```toml title="friction.toml"\n(.*?)^```$', page, re.M | re.S)

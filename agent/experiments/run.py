@@ -17,7 +17,7 @@ from agent.experiments.results import (
     effects,
 )
 from agent.experiments.variants import EXPERIMENTS, REFERENCES, Name
-from agent.training.recording import write_runs
+from agent.training.recording import require_tensorboard, write_events, write_runs
 from agent.training.runs import RECORDING_FILE, Experiment, train_runs
 from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE
@@ -34,6 +34,7 @@ def train_and_evaluate(
     *,
     where: Workers = PROCESSES,
     checkpoint_episodes: int = 500_000,
+    log: Path | None = None,
     progress: Progress = silent,
 ) -> TrainingSummary:
     """Train the runs of one configuration, evaluate them and write `summary.json`.
@@ -42,10 +43,13 @@ def train_and_evaluate(
         experiment: what to train.
         out: folder, which may have some of the runs already.
         where, checkpoint_episodes, progress: see `agent.training.runs.train_runs`.
+        log: folder of event files for TensorBoard, one in a folder for each run.
 
     Raises:
-        UserError: see `agent.training.runs.train_runs`.
+        UserError: see `agent.training.runs.train_runs`; or event files cannot be written.
     """
+    if log is not None:
+        require_tensorboard()
     began = time.perf_counter()
     scenario = experiment.scenario.name
     results = train_runs(
@@ -57,6 +61,8 @@ def train_and_evaluate(
         task=f"scenario {scenario}",
     )
     seconds = time.perf_counter() - began
+    for result in results if log is not None else []:
+        write_events(log / run_name(result.run), result.log)
     report = report_of((f"{run_name(r.run)}/{POLICY_FILE}", r.policy) for r in results)
     if experiment.runs > 1:
         facts = {"scenario": scenario, "seed": experiment.seed}

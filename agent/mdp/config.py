@@ -13,7 +13,7 @@ from cosim.model.scenario import ScenarioError
 
 Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
 # Not learnt: see `agent.mdp.optimum`, and for the fastest `agent.moves.bound`.
-Computed = Literal["shortest", "fastest", "roundabout"]
+Computed = Literal["shortest", "fastest", "planned"]
 PartnerUpdate = Literal["ordinary", "penalty", "none"]
 RewardPer = Literal["step", "time", "distance"]
 FEATURES: tuple[Feature, ...] = get_args(Feature)

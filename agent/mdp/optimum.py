@@ -5,8 +5,7 @@ length and for moves separately; no learning. Where the joint process is too lar
 more, two on a large board), each robot's own optimum, as if it were alone, is a lower bound: marked
 as relaxed.
 
-And the tables of policies that are computed: the optimum of one or two robots, and for any number a
-rule of the road, which is no optimum.
+And the tables of policies that are computed, by the optimum of one or two robots.
 """
 
 from pathlib import Path
@@ -33,13 +32,10 @@ from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import cache_dir, cached, replacing
 from cosim.model.outcome import SUCCESS
-from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
+from cosim.onboard.features import DIRECTION_COUNT
 
 _PATH_COSTS = np.array([1.0, SQRT_2] * (DIRECTION_COUNT // 2))
 _STEP_COSTS = np.ones(DIRECTION_COUNT)
-_CLOCKWISE_COST = (
-    3.0  # assumed: of a cell's path clockwise in a roundabout, in addition to its length
-)
 
 
 class Bound(NamedTuple):
@@ -145,10 +141,8 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
     """Tables by which robots move, from wherever they are, without having learnt.
 
     Args:
-        process: of one robot with features x and y, or of two with x, y and p; for "roundabout" of
-            any number with x and y, and with the others' targets as disks.
-        objective: the optimum of one robot, or of two together, by path length; or the shortest
-            paths of robots as if each were alone, in a roundabout.
+        process: of one robot with features x and y, or of two with x, y and p.
+        objective: the optimum of one robot, or of two together, by path length.
 
     Returns:
         Action values (N, states, 8) float32, minus the least cost that a move leads to, and (N,
@@ -157,10 +151,6 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
     Raises:
         UserError: the joint process is too large, or has starts without a path to the end.
     """
-    if objective == "roundabout":
-        alone = distances_alone(process)
-        require_paths(process, Bound(alone, alone, relaxed=True))
-        return _roundabout(process)
     bound = optimum(process)
     require_paths(process, bound)
     robots, columns, rows = process.terrain.shape
@@ -181,22 +171,6 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
     free &= value < np.inf
     decided = np.stack([free, free.T]).reshape(2, -1)
     return table.reshape(2, -1, DIRECTION_COUNT), decided
-
-
-def _roundabout(process: Process) -> tuple[np.ndarray, np.ndarray]:
-    """Shortest paths of robots alone, where clockwise about the middle of the board costs more.
-
-    Robots that all turn one way follow each other, where straight paths meet head on.
-    """
-    robots, columns, rows = process.terrain.shape
-    sides = np.array([columns - 2, rows - 2])
-    cells = np.stack(np.divmod(np.arange(sides.prod()), sides[1]), axis=1)
-    x, y = np.moveaxis(cells[:, None] + 0.5 * DIRECTIONS - 0.5 * (sides - 1), 2, 0)
-    turn = x * DIRECTIONS[:, 1] - y * DIRECTIONS[:, 0]  # along the move, times the lever
-    lever = np.maximum(np.hypot(x, y), np.finfo(float).tiny)
-    costs = _PATH_COSTS + _CLOCKWISE_COST * np.maximum(0.0, -turn / lever)
-    after = np.stack([cells_after(process, i) for i in range(robots)])
-    return _tables_alone(after, costs, _alone(after, costs))
 
 
 def _tables_alone(

@@ -7,6 +7,7 @@ squared distance `KEPT_CELLS`, from one pair of cells to the next and on the way
 it. Values are kept as a delay over the times of robots that are alone, which compresses well.
 """
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -50,7 +51,8 @@ class PairTimes(NamedTuple):
 
 
 @inlined
-def _squared(p: int, q: int, at: np.ndarray) -> int:
+def squared_distance(p: int, q: int, at: np.ndarray) -> int:
+    """Squared distance of two cells."""
     x, y = at[p, 0] - at[q, 0], at[p, 1] - at[q, 1]
     return x * x + y * y
 
@@ -72,7 +74,7 @@ def _keeps_apart(p: int, q: int, p_after: int, q_after: int, at: np.ndarray) -> 
 
     They keep `KEPT_CELLS`, or where they are nearer already move apart.
     """
-    before, ended = _squared(p, q, at), _squared(p_after, q_after, at)
+    before, ended = squared_distance(p, q, at), squared_distance(p_after, q_after, at)
     if min(before, ended) >= _FAR_CELLS:
         return True
     if ended < KEPT_CELLS and ended <= before:
@@ -140,6 +142,31 @@ def _sweep(
     return changed
 
 
+def move_seconds(moves: ObservedMoves) -> np.ndarray:
+    """(8, AXIS_COUNT) float64, mean time in s of a move by direction and axis before.
+
+    Raises:
+        MovesError: see `agent.moves.bound.mean_seconds`.
+    """
+    directions = range(DIRECTION_COUNT)
+    kinds = np.array([[move_kind(a, axis) for axis in range(AXIS_COUNT)] for a in directions])
+    return mean_seconds(moves)[kinds]
+
+
+def block_targets(after: np.ndarray, at: np.ndarray) -> None:
+    """Let no move lead next to another robot's target, whose cell robots would drift into.
+
+    Args:
+        after: (N, cells, 8) int64, see `agent.mdp.joint.cells_after`; updated.
+        at: (cells, 2) int64, column and row of each cell.
+    """
+    targets = [np.flatnonzero(own[:, 0] == np.arange(len(at))) for own in after]
+    for own, other in itertools.permutations(range(len(after)), 2):
+        away = abs(at - at[targets[other], None]).max(axis=2).min(axis=0)
+        enters = (away[after[own]] <= 1) & (away[after[own]] <= away[:, None])
+        after[own] = np.where(enters, BLOCKED, after[own])
+
+
 def moves_of_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     """Return what a pair knows of moves and of being alone, with a delay of 0 everywhere.
 
@@ -154,21 +181,15 @@ def moves_of_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     """
     after = np.stack([cells_after(process, i) for i in range(2)])
     cells, rows = after.shape[1], process.terrain.shape[2] - 2
-    x, y = np.divmod(np.arange(cells), rows)
-    for own, other in ((0, 1), (1, 0)):
-        target = np.flatnonzero(after[other, :, 0] == np.arange(cells))
-        away = np.maximum(abs(x - x[target, None]), abs(y - y[target, None])).min(axis=0)
-        enters = (away[after[own]] <= 1) & (away[after[own]] <= away[:, None])
-        after[own] = np.where(enters, BLOCKED, after[own])
-    directions = range(DIRECTION_COUNT)
-    kinds = np.array([[move_kind(a, axis) for axis in range(AXIS_COUNT)] for a in directions])
+    at = np.stack(np.divmod(np.arange(cells), rows), axis=1)
+    block_targets(after, at)
     delay = np.zeros((cells, AXIS_COUNT, cells, AXIS_COUNT), dtype=np.uint16)
     return PairTimes(
         after,
-        mean_seconds(moves)[kinds],
+        move_seconds(moves),
         least_times(process, moves),
         delay,
-        np.stack([x, y], axis=1),
+        at,
     )
 
 
@@ -199,7 +220,7 @@ def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
 
 
 @inlined
-def _axis_towards(cell: int, goal: int, at: np.ndarray) -> int:
+def axis_towards(cell: int, goal: int, at: np.ndarray) -> int:
     """Axis of the move that leads from a cell to another one."""
     x, y = at[goal, 0] - at[cell, 0], at[goal, 1] - at[cell, 1]
     return 0 if y == 0 else 2 if x == 0 else 1 if x * y > 0 else 3
@@ -243,7 +264,7 @@ def pair_values(
         p_after = goals[0] if p_driven else times.after[0, p, a]
         if p_after == BLOCKED:
             continue
-        p_axis = _axis_towards(p, p_after, at) if p_driven else a % AXIS_COUNT
+        p_axis = axis_towards(p, p_after, at) if p_driven else a % AXIS_COUNT
         for b in range(q_choices):
             q_after = goals[1] if q_driven else times.after[1, q, b]
             if q_after == BLOCKED:
@@ -258,7 +279,7 @@ def pair_values(
                 values[0, a] = max(values[0, a], near)
                 values[1, b] = max(values[1, b], near)
                 continue
-            q_axis = _axis_towards(q, q_after, at) if q_driven else b % AXIS_COUNT
+            q_axis = axis_towards(q, q_after, at) if q_driven else b % AXIS_COUNT
             time = (
                 (0.0 if p_stays else times.seconds[a, axes[0]])
                 + (0.0 if q_stays else times.seconds[b, axes[1]])
@@ -268,7 +289,7 @@ def pair_values(
                 continue
             values[0, a] = max(values[0, a], np.float32(-time))
             values[1, b] = max(values[1, b], np.float32(-time))
-            squared = _squared(p_after, q_after, at)
+            squared = squared_distance(p_after, q_after, at)
             if time < least - GRAIN_S or (time <= least + GRAIN_S and squared > farthest):
                 least, best_a, best_b, farthest = min(time, least), a, b, squared
     if best_a >= 0:

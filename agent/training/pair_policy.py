@@ -21,6 +21,36 @@ from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
 
 
+def alone_maps(
+    after: np.ndarray,
+    seconds: np.ndarray,
+    alone: np.ndarray,
+    visits: np.ndarray | None,
+    scenario: Scenario,
+) -> list[PolicyMap]:
+    """Maps of each robot as if alone: minus its least time, and the direction that leads to it.
+
+    Args:
+        after, seconds, alone: see `agent.moves.pair.PairTimes`, of any number of robots.
+        visits: (N, cells) of each robot, if it has learnt.
+        scenario: board.
+    """
+    shape, axes = (scenario.columns, scenario.rows), np.arange(DIRECTION_COUNT) % AXIS_COUNT
+    found, visits = [], np.zeros(after.shape[:2]) if visits is None else visits
+    for own_after, own, seen in zip(after, alone, visits, strict=True):
+        rest = np.where(own_after == BLOCKED, np.inf, own[own_after, axes])
+        action = (seconds[:, STARTING_AXIS] + rest).argmin(axis=1)
+        value = -own[:, STARTING_AXIS]
+        known = np.isfinite(value) & (value < 0.0)
+        layers = (
+            np.where(known, value, 0.0),
+            action,
+            np.where(known, np.maximum(seen, 1.0), 0.0),
+        )
+        found.append(PolicyMap(*(layer.reshape(shape) for layer in layers)))
+    return found
+
+
 @dataclass(frozen=True, repr=False)
 class PairPolicy(GreedyPolicy):
     """Joint moves of least time, looked for one move ahead.
@@ -86,22 +116,9 @@ class PairPolicy(GreedyPolicy):
 
     def maps(self) -> list[PolicyMap]:
         """Minus the least time of each robot as if alone, and the direction that leads to it."""
-        times, scenario = self.times, self.config.scenario
-        shape, axes = (scenario.columns, scenario.rows), np.arange(DIRECTION_COUNT) % AXIS_COUNT
-        found = []
-        visits = np.zeros((2, len(times.at))) if self.visits is None else self.visits
-        for after, alone, seen in zip(times.after, times.alone, visits, strict=True):
-            rest = np.where(after == BLOCKED, np.inf, alone[after, axes])
-            action = (times.seconds[:, STARTING_AXIS] + rest).argmin(axis=1)
-            value = -alone[:, STARTING_AXIS]
-            known = np.isfinite(value) & (value < 0.0)
-            layers = (
-                np.where(known, value, 0.0),
-                action,
-                np.where(known, np.maximum(seen, 1.0), 0.0),
-            )
-            found.append(PolicyMap(*(layer.reshape(shape) for layer in layers)))
-        return found
+        times = self.times
+        scenario = self.config.scenario
+        return alone_maps(times.after, times.seconds, times.alone, self.visits, scenario)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The delay of every joint state, of learnt ones what learning has changed."""

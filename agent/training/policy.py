@@ -93,9 +93,9 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return
         if self.learning != LearningConfig():
             raise PolicyError(f"learning has no effect on {self.objective} paths; leave it out")
-        if (self.objective == "fastest") != (self.moves is not None):
+        if (self.objective in {"fastest", "planned"}) != (self.moves is not None):
             raise PolicyError(
-                "fastest paths are those of observed moves, and others know of none; "
+                "fastest and planned paths are those of observed moves, and others know of none; "
                 f"{'leave them out' if self.moves else 'give some'}"
             )
 

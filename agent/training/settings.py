@@ -20,7 +20,11 @@ Method = Literal["moves", "pair", "paper", "slip", "robust", Computed]
 METHODS: tuple[Method, ...] = get_args(Method)
 COMPUTED: tuple[Computed, ...] = get_args(Computed)
 BEST: Method = "moves"  # of those for any number of robots
-FORMER = {"prompt": "pair (two robots) or moves", "quickest": "fastest"}
+FORMER = {
+    "prompt": "pair (two robots) or moves",
+    "quickest": "fastest",
+    "roundabout": "planned",
+}
 
 
 def refuse_former(method: Any, of: str) -> None:
@@ -74,8 +78,8 @@ FACTS: dict[Method, MethodFacts] = {
     "fastest": MethodFacts(
         "1, 2", "computed: value iteration on observed moves", "--through (2 robots)", "least time"
     ),
-    "roundabout": MethodFacts(
-        "any", "computed: every robot turns one way about the middle", "--shield", "groups"
+    "planned": MethodFacts(
+        "1 to 8", "computed while driving: paths in space and time", "--through", "groups"
     ),
 }
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal

@@ -14,6 +14,7 @@ from agent.mdp.greedy import GreedyPolicy, PolicyError
 from agent.mdp.optimum import computed_tables
 from agent.mdp.readings import build_process
 from agent.moves.bound import fastest_tables
+from agent.training.group_policy import GroupPolicy
 from agent.training.loop import (
     ProgressCallback,
     TrainingLog,
@@ -68,7 +69,7 @@ def load_run(folder: Path, config: PolicyConfig) -> tuple[Trained, TrainingLog] 
     if not path.exists():
         return None
     try:
-        policy = (PairPolicy if of_pair(config) else Policy).load(path)
+        policy = policy_kind(config).load(path)
         log = TrainingLog.load(folder / LOG_FILE)
     except (PolicyError, TrainingLogError) as error:
         _LOGGER.warning("%s: it is rebuilt", error)
@@ -109,7 +110,7 @@ def find_or_train(
 
 def find_or_compute(
     config: PolicyConfig, *, again: bool = False
-) -> tuple[Policy | PairPolicy, Path]:
+) -> tuple[Policy | PairPolicy | GroupPolicy, Path]:
     """The policy of a configuration with an objective: found in the cache, or computed and kept.
 
     Args:
@@ -125,15 +126,22 @@ def find_or_compute(
         OSError: the cache cannot be written.
     """
     path = policy_folder(config) / POLICY_FILE
-    kind = PairPolicy if of_pair(config) else Policy
     make = partial(_computed, config)
-    return cached(path, kind.load, make, GreedyPolicy.save, again=again), path
+    return cached(path, policy_kind(config).load, make, GreedyPolicy.save, again=again), path
 
 
-def _computed(config: PolicyConfig) -> Policy | PairPolicy:
+def policy_kind(config: PolicyConfig) -> type[Policy | PairPolicy | GroupPolicy]:
+    """Return the class of the policy of a configuration."""
+    if config.objective == "planned":
+        return GroupPolicy
+    return PairPolicy if of_pair(config) else Policy
+
+
+def _computed(config: PolicyConfig) -> Policy | PairPolicy | GroupPolicy:
     assert config.objective is not None
-    if of_pair(config):
-        return PairPolicy.computed(config)
+    kind = policy_kind(config)
+    if kind is not Policy:
+        return kind.computed(config)
     process = build_process(config.scenario, config.process)
     if config.moves is None:
         tables, decided = computed_tables(process, config.objective)

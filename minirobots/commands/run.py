@@ -55,8 +55,8 @@ class Run(NewFolder, Simulating):
     the default otherwise), on moves of many worlds (robust), on the grid as in Section V (paper),
     or on the grid with moves that go astray (slip). Or they are computed without learning: of one
     or two robots the joint paths that are optimal on the grid by length (shortest), of one or two
-    the least time on observed moves (fastest; two with --through), of any number each one's own
-    path counter-clockwise about the middle of the board (roundabout, with --shield)."""
+    the least time on observed moves (fastest; two with --through), of up to eight paths in space
+    and time, which they plan while they drive (planned, with --through)."""
     train_episodes: Count | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves,
     3 000 000 for robust, and 250 000 for pair."""

@@ -44,6 +44,9 @@ class Train(NewFolder):
     where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = PROCESSES
     checkpoint_episodes: Count = 500_000
     """Episodes between two checkpoints of a run."""
+    log: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder of event files for TensorBoard, with a folder for each run; by default none. It needs
+    the extra log."""
     process: ProcessConfig = field(default_factory=ProcessConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
 
@@ -82,6 +85,7 @@ def run(options: Train, progress: Progress) -> "GridReport":
         options.folder,
         where=options.where,
         checkpoint_episodes=options.checkpoint_episodes,
+        log=options.log,
         progress=progress,
     )
 

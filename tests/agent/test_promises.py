@@ -15,7 +15,7 @@ from cosim.model.scenario_file import find_scenario
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method", "least", "longest_s"),
-    [("4", "shortest", 0.99, 100.0), ("4-cross", "roundabout", 0.98, 200.0)],
+    [("4", "shortest", 0.99, 100.0), ("4-cross", "planned", 0.98, 200.0)],
 )
 def test_robots_get_there_in_time(name, method, least, longest_s, tmp_path, command):
     policy = tmp_path / "policy.npz"

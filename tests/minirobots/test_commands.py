@@ -133,7 +133,7 @@ def test_a_study_is_added_by_one_file(added, tmp_path):
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout.splitlines()[-1])["rows"]
     assert [(row["policy"], row["rl_step"], row["episodes"]) for row in rows] == [
-        ("shortest", 1.0, 1), ("shortest", 4.0, 1), ("roundabout", 1.0, 1), ("roundabout", 4.0, 1)
+        ("shortest", 1.0, 1), ("shortest", 4.0, 1), ("fastest", 1.0, 1), ("fastest", 4.0, 1)
     ]  # fmt: skip
     assert (tmp_path / "runs" / "decisions" / "study.png").exists()
 

@@ -4,8 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
@@ -20,7 +18,7 @@ from cosim.base.errors import UserError
 from cosim.model.outcome import SUCCESS
 from cosim.model.scenario import Scenario, ScenarioError
 from cosim.model.scenario_file import find_scenario
-from cosim.onboard.features import DIRECTIONS, Observation
+from cosim.onboard.features import Observation
 
 CROSSING = Scenario(
     "crossing", "", ((2, 1), (2, 4)), (((1, 5), (2, 5)), ((2, 0), (3, 0))),
@@ -63,37 +61,6 @@ def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision):
     assert policy.states(seen).tolist() == rows
 
 
-def test_in_a_roundabout_every_robot_takes_the_cheapest_path_of_its_own():
-    policy, *_ = method_policy("roundabout", find_scenario("4-cross"))
-    assert isinstance(policy, Policy)
-    assert method_of(policy.config) == "roundabout"
-    targets = np.array(policy.config.scenario.targets)
-    for robot, target in enumerate(targets):
-        others = np.delete(targets, robot, axis=0)
-        edges = []
-        for x, y in np.ndindex(30, 30):
-            for dx, dy in DIRECTIONS.tolist():
-                end = np.array([x + dx, y + dy])
-                near = ((others - end) ** 2).sum(axis=1).min() <= 25
-                if not (end >= 0).all() or not (end < 30).all() or near:
-                    continue
-                middle = np.array([x + dx / 2 - 14.5, y + dy / 2 - 14.5])
-                turn = middle[0] * dy - middle[1] * dx  # positive counter-clockwise
-                against = max(0.0, -turn / np.hypot(*middle)) if middle.any() else 0.0
-                edges.append((end @ [30, 1], 30 * x + y, np.hypot(dx, dy) + 3.0 * against))
-        ends, starts, costs = zip(*edges, strict=True)
-        cost = dijkstra(coo_array((costs, (ends, starts)), (900, 900)), indices=target @ [30, 1])
-        decided = policy.visits[robot] > 0
-        assert decided.sum() > 700
-        best = -policy.values[robot].max(axis=1)
-        np.testing.assert_allclose(best[decided], cost[decided], rtol=1e-6)
-
-
-def test_in_a_roundabout_no_robots_of_scenario_4_meet_on_the_grid():
-    policy, *_ = method_policy("roundabout", find_scenario("4"))
-    assert (policy.evaluate().outcome == SUCCESS).all()
-
-
 def test_the_cell_of_a_partner_off_the_board_is_one_at_its_edge():
     process = build_process(CROSSING, ProcessConfig(features=PAIR))
     world = np.zeros((2, grid.COLUMN_COUNT), dtype=np.int64)
@@ -115,8 +82,7 @@ def test_three_robots_are_bounded_one_by_one_on_the_smallest_board():
         method_policy("shortest", three)
 
 
-@pytest.mark.parametrize("method", [SHORTEST, "roundabout"])
-def test_a_board_without_a_path_is_refused(method, command, tmp_path):
+def test_a_board_without_a_path_is_refused(command, tmp_path):
     path = tmp_path / "walled.toml"
     path.write_text(
         "columns = 30\nrows = 20\nobstacles = [[14, 0, 14, 19]]\n"
@@ -124,7 +90,7 @@ def test_a_board_without_a_path_is_refused(method, command, tmp_path):
     )
     message = r"from start cells \[\[5, 7\]\] there is no path to the targets, and from 1 other"
     with pytest.raises(UserError, match=message):
-        method_policy(method, find_scenario(str(path)))
+        method_policy(SHORTEST, find_scenario(str(path)))
     ended = command("bound", "--scenario", path)
     assert ended.returncode == 2
     assert re.search(message, ended.stderr)
@@ -133,8 +99,6 @@ def test_a_board_without_a_path_is_refused(method, command, tmp_path):
 def test_what_cannot_be_computed_is_refused(command):
     with pytest.raises(UserError, match="4 robots on 900 cells"):
         method_policy(SHORTEST, find_scenario("4-cross"))
-    with pytest.raises(ScenarioError, match=r"cell \(0, 11\).* too near another's target; choose"):
-        method_policy("roundabout", find_scenario("5-corridor"))
     with pytest.raises(UserError, match=r"one robot or two.* 4-cross has 4"):
         method_policy("fastest", find_scenario("4-cross"))
     with pytest.raises(UserError, match="shortest is computed, not trained"):

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agent.mdp.config import ProcessConfig
 from agent.training.learning import map_points
 from agent.training.loop import TrainingLog
 from agent.training.policy import PolicyConfig, Seed
-from agent.training.recording import joined, write_runs, write_training
+from agent.training.recording import joined, write_events, write_runs, write_training
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
 from cosim.model.scenario_file import find_scenario
@@ -102,3 +103,14 @@ def test_curves_from_before_maps_were_kept_are_read(trained, tmp_path):
     write_training(tmp_path / "old.rrd", trained[0][0], old, {"seed": 0})
     log.save(tmp_path / "new.npz")
     assert np.array_equal(TrainingLog.load(tmp_path / "new.npz").maps, log.maps)
+
+
+def test_tensorboard_reads_the_curves_of_a_run_once(trained, tmp_path):
+    _, log = trained[0]
+    for _ in range(2):  # a run that is logged again has no point twice
+        write_events(tmp_path, log)
+    events = EventAccumulator(str(tmp_path)).Reload()
+    assert set(events.Tags()["scalars"]) >= {"success", "greedy/success", "return/r1"}
+    points = events.Scalars("success")
+    assert [point.step for point in points] == log.episode.tolist()
+    np.testing.assert_allclose([p.value for p in points], log.success, rtol=1e-6)

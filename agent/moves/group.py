@@ -1,0 +1,441 @@
+"""Plans of a group of robots in space and time, on mean times of observed moves.
+
+Robots plan one after the other (prioritised planning): each takes the path of least time that keeps
+clear of the moves of those before it, found by A* over cell, axis and time. Robots that need least
+time plan first, because others have to go round where they park; one without a path goes first,
+and all plan again. Nothing is kept between two decisions: robots under way end the move that they
+have begun, and all others plan again, so that what moves really took is known. Moves last longer or
+shorter than their mean, so that robots stay clear of a move for some seconds before and after it.
+Robots cannot wait: one that has to drives back and forth.
+"""
+
+import heapq
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.mdp.exact import Evaluation, count_moves
+from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, move, place
+from agent.mdp.joint import BLOCKED, cells_after
+from agent.mdp.readings import Process
+from agent.moves.model import ObservedMoves
+from agent.moves.pair import axis_towards, block_targets, move_seconds, squared_distance
+from cosim.base.jit import inlined, kernel
+from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
+
+MOST_ROBOTS = 8  # that plan together: times round parked robots are kept for every set of them
+GAP_M = 0.0083  # assumed: between robots, as pairs keep it (`agent.moves.pair.KEPT_CELLS`)
+_EARLIER_S = 2.0  # assumed: moves begin and end by that much earlier or later than planned
+_LEFT = 0.75  # assumed: share of its time that is left of a move under way
+_NEARER = 0.8  # of the squared distances kept, where there is no plan otherwise
+_ROUNDS = 12  # of planning, before robots come nearer
+_PLANS = 3  # of which the one with the least sum of times counts
+_DETOUR_S = 10.0  # assumed: what passing a target costs at most, before its robot has parked
+_WEIGHT = 1.1  # of the time that is left, against the time until then
+_SLICE_S, _SLICES = 1.5, 200  # times in which a cell and an axis are reached count as the same
+_MOST_NODES = 20_000  # of a search
+_MOST_MOVES = 200  # of a plan
+_ROUNDING = 1e-9
+
+BEGIN, END, FROM, TO = range(4)  # columns of a planned move: times in s, and cells
+
+
+class Group(NamedTuple):
+    """What a group plans by.
+
+    Attributes:
+        after: (N, cells, 8) int64, see `agent.mdp.joint.cells_after`.
+        seconds: (8, AXIS_COUNT) float64, mean time in s of a move by direction and axis before.
+        around: (N, 2^N, cells, AXIS_COUNT) float32, least time in s of each robot among others that
+            have parked, by a bit for each of those, by its cell and axis.
+        targets: (N,) int64, target cell of each robot.
+        kept: (N, N) float64, squared distance in cells² that robots keep.
+        at: (cells, 2) int64, column and row of each cell.
+    """
+
+    after: np.ndarray
+    seconds: np.ndarray
+    around: np.ndarray
+    targets: np.ndarray
+    kept: np.ndarray
+    at: np.ndarray
+
+
+@inlined
+def _to_line(p: int, q: int, q_after: int, at: np.ndarray) -> float:
+    """Squared distance in cells² of a cell from the line between two others."""
+    x, y = float(at[p, 0] - at[q, 0]), float(at[p, 1] - at[q, 1])
+    along_x, along_y = float(at[q_after, 0] - at[q, 0]), float(at[q_after, 1] - at[q, 1])
+    length = max(along_x * along_x + along_y * along_y, 1.0)
+    share = min(max((x * along_x + y * along_y) / length, 0.0), 1.0)
+    x, y = x - share * along_x, y - share * along_y
+    return x * x + y * y
+
+
+@kernel
+def _apart(p: int, p_after: int, q: int, q_after: int, at: np.ndarray) -> float:
+    """Squared distance in cells² of the lines of two moves, which do not cross."""
+    return min(
+        _to_line(p, q, q_after, at),
+        _to_line(p_after, q, q_after, at),
+        _to_line(q, p, p_after, at),
+        _to_line(q_after, p, p_after, at),
+    )
+
+
+@inlined
+def _index(plans: np.ndarray, counts: np.ndarray, since: np.ndarray, j: int) -> None:
+    """Update which move of robot j is the first that others keep clear of in a slice of time."""
+    m = 0
+    for piece in range(_SLICES):
+        while m < counts[j] and plans[j, m, END] + _EARLIER_S <= piece * _SLICE_S:
+            m += 1
+        since[j, piece] = m
+
+
+@kernel
+def _is_clear(
+    group: Group,
+    plans: np.ndarray,
+    counts: np.ndarray,
+    since: np.ndarray,
+    k: int,
+    own: np.ndarray,
+    share: float,
+) -> bool:
+    """Return whether a move of robot k keeps clear of all planned moves of the others.
+
+    The first move of robots that are nearer than they should be has to lead apart.
+
+    Args:
+        group: see `Group`.
+        plans: (N, _MOST_MOVES, 4) float64, moves that robots have begun or planned.
+        counts: (N,) int64, their number.
+        since: (N, _SLICES) int64, see `_index`.
+        k: robot.
+        own: (4,) float64, its move; one that begins at −inf is its first.
+        share: of the squared distances to keep.
+    """
+    p, p_after, first = int(own[FROM]), int(own[TO]), own[BEGIN] == -math.inf
+    begin = 0.0 if first else own[BEGIN]
+    for j in range(len(counts)):
+        need = share * group.kept[k, j]
+        far = (math.sqrt(need) + 2.0 * math.sqrt(2.0)) ** 2
+        for m in range(since[j, int(begin / _SLICE_S)], counts[j] if j != k else 0):
+            if plans[j, m, BEGIN] - _EARLIER_S >= own[END]:
+                break
+            if plans[j, m, END] + _EARLIER_S <= begin:
+                continue
+            q, q_after = int(plans[j, m, FROM]), int(plans[j, m, TO])
+            before = float(squared_distance(p, q, group.at))
+            if before >= far:
+                continue
+            if first and before < need:
+                if squared_distance(p_after, q_after, group.at) <= before:
+                    return False
+                if _apart(p, p_after, q, q_after, group.at) < before - _ROUNDING:
+                    return False
+            elif _apart(p, p_after, q, q_after, group.at) < need - _ROUNDING:
+                return False
+    return True
+
+
+@inlined
+def _parks_from(group: Group, plans: np.ndarray, counts: np.ndarray, k: int, share: float) -> float:
+    """Time in s from which robot k may be at its target; inf if never."""
+    target, soonest = group.targets[k], 0.0
+    for j in range(len(counts)):
+        for m in range(counts[j] if j != k else 0):
+            near = _to_line(target, int(plans[j, m, FROM]), int(plans[j, m, TO]), group.at)
+            if near < share * group.kept[k, j] - _ROUNDING:
+                soonest = max(soonest, plans[j, m, END] + _EARLIER_S)
+    return soonest
+
+
+@kernel
+def _search(
+    group: Group,
+    plans: np.ndarray,
+    counts: np.ndarray,
+    since: np.ndarray,
+    k: int,
+    axis: int,
+    begin: float,
+    parked: int,
+    share: float,
+    reached: np.ndarray,
+    stamp: int,
+    nodes: np.ndarray,
+    clock: np.ndarray,
+) -> float:
+    """Add a path to the plans of robot k, from where its last move ends.
+
+    Args:
+        group, plans, counts, since: see `_is_clear`; updated.
+        k: robot.
+        axis: that it faces, from `begin` on, in s.
+        begin: see `axis`.
+        parked: bits of the robots whose targets it goes round.
+        share: see `_is_clear`.
+        reached: (cells, AXIS_COUNT, _SLICES) int16, working memory: the last search that has
+            reached a cell with an axis in a slice of time.
+        stamp: of this search.
+        nodes: (_MOST_NODES, 3) int32, working memory: cell, axis, and node before.
+        clock: (_MOST_NODES,) float64, working memory: time of each node in s.
+
+    Returns:
+        When it ends, in s; inf if none is found.
+    """
+    target, around, alone = group.targets[k], group.around[k, parked], group.around[k, 0]
+    parks_from = _parks_from(group, plans, counts, k, share)
+    own, count = np.empty(4), 1
+    nodes[0, 0], nodes[0, 1], nodes[0, 2] = int(plans[k, counts[k] - 1, TO]), axis, -1
+    clock[0] = begin
+    queue = [(0.0, 0.0, 0)]
+    while len(queue) > 0 and parks_from < math.inf:
+        _, _, node = heapq.heappop(queue)
+        p, facing, now = nodes[node, 0], nodes[node, 1], clock[node]
+        if p == target:
+            end = _keep_path(plans, counts, k, node, nodes, clock)
+            _index(plans, counts, since, k)
+            return end
+        for a in range(DIRECTION_COUNT):
+            q, next_axis = group.after[k, p, a], a % AXIS_COUNT
+            then = now + group.seconds[a, facing]
+            piece = int(then / _SLICE_S)
+            if q == BLOCKED or piece >= _SLICES or reached[q, next_axis, piece] == stamp:
+                continue
+            own[BEGIN], own[END], own[FROM], own[TO] = now, then, p, q
+            if node == 0 and begin == 0.0:
+                own[BEGIN] = -math.inf
+            if (q == target and then < parks_from) or not _is_clear(
+                group, plans, counts, since, k, own, share
+            ):
+                continue
+            left = min(around[q, next_axis], alone[q, next_axis] + np.float32(_DETOUR_S))
+            if count == len(nodes) or left == np.inf:
+                continue
+            reached[q, next_axis, piece] = stamp
+            nodes[count, 0], nodes[count, 1], nodes[count, 2], clock[count] = (
+                q,
+                next_axis,
+                node,
+                then,
+            )
+            heapq.heappush(queue, (max(parks_from, then + _WEIGHT * left), np.float64(left), count))
+            count += 1
+    return math.inf
+
+
+@inlined
+def _keep_path(
+    plans: np.ndarray, counts: np.ndarray, k: int, node: int, nodes: np.ndarray, clock: np.ndarray
+) -> float:
+    """Add the path to a node to the plans of robot k, which parks there; return its time in s."""
+    length, last, end = 0, node, clock[node]
+    while nodes[last, 2] >= 0:
+        last, length = nodes[last, 2], length + 1
+    row = counts[k] + length
+    if row >= _MOST_MOVES:
+        return math.inf
+    counts[k] = row + 1
+    plans[k, row, BEGIN], plans[k, row, END] = end, math.inf
+    plans[k, row, FROM] = plans[k, row, TO] = nodes[node, 0]
+    while nodes[node, 2] >= 0:
+        row, before = row - 1, nodes[node, 2]
+        plans[k, row, BEGIN], plans[k, row, END] = clock[before], clock[node]
+        plans[k, row, FROM], plans[k, row, TO] = nodes[before, 0], nodes[node, 0]
+        node = before
+    return end
+
+
+@kernel
+def plan(
+    group: Group,
+    cells: np.ndarray,
+    goals: np.ndarray,
+    axes: np.ndarray,
+    actions: np.ndarray,
+    ends: np.ndarray,
+) -> None:
+    """Plan for all robots.
+
+    Args:
+        group: see `Group`.
+        cells: (N,) int64, cell of each robot.
+        goals: (N,) int64, cell that each robot drives to; its own if it waits.
+        axes: (N,) int64, axis that each robot faces.
+        actions: (N,) int64, first direction of each robot that waits, −1 of the others; updated.
+        ends: (N,) float64, time in s until each robot is at its target by its plan, inf where there
+            is none; updated.
+    """
+    n = len(cells)
+    plans, counts = np.empty((n, _MOST_MOVES, 4)), np.ones(n, dtype=np.int64)
+    since = np.empty((n, _SLICES), dtype=np.int64)
+    begins, facing, left = np.zeros(n), axes.copy(), np.zeros(n)
+    at_targets = 0
+    for i in range(n):
+        plans[i, 0, BEGIN], plans[i, 0, END] = -math.inf, _EARLIER_S
+        plans[i, 0, FROM], plans[i, 0, TO] = cells[i], goals[i]
+        if goals[i] != cells[i]:
+            facing[i] = axis_towards(cells[i], goals[i], group.at)
+            begins[i] = _LEFT * group.seconds[facing[i], axes[i]]
+            plans[i, 0, END] = begins[i]
+        if goals[i] == group.targets[i]:
+            plans[i, 0, END] = math.inf
+            at_targets |= 1 << i
+        left[i] = begins[i] + group.around[i, 0, goals[i], facing[i]]
+    order = np.argsort(left)
+    reached = np.zeros((len(group.at), AXIS_COUNT, _SLICES), dtype=np.int16)
+    nodes, clock = np.empty((_MOST_NODES, 3), dtype=np.int32), np.empty(_MOST_NODES)
+    stamp, plans_made, best, own_ends = 0, 0, math.inf, np.empty(n)
+    for turn in range(_ROUNDS + 1):
+        last = turn == _ROUNDS
+        counts[:] = 1
+        for i in range(n):
+            _index(plans, counts, since, i)
+        failed, parked = -1, at_targets
+        for rank in range(n):
+            k = order[rank]
+            own_ends[k] = begins[k]
+            if (at_targets >> k) & 1:
+                continue
+            stamp += 1
+            own_ends[k] = _search(
+                group, plans, counts, since, k, facing[k], begins[k], parked,
+                _NEARER if last else 1.0, reached, stamp, nodes, clock,
+            )  # fmt: skip
+            parked |= 1 << k
+            if own_ends[k] == math.inf and not last:
+                failed = rank
+                break
+        if failed < 0:
+            if own_ends.sum() < best or (last and best == math.inf):
+                best = own_ends.sum()
+                ends[:] = own_ends
+                for i in range(n):
+                    actions[i] = -1
+                    if goals[i] == cells[i] and not (at_targets >> i) & 1:
+                        actions[i] = _first_move(group, plans, counts, i, cells[i])
+            plans_made += 1
+            if plans_made == _PLANS or last:
+                break
+            failed = (own_ends - left)[order].argmax()  # delayed most
+        k = order[failed]
+        order[1 : failed + 1] = order[:failed].copy()
+        order[0] = k
+        if plans_made > 0 and turn == _ROUNDS - 1:
+            break
+
+
+@inlined
+def _first_move(group: Group, plans: np.ndarray, counts: np.ndarray, i: int, cell: int) -> int:
+    """Direction of robot i's first planned move; without a plan the one that keeps furthest."""
+    best, farthest = 0, -math.inf
+    for a in range(DIRECTION_COUNT):
+        q, near = group.after[i, cell, a], math.inf
+        if q == BLOCKED:
+            continue
+        if counts[i] > 1:
+            if q == int(plans[i, 1, TO]):
+                return a
+            continue
+        for j in range(len(counts)):
+            for m in range(min(counts[j], 2) if j != i else 0):
+                others = int(plans[j, m, FROM]), int(plans[j, m, TO])
+                near = min(near, _apart(cell, q, others[0], others[1], group.at))
+        if near > farthest:
+            best, farthest = a, near
+    return best
+
+
+@kernel
+def _go_round(group: Group, k: int, parked: int, open_moves: np.ndarray, value: np.ndarray) -> None:
+    """Least times of robot k round others at their targets, `Group.around`; see `plan_group`."""
+    for p in range(len(group.at)):
+        for a in range(DIRECTION_COUNT):
+            q = group.after[k, p, a]
+            open_moves[p, a] = q not in (BLOCKED, p)
+            for j in range(len(group.targets)):
+                if open_moves[p, a] and (parked >> j) & 1:
+                    near = _to_line(group.targets[j], p, q, group.at)
+                    open_moves[p, a] = near >= group.kept[k, j] - _ROUNDING
+    changed = True
+    while changed:
+        changed = False
+        for p in range(len(group.at)):
+            for a in range(DIRECTION_COUNT):
+                if not open_moves[p, a]:
+                    continue
+                rest = value[group.after[k, p, a], a % AXIS_COUNT]
+                for axis in range(AXIS_COUNT):
+                    time = np.float32(group.seconds[a, axis] + rest)
+                    if time < value[p, axis]:
+                        value[p, axis] = time
+                        changed = True
+
+
+def group_of(process: Process, moves: ObservedMoves) -> Group:
+    """Return what the robots of a process plan by; less than a second for six robots.
+
+    Args:
+        process: of at most `MOST_ROBOTS` robots.
+        moves: of one world.
+
+    Raises:
+        MovesError: see `agent.moves.bound.mean_seconds`.
+    """
+    n = len(process.terrain)
+    after = np.stack([cells_after(process, i) for i in range(n)])
+    cells, rows = after.shape[1], process.terrain.shape[2] - 2
+    at = np.stack(np.divmod(np.arange(cells), rows), axis=1)
+    targets = (after[:, :, 0] == np.arange(cells)).argmax(axis=1)
+    kept = (math.sqrt(process.thresholds.contact) + GAP_M / process.cell_m) ** 2
+    between = ((at[targets][:, None] - at[targets]) ** 2).sum(axis=2)
+    around = np.full((n, 1 << n, cells, AXIS_COUNT), np.inf, dtype=np.float32)
+    block_targets(after, at)
+    group = Group(after, move_seconds(moves), around, targets, np.minimum(kept, between), at)
+    open_moves = np.empty((cells, DIRECTION_COUNT), dtype=np.bool_)
+    for k in range(n):
+        for parked in range(1 << n):
+            if not (parked >> k) & 1:
+                around[k, parked, targets[k]] = 0.0
+                _go_round(group, k, parked, open_moves, around[k, parked])
+    return group
+
+
+@kernel
+def _evaluate(
+    process: Process,
+    group: Group,
+    starts: np.ndarray,
+    outcomes: np.ndarray,
+    path_cells: np.ndarray,
+    steps: np.ndarray,
+) -> None:
+    n, rows = starts.shape[1], process.terrain.shape[2] - 2
+    world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
+    actions, rewards, ends = np.empty(n, dtype=np.int64), np.empty(n, np.float32), np.empty(n)
+    cells = np.empty(n, dtype=np.int64)
+    for k in range(len(starts)):
+        place(process, world, starts[k])
+        outcome, step = RUNNING, 0
+        while outcome == RUNNING:
+            cells[:] = world[:, X] * rows + world[:, Y]
+            plan(group, cells, cells, world[:, AXIS].copy(), actions, ends)
+            outcome = move(process, world, actions, rewards)
+            count_moves(world, path_cells[k], steps[k])
+            step += 1
+            if outcome == RUNNING and step == process.step_limit:
+                outcome = TIMEOUT
+        outcomes[k] = outcome
+
+
+def evaluate_group(process: Process, group: Group, starts: np.ndarray) -> Evaluation:
+    """Return episodes on the grid from starts (K, N, 2), see `agent.mdp.exact`."""
+    outcome, steps = np.empty(len(starts), np.int8), np.zeros(starts.shape[:2], np.int64)
+    found = Evaluation(starts, outcome, np.zeros(starts.shape[:2]), steps)
+    _evaluate(process, group, *found)
+    return found

@@ -1,0 +1,127 @@
+"""The policy of a group of robots that plan in space and time, again at every decision."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from agent.mdp.exact import Evaluation, some_starts
+from agent.mdp.greedy import GreedyPolicy
+from agent.mdp.joint import IMPOSSIBLE
+from agent.mdp.optimum import Bound, require_paths
+from agent.mdp.readings import build_process
+from agent.moves.group import MOST_ROBOTS, Group, evaluate_group, group_of, plan
+from agent.training.pair_policy import alone_maps
+from agent.training.policy import PolicyConfig, read_policy
+from cosim.base.errors import UserError
+from cosim.base.provenance import digest_of
+from cosim.model.scenario import Scenario
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+from cosim.recording.policy_map import PolicyMap
+
+_GRID_STARTS = 50  # assumed: of evaluations on the grid, some 0.3 s each
+_KNOWN = 4096  # plans that are kept: policies are asked again before anything has changed
+
+
+@dataclass(frozen=True, repr=False)
+class GroupPolicy(GreedyPolicy):
+    """Moves of the robots' plans (`agent.moves.group`), which are made while they drive.
+
+    Attributes:
+        config: with moves of robots that drive through cells.
+        episodes: of training; none.
+    """
+
+    config: PolicyConfig
+    episodes: int = 0
+
+    def __repr__(self) -> str:
+        return f"GroupPolicy(scenario {self.config.scenario.name}, planned on moves)"
+
+    @classmethod
+    def computed(cls, config: PolicyConfig) -> "GroupPolicy":
+        """Return the policy of a configuration.
+
+        Raises:
+            MovesError: not every kind of move was observed.
+            UserError: there are too many robots, or a start without a path to its target.
+        """
+        robots = config.scenario.robots
+        if robots > MOST_ROBOTS:
+            raise UserError(
+                f"scenario {config.scenario.name} has {robots} robots, and at most {MOST_ROBOTS} "
+                "plan together; choose a method that learns, such as moves"
+            )
+        policy = cls(config)
+        alone = policy.group.around[:, 0].min(axis=2).astype(float)
+        require_paths(build_process(config.scenario, config.process), Bound(alone, alone, True))
+        return policy
+
+    @cached_property
+    def group(self) -> Group:
+        """Return what plans are made by."""
+        assert self.config.moves is not None
+        return group_of(self.process, self.config.moves)
+
+    @cached_property
+    def _plans(self) -> dict[bytes, np.ndarray]:
+        return {}
+
+    def q_values(self, observation: Observation) -> np.ndarray:
+        """(N, 8) float32, minus the time in s that the plan of a robot takes, at its first move.
+
+        Other moves, and all moves of robots that do not wait, have no value.
+
+        Raises:
+            ValueError: a cell is off the board, or the number of robots differs.
+        """
+        seen, scenario = self.seen(observation), self.config.scenario
+        if ((seen.cells < 0) | (seen.cells >= (scenario.columns, scenario.rows))).any():
+            raise ValueError(f"cells {seen.cells.tolist()} are off the board")
+        cells, axes = seen.cells @ (scenario.rows, 1), seen.direction % AXIS_COUNT
+        last = scenario.columns - 1, scenario.rows - 1
+        goals = seen.goals.clip(0, last) @ (scenario.rows, 1) if len(seen.goals) else cells
+        asked = np.stack([cells, goals, axes]).tobytes()
+        if asked not in self._plans:
+            actions, ends = np.empty_like(cells), np.empty(len(cells))
+            plan(self.group, cells, goals, axes, actions, ends)
+            values = np.full((len(cells), DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
+            waits = np.flatnonzero(actions >= 0)
+            values[waits, actions[waits]] = -ends[waits].clip(0.0, -0.4 * IMPOSSIBLE)
+            if len(self._plans) >= _KNOWN:
+                self._plans.clear()
+            self._plans[asked] = values
+        return self._plans[asked].copy()
+
+    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+        """Episodes on the grid, see `agent.mdp.exact.evaluate`; by default from some starts."""
+        starts = some_starts(self.process, _GRID_STARTS) if starts is None else starts
+        return evaluate_group(self.process, self.group, starts)
+
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the readings of the process and of what plans are made by."""
+        return digest_of(self.config.process, *self.group)
+
+    def maps(self) -> list[PolicyMap]:
+        """Minus the least time of each robot as if alone, and the direction that leads to it."""
+        group, scenario = self.group, self.config.scenario
+        alone = group.around[:, 0].astype(float)
+        return alone_maps(group.after, group.seconds, alone, None, scenario)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Nothing: plans follow from the configuration."""
+        return {}
+
+    @classmethod
+    def load(cls, path: Path | str, scenario: Scenario | None = None) -> "GroupPolicy":
+        """Read a policy; with `scenario`, only if it was computed for that geometry.
+
+        Raises:
+            PolicyError: no such file, not such a policy, another schema, or another scenario.
+        """
+        config, _, _ = read_policy(path, ())
+        policy = cls(config)
+        if scenario is not None:
+            policy.require_scenario(scenario, f"{path}: the policy")
+        return policy

@@ -1,0 +1,108 @@
+"""Plans of groups in space and time: least times, commitments, and what is refused."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from agent.firmware.tables import load_table
+from agent.mdp.exact import some_starts
+from agent.mdp.greedy import PolicyError
+from agent.method import method_config, method_of, method_policy
+from agent.moves.pair import move_seconds
+from agent.policies import load_policy
+from agent.training.group_policy import GroupPolicy
+from cosim.base.errors import UserError
+from cosim.model.outcome import SUCCESS
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.onboard.features import DIRECTIONS, Observation
+
+ALONE = Scenario("alone", "", ((8, 1),), (((1, 1),),), columns=12, rows=8, zone=(0, 0, 0, 0))
+SWAP = Scenario(
+    "swap", "", ((16, 8), (2, 8)), (((2, 8),), ((16, 8),)), columns=19, rows=17, zone=(0, 0, 0, 0)
+)
+
+
+def planned(scenario):
+    return GroupPolicy.computed(method_config("planned", scenario))
+
+
+def observe(scenario, cells, directions, goals=None):
+    cells = np.array(cells)
+    none = np.zeros(len(cells), dtype=np.int64)
+    goals = cells if goals is None else np.array(goals)
+    return Observation(cells, none, none, np.array(directions), np.array(scenario.targets), goals)
+
+
+def test_a_robot_alone_plans_the_least_time():
+    policy = planned(ALONE)
+    seconds = move_seconds(policy.config.moves)
+    values = policy.act(observe(ALONE, [(1, 1)], [0])).values
+    assert values[0, 0] == pytest.approx(-7 * seconds[0, 0], rel=1e-6)
+    assert np.isnan(values[0, 1:]).all()
+
+
+def test_a_plan_keeps_clear_of_a_move_under_way():
+    policy = planned(SWAP)
+    for other, goal in (((8, 8), (8, 7)), ((8, 4), (8, 5)), ((8, 8), (9, 8))):
+        decision = policy.act(observe(SWAP, [(2, 8), other], [0, 2], [(2, 8), goal]))
+        after = np.array([2, 8]) + DIRECTIONS[decision.action[0]]
+        for end in (other, goal):
+            assert ((after - end) ** 2).sum() > 25
+        assert np.isnan(decision.values[1]).all()  # it ends its move first
+
+
+def test_robots_that_have_arrived_are_passed():
+    group = planned(SWAP).group
+    past, alone = group.around[0, 0b10], group.around[0, 0]
+    known = np.isfinite(past)
+    assert (past[known] >= alone[known] - 1e-3).all()
+    cells = group.at[known.all(axis=1)]
+    parked = np.array(SWAP.targets[1])
+    assert ((cells - parked) ** 2).sum(axis=1).min() >= 25
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["4-cross", "4-ring", "6-swap"])
+def test_groups_arrive_on_the_grid(name):
+    policy, log, path = method_policy("planned", find_scenario(name))
+    assert isinstance(policy, GroupPolicy)
+    assert log is None
+    assert path.stat().st_size < 200_000
+    found = policy.evaluate(some_starts(policy.process, 3))
+    assert (found.outcome == SUCCESS).all()
+
+
+def test_a_policy_is_kept_in_its_file(tmp_path):
+    policy = planned(SWAP)
+    policy.save(tmp_path / "planned.npz")
+    read = load_policy(tmp_path / "planned.npz", SWAP)
+    assert isinstance(read, GroupPolicy)
+    assert method_of(read.config) == "planned"
+    assert read.digest() == policy.digest()
+    assert repr(read) == "GroupPolicy(scenario swap, planned on moves)"
+    seen = observe(SWAP, [starts[0] for starts in SWAP.starts], [0, 0])
+    assert read.act(seen).action.tolist() == policy.act(seen).action.tolist()
+    with pytest.raises(PolicyError, match="a policy by planned, and firmware acts by tables"):
+        load_table(tmp_path / "planned.npz")
+    with pytest.raises(PolicyError, match="was trained on scenario swap"):
+        load_policy(tmp_path / "planned.npz", ALONE)
+    with pytest.raises(PolicyError, match="planned paths are those of observed moves"):
+        msgspec.structs.replace(policy.config, moves=None)
+
+
+def test_what_cannot_be_planned_is_refused(tmp_path):
+    row = [[(x, 0)] for x in range(0, 54, 6)]
+    many = Scenario(
+        "many", "", tuple((x, 20) for x in range(0, 54, 6)), tuple(map(tuple, row)), 60, 30
+    )
+    with pytest.raises(UserError, match="9 robots, and at most 8 plan together"):
+        method_policy("planned", many)
+    walled = Scenario(
+        "walled", "", ((24, 10),), (((5, 7), (20, 8)),), 30, 20,
+        obstacles=tuple((14, y) for y in range(20)),
+    )  # fmt: skip
+    with pytest.raises(UserError, match="there is no path to the targets"):
+        method_policy("planned", walled)
+    with pytest.raises(UserError, match="method roundabout no longer exists; use planned"):
+        method_policy("roundabout", ALONE)
