@@ -25,7 +25,8 @@ from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
-MOST_ROBOTS = 8  # that plan together: times round parked robots are kept for every set of them
+# Of times round parked robots, kept for every set of them, and of the board.
+MOST_TIMES, MOST_CELLS = 2_000_000, 10_000
 GAP_M = 0.0083  # assumed: between robots, as pairs keep it (`agent.moves.pair.KEPT_CELLS`)
 _EARLIER_S = 2.0  # assumed: moves begin and end by that much earlier or later than planned
 _LEFT = 0.75  # assumed: share of its time that is left of a move under way
@@ -34,7 +35,7 @@ _ROUNDS = 12  # of planning, before robots come nearer
 _PLANS = 3  # of which the one with the least sum of times counts
 _DETOUR_S = 10.0  # assumed: what passing a target costs at most, before its robot has parked
 _WEIGHT = 1.1  # of the time that is left, against the time until then
-_SLICE_S, _SLICES = 1.5, 200  # times in which a cell and an axis are reached count as the same
+_SLICE, _SLICES = 0.5, 200  # of the shortest move: times in a slice count as the same
 _MOST_NODES = 20_000  # of a search
 _MOST_MOVES = 200  # of a plan
 _ROUNDING = 1e-9
@@ -43,7 +44,7 @@ BEGIN, END, FROM, TO = range(4)  # columns of a planned move: times in s, and ce
 
 
 class Group(NamedTuple):
-    """What a group plans by.
+    """Board, times and distances that a group plans by.
 
     Attributes:
         after: (N, cells, 8) int64, see `agent.mdp.joint.cells_after`.
@@ -51,6 +52,7 @@ class Group(NamedTuple):
         around: (N, 2^N, cells, AXIS_COUNT) float32, least time in s of each robot among others that
             have parked, by a bit for each of those, by its cell and axis.
         targets: (N,) int64, target cell of each robot.
+        slice_s: length in s of a slice of time, in which a cell is reached with an axis but once.
         kept: (N, N) float64, squared distance in cells² that robots keep.
         at: (cells, 2) int64, column and row of each cell.
     """
@@ -59,6 +61,7 @@ class Group(NamedTuple):
     seconds: np.ndarray
     around: np.ndarray
     targets: np.ndarray
+    slice_s: float
     kept: np.ndarray
     at: np.ndarray
 
@@ -86,11 +89,13 @@ def _apart(p: int, p_after: int, q: int, q_after: int, at: np.ndarray) -> float:
 
 
 @inlined
-def _index(plans: np.ndarray, counts: np.ndarray, since: np.ndarray, j: int) -> None:
+def _index(
+    plans: np.ndarray, counts: np.ndarray, since: np.ndarray, j: int, slice_s: float
+) -> None:
     """Update which move of robot j is the first that others keep clear of in a slice of time."""
     m = 0
     for piece in range(_SLICES):
-        while m < counts[j] and plans[j, m, END] + _EARLIER_S <= piece * _SLICE_S:
+        while m < counts[j] and plans[j, m, END] + _EARLIER_S <= piece * slice_s:
             m += 1
         since[j, piece] = m
 
@@ -123,7 +128,7 @@ def _is_clear(
     for j in range(len(counts)):
         need = share * group.kept[k, j]
         far = (math.sqrt(need) + 2.0 * math.sqrt(2.0)) ** 2
-        for m in range(since[j, int(begin / _SLICE_S)], counts[j] if j != k else 0):
+        for m in range(since[j, int(begin / group.slice_s)], counts[j] if j != k else 0):
             if plans[j, m, BEGIN] - _EARLIER_S >= own[END]:
                 break
             if plans[j, m, END] + _EARLIER_S <= begin:
@@ -199,12 +204,12 @@ def _search(
         p, facing, now = nodes[node, 0], nodes[node, 1], clock[node]
         if p == target:
             end = _keep_path(plans, counts, k, node, nodes, clock)
-            _index(plans, counts, since, k)
+            _index(plans, counts, since, k, group.slice_s)
             return end
         for a in range(DIRECTION_COUNT):
             q, next_axis = group.after[k, p, a], a % AXIS_COUNT
             then = now + group.seconds[a, facing]
-            piece = int(then / _SLICE_S)
+            piece = int(then / group.slice_s)
             if q == BLOCKED or piece >= _SLICES or reached[q, next_axis, piece] == stamp:
                 continue
             own[BEGIN], own[END], own[FROM], own[TO] = now, then, p, q
@@ -295,7 +300,7 @@ def plan(
         last = turn == _ROUNDS
         counts[:] = 1
         for i in range(n):
-            _index(plans, counts, since, i)
+            _index(plans, counts, since, i, group.slice_s)
         failed, parked = -1, at_targets
         for rank in range(n):
             k = order[rank]
@@ -381,7 +386,7 @@ def group_of(process: Process, moves: ObservedMoves) -> Group:
     """Return what the robots of a process plan by; less than a second for six robots.
 
     Args:
-        process: of at most `MOST_ROBOTS` robots.
+        process: of at most `MOST_CELLS` cells, and of no more robots than `MOST_TIMES` permits.
         moves: of one world.
 
     Raises:
@@ -396,7 +401,8 @@ def group_of(process: Process, moves: ObservedMoves) -> Group:
     between = ((at[targets][:, None] - at[targets]) ** 2).sum(axis=2)
     around = np.full((n, 1 << n, cells, AXIS_COUNT), np.inf, dtype=np.float32)
     block_targets(after, at)
-    group = Group(after, move_seconds(moves), around, targets, np.minimum(kept, between), at)
+    seconds, kept = move_seconds(moves), np.minimum(kept, between)
+    group = Group(after, seconds, around, targets, _SLICE * float(seconds.min()), kept, at)
     open_moves = np.empty((cells, DIRECTION_COUNT), dtype=np.bool_)
     for k in range(n):
         for parked in range(1 << n):

@@ -11,7 +11,7 @@ from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.joint import IMPOSSIBLE
 from agent.mdp.optimum import Bound, require_paths
 from agent.mdp.readings import build_process
-from agent.moves.group import MOST_ROBOTS, Group, evaluate_group, group_of, plan
+from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, evaluate_group, group_of, plan
 from agent.training.pair_policy import alone_maps
 from agent.training.policy import PolicyConfig, read_policy
 from cosim.base.errors import UserError
@@ -47,11 +47,13 @@ class GroupPolicy(GreedyPolicy):
             MovesError: not every kind of move was observed.
             UserError: there are too many robots, or a start without a path to its target.
         """
-        robots = config.scenario.robots
-        if robots > MOST_ROBOTS:
+        scenario = config.scenario
+        robots, cells = scenario.robots, scenario.columns * scenario.rows
+        if cells > MOST_CELLS or robots * 2**robots * cells > MOST_TIMES:
             raise UserError(
-                f"scenario {config.scenario.name} has {robots} robots, and at most {MOST_ROBOTS} "
-                "plan together; choose a method that learns, such as moves"
+                f"scenario {scenario.name} has {robots} robots on {cells} cells, which is too much "
+                f"to plan for: at most {MOST_CELLS} cells, and with 8 robots {MOST_TIMES // 2048}; "
+                "choose a method that learns, such as moves"
             )
         policy = cls(config)
         alone = policy.group.around[:, 0].min(axis=2).astype(float)
@@ -100,8 +102,8 @@ class GroupPolicy(GreedyPolicy):
         return evaluate_group(self.process, self.group, starts)
 
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings of the process and of what plans are made by."""
-        return digest_of(self.config.process, *self.group)
+        """Hash (16 hex digits) of the readings, of the code, and of what plans are made by."""
+        return digest_of(self.config.process, self.config.kernel_version, *self.group)
 
     def maps(self) -> list[PolicyMap]:
         """Minus the least time of each robot as if alone, and the direction that leads to it."""

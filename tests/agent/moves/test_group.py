@@ -19,7 +19,7 @@ from cosim.onboard.features import DIRECTIONS, Observation
 
 ALONE = Scenario("alone", "", ((8, 1),), (((1, 1),),), columns=12, rows=8, zone=(0, 0, 0, 0))
 SWAP = Scenario(
-    "swap", "", ((16, 8), (2, 8)), (((2, 8),), ((16, 8),)), columns=19, rows=17, zone=(0, 0, 0, 0)
+    "swap", "", ((16, 8), (2, 8)), (((2, 4),), ((16, 12),)), columns=19, rows=17, zone=(0, 0, 0, 0)
 )
 
 
@@ -96,7 +96,7 @@ def test_what_cannot_be_planned_is_refused(tmp_path):
     many = Scenario(
         "many", "", tuple((x, 20) for x in range(0, 54, 6)), tuple(map(tuple, row)), 60, 30
     )
-    with pytest.raises(UserError, match="9 robots, and at most 8 plan together"):
+    with pytest.raises(UserError, match="9 robots on 1800 cells, which is too much to plan for"):
         method_policy("planned", many)
     walled = Scenario(
         "walled", "", ((24, 10),), (((5, 7), (20, 8)),), 30, 20,
