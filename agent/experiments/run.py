@@ -61,8 +61,9 @@ def train_and_evaluate(
         task=f"scenario {scenario}",
     )
     seconds = time.perf_counter() - began
-    for result in results if log is not None else []:
-        write_events(log / run_name(result.run), result.log)
+    if log is not None:
+        for result in results:
+            write_events(log / run_name(result.run), result.log)
     report = report_of((f"{run_name(r.run)}/{POLICY_FILE}", r.policy) for r in results)
     if experiment.runs > 1:
         facts = {"scenario": scenario, "seed": experiment.seed}

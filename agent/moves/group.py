@@ -303,7 +303,7 @@ def plan(
             _index(plans, counts, since, i, group.slice_s)
         failed, parked = -1, at_targets
         for rank in range(n):
-            k = order[rank]
+            k = int(order[rank])
             own_ends[k] = begins[k]
             if (at_targets >> k) & 1:
                 continue

@@ -86,7 +86,7 @@ class GroupPolicy(GreedyPolicy):
         goals = seen.goals.clip(0, last) @ (scenario.rows, 1) if len(seen.goals) else cells
         asked = np.stack([cells, goals, axes]).tobytes()
         if asked not in self._plans:
-            actions, ends = np.empty_like(cells), np.empty(len(cells))
+            actions, ends = np.empty(len(cells), dtype=np.int64), np.empty(len(cells))
             plan(self.group, cells, goals, axes, actions, ends)
             values = np.full((len(cells), DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
             waits = np.flatnonzero(actions >= 0)

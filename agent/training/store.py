@@ -139,9 +139,10 @@ def policy_kind(config: PolicyConfig) -> type[Policy | PairPolicy | GroupPolicy]
 
 def _computed(config: PolicyConfig) -> Policy | PairPolicy | GroupPolicy:
     assert config.objective is not None
-    kind = policy_kind(config)
-    if kind is not Policy:
-        return kind.computed(config)
+    if config.objective == "planned":
+        return GroupPolicy.computed(config)
+    if of_pair(config):
+        return PairPolicy.computed(config)
     process = build_process(config.scenario, config.process)
     if config.moves is None:
         tables, decided = computed_tables(process, config.objective)

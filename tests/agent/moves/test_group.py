@@ -36,8 +36,10 @@ def observe(scenario, cells, directions, goals=None):
 
 def test_a_robot_alone_plans_the_least_time():
     policy = planned(ALONE)
+    assert policy.config.moves is not None
     seconds = move_seconds(policy.config.moves)
     values = policy.act(observe(ALONE, [(1, 1)], [0])).values
+    assert values is not None
     assert values[0, 0] == pytest.approx(-7 * seconds[0, 0], rel=1e-6)
     assert np.isnan(values[0, 1:]).all()
 
@@ -47,6 +49,7 @@ def test_a_plan_keeps_clear_of_a_move_under_way():
     for other, goal in (((8, 8), (8, 7)), ((8, 4), (8, 5)), ((8, 8), (9, 8))):
         decision = policy.act(observe(SWAP, [(2, 8), other], [0, 2], [(2, 8), goal]))
         after = np.array([2, 8]) + DIRECTIONS[decision.action[0]]
+        assert decision.values is not None
         for end in (other, goal):
             assert ((after - end) ** 2).sum() > 25
         assert np.isnan(decision.values[1]).all()  # it ends its move first
