@@ -23,6 +23,7 @@ from cosim.recording.policy_map import PolicyMap
 from cosim.recording.scene import SERIES, map_colours, palette, unit_arrows
 
 _ARROW_CELLS = 0.8
+_GAP_CELLS, _BAR_CELLS = 1, 1  # between a map and its colour bar, and the bar's width
 _WHITE = np.array([0xFFFFFFFF], dtype=np.uint32)  # the viewer's background is dark
 # Entity below /train, fields of `TrainingLog` of its times and values, name in plots.
 _CURVES = (
@@ -50,11 +51,13 @@ def write_training(
     """
     robots = policy.config.scenario.robots
     identity = f"training-{facts.get('scenario')}-{policy.digest()}"
-    with Recording(path, identity, training_blueprint(robots)) as file:
+    size = policy.config.scenario.columns, policy.config.scenario.rows
+    with Recording(path, identity, training_blueprint(robots, *size)) as file:
         file.properties("training", facts)
         for entity, times, values, name in _CURVES:
             _send(file, entity, getattr(log, times), getattr(log, values), [name])
         _send(file, "return", log.episode, log.returns, robot_names(robots))
+        _mark_end_of_exploration(file, log)
         moments = {
             int(episode): [PolicyMap(m[0], m[1].astype(np.int64), m[2]) for m in maps]
             for episode, maps in zip(log.map_episode, log.maps, strict=True)
@@ -146,6 +149,27 @@ def _send(
     file.columns(f"/train/{entity}", times, scalars(values[known]))
 
 
+def _mark_end_of_exploration(file: Recording, log: TrainingLog) -> None:
+    """Mark on the curves where ε comes to its least value and stays there."""
+    falls = np.flatnonzero(np.diff(log.epsilon) < 0.0)
+    if not len(falls):
+        return
+    end = falls[-1] + 1
+    marks = {"success": log.success, "path_length": log.path_length_cm, "epsilon": log.epsilon}
+    marks["return"] = log.returns.mean(axis=1)
+    for entity, values in marks.items():
+        if np.isfinite(values[end]):
+            path = f"/train/{entity}/exploration_end"
+            file.static(
+                path,
+                rr.SeriesPoints(
+                    names="exploration ends", colors=_WHITE, markers="Diamond", marker_sizes=6.0
+                ),
+            )
+            times = [rr.TimeColumn("episode", sequence=log.episode[end : end + 1])]
+            file.columns(path, times, scalars(values[end : end + 1]))
+
+
 def _send_scatter(
     file: Recording, entity: str, episode: np.ndarray, table: np.ndarray, name: str
 ) -> None:
@@ -166,13 +190,32 @@ def _write_maps(file: Recording, name: str, maps: PolicyMap) -> None:
     visits = np.log10(np.maximum(maps.visits, 1))
     file.stream.log(f"/q/{name}/value_map", _image(maps.value, known))
     file.stream.log(f"/q/{name}/visits", _image(visits, known))
+    file.stream.log(f"/q/{name}/value_map/scale", _scale(maps.value, known, "{:.3g}"))
+    file.stream.log(f"/q/{name}/visits/scale", _scale(visits, known, "10^{:.1f}"))
     file.stream.log(f"/q/{name}/policy", _arrows(maps.action, known))
 
 
 def _image(values: np.ndarray, known: np.ndarray) -> rr.Image:
     """A map over (columns, rows) as an image, a pixel per cell, y up; unvisited cells are black."""
     image = np.flipud(map_colours(values, known).transpose(1, 0, 2))
-    return rr.Image(np.ascontiguousarray(image))
+    ramp = np.linspace(1.0, 0.0, len(image))[:, None].repeat(_BAR_CELLS, axis=1)
+    bar = map_colours(ramp, np.ones_like(ramp, dtype=bool))
+    gap = np.zeros((len(image), _GAP_CELLS, 3), dtype=np.uint8)
+    return rr.Image(np.hstack([image, gap, bar]))
+
+
+def _scale(values: np.ndarray, known: np.ndarray, form: str) -> rr.Points2D:
+    """Labels at the ends of the colour bar to the right of a map."""
+    columns, rows = values.shape
+    ends = (values[known].max(), values[known].min()) if known.any() else (1.0, 0.0)
+    x = columns + _GAP_CELLS + _BAR_CELLS / 2.0
+    return rr.Points2D(
+        [(x, 0.0), (x, rows)],
+        labels=[form.format(end) for end in ends],
+        radii=0.01,
+        colors=_WHITE,
+        show_labels=True,
+    )
 
 
 def _arrows(action: np.ndarray, known: np.ndarray) -> rr.Arrows2D:

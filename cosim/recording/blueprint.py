@@ -87,7 +87,6 @@ def episode_blueprint(
         plots(
             "motors",
             (speeds, omega, set_point),
-            ("voltage of D (dark), E, V", "/sim/{r}/motors/voltage"),
             ("current of D (dark), E, A", "/sim/{r}/motors/current"),
         ),
         plots(
@@ -119,8 +118,6 @@ def episode_blueprint(
             plots(
                 "plots",
                 q_values,
-                rewards,
-                ("return", "/rl/{r}/return"),
                 ("visited cells", "/rl/{r}/visited"),
                 *([("distance to the nearest robot in cells", "/rl/{r}/distance")] * (robots > 1)),
             ),
@@ -194,13 +191,20 @@ def _arena(
     )
 
 
-def training_blueprint(robots: int) -> rrb.Blueprint:
-    """Learning curves on the left, value maps and visits on the right; only curves of no robot."""
+def training_blueprint(robots: int, columns: int = 0, rows: int = 0) -> rrb.Blueprint:
+    """Learning curves on the left, value maps and visits on the right; only curves of no robot.
+
+    Args:
+        robots: whose maps are recorded.
+        columns, rows: of the maps.
+    """
     names = robot_names(robots)
+    # Room for the labels of the colour bars, which the viewer leaves out when it fits a view.
+    bounds = rrb.VisualBounds2D(x_range=[-1, columns + 6], y_range=[-2, rows + 2])
     curves = [
         rrb.TimeSeriesView(
             origin="/",
-            contents=[f"/train/{path}" for path in paths],
+            contents=[f"/train/{path}/**" for path in paths],
             name=title,
             axis_x=_WHOLE_TIME,
         )
@@ -212,7 +216,9 @@ def training_blueprint(robots: int) -> rrb.Blueprint:
         )
     ]
     maps = [
-        rrb.Spatial2DView(origin=f"/q/{name}/{path}", name=f"{title} · {name}")
+        rrb.Spatial2DView(
+            origin=f"/q/{name}/{path}", name=f"{title} · {name}", visual_bounds=bounds
+        )
         for path, title in (("value_map", "value"), ("policy", "policy"), ("visits", "visits"))
         for name in names
     ]

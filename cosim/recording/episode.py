@@ -22,7 +22,7 @@ from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING, RobotParams
 from cosim.model.scenario import Scenario
-from cosim.model.world import Drawn
+from cosim.model.world import Drawn, Patch
 from cosim.onboard.features import (
     DISTANCE_CLASSES,
     GRADIENT_SIGNS,
@@ -162,7 +162,8 @@ class EpisodeRecorder:
         }
         file.properties("episode", facts | known)
         file.properties("parameters", self._config.table())
-        file.send(_unchanging(scenario, self._config.robot, *self._signals))
+        config, signals = self._config, tuple(self._signals)
+        file.send(_unchanging(scenario, config.robot, config.world.mu_patches, signals))
         file.columns(OUTCOME, simulated(np.zeros(1)), rr.StateChange.columns(state=[STILL_RUNNING]))
         for name, policy in zip(self._names, policies, strict=False):
             write_floor(file, name, scenario, policy)
@@ -406,10 +407,15 @@ class EpisodeRecorder:
 
 
 @lru_cache(maxsize=8)
-def _unchanging(scenario: Scenario, robot: RobotParams, *signals: SignalSpec) -> list[Chunk]:
+def _unchanging(
+    scenario: Scenario,
+    robot: RobotParams,
+    patches: tuple[Patch, ...],
+    signals: tuple[SignalSpec, ...],
+) -> list[Chunk]:
     """Return the scene and the styles of all signals."""
     kept = Kept()
-    write_scene(kept, scenario, robot)
+    write_scene(kept, scenario, robot, patches)
     write_styles(kept, signals, scenario.robots)
     return kept.chunks
 

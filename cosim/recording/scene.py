@@ -3,12 +3,15 @@
 How the maps of a policy come out of a robot's table is the agent's; here they are tiles and arrows.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 from matplotlib import colormaps
 
 from cosim.model.params import RobotParams
 from cosim.model.scenario import Scenario
+from cosim.model.world import Patch
 from cosim.onboard.features import DIRECTIONS
 from cosim.physics.contact import foot_positions
 from cosim.recording.blueprint import robot_names
@@ -20,13 +23,15 @@ ROBOT_COLOURS = np.array(
     [0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF, 0xE69F00FF, 0x56B4E9FF], dtype=np.uint32
 )
 GREY, LIGHT, INK, WHITE = 0x888888FF, 0x88888840, 0x222222FF, 0xFFFFFFFF
+ICE, ROUGH = 0x7FAAC4FF, 0xA08060FF  # floor with less and more friction than the rest
 SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of states and curves that belong to no robot
 EIGHT = [
     *(0x0072B2FF, 0x56B4E9FF, 0x009E73FF, 0xF0E442FF),
     *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
 ]
 
-_WALL_HEIGHT_M = 0.005  # low enough to hide no robot
+_WALL_HEIGHT_M = 0.015  # a third of a robot, which is seen behind it
+_PATCH_HEIGHT_M = -0.0008  # under the policy's tiles
 _TILE_HEIGHT_M = -0.0004  # under the lines between cells, above nothing
 _ARROW_HEIGHT_M = 0.0008
 _ARROW_CELLS = 0.8
@@ -38,13 +43,16 @@ def palette(colours: list[int]) -> np.ndarray:
     return np.array(colours, dtype=np.uint32)
 
 
-def write_scene(file: Sink, scenario: Scenario, robot: RobotParams) -> None:
+def write_scene(
+    file: Sink, scenario: Scenario, robot: RobotParams, patches: Sequence[Patch] = ()
+) -> None:
     """Log everything that does not move: board, zone, targets, and robots in their own frames.
 
     Args:
         file: recording being written.
         scenario: board and targets.
         robot: geometry of every robot.
+        patches: of the floor, with a friction of their own.
     """
     names = robot_names(scenario.robots)
     width, height = scenario.size_m
@@ -55,9 +63,8 @@ def write_scene(file: Sink, scenario: Scenario, robot: RobotParams) -> None:
     file.static("/world/board", rr.LineStrips3D(lines, colors=LIGHT, radii=0.0001))
     left, bottom, right, top = scenario.zone
     zone = np.array([left, bottom, right + 1, top + 1]) * cell
-    centre = [(zone[0] + zone[2]) / 2, (zone[1] + zone[3]) / 2, 0.0]
-    half = [(zone[2] - zone[0]) / 2, (zone[3] - zone[1]) / 2, 0.0]
-    file.static("/world/zone", rr.Boxes3D(centers=[centre], half_sizes=[half], colors=GREY))
+    outline = [(zone[x], zone[y], 0.0) for x, y in ((0, 1), (2, 1), (2, 3), (0, 3), (0, 1))]
+    file.static("/world/zone", rr.LineStrips3D([outline], colors=palette([GREY]), radii=0.0006))
     if scenario.obstacles:
         walls = scenario.walls.reshape(-1, 2, 2) * cell
         heights = np.full((len(walls), 1), _WALL_HEIGHT_M / 2.0)
@@ -68,6 +75,20 @@ def write_scene(file: Sink, scenario: Scenario, robot: RobotParams) -> None:
             fill_mode="solid",
         )
         file.static("/world/obstacles", obstacles)
+    if patches:
+        corners = np.array([patch.cells for patch in patches]) + np.array([0, 0, 1, 1])
+        middles = cell * (corners[:, :2] + corners[:, 2:]) / 2.0
+        halves = cell * (corners[:, 2:] - corners[:, :2]) / 2.0
+        slippery = [patch.mu < robot.mu for patch in patches]
+        floor = rr.Boxes3D(
+            centers=np.column_stack([middles, np.full(len(patches), _PATCH_HEIGHT_M)]),
+            half_sizes=np.column_stack([halves, np.full(len(patches), 0.0001)]),
+            colors=palette([ICE if is_ice else ROUGH for is_ice in slippery]),
+            fill_mode="solid",
+            labels=[f"µ {patch.mu:g}" for patch in patches],
+            show_labels=True,
+        )
+        file.static("/world/patches", floor)
     colours = [robot_colour(robot) for robot in range(scenario.robots)]
     file.static(
         "/world/targets",

@@ -73,6 +73,24 @@ def test_maps_are_those_of_the_tables_at_their_time(trained, recordings):
         assert len({bytes(np.concatenate(image)) for image in images}) == len(images)
 
 
+def test_maps_have_a_colour_bar_with_its_ends(trained, recordings):
+    policy, _ = trained[0]
+    value, _, visits = policy.maps()[1]
+    _, labels = columns(recordings / "one.rrd", "/q/r2/value_map/scale", "Points2D:labels")
+    known = value[visits > 0]
+    assert labels[-1] == [f"{known.max():.3g}", f"{known.min():.3g}"]
+
+
+def test_the_end_of_exploration_is_marked(trained, recordings):
+    _, log = trained[0]
+    end = np.flatnonzero(log.epsilon == log.epsilon.min())[0]
+    for curve, values in (("success", log.success), ("epsilon", log.epsilon)):
+        path = f"/train/{curve}/exploration_end"
+        episodes, marked = columns(recordings / "one.rrd", path, "Scalars:scalars")
+        assert episodes.tolist() == [log.episode[end]]
+        assert marked == [[values[end]]]
+
+
 def test_runs_are_shown_by_mean_and_variance(trained, recordings):
     logs = [log for _, log in trained]
     path = recordings / "all.rrd"

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from collections import namedtuple
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
+from cosim.model.world import Patch, World
 from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
@@ -254,6 +256,18 @@ def test_obstacles_stand_on_the_floor(tmp_path):
     assert boxes[:, [0, 1, 3, 4]] == pytest.approx(0.01 * scenario.walls, abs=1e-6)
     assert boxes[:, 2] == pytest.approx(0.0)
     assert (boxes[:, 5] > 0.0).all()
+
+
+def test_patches_of_the_floor_are_drawn_with_their_friction(tmp_path):
+    world = World(mu_patches=(Patch((4, 5, 12, 26), 0.22), Patch((18, 2, 18, 2), 0.12)))
+    path, config = tmp_path / "episode.rrd", replace(CoSimConfig(), world=world)
+    with EpisodeRecorder(path, SCENARIO, config, "test", {"seed": 0}):
+        pass
+    (chunk,) = (c for c in RrdReader(str(path)).stream() if c.entity_path == "/world/patches")
+    boxes = chunk.to_record_batch()
+    assert boxes.column("Boxes3D:labels").to_pylist() == [["µ 0.22", "µ 0.12"]]
+    centres = np.array(boxes.column("Boxes3D:centers").to_pylist()[0])
+    assert centres[:, :2] == pytest.approx(np.array([[0.085, 0.16], [0.185, 0.025]]))
 
 
 def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatch):
