@@ -77,6 +77,7 @@ def measure(rounds: int) -> dict[str, Any]:
         found["stiff"] = list(_stiff(Path(folder)))
         found["masters"] = list(_masters(Path(folder)))
         found |= _costs(components, rounds)
+        found["ns_exchange"] = _exchange_ns(two_masses(Path(folder), interface="ModelExchange"))
     return found
 
 
@@ -148,6 +149,15 @@ def _costs(components: list[Component], rounds: int) -> dict[str, float]:
         "ns_compiled": best["compiled"],
         "ratio_fmpy_to_compiled": best["fmpy"] / best["compiled"],
     }
+
+
+def _exchange_ns(components: list[Component]) -> float:
+    """Time in ns of a step of both oscillators for Model Exchange, the mean of 1000."""
+    with System(components, CONNECTIONS, step_s=_STEP_S) as system:
+        system.run(100 * _STEP_S)
+        begin = time.perf_counter_ns()
+        system.run(1100 * _STEP_S)
+        return (time.perf_counter_ns() - begin) / 1000
 
 
 def _best_s(

@@ -1,4 +1,4 @@
-"""TextTable of a system by number, so that compiled code passes them on as it does integers."""
+"""Texts of a system by number, so that compiled code passes them on as it does integers."""
 
 
 class TextTable:

@@ -21,10 +21,17 @@ X_0 = (1.0, 0.0)
 PLACES = ("first.x", "second.x")
 
 
-def two_masses(folder: Path, standards: tuple[int, int] = (3, 3)) -> list[Component]:
-    """The oscillators as components, each of its FMI standard."""
-    made = {fmi: small_fmu(folder / f"{fmi}.fmu", "oscillator", fmi) for fmi in set(standards)}
-    fmus = {fmi: Fmu(path) for fmi, path in made.items()}
+def two_masses(
+    folder: Path, standards: tuple[int, int] = (3, 3), interface: str = "CoSimulation"
+) -> list[Component]:
+    """The oscillators as components, each of its FMI standard, with one interface."""
+    place = folder if interface == "CoSimulation" else folder / interface
+    place.mkdir(exist_ok=True)
+    made = {
+        fmi: small_fmu(place / f"{fmi}.fmu", "oscillator", fmi, interfaces=(interface,))
+        for fmi in set(standards)
+    }
+    fmus = {fmi: Fmu(path, exchange=None) for fmi, path in made.items()}
     first, second = SPRINGS
     return [
         Component("first", fmus[standards[0]], {"m": MASS_KG, "k": first, "x": X_0[0]}),
