@@ -133,7 +133,7 @@ def test_what_was_run_comes_along(episode, tmp_path):
 def made_up(signals=None, texts=None) -> Episode:
     return Episode(
         *(MADE_UP, "id", True, "", 1.0, ("r1",), {}, {}),
-        Signals(MADE_UP, signals or {}),
+        Signals(str(MADE_UP), signals or {}),
         texts or {},
         {},
     )
