@@ -65,7 +65,7 @@ def test_missing_recording_is_named(tmp_path):
         screenshot(tmp_path / "nothing.rrd", tmp_path / "a.png")
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_missing_drivers_end_in_a_sentence(tmp_path, monkeypatch):
     """Nothing of the viewer's panic reaches the terminal."""
     for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES", "__EGL_VENDOR_LIBRARY_FILENAMES"):

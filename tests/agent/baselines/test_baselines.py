@@ -77,7 +77,7 @@ def test_learners_are_trained_and_drive(done, board):
     assert len(table) == 2 + len(rows)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_networks_are_trained_and_drive(board, tmp_path, command, monkeypatch):
     from agent.deep import learners
 

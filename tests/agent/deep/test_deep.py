@@ -150,7 +150,7 @@ def test_ppo_learns_from_moves_only(monkeypatch):
     assert (len(drawn), drawn.mean(), drawn.std()) == pytest.approx((16, 0.0, 1.0), abs=1e-5)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("central", [False, True])
 def test_ppo_learns_from_its_moves(monkeypatch, central):
     from agent.deep import ppo

@@ -50,7 +50,7 @@ def starts_of(vectors: np.ndarray) -> np.ndarray:
     return np.array([space.point(vector).starts for vector in vectors])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_starts_of_which_the_model_expects_the_worst_come_first(policy):
     asked = starts_of(new(policy).ask())
     assert len({tuple(start.ravel()) for start in asked}) == GENERATION

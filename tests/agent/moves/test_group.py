@@ -34,6 +34,7 @@ def observe(scenario, cells, directions, goals=None):
     return Observation(cells, none, none, np.array(directions), np.array(scenario.targets), goals)
 
 
+@pytest.mark.slow
 def test_a_robot_alone_plans_the_least_time():
     policy = planned(ALONE)
     assert policy.config.moves is not None

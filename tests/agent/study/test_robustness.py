@@ -88,7 +88,7 @@ def test_it_resumes_where_it_ended(report, board, monkeypatch):
     assert measure(board.parent / "out", board) == report
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
     """A world that says no more than one of the axes."""
     counts = []

@@ -71,6 +71,7 @@ def test_robots_that_touch_have_the_bits_of_the_kernels(library):
     assert "timeout" in compare(library, policy, [3], on_collision="continue", time_limit=60.0)
 
 
+@pytest.mark.slow
 def test_obstacles_and_bounces_have_the_bits_of_the_kernels(library):
     policy = agent.train("5-doorway", method="shortest")
     compare(library, policy, [1], world={"restitution": 0.2}, time_limit=60.0, noise=0.1)

@@ -20,7 +20,7 @@ def table():
     return lessons(arena(2), config, fmu, episodes=60)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_lessons_lead_to_the_other_robot(table):
     """Straight at it is worth more than straight away from it."""
     toward, away = [], []

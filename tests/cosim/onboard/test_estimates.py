@@ -38,7 +38,7 @@ def variances(covariance):
     return np.linalg.eigvalsh(np.stack([xx, xy, xy, yy], -1).reshape(*xx.shape, 2, 2))[..., -1]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_errors_across_patches_are_those_of_the_filter():
     """Unequal motors, bouncing feet and floors that the filter does not know of, all the same."""
     scenario, config, fmu = resolve(SimulationOptions(shield=True), "4", world=WORLD)

@@ -133,7 +133,7 @@ run_command(main)
 """
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_frozen_viewer_does_not_hold_the_command_up(server, tmp_path):
     url, _, end = server
     path = tmp_path / "episode.rrd"

@@ -31,7 +31,7 @@ def test_options_override_the_world_and_that_the_machine(
     assert config.world.restitution == restitution
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_setup_has_obstacles_of_its_world_and_a_shield_for_it(motor_fmu):
     world = World(obstacles=((3, 4),), edge=True)
     setup = resolve(SimulationOptions(shield=True, motor_fmu=motor_fmu), "2", world=world)

@@ -160,7 +160,7 @@ def test_a_robot_that_leaves_the_board_is_refused(tmp_path):
         read_track(tmp_path / "track.csv", (0.16, 0.09))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_robot_is_identified_from_its_track(tmp_path, command):
     """Six seconds are enough for the friction."""
     seed = np.random.SeedSequence(4)
