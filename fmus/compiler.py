@@ -14,6 +14,7 @@ import shutil
 import struct
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -161,17 +162,31 @@ def compile_library(model: Model, header: str, target: str) -> bytes:
                 (work / name).write_bytes(content)
         units = [unit_file(model, fmi) for fmi in STANDARDS[model]]
         output = f"{model}{TARGETS[target].suffix}"
-        run = subprocess.run(
-            [*command, *FLAGS, f"-I{fmi_headers()}", *units, "-o", output],
-            cwd=work,
-            env=os.environ | {"ZIG_LOCAL_CACHE_DIR": str(work / "cache")},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if run.returncode:
-            raise BuildError(f"the C compiler failed for {target}: {run.stderr.strip()}")
+        run_compiler([*command, *FLAGS, f"-I{fmi_headers()}", *units, "-o", output], work, target)
         return (work / output).read_bytes()
+
+
+def run_compiler(command: Sequence[str], work: Path, purpose: str) -> None:
+    """Run a command of the C compiler in a folder, in which zig keeps what it caches.
+
+    Args:
+        command: with arguments.
+        work: the folder.
+        purpose: what is compiled, for the message.
+
+    Raises:
+        BuildError: the compiler failed.
+    """
+    run = subprocess.run(
+        command,
+        cwd=work,
+        env=os.environ | {"ZIG_LOCAL_CACHE_DIR": str(work / "cache")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if run.returncode:
+        raise BuildError(f"the C compiler failed for {purpose}: {run.stderr.strip()}")
 
 
 def universal_binary(x86_64: bytes, aarch64: bytes) -> bytes:

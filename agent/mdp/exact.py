@@ -176,11 +176,15 @@ def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = N
     """
     if starts is None:
         starts = joint_starts(process)
-    outcome = np.empty(len(starts), dtype=np.int8)
-    path_cells = np.empty(starts.shape[:2])
-    steps = np.empty(starts.shape[:2], dtype=np.int64)
-    _evaluate(process, values, starts, outcome, path_cells, steps)
-    return Evaluation(starts, outcome, path_cells, steps)
+    found = new_evaluation(starts)
+    _evaluate(process, values, *found)
+    return found
+
+
+def new_evaluation(starts: np.ndarray) -> Evaluation:
+    """Return room for the results of episodes from starts (K, N, 2)."""
+    outcome, steps = np.empty(len(starts), np.int8), np.zeros(starts.shape[:2], np.int64)
+    return Evaluation(starts, outcome, np.zeros(starts.shape[:2]), steps)
 
 
 def cell_map(process: Process, values: np.ndarray, visits: np.ndarray) -> PolicyMap:

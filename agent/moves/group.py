@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.mdp.exact import Evaluation, count_moves
+from agent.mdp.exact import Evaluation, count_moves, new_evaluation
 from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, move, place
 from agent.mdp.joint import BLOCKED, cells_after
 from agent.mdp.readings import Process
@@ -441,7 +441,6 @@ def _evaluate(
 
 def evaluate_group(process: Process, group: Group, starts: np.ndarray) -> Evaluation:
     """Return episodes on the grid from starts (K, N, 2), see `agent.mdp.exact`."""
-    outcome, steps = np.empty(len(starts), np.int8), np.zeros(starts.shape[:2], np.int64)
-    found = Evaluation(starts, outcome, np.zeros(starts.shape[:2]), steps)
+    found = new_evaluation(starts)
     _evaluate(process, group, *found)
     return found

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.mdp.exact import Evaluation, count_moves
+from agent.mdp.exact import Evaluation, count_moves, new_evaluation
 from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, least_rotation_argmax, move, place
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, joint_states
 from agent.mdp.readings import Process
@@ -332,7 +332,6 @@ def _evaluate(
 
 def evaluate_pair(process: Process, times: PairTimes, starts: np.ndarray) -> Evaluation:
     """Return greedy episodes on the grid from starts (K, 2, 2), see `agent.mdp.exact`."""
-    outcome, steps = np.empty(len(starts), np.int8), np.zeros(starts.shape[:2], np.int64)
-    found = Evaluation(starts, outcome, np.zeros(starts.shape[:2]), steps)
+    found = new_evaluation(starts)
     _evaluate(process, times, *found)
     return found

@@ -1,7 +1,5 @@
 """Compiles an episode's C: to WebAssembly for pages, and to a library of this machine for tests."""
 
-import os
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from fmus.compiler import (
     compiler_command,
     compiler_version,
     host_target,
+    run_compiler,
 )
 from fmus.models import ROOT
 from fmus.variables import load_table
@@ -95,12 +94,5 @@ def _compile(flags: Sequence[str], out: Path) -> None:
         (work / "variables.h").write_text(_variables())
         command = [*compiler_command(), *FLAGS, *flags, f"-I{work}"]
         command += [f"-I{folder}" for folder in FOLDERS]
-        run = subprocess.run(
-            [*command, *(str(C / unit) for unit in UNITS), "-o", str(out.absolute())],
-            env=os.environ | {"ZIG_LOCAL_CACHE_DIR": str(work / "cache")},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if run.returncode:
-            raise BuildError(f"the C compiler failed for the page: {run.stderr.strip()}")
+        command += [*(str(C / unit) for unit in UNITS), "-o", str(out.absolute())]
+        run_compiler(command, work, "the page")

@@ -15,6 +15,7 @@ import os
 import shutil
 import sys
 import weakref
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -65,16 +66,16 @@ class _Column(rr.ComponentColumn):
         return self._array
 
 
-class Sink:
+class Sink(ABC):
     """Makes chunks of what a recording is to hold; `send` takes them."""
 
     def __init__(self) -> None:
         rr.set_strict_mode(True)
         self._gathered: dict[str, list[_Rows]] = {}  # of each entity, to be one chunk
 
+    @abstractmethod
     def send(self, chunks: Iterable[Chunk]) -> None:
         """Take chunks."""
-        raise NotImplementedError
 
     def static(self, entity: str, *what: rr.AsComponents) -> None:
         """Take data that holds for the whole recording."""
@@ -95,6 +96,7 @@ class Sink:
                 del self._gathered[entity]
                 self.send([_chunk(entity, parts)])
 
+    @abstractmethod
     def check_space(self) -> None:
         """Raise RecordingError if there will soon be no room for more."""
 
@@ -121,6 +123,9 @@ class Kept(Sink):
     def send(self, chunks: Iterable[Chunk]) -> None:
         """See `Sink.send`."""
         self.chunks += chunks
+
+    def check_space(self) -> None:
+        """Return at once: what is kept in memory needs no disk."""
 
     def write(self, path: Path) -> None:
         """Write a file.

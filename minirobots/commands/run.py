@@ -1,5 +1,6 @@
 """Train, co-simulate and record episodes."""
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -8,7 +9,7 @@ import tyro
 
 from agent.training.settings import COMPUTED, Method
 from cosim.base.command import workers
-from cosim.base.errors import in_shell
+from cosim.base.errors import UserError, in_shell
 from cosim.base.progress import Progress, under_way
 from cosim.model.config import ConfigError
 from cosim.recording.live import DEFAULT_VIEWER
@@ -141,7 +142,13 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     config = with_bursts(config, options.record)
     out = options.folder
     out.mkdir(parents=True, exist_ok=True)
-    policy, log = _policy(options, scenario, progress)
+    try:
+        policy, log = _policy(options, scenario, progress)
+    except UserError:
+        if options.out is None:  # nothing is in it
+            with contextlib.suppress(OSError):
+                out.rmdir()
+        raise
     driver = chosen_driver(options.driver, fmu, config)
     facts = _facts(options, scenario, policy, fmu, driver)
     policy.save(out / "policy.npz")

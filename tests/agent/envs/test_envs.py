@@ -181,7 +181,7 @@ def test_co_simulated_vector_environment_is_the_synchronous_one_bit_for_bit():
     )
     assert native.observation_space == plain.observation_space
     compare(native.reset(seed=5), plain.reset(seed=5))
-    # one leaves the board soon and begins anew, the others continue
+    # one leaves the board soon and begins again, the others continue
     starts = np.array([[[5, 0]], [[4, 4]], [[20, 9]]])
     options = {"starts": starts}
     native.reset(options=options)

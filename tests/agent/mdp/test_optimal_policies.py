@@ -96,7 +96,7 @@ def test_a_board_without_a_path_is_refused(command, tmp_path):
     assert re.search(message, ended.stderr)
 
 
-def test_what_cannot_be_computed_is_refused(command):
+def test_what_cannot_be_computed_is_refused(command, monkeypatch, tmp_path):
     with pytest.raises(UserError, match="4 robots on 900 cells"):
         method_policy(SHORTEST, find_scenario("4-cross"))
     with pytest.raises(UserError, match=r"one robot or two.* 4-cross has 4"):
@@ -110,6 +110,8 @@ def test_what_cannot_be_computed_is_refused(command):
     with pytest.raises(ScenarioError, match="feature p makes a robot's table"):
         large = Scenario("l", "", ((9, 9), (40, 40)), (((0, 0),), ((59, 59),)), 60, 60)
         build_process(large, ProcessConfig(features=PAIR))
+    monkeypatch.chdir(tmp_path)
     ended = command("run", "--method", "shortest", "--train-seed", "3")
     assert ended.returncode == 2
+    assert not any(tmp_path.glob("runs/*"))  # what is refused leaves no folder
     assert "method shortest is computed, not trained; leave them out" in ended.stderr

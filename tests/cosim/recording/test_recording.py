@@ -333,17 +333,23 @@ run_command(globals()[sys.argv[2]])
 """
 
 
+def said_of_full_disk(done, folder):
+    """The file that a command names in its one line, which ended on a full disk."""
+    part = folder / "a.rrd.part"
+    assert done.returncode == 2, done.stderr
+    assert done.stderr == (
+        f"error: the recording {part} could not be written out (File too large); free some disk "
+        "space; what it and other .part files next to it hold can be read\n"
+    )
+    return part
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("when", ["in_the_middle", "at_the_end"])
 def test_full_disk_ends_in_a_sentence_and_no_file_by_its_name(tmp_path, when):
     command = [sys.executable, "-c", FULL_DISK, str(tmp_path), when]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 2, done.stderr
-    part = tmp_path / "a.rrd.part"
-    assert done.stderr == (
-        f"error: the recording {part} could not be written out (File too large); free some disk "
-        "space; what it and other .part files next to it hold can be read\n"
-    )
+    part = said_of_full_disk(done, tmp_path)
     left = ["a.rrd.part", "b.rrd.part"] if when == "in_the_middle" else ["a.rrd.part"]
     assert sorted(file.name for file in tmp_path.iterdir()) == left
     assert len(read_rrd(part).signals["/sim/r1/motors/omega"].time_s) >= 2000
@@ -383,12 +389,7 @@ def test_full_disk_ends_an_episode_in_one_sentence(tmp_path, megabytes):
     path = tmp_path / "a.rrd"
     command = [sys.executable, "-c", ENDLESS, path, str(round(1e6 * megabytes))]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 2, done.stderr
-    part = tmp_path / "a.rrd.part"
-    assert done.stderr == (
-        f"error: the recording {part} could not be written out (File too large); free some disk "
-        "space; what it and other .part files next to it hold can be read\n"
-    )
+    part = said_of_full_disk(done, tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == [part.name]
     if megabytes > 1.0:
         assert len(read_rrd(part).signals["/sim/r1/motors/omega"].time_s) >= 20_000
