@@ -221,7 +221,7 @@ def test_progress_is_told_every_task_to_its_end(policy):
         ({"communication_step": 0}, ConfigError, "communication_step = 0.0 must be finite and"),
         ({"preset": 5}, ConfigError, "preset = 5 is invalid: expected str"),
         ({"motor_fmu": 5}, ConfigError, "motor_fmu = 5 is invalid: expected Path"),
-        ({"world": {"muu": 1}}, WorldError, "world = .* unknown field muu"),
+        ({"world": {"muu": 1}}, WorldError, "world = .* is invalid: object .* unknown field muu"),
         ({"world": 5}, WorldError, "world = 5 is invalid"),
         ({"policy": "P.npz"}, ConfigError, r"policy = 'P.npz' has no act\(observation\)"),
         ({"policy": Upwards}, ConfigError, "policy = <class .* has no act"),

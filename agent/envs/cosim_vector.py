@@ -120,6 +120,7 @@ class CoSimVectorEnv(RobotRowsVectorEnv):
             place.take(steps[m])
             if place.outcome == RUNNING and steps[m].number + 1 == self._limit:
                 place.outcome = TIMEOUT
+                self._batch.stop(m)
         moving = np.array([place.status == MOVING for place in self._places])
         outcomes = self._outcomes()
         ended = self._ended(

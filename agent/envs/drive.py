@@ -349,6 +349,7 @@ class DriveVectorEnv(Restorable, gym.vector.VectorEnv[np.ndarray, np.ndarray, np
             self._outcomes[m] = BY_RANK.index(steps[m].outcome)
             if self._outcomes[m] == RUNNING and steps[m].number + 1 == self._limit:
                 self._outcomes[m] = TIMEOUT
+                self._batch.stop(m)
             self._arrived[m] = episode.arrived
             ends = 1.0 * episode.arrived - 1.0 * (steps[m].events != RUNNING)
             rewards[m] = ends

@@ -43,7 +43,9 @@ def taken(name: str, value: Any, kind: Any, error: type[UserError] = ConfigError
         if known := _choices(kind):
             raise error(unknown(name, value, known)) from None
         reason = str(problem).replace("`", "").replace("null", "None")
-        raise error(f"{name} = {shown(value)} is invalid: e{reason[1:]}") from None
+        raise error(
+            f"{name} = {shown(value)} is invalid: {reason[0].lower()}{reason[1:]}"
+        ) from None
 
 
 def taken_seed(seed: Any) -> int:

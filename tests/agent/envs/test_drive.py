@@ -190,6 +190,18 @@ def test_unusable_starts_and_actions_are_refused():
 
 
 @pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv])
+def test_a_board_at_its_limit_of_steps_begins_again_while_others_continue(kind):
+    env = kind(2, max_episode_steps=2)
+    env.reset(seed=0)
+    actions = np.zeros_like(env.action_space.sample())
+    env.step(actions)
+    env.reset(options={"reset_mask": [False, True]})
+    cut = [env.step(actions)[3].tolist() for _ in range(4)]
+    assert cut == [[True, False], [False, True], [False, False], [True, False]]
+    env.close()
+
+
+@pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv])
 def test_a_refused_reset_changes_nothing(kind):
     env = kind(2)
     with pytest.raises(StartsError, match="have not begun"):
