@@ -131,7 +131,7 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
     from cosim.simulation.batch import chosen_driver
-    from cosim.simulation.tasks import compile_kernels
+    from cosim.simulation.tasks import compile_kernels, compiling_ahead
 
     scenario, config, fmu = resolve(options.physics, options.scenario, progress)
     viewer = None
@@ -142,14 +142,16 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     config = with_bursts(config, options.record)
     out = options.folder
     out.mkdir(parents=True, exist_ok=True)
+    driver, threads = chosen_driver(options.driver, fmu, config), workers(options.jobs)
+    batches = fmu, config, scenario.robots, driver, options.episodes, threads
     try:
-        policy, log = _policy(options, scenario, progress)
+        with compiling_ahead(*batches):
+            policy, log = _policy(options, scenario, progress)
     except UserError:
         if options.out is None:  # nothing is in it
             with contextlib.suppress(OSError):
                 out.rmdir()
         raise
-    driver = chosen_driver(options.driver, fmu, config)
     facts = _facts(options, scenario, policy, fmu, driver)
     policy.save(out / "policy.npz")
     if options.record != "none" and log is not None:
@@ -167,7 +169,6 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
         options.record,
         progress,
     )
-    threads = workers(options.jobs)
     with under_way(progress, "preparing the kernels"):
         compile_kernels(series.task(0), options.episodes, threads)
     return list(series.run(options.episodes, threads))

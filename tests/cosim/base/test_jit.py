@@ -1,5 +1,6 @@
 """Compiled kernels in the cache: found again, and compiled again where they are damaged."""
 
+import gc
 import importlib
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import pytest
 from numba.core.errors import TypingError
 
 from cosim.base import kernel_files
-from cosim.base.jit import inlined, kernel
+from cosim.base.jit import inlined, is_compiled, kernel
 from cosim.base.kernel_files import kernel_digest
 from cosim.base.storage import StorageError
 
@@ -22,6 +23,21 @@ def flip(path):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
+
+
+def test_what_is_in_the_cache_is_known_without_compiling(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_files, "FOLDER", tmp_path)
+    new = kernel(halved)
+    assert not is_compiled(new)
+    new(3.0)
+    assert is_compiled(new)
+    assert is_compiled(kernel(halved))  # another process would find it
+
+
+def test_garbage_is_collected_again_after_compiling(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_files, "FOLDER", tmp_path)
+    kernel(halved)(3.0)
+    assert gc.isenabled()
 
 
 def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
@@ -92,7 +108,7 @@ def test_inlined_functions_take_no_arrays_of_kernels(tmp_path, monkeypatch):
 KERNEL = """
 from typing import NamedTuple
 import numpy as np
-from cosim.base.jit import inlined, kernel
+from cosim.base.jit import inlined, is_compiled, kernel
 
 GAIN = 2.0
 
