@@ -49,8 +49,8 @@ def train(
 
     Args:
         scenario: name of a built-in scenario, scenario file (.toml) or record.
-        method: one of `methods()`; by default "pair" for two robots on a board of up to 1000
-            cells, else "moves".
+        method: one of `methods()`; by default "moves" for one robot, "pair" for two and "planned"
+            for up to eight on a board of up to 1000 cells, else "moves".
         seed: of training.
         episodes: of training, the method's own number by default.
         motor_fmu: whose moves are observed by the methods that know of moves, by default

@@ -9,7 +9,7 @@ robots' paths together, which are computed. So is "fastest", the least time on o
 which tells turns from straight lines, of one robot or of two together (two on moves through
 cells). "planned" is for groups: robots plan in space and time on mean
 times of moves, again at every decision (`agent.moves.group`).
-`python -m cosim.run` uses "pair" for two robots, "moves" for other numbers.
+`python -m cosim.run` uses "moves" for one robot, "pair" for two, and "planned" for more.
 """
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ from agent.moves import bound, group, pair
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
 from agent.moves.worlds import RANGES, Ranges
-from agent.training.group_policy import GroupPolicy
+from agent.training.group_policy import GroupPolicy, can_plan
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy, PolicyConfig, Seed
@@ -69,7 +69,9 @@ _FREE = ("episodes", "log_episodes", "log_window", "greedy_points")
 
 
 def best_method(scenario: Scenario) -> Method:
-    """Return the default method: "pair" for two robots on a board that it can learn, else BEST."""
+    """Return the default method: "pair" for two, "planned" for more, "moves" for large boards."""
+    if scenario.robots > 2 and can_plan(scenario):
+        return "planned"
     joint_states = AXIS_COUNT * (scenario.columns * scenario.rows) ** 2
     return "pair" if scenario.robots == 2 and joint_states <= MAX_JOINT_STATES else BEST
 
@@ -106,7 +108,8 @@ def method_config(
     if method in COMPUTED:
         if episodes is not None:
             raise UserError(
-                f"method {method} is computed, not trained; leave out the number of episodes"
+                f"method {method} is computed, not trained; leave out the number of episodes, or "
+                "choose a method that learns, such as moves"
             )
         if method == "fastest" and scenario.robots > 2:
             raise UserError(

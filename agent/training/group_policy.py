@@ -24,6 +24,12 @@ _GRID_STARTS = 50  # assumed: of evaluations on the grid, some 0.3 s each
 _KNOWN = 4096  # plans that are kept: policies are asked again before anything has changed
 
 
+def can_plan(scenario: Scenario) -> bool:
+    """Return whether the robots and cells of a board are few enough to plan for."""
+    robots, cells = scenario.robots, scenario.columns * scenario.rows
+    return cells <= MOST_CELLS and robots * 2**robots * cells <= MOST_TIMES
+
+
 @dataclass(frozen=True, repr=False)
 class GroupPolicy(GreedyPolicy):
     """Moves of the robots' plans (`agent.moves.group`), which are made while they drive.
@@ -48,8 +54,8 @@ class GroupPolicy(GreedyPolicy):
             UserError: there are too many robots, or a start without a path to its target.
         """
         scenario = config.scenario
-        robots, cells = scenario.robots, scenario.columns * scenario.rows
-        if cells > MOST_CELLS or robots * 2**robots * cells > MOST_TIMES:
+        if not can_plan(scenario):
+            robots, cells = scenario.robots, scenario.columns * scenario.rows
             raise UserError(
                 f"scenario {scenario.name} has {robots} robots on {cells} cells, which is too much "
                 f"to plan for: at most {MOST_CELLS} cells, and with 8 robots {MOST_TIMES // 2048}; "

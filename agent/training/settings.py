@@ -60,7 +60,10 @@ class MethodFacts(NamedTuple):
 _OPTIMUM = "Dijkstra's algorithm over the joint grid"
 FACTS: dict[Method, MethodFacts] = {
     "moves": MethodFacts(
-        "any", "Q-learning on moves observed in the co-simulation", "", "default but for two robots"
+        "any",
+        "Q-learning on moves observed in the co-simulation",
+        "",
+        "default for one robot, and for large boards",
     ),
     "pair": MethodFacts(
         "2", "learnt: time of both together, on moves through cells", "", "default for two robots"
@@ -79,7 +82,7 @@ FACTS: dict[Method, MethodFacts] = {
         "1, 2", "computed: value iteration on observed moves", "--through (2 robots)", "least time"
     ),
     "planned": MethodFacts(
-        "1 to 8", "computed while driving: paths in space and time", "--through", "groups"
+        "1 to 8", "computed while driving: paths in space and time", "", "default for 3 to 8 robots"
     ),
 }
 COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal

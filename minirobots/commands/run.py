@@ -53,11 +53,11 @@ class Run(NewFolder, Simulating):
     method: Method | None = None
     """How agents learn: two robots the time that they take together, on moves through cells (pair,
     the default for two on up to 1000 cells), any number on moves observed in co-simulation (moves,
-    the default otherwise), on moves of many worlds (robust), on the grid as in Section V (paper),
+    the default for one), on moves of many worlds (robust), on the grid as in Section V (paper),
     or on the grid with moves that go astray (slip). Or they are computed without learning: of one
     or two robots the joint paths that are optimal on the grid by length (shortest), of one or two
     the least time on observed moves (fastest; two with --through), of up to eight paths in space
-    and time, which they plan while they drive (planned, with --through)."""
+    and time, which they plan while they drive (planned, the default for three to eight)."""
     train_episodes: Count | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves,
     3 000 000 for robust, and 250 000 for pair."""
@@ -107,11 +107,6 @@ class Run(NewFolder, Simulating):
             raise ConfigError(
                 f"{' and '.join(given)}: nothing is trained with --policy, which names a trained "
                 "policy; leave one of them out"
-            )
-        if self.method in COMPUTED and (self.train_episodes or self.train_seed is not None):
-            raise ConfigError(
-                f"--train-episodes, --train-seed: method {self.method} is computed, not trained; "
-                "leave them out"
             )
         if self.viewer != DEFAULT_VIEWER and not (self.live or self.spawn):
             raise ConfigError("--viewer has no effect without --live or --spawn; add one of them")
@@ -182,8 +177,14 @@ def _policy(
 
     if options.policy is not None:
         return load_policy(options.policy, scenario), None
+    method = options.method or best_method(scenario)
+    if method in COMPUTED and (options.train_episodes or options.train_seed is not None):
+        raise ConfigError(
+            f"--train-episodes, --train-seed: method {method} is computed, not trained; leave them "
+            "out, or choose a method that learns, such as moves"
+        )
     policy, log, _ = method_policy(
-        options.method or best_method(scenario),
+        method,
         scenario,
         options.train_seed or 0,
         episodes=options.train_episodes,

@@ -67,8 +67,8 @@ def test_a_method_that_has_gone_names_what_replaces_it(name, instead):
 
 def test_the_default_method_can_learn_every_board():
     wide = replace(find_scenario("4"), columns=40)
-    methods_of = [methods.best_method(s) for s in (find_scenario("4"), find_scenario("1b"), wide)]
-    assert methods_of == ["pair", "moves", "moves"]
+    boards = find_scenario("4"), find_scenario("1b"), find_scenario("6-swap"), wide
+    assert [methods.best_method(board) for board in boards] == ["pair", "moves", "planned", "moves"]
     assert method_config("paper", wide).process  # the board itself is fine
 
 
