@@ -70,6 +70,7 @@ def train(
     """
     # numba is slow to import
     from agent.method import ON_MOVES, best_method, method_policy  # noqa: PLC0415
+    from cosim.simulation.ahead import compiling_ahead  # noqa: PLC0415
 
     motors = {
         "motor_fmu": taken("motor_fmu", motor_fmu, Path | None),
@@ -82,15 +83,16 @@ def train(
     for name, value in motors.items():
         if value and method not in ON_MOVES:
             raise UserError(f"{name} has no effect on training by method {method}; leave it out")
-    policy, *_ = method_policy(
-        method,
-        board,
-        taken_seed(seed),
-        episodes=taken("episodes", episodes, int | None),
-        **motors,
-        again=taken("again", again, bool),
-        progress=progress or silent,
-    )
+    with compiling_ahead(board.robots):  # most policies are simulated next
+        policy, *_ = method_policy(
+            method,
+            board,
+            taken_seed(seed),
+            episodes=taken("episodes", episodes, int | None),
+            **motors,
+            again=taken("again", again, bool),
+            progress=progress or silent,
+        )
     return policy
 
 

@@ -4,9 +4,7 @@ An episode is determined by its task alone, whatever else runs, in whatever orde
 """
 
 import contextlib
-import multiprocessing
 import queue
-import signal
 import threading
 import time
 import uuid
@@ -20,11 +18,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from cosim.base.command import workers
-from cosim.base.errors import UserError
-from cosim.base.jit import is_compiled
 from cosim.base.provenance import digest_of, identity_of
-from cosim.coupling.master import run_periods
 from cosim.coupling.rl_step import Step, SupportsAct
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.scenario import Cell, Scenario
@@ -253,8 +247,8 @@ def simulate_tasks(
     queues = []
     for some in together.values():
         first = some[0][1]
-        places = _places(first.driver, first.scenario.robots, len(some), threads)
-        queues.append(_Queue(some, places))
+        room = places(first.driver, first.scenario.robots, len(some), threads)
+        queues.append(_Queue(some, room))
     results: queue.SimpleQueue[tuple[int, EpisodeResult] | BaseException | None]
     results, stop = queue.SimpleQueue(), threading.Event()
 
@@ -287,53 +281,10 @@ def simulate_tasks(
 
 def compile_kernels(task: Task, tasks: int, threads: int) -> None:
     """Compile the kernels for some tasks like this one, or load them from the cache."""
-    _new_batch(task, _places(task.driver, task.scenario.robots, tasks, threads)).compile()
+    _new_batch(task, places(task.driver, task.scenario.robots, tasks, threads)).compile()
 
 
-@contextlib.contextmanager
-def compiling_ahead(
-    fmu: Path, config: CoSimConfig, robots: int, driver: str, tasks: int, threads: int
-) -> Iterator[None]:
-    """Compile the kernels of tasks in another process, if the cache has none and a core is free.
-
-    Whatever is wrong with the FMU is said where the tasks are simulated.
-
-    Args:
-        fmu, config, robots, driver: of the tasks.
-        tasks: how many.
-        threads: batches at the same time.
-    """
-    if workers(-1) < 2 or is_compiled(run_periods):
-        yield
-        return
-    batch = fmu, config, robots, _places(driver, robots, tasks, threads), driver
-    process = multiprocessing.get_context("spawn").Process(target=_compile, args=batch, daemon=True)
-    with _interrupts_ignored():
-        process.start()
-    try:
-        yield
-    except BaseException:
-        process.kill()
-        raise
-
-
-@contextlib.contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C, as do processes that are started meanwhile."""
-    usual = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, usual)
-
-
-def _compile(fmu: Path, config: CoSimConfig, robots: int, places: int, driver: str) -> None:
-    """Compile the kernels of a batch."""
-    with contextlib.suppress(UserError):
-        Batch(fmu, config, robots, places, driver).compile()
-
-
-def _places(driver: str, robots: int, tasks: int, threads: int) -> int:
+def places(driver: str, robots: int, tasks: int, threads: int) -> int:
     """Places of a batch: as many as fill its vectors, if each thread has that many tasks."""
     if driver not in IN_LANES:
         return 1

@@ -125,8 +125,9 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     from agent.training.recording import write_training
     from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
+    from cosim.simulation.ahead import compiling_ahead
     from cosim.simulation.batch import chosen_driver
-    from cosim.simulation.tasks import compile_kernels, compiling_ahead
+    from cosim.simulation.tasks import compile_kernels
 
     scenario, config, fmu = resolve(options.physics, options.scenario, progress)
     viewer = None
@@ -138,9 +139,8 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     out = options.folder
     out.mkdir(parents=True, exist_ok=True)
     driver, threads = chosen_driver(options.driver, fmu, config), workers(options.jobs)
-    batches = fmu, config, scenario.robots, driver, options.episodes, threads
     try:
-        with compiling_ahead(*batches):
+        with compiling_ahead(scenario.robots, driver, options.episodes, threads):
             policy, log = _policy(options, scenario, progress)
     except UserError:
         if options.out is None:  # nothing is in it
