@@ -25,6 +25,7 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_bindings
 from rerun.chunk import Chunk
 
 from cosim.base.errors import USER_ERROR_STATUS, UserError
@@ -270,6 +271,9 @@ class Recording(Sink):
         self._write_through()
         self._open = False
         self.stream.disconnect()
+        del self.stream
+        # Rerun keeps a recording's threads until it looks for recordings that nothing refers to.
+        rerun_bindings.flush_and_cleanup_orphaned_recordings()
         try:
             self._file.close(FLUSH_TIMEOUT_S)
             with self._part.open("rb") as file:  # the end says where everything is

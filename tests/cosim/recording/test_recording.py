@@ -76,6 +76,20 @@ def recorded(motor_fmu, tmp_path_factory):
     return path, steps
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="counts the threads that Linux lists")
+def test_a_complete_recording_leaves_no_thread(tmp_path):
+    def threads():
+        return len([*Path("/proc/self/task").iterdir()])
+
+    with Recording(tmp_path / "first.rrd", "first", None):
+        pass
+    before = threads()  # with those that Rerun has once
+    for number in range(5):
+        with Recording(tmp_path / f"{number}.rrd", str(number), None):
+            pass
+    assert threads() <= before
+
+
 def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
     """One in 2 s, however often robots are asked."""
     config = DecisionOptions(rl_step=0.1).deciding(with_bursts(CoSimConfig(), "default"))
