@@ -203,7 +203,7 @@ class CoSimPlace(Restorable):
 
     def take(self, step: Step) -> None:
         """Go on to the end of an RL step of the batch."""
-        self._positions_m = step.samples.position[-1, :, :2].copy()
+        self._positions_m = self._running.positions_m
         arrived = self._running.arrived
         self.rewards = np.nan_to_num(step_reward(self.process, step, arrived))
         self.outcome = BY_RANK.index(step.outcome)

@@ -71,6 +71,7 @@ class Series:
         viewer: address of a running viewer that is sent what is recorded, if any.
         record: how much of every episode is recorded.
         progress: receives the simulated time of every episode.
+        sampled: indices of the robots whose signals are recorded, by default `sampled_of`.
     """
 
     scenario: Scenario
@@ -84,6 +85,7 @@ class Series:
     viewer: str | None = None
     record: Level | Literal["none"] = "default"
     progress: Progress = silent
+    sampled: tuple[int, ...] | None = None
 
     def run(self, episodes: int, threads: int) -> Iterator[EpisodeResult]:
         """Results of the first episodes, in order, and `summary.json`.
@@ -137,6 +139,7 @@ class Series:
                 viewer=self.viewer,
                 policies=self.policy.maps(),
                 drawn=episode.drawn,
+                sampled=episode.sampled,
             )
 
         task = Task(
@@ -149,5 +152,6 @@ class Series:
             None if self.record == "none" else recorder,
             watch,
             self.driver,
+            self.sampled,
         )
         return task

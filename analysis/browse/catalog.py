@@ -20,6 +20,7 @@ from rerun.blueprint import table as rrt
 from agent.training.runs import RECORDING_FILE
 from cosim.base.errors import UserError, installing
 from cosim.base.storage import temporary_folder
+from cosim.coupling.rl_step import sampled_of
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import APPLICATION
 
@@ -134,7 +135,7 @@ def _dataset(entry: "DatasetEntry", paths: list[Path], layouts: Path, url: str) 
         targets, board = (json.loads(_value(row.get(key)) or "null") for key in (_TARGETS, _BOARD))
         if targets and board:  # the layout of one of its episodes is that of all
             path = layouts / f"{entry.id}.rbl"
-            episode_blueprint(len(targets), tuple(board)).save(APPLICATION, path)
+            episode_blueprint(sampled_of(len(targets)), tuple(board)).save(APPLICATION, path)
             entry.register_blueprint(path.as_uri())
             break
     path = layouts / f"{entry.id}_table.rbl"

@@ -22,6 +22,7 @@ from cosim.coupling.master import CompiledDriver
 from cosim.coupling.signals import (
     RawSamples,
     Samples,
+    columns_of,
     new_raw_samples,
     new_samples,
     new_state,
@@ -77,7 +78,7 @@ class Trial:
             FmuError: the FMU lacks a capability, refuses to load or to be initialised.
         """
         n, lanes = len(headings_rad), host_lanes()
-        columns = -(-n // lanes) * lanes
+        columns = columns_of(n, lanes)
         check_motors(motor_fmu, config, n)
         self._config = config
         self._plant = new_plant(config, 1, end_on_collision=False)

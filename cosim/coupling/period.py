@@ -9,7 +9,7 @@ from cosim.coupling.plant import Plant
 from cosim.coupling.signals import LANDING, MOTORS, State
 from cosim.onboard.camera import INTERVAL, look
 from cosim.onboard.estimation import POSE, take_command
-from cosim.onboard.shield import guard
+from cosim.onboard.shield import Ground, guard
 from cosim.onboard.steering import SPEED, YAW_RATE, steer
 from cosim.physics.collision import find_near_obstacles, find_near_pairs
 from cosim.physics.properties import feel_patches
@@ -41,15 +41,24 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
             for column in range(first, first + robots):
                 _look(plant, state, column)
             if plant.shielded:
+                ground = Ground(
+                    state.boards[episode],
+                    state.cells_m[episode],
+                    state.obstacles[episode],
+                    state.forbidden,
+                    state.targets,
+                    state.owners,
+                )
                 guard(
                     state.commands,
                     state.estimates,
                     state.shields,
                     first,
                     robots,
-                    state.boards[episode],
-                    state.obstacles[episode],
-                    state.forbidden,
+                    ground,
+                    state.near_robots,
+                    state.near_targets,
+                    state.near_zone,
                     plant.pair.diameter,
                     plant.shield,
                 )
@@ -75,7 +84,16 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
                     state.properties, state.bodies, column, state.patches[episode], plant.body
                 )
         if state.running[episode]:
-            near = find_near_pairs(state.bodies, first, robots, plant.pair, state.near, near)
+            near = find_near_pairs(
+                state.bodies,
+                first,
+                robots,
+                state.boards[episode],
+                state.near_robots,
+                plant.pair,
+                state.near,
+                near,
+            )
     state.near_count[0], state.near_count[1] = near, walls
 
 

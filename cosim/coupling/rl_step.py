@@ -1,5 +1,6 @@
 """One RL step of the co-simulation: what a policy is asked, and what came of it."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -8,6 +9,28 @@ from cosim.base.errors import UserError, shown
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.outcome import Outcome
 from cosim.onboard.features import DIRECTION_COUNT, Observation
+
+SAMPLED = 64  # robots whose signals are all kept: of an RL step of 2 s they take 58 MB
+SOME = 4  # of more robots, those whose signals are kept if none are named
+POSES_S = 0.1  # between the poses of more robots
+
+
+def sampled_of(robots: int, named: Sequence[int] = ()) -> tuple[int, ...]:
+    """Return the indices of the robots whose signals are kept.
+
+    Args:
+        robots: number of robots.
+        named: numbers of those robots, from 1; by default all of up to `SAMPLED`, else the first
+            `SOME`.
+
+    Raises:
+        UserError: there is no such robot, or one is named twice.
+    """
+    if not named:
+        return tuple(range(robots if robots <= SAMPLED else SOME))
+    if len(set(named)) < len(named) or not 1 <= min(named) <= max(named) <= robots:
+        raise UserError(f"signals = {shown(named)} must name different robots from 1 to {robots}")
+    return tuple(number - 1 for number in named)
 
 
 class Decision(NamedTuple):
@@ -20,6 +43,11 @@ class Decision(NamedTuple):
 
     action: np.ndarray
     values: np.ndarray | None = None
+
+    def of(self, robots: Sequence[int]) -> "Decision":
+        """The decision on some of the robots."""
+        chosen, values = np.array(robots, dtype=int), self.values
+        return Decision(self.action[chosen], None if values is None else values[chosen])
 
 
 class SupportsAct(Protocol):
@@ -63,12 +91,16 @@ class Step(NamedTuple):
             or that the shield lets wait.
         decided: (N,) whether the action was adopted at the start of this step.
         completed: (N,) whether the robot ended its move within this step.
-        samples: signals at every control period that was simulated.
-        raw: signals at every tick of the burst at the start of the step.
+        samples: signals of the robots in `sampled` at every control period that was simulated.
+        raw: signals of these at every tick of the burst at the start of the step.
         events: (N,) what became of each robot: RUNNING, COLLISION or OUT_OF_BOARD of
             `cosim.model.outcome`.
         outcome: of the episode, RUNNING until it ends.
         duration_s: simulated time.
+        moved_m: (N,) distance of each robot's centre from where it was in the first period.
+        sampled: indices of the robots that signals are kept of: all where they are few.
+        poses: (p, N, 7) position and quaternion of all robots, `POSES_S` apart, where signals are
+            kept of some of them only; else none.
     """
 
     number: int
@@ -83,9 +115,17 @@ class Step(NamedTuple):
     events: np.ndarray
     outcome: Outcome
     duration_s: float
+    moved_m: np.ndarray
+    sampled: tuple[int, ...]
+    poses: np.ndarray
 
-    @property
-    def moved_m(self) -> np.ndarray:
-        """(N,) distance of each robot's centre from where it was at the start."""
-        path = self.samples.position[[0, -1], :, :2]
-        return np.hypot(*(path[1] - path[0]).T)
+    def of_sampled(self) -> "Step":
+        """The step as that of the sampled robots alone, but for `poses`."""
+        chosen = np.array(self.sampled, dtype=int)
+
+        def seen(observation: Observation) -> Observation:
+            return Observation(*(part[chosen] if len(part) else part for part in observation))
+
+        per_robot = ("action", "decided", "completed", "events", "moved_m")
+        parts = {name: getattr(self, name)[chosen] for name in per_robot}
+        return self._replace(before=seen(self.before), after=seen(self.after), **parts)

@@ -24,6 +24,7 @@ from cosim.onboard.camera import INTERVAL
 from cosim.onboard.estimation import COVARIANCE, POSE
 from cosim.onboard.steering import HEADING_ERROR, MODE
 from cosim.physics.body_state import FRICTIONS, NORMALS, Q_W, Q_X, Q_Y, Q_Z, V_X, W_Z, X, Y, Z
+from cosim.physics.neighbours import FOUND, Grid, find_near, list_by_cells
 from cosim.physics.rotation import heading
 
 
@@ -65,10 +66,13 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
         if not state.running[episode]:
             continue
         first = episode * robots
+        targets, lists, board = state.targets, state.near_targets, state.boards[episode]
+        reach = 2.0 * state.cells_m[episode]  # a centre is closer to its cell's corner
+        grid = list_by_cells(lists, targets[:, 0], targets[:, 1], first, robots, board, reach)
         happened = RUNNING
         for column in range(first, first + robots):
             _sample(plant, state, samples, row, column)
-            state.events[column] = _event(plant, state, episode, column)
+            state.events[column] = _event(plant, state, episode, column, grid)
             happened = max(happened, state.events[column])
         state.periods[episode] = row + 1
         if happened == RUNNING:
@@ -82,28 +86,32 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
 
 
 @inlined
-def _event(plant: Plant, state: State, episode: int, column: int) -> int:
+def _event(plant: Plant, state: State, episode: int, column: int, grid: Grid) -> int:
     """RUNNING, COLLISION or OUT_OF_BOARD of one robot."""
     x, y = state.bodies[X, column], state.bodies[Y, column]
     if not (0.0 <= x <= state.boards[episode, 0] and 0.0 <= y <= state.boards[episode, 1]):
         return OUT_OF_BOARD
     if state.bodies[Z, column] < 0.0:  # it has fallen over the edge of the floor
         return OUT_OF_BOARD
-    if plant.end_on_collision and (
-        state.touching[column] > 0.0 or _is_within(state.forbidden[column], x, y)
-    ):
+    if not plant.end_on_collision:
+        return RUNNING
+    if state.touching[column] > 0.0:
         return COLLISION
+    for k in range(state.forbidden.shape[1]):
+        if _is_within(state.forbidden[column, k], x, y):
+            return COLLISION
+    lists = state.near_targets
+    for k in range(grid.first, grid.first + find_near(lists, grid, x, y)):
+        target = lists[FOUND, k]
+        if state.owners[target] != column and _is_within(state.targets[target], x, y):
+            return COLLISION
     return RUNNING
 
 
 @inlined
-def _is_within(rectangles: np.ndarray, x: float, y: float) -> bool:
-    """Return whether a point is in one of some rectangles left, bottom, right, top."""
-    for k in range(len(rectangles)):
-        left, bottom, right, top = rectangles[k]
-        if left <= x < right and bottom <= y < top:
-            return True
-    return False
+def _is_within(rectangle: np.ndarray, x: float, y: float) -> bool:
+    """Return whether a point is in a rectangle left, bottom, right, top."""
+    return rectangle[0] <= x < rectangle[2] and rectangle[1] <= y < rectangle[3]
 
 
 @inlined

@@ -12,8 +12,11 @@ from cosim.onboard.estimation import ESTIMATE_SIZE
 from cosim.onboard.shield import SHIELD_SIZE
 from cosim.onboard.steering import COMMAND_SIZE
 from cosim.physics.body_state import BODY_SIGNALS, QUATERNION, STATE_SIZE
+from cosim.physics.neighbours import LISTS
 from cosim.physics.properties import PROPERTIES
 
+_LINE = 8  # float64 of a cache line, and most lanes of a vector
+_MANY_COLUMNS = 128
 MOTORS = 2  # D, E
 FEET = 3  # A, B, C
 
@@ -66,6 +69,7 @@ class State(NamedTuple):
         touching: (B,) ticks of this period in which another robot or an obstacle was touched.
         touched: (B,) int64, whether that is so in this tick.
         near: (K N (N − 1) / 2, 2) int64, columns of pairs that may touch in this period.
+        near_robots, near_targets, near_zone: (LISTS, B) int64, room for `cosim.physics.neighbours`.
         near_walls: (B M, 2) int64, columns and obstacles that may touch in this period.
         near_count: (2,) int64, how many pairs and how many of the latter there are.
         busy: (B,) int64, of the first column of every vector, whether an episode runs in it.
@@ -75,9 +79,13 @@ class State(NamedTuple):
             cosim.coupling.sampling.
         ended: (STATE_SIZE, B) bodies of episodes that have ended, as they were then.
         boards: (K, 2) extent of each episode's board in m, its corner at the origin.
+        cells_m: (K,) edge of the board's cells.
         obstacles: (K, M, 4) rectangles left, bottom, right, top in m, which stay; infinitely far
             where an episode has fewer.
         forbidden: (B, F, 4) rectangles likewise, in which the centre of a robot is a collision.
+        targets: (B, 4) rectangles in which the centre of any robot but one is a collision, of
+            each episode in an order of their own.
+        owners: (B,) int64, columns of those robots.
         patches: (K, P, 5) rectangles of the floor and their friction coefficients, likewise; later
             ones cover earlier ones.
     """
@@ -100,6 +108,9 @@ class State(NamedTuple):
     touching: np.ndarray
     touched: np.ndarray
     near: np.ndarray
+    near_robots: np.ndarray
+    near_targets: np.ndarray
+    near_zone: np.ndarray
     near_walls: np.ndarray
     near_count: np.ndarray
     busy: np.ndarray
@@ -108,8 +119,11 @@ class State(NamedTuple):
     events: np.ndarray
     ended: np.ndarray
     boards: np.ndarray
+    cells_m: np.ndarray
     obstacles: np.ndarray
     forbidden: np.ndarray
+    targets: np.ndarray
+    owners: np.ndarray
     patches: np.ndarray
 
 
@@ -223,6 +237,9 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         touching=np.zeros(columns),
         touched=whole(columns),
         near=whole(episodes * robots * (robots - 1) // 2, 2),
+        near_robots=whole(LISTS, columns),
+        near_targets=whole(LISTS, columns),
+        near_zone=whole(LISTS, columns),
         near_walls=whole(0, 2),
         near_count=whole(2),
         busy=whole(columns),
@@ -231,8 +248,11 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         events=whole(columns),
         ended=bodies.copy(),
         boards=np.full((episodes, 2), np.inf),
+        cells_m=np.ones(episodes),
         obstacles=np.empty((episodes, 0, 4)),
         forbidden=np.empty((columns, 0, 4)),
+        targets=np.full((columns, 4), np.inf),
+        owners=whole(columns),
         patches=np.empty((episodes, 0, 5)),
     )
     state.electrical[:] = np.nan
@@ -260,11 +280,20 @@ def with_room(state: State, obstacles: int, patches: int, forbidden: int = 0) ->
     return state._replace(obstacles=walls, near_walls=near, patches=floor, forbidden=cells)
 
 
+def columns_of(robots: int, lanes: int) -> int:
+    """Return the columns of a state of some robots in all, whole vectors of `lanes`.
+
+    Many are an odd number of cache lines: rows whose distance is a power of two would have the
+    same few places in the processor's caches.
+    """
+    columns = -(-robots // lanes) * lanes
+    return columns if columns < _MANY_COLUMNS else _LINE * (-(-columns // _LINE) | 1)
+
+
 def aligned(rows: int, columns: int) -> np.ndarray:
     """Zeros in whole cache lines: a vector across two of them takes twice as long."""
-    line = 8  # float64
-    memory = np.zeros(rows * columns + line - 1)
-    first = -(memory.ctypes.data // memory.itemsize) % line
+    memory = np.zeros(rows * columns + _LINE - 1)
+    first = -(memory.ctypes.data // memory.itemsize) % _LINE
     return memory[first : first + rows * columns].reshape(rows, columns)
 
 

@@ -8,6 +8,7 @@ that corner, x to the right, y up.
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from typing import Any
@@ -24,7 +25,7 @@ Cell = tuple[int, int]
 
 MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
 MAX_CELL_M = 1.0
-MAX_ROBOTS = 64  # kernels are compiled for their number
+MAX_ROBOTS = 4096  # of which state and samples take some 0.5 GB
 MAX_WALLS = 1000  # rectangles that the dynamics look at one by one
 
 
@@ -116,15 +117,15 @@ class Scenario:
             if not cells and field.startswith("starts"):
                 raise ScenarioError(f"scenario {self.name}: {field} is empty; give a start cell")
         self._check_obstacles(fields)
-        for i, a in enumerate(self.targets):
-            for j, b in enumerate(self.targets[:i]):
-                if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= self.squared_contact:
-                    raise ScenarioError(
-                        f"scenario {self.name}: targets {b} and {a} of robots {j + 1} and {i + 1} "
-                        f"are {100 * math.dist(a, b) * self.cell_m:.1f} cm apart; robots of "
-                        f"{100 * self.robot_diameter_m:.1f} cm cannot both park there: move them "
-                        "further apart"
-                    )
+        if touching := touching_pair(self.targets, self.squared_contact):
+            j, i = touching
+            a, b = self.targets[i], self.targets[j]
+            raise ScenarioError(
+                f"scenario {self.name}: targets {b} and {a} of robots {j + 1} and {i + 1} "
+                f"are {100 * math.dist(a, b) * self.cell_m:.1f} cm apart; robots of "
+                f"{100 * self.robot_diameter_m:.1f} cm cannot both park there: move them "
+                "further apart"
+            )
 
     def _check_sizes(self) -> None:
         left, bottom, right, top = self.zone
@@ -155,9 +156,10 @@ class Scenario:
                 f"scenario {self.name}: obstacles make {len(self.walls)} rectangles, more than "
                 f"{MAX_WALLS}; join or leave out some"
             )
-        for field, cells in fields.items():
+        walls = 2 * self.walls
+        for field, cells in fields.items() if len(walls) else ():
             middles = 2 * np.array(cells).reshape(-1, 2) + 1
-            touching = np.flatnonzero(self.blocks(middles[:, 0], middles[:, 1]))
+            touching = np.flatnonzero(touches_obstacle(*middles.T, self.squared_contact, walls))
             if field != "obstacles" and len(touching):
                 raise ScenarioError(
                     f"scenario {self.name}: {field} has cell {cells[touching[0]]}, where a robot "
@@ -192,9 +194,36 @@ class Scenario:
         stands there; and if `zone_is_obstacle` the zone but for the robot's own target. Rectangles
         are infinitely far where a robot has fewer.
         """
+        return self._forbidden({*self.targets, *self._closed})
+
+    @property
+    def closed(self) -> np.ndarray:
+        """(N, F, 4) float64, of `forbidden` those in the zone, if that is an obstacle."""
+        return self._forbidden(self._closed)
+
+    @property
+    def parking(self) -> tuple[np.ndarray, np.ndarray]:
+        """The rest of `forbidden`: each target once, in the order of columns, then rows.
+
+        Returns:
+            (N, 4) float64, rectangles as of `walls`, infinitely far for a target in `closed`; and
+            (N,) int64, the robot that may enter each.
+        """
+        owners = np.array(sorted(range(self.robots), key=self.targets.__getitem__))
+        corners = np.array(self.targets, dtype=np.float64)[owners]
+        rectangles, closed = np.hstack([corners, corners + 1]), self._closed
+        rectangles[[self.targets[owner] in closed for owner in owners]] = np.inf
+        return rectangles, owners
+
+    @property
+    def _closed(self) -> set[Cell]:
+        """Cells of the zone if it is an obstacle, else none."""
         left, bottom, right, top = self.zone
         columns, rows = range(left, right + 1), range(bottom, top + 1)
-        cells = {*self.targets, *(product(columns, rows) if self.zone_is_obstacle else ())}
+        return set(product(columns, rows)) if self.zone_is_obstacle else set()
+
+    def _forbidden(self, cells: set[Cell]) -> np.ndarray:
+        """(N, F, 4) rectangles of cells but for each robot's own target, padded with infinity."""
         of_robots = [_rectangles(cells - {target}) for target in self.targets]
         padded = np.full((self.robots, max(map(len, of_robots)), 4), np.inf)
         for robot, rectangles in enumerate(of_robots):
@@ -220,6 +249,25 @@ class Scenario:
         if not self.zone_is_obstacle:
             del geometry["zone_is_obstacle"]  # as before there was this field
         return digest_of(geometry)
+
+
+def touching_pair(cells: Sequence[Cell], squared_contact: int) -> tuple[int, int] | None:
+    """Indices of two of some cells, closer than contact, the least that there are; else None.
+
+    Args:
+        cells: centres of robots.
+        squared_contact: largest squared distance in cells² of robots that touch.
+    """
+    side = math.isqrt(squared_contact) + 1
+    before: dict[Cell, list[int]] = {}
+    for i, (x, y) in enumerate(cells):
+        block = x // side, y // side
+        around = product(*(range(at - 1, at + 2) for at in block))
+        for j in sorted(k for near in around for k in before.get(near, ())):
+            if (cells[j][0] - x) ** 2 + (cells[j][1] - y) ** 2 <= squared_contact:
+                return j, i
+        before.setdefault(block, []).append(i)
+    return None
 
 
 def _rectangles(cells: set[Cell]) -> np.ndarray:

@@ -6,12 +6,11 @@ A cell belongs to the robot whose centre is in it; distance class (Eq. 9) and gr
 """
 
 import math
-from itertools import combinations
 
 import numpy as np
 
 from cosim.base.jit import inlined, kernel
-from cosim.model.scenario import Cell, Scenario, ScenarioError
+from cosim.model.scenario import Cell, Scenario, ScenarioError, touching_pair
 from cosim.onboard.features import (
     DIRECTION_COUNT,
     DistanceThresholds,
@@ -93,8 +92,7 @@ def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...
     contact = distance_thresholds(scenario).contact
     for _ in range(DRAWS):
         starts = tuple(cells[rng.integers(len(cells))] for cells in scenario.starts)
-        pairs = combinations(starts, 2)
-        if all((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 > contact for a, b in pairs):
+        if touching_pair(starts, contact) is None:
             return starts
     raise ScenarioError(
         f"scenario {scenario.name}: starts leave hardly a combination in which the robots do not "

@@ -3,11 +3,12 @@
 Every control period, before the steering, it looks at where robots are estimated to be. The room
 of a robot is its distance to another one, an obstacle or the board's edge, and the distance of its
 centre to another one's target, less what stopping and the errors of the estimates can cost. A robot
-with little room stops, but for one at a time, which retreats straight along its own axis and is
-stopped when that costs room. A robot without room does not move.
+with little room stops, but for one at a time in a zone, which retreats straight along its own axis
+and is stopped when that costs room. A robot without room does not move.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from cosim.onboard.steering import (
     SENSE,
 )
 from cosim.physics.collision import away_from
+from cosim.physics.neighbours import FOUND, HEAD, NEXT, Grid, find_near, list_by_cells
 
 # Layout of what the shield knows of one robot, float64.
 PARKED = 0  # 1.0: it has arrived, and does not retreat
@@ -32,6 +34,30 @@ REFERENCE = 1  # room when its retreat began, without the error of estimates, m
 FAILURES = 2  # retreats given up since it had room
 STOPS = 3  # moves and retreats that the shield has ended
 SHIELD_SIZE = 4
+
+# Least side of the zones of a board, in each of which one robot retreats at a time: pairs far apart
+# do not wait for each other. The paper's board is one zone.
+ZONE_M = 0.45
+
+
+class Ground(NamedTuple):
+    """Places that robots may not go to; lengths in m, rectangles left, bottom, right, top.
+
+    Attributes:
+        board: (2,) extent of the board.
+        cell_m: edge of a cell.
+        obstacles: (M, 4) rectangles.
+        forbidden: (B, F, 4) rectangles that each robot's centre may not enter.
+        targets: (B, 4) rectangles that no robot's centre may enter but its owner's.
+        owners: (B,) int64, columns of the owners.
+    """
+
+    board: np.ndarray
+    cell_m: float
+    obstacles: np.ndarray
+    forbidden: np.ndarray
+    targets: np.ndarray
+    owners: np.ndarray
 
 
 @inlined
@@ -41,13 +67,14 @@ def guard(
     shields: np.ndarray,
     first: int,
     robots: int,
-    board: np.ndarray,
-    obstacles: np.ndarray,
-    forbidden: np.ndarray,
+    ground: Ground,
+    near_robots: np.ndarray,
+    near_targets: np.ndarray,
+    near_zone: np.ndarray,
     diameter_m: float,
     params: ShieldParams,
 ) -> None:
-    """Stop the robots of an episode that lack room, and let one of them retreat.
+    """Stop the robots of an episode that lack room, and let one of them in each zone retreat.
 
     Args:
         commands: (B, COMMAND_SIZE), see `cosim.onboard.steering`; changed.
@@ -55,49 +82,61 @@ def guard(
         shields: (B, SHIELD_SIZE), see the layout; changed.
         first: column of the episode's first robot; the others follow.
         robots: their number.
-        board: (2,) extent of the board in m.
-        obstacles: (M, 4) rectangles left, bottom, right, top in m.
-        forbidden: (B, F, 4) such rectangles that each robot's centre may not enter.
+        ground: where they may not go.
+        near_robots, near_targets, near_zone: (LISTS, B) int64, room for `cosim.physics.neighbours`.
         diameter_m: of every robot.
         params: what to keep.
     """
-    retreating, chosen, best, along = False, -1, -math.inf, 0.0
+    # What is beyond the gap leaves more room than any robot is stopped for, see `stopping_gap`.
+    variance = 0.0
     for i in range(first, first + robots):
-        command, shield = commands[i], shields[i]
-        room, deviation, away_x, away_y = _room(
-            estimates, i, first, robots, board, obstacles, forbidden[i], diameter_m, params
-        )
-        jitter = params.jitter * deviation
-        # What a retreat is judged by: not less room because a robot that drives is less sure.
-        clear = room + params.deviations * deviation
-        if room >= params.room_m + jitter:
-            shield[FAILURES] = 0.0
-            retreating |= command[MODE] == RETREAT
-            continue
-        if command[MODE] == RETREAT:
-            lost = clear < shield[REFERENCE] - params.loss_m - jitter
-            if room >= 0.0 and not lost:
-                retreating = True
+        variance = max(variance, variance_of(estimates[i]))
+    gap, board = stopping_gap(math.sqrt(2.0 * variance), params), ground.board
+    xs, ys, reach = estimates[:, POSE], estimates[:, POSE + 1], diameter_m + gap
+    others = list_by_cells(near_robots, xs, ys, first, robots, board, reach)
+    zones = list_by_cells(near_zone, xs, ys, first, robots, board, ZONE_M)
+    xs, ys, reach = ground.targets[:, 0], ground.targets[:, 1], 2.0 * ground.cell_m + gap
+    targets = list_by_cells(near_targets, xs, ys, first, robots, board, reach)
+    for zone in range(first, first + zones.columns * zones.rows):
+        retreating, chosen, best, along = False, -1, -math.inf, 0.0
+        following = near_zone[HEAD, zone]
+        while following >= 0:
+            i, following = following, near_zone[NEXT, following]
+            command, shield = commands[i], shields[i]
+            room, deviation, away_x, away_y = _room(
+                estimates, i, ground, others, near_robots, targets, near_targets, diameter_m, params
+            )
+            jitter = params.jitter * deviation
+            # What a retreat is judged by: not less room because a robot that drives is less sure.
+            clear = room + params.deviations * deviation
+            if room >= params.room_m + jitter:
+                shield[FAILURES] = 0.0
+                retreating |= command[MODE] == RETREAT
                 continue
-            if lost:
-                shield[FAILURES] += 1.0
-        if command[MODE] != HOLD:
-            command[MODE], command[HEADING_ERROR] = HOLD, 0.0
-            shield[STOPS] += 1.0
-        if room < 0.0 or shield[PARKED] > 0.0:
-            continue
-        heading = estimates[i, POSE + 2]
-        cosine = math.cos(heading) * away_x + math.sin(heading) * away_y
-        # Fewest failures first, then the robot that faces most along the line, then the last one.
-        merit = abs(cosine) - 2.0 * shield[FAILURES]
-        if merit >= best:
-            chosen, best, along = i, merit, cosine
-            shield[REFERENCE] = clear
-    if chosen >= 0 and not retreating:
-        sense = 1.0 if along >= 0.0 else -1.0
-        if shields[chosen, FAILURES] % 2.0 == 1.0:
-            sense = -sense
-        _retreat(commands[chosen], estimates[chosen], sense, params.retreat_m)
+            if command[MODE] == RETREAT:
+                lost = clear < shield[REFERENCE] - params.loss_m - jitter
+                if room >= 0.0 and not lost:
+                    retreating = True
+                    continue
+                if lost:
+                    shield[FAILURES] += 1.0
+            if command[MODE] != HOLD:
+                command[MODE], command[HEADING_ERROR] = HOLD, 0.0
+                shield[STOPS] += 1.0
+            if room < 0.0 or shield[PARKED] > 0.0:
+                continue
+            heading = estimates[i, POSE + 2]
+            cosine = math.cos(heading) * away_x + math.sin(heading) * away_y
+            # Fewest failures first, then the one that faces most along the line, then the last.
+            merit = abs(cosine) - 2.0 * shield[FAILURES]
+            if merit >= best:
+                chosen, best, along = i, merit, cosine
+                shield[REFERENCE] = clear
+        if chosen >= 0 and not retreating:
+            sense = 1.0 if along >= 0.0 else -1.0
+            if shields[chosen, FAILURES] % 2.0 == 1.0:
+                sense = -sense
+            _retreat(commands[chosen], estimates[chosen], sense, params.retreat_m)
 
 
 @inlined
@@ -113,12 +152,11 @@ def _retreat(command: np.ndarray, estimate: np.ndarray, sense: float, length_m: 
 @inlined
 def plan_margin(estimates: np.ndarray, params: ShieldParams) -> float:
     """Gap in m between plans of robots whose drives the shield will not end, unless they stray."""
-    variance = 0.0
+    largest = second = 0.0
     for i in range(len(estimates)):
-        variance = max(variance, variance_of(estimates[i]))
-        for j in range(i):
-            variance = max(variance, variance_of(estimates[i]) + variance_of(estimates[j]))
-    return stopping_gap(math.sqrt(variance), params) + params.stray_m
+        variance = variance_of(estimates[i])
+        largest, second = max(largest, variance), max(second, min(largest, variance))
+    return stopping_gap(math.sqrt(largest + second), params) + params.stray_m
 
 
 @inlined
@@ -139,11 +177,11 @@ def variance_of(estimate: np.ndarray) -> float:
 def _room(
     estimates: np.ndarray,
     i: int,
-    first: int,
-    robots: int,
-    board: np.ndarray,
-    obstacles: np.ndarray,
-    forbidden: np.ndarray,
+    ground: Ground,
+    others: Grid,
+    near_robots: np.ndarray,
+    targets: Grid,
+    near_targets: np.ndarray,
     diameter_m: float,
     params: ShieldParams,
 ) -> tuple[float, float, float, float]:
@@ -153,21 +191,25 @@ def _room(
     alone = params.stopping_m + params.deviations * deviation
     least, away_x, away_y = x - alone, 1.0, 0.0
     for room, toward_x, toward_y in (
-        (board[0] - x - alone, -1.0, 0.0),
+        (ground.board[0] - x - alone, -1.0, 0.0),
         (y - alone, 0.0, 1.0),
-        (board[1] - y - alone, 0.0, -1.0),
+        (ground.board[1] - y - alone, 0.0, -1.0),
     ):
         if room < least:
             least, away_x, away_y = room, toward_x, toward_y
-    for rectangles, reach in ((obstacles, 0.5 * diameter_m), (forbidden, 0.0)):
+    for rectangles, reach in ((ground.obstacles, 0.5 * diameter_m), (ground.forbidden[i], 0.0)):
         for k in range(len(rectangles)):
-            dx, dy = away_from(rectangles[k], x, y)
-            distance = math.sqrt(dx * dx + dy * dy)
-            if distance - reach - alone < least:
-                least, away_x, away_y = distance - reach - alone, dx, dy
-                if distance == 0.0:  # within: no direction leads away
-                    away_x = 1.0
-    for j in range(first, first + robots):
+            room, dx, dy = _room_of(rectangles[k], x, y, reach, alone)
+            if room < least:
+                least, away_x, away_y = room, dx, dy
+    for k in range(targets.first, targets.first + find_near(near_targets, targets, x, y)):
+        target = near_targets[FOUND, k]
+        if ground.owners[target] != i:
+            room, dx, dy = _room_of(ground.targets[target], x, y, 0.0, alone)
+            if room < least:
+                least, away_x, away_y = room, dx, dy
+    for k in range(others.first, others.first + find_near(near_robots, others, x, y)):
+        j = near_robots[FOUND, k]
         if j == i:
             continue
         dx, dy = x - estimates[j, POSE], y - estimates[j, POSE + 1]
@@ -179,3 +221,15 @@ def _room(
             least, deviation, away_x, away_y = room, of_both, dx, dy
     length = math.sqrt(away_x * away_x + away_y * away_y)
     return least, deviation, away_x / length, away_y / length
+
+
+@inlined
+def _room_of(
+    rectangle: np.ndarray, x: float, y: float, reach: float, alone: float
+) -> tuple[float, float, float]:
+    """Return the room that a rectangle leaves a robot at (x, y), in m, and the way out."""
+    dx, dy = away_from(rectangle, x, y)
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance == 0.0:  # within: no direction leads away
+        dx = 1.0
+    return distance - reach - alone, dx, dy

@@ -18,6 +18,7 @@ from cosim.base.jit import inlined, kernel
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 from cosim.onboard.observing import cell_of
+from cosim.physics.collision import away_from
 
 WAIT = -1
 # nearest direction first, and of two equally near the one to the left
@@ -36,8 +37,10 @@ class Board(NamedTuple):
         cell_m: edge of a cell.
         diameter_m: of every robot.
         obstacles: (M, 4) float64, rectangles left, bottom, right, top.
-        forbidden: (N, F, 4) float64, such rectangles that each robot's centre may not enter;
+        closed: (N, F, 4) float64, such rectangles that each robot's centre may not enter;
             infinitely far where a robot has fewer.
+        targets: (N, 4) float64, such rectangles that no robot's centre may enter but its owner's.
+        owners: (N,) int64, the owners.
     """
 
     columns: int
@@ -45,18 +48,23 @@ class Board(NamedTuple):
     cell_m: float
     diameter_m: float
     obstacles: np.ndarray
-    forbidden: np.ndarray
+    closed: np.ndarray
+    targets: np.ndarray
+    owners: np.ndarray
 
 
 def board_of(scenario: Scenario) -> Board:
     """The board of a scenario."""
+    targets, owners = scenario.parking
     return Board(
         scenario.columns,
         scenario.rows,
         scenario.cell_m,
         scenario.robot_diameter_m,
         scenario.walls * scenario.cell_m,
-        scenario.forbidden * scenario.cell_m,
+        scenario.closed * scenario.cell_m,
+        targets * scenario.cell_m,
+        owners,
     )
 
 
@@ -129,16 +137,22 @@ def permitted(
         if not (0 <= column < board.columns and 0 <= row < board.rows):
             continue
         plan = (here, ((column + 0.5) * board.cell_m, (row + 0.5) * board.cell_m))
-        if _meets(board.obstacles, plan, 0.5 * board.diameter_m + margin_m) or _meets(
-            board.forbidden[robot], plan, margin_m
-        ):
+        if _meets(board.obstacles, plan, 0.5 * board.diameter_m + margin_m, board.owners, -1):
+            continue
+        if _meets(board.closed[robot], plan, margin_m, board.owners, -1):
+            continue
+        if _meets(board.targets, plan, margin_m, board.owners, robot):
             continue
         free, by_moving = True, False
+        least_m = board.diameter_m + margin_m
         for other in range(len(positions)):
             stands = np.isnan(goals[other, 0])
             end = positions[other] if stands else goals[other]
             others = ((positions[other, 0], positions[other, 1]), (end[0], end[1]))
-            if other != robot and _too_close(plan, others, board.diameter_m + margin_m):
+            apart = _length((here, others[0])) - _length(plan) - _length(others)
+            if other == robot or apart > least_m:  # too far for any part of both
+                continue
+            if _too_close(plan, others, least_m):
                 free = False
                 by_moving |= not stands
         if free:
@@ -149,16 +163,36 @@ def permitted(
 
 
 @inlined
-def _meets(rectangles: np.ndarray, plan: Line, least_m: float) -> bool:
-    """Return whether a plan that begins outside of rectangles comes too close to a side."""
+def _meets(
+    rectangles: np.ndarray, plan: Line, least_m: float, owners: np.ndarray, robot: int
+) -> bool:
+    """Return whether a plan that begins outside of rectangles comes too close to a side.
+
+    Args:
+        rectangles: (M, 4) left, bottom, right, top in m.
+        plan: line in m.
+        least_m: distance that is kept.
+        owners: (M,) robots for which a rectangle counts for nothing.
+        robot: whose plan it is; −1 where all rectangles count.
+    """
+    reach_m = _length(plan) + least_m
     for k in range(len(rectangles)):
         left, bottom, right, top = rectangles[k]
+        dx, dy = away_from(rectangles[k], plan[0][0], plan[0][1])
+        if dx * dx + dy * dy > reach_m * reach_m or (robot >= 0 and owners[k] == robot):
+            continue
         corners = ((left, bottom), (right, bottom), (right, top), (left, top))
         for side in range(4):
             ends = (corners[side], corners[(side + 1) % 4])
             if _too_close(plan, ends, least_m):
                 return True
     return False
+
+
+@inlined
+def _length(line: Line) -> float:
+    """Length of a line in its unit."""
+    return math.sqrt((line[1][0] - line[0][0]) ** 2 + (line[1][1] - line[0][1]) ** 2)
 
 
 @kernel

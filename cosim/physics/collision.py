@@ -14,6 +14,7 @@ from cosim.base.jit import inlined
 from cosim.model.scenario import touches_obstacle as definition
 from cosim.physics.body_state import V_X, V_Y, W_Z, X, Y
 from cosim.physics.contact import allowed_approach
+from cosim.physics.neighbours import FOUND, find_near, list_by_cells
 from cosim.physics.properties import INVERSE_INERTIA, INVERSE_MASS
 
 touches_obstacle = inlined(definition)  # whether a robot touches an obstacle, for kernels
@@ -37,7 +38,14 @@ class PairParams(NamedTuple):
 
 @inlined
 def find_near_pairs(
-    bodies: np.ndarray, first: int, robots: int, pair: PairParams, near: np.ndarray, count: int
+    bodies: np.ndarray,
+    first: int,
+    robots: int,
+    board: np.ndarray,
+    lists: np.ndarray,
+    pair: PairParams,
+    near: np.ndarray,
+    count: int,
 ) -> int:
     """Write the pairs of an episode's robots that are close enough to touch soon.
 
@@ -45,6 +53,8 @@ def find_near_pairs(
         bodies: (STATE_SIZE, B).
         first: column of the episode's first robot; the others follow.
         robots: their number.
+        board: (2,) extent of the board in m.
+        lists: (LISTS, B) int64, room for `cosim.physics.neighbours`.
         pair: contact parameters.
         near: (P, 2) int64, columns of pairs, written from row `count` on.
         count: pairs written before.
@@ -53,8 +63,12 @@ def find_near_pairs(
         Number of pairs written until now.
     """
     reach = pair.diameter + NEAR_M
+    grid = list_by_cells(lists, bodies[X], bodies[Y], first, robots, board, reach)
     for i in range(first, first + robots):
-        for j in range(first, i):
+        for k in range(first, first + find_near(lists, grid, bodies[X, i], bodies[Y, i])):
+            j = lists[FOUND, k]
+            if j >= i:
+                break
             dx, dy = bodies[X, i] - bodies[X, j], bodies[Y, i] - bodies[Y, j]
             if dx * dx + dy * dy < reach * reach:
                 near[count, 0], near[count, 1] = i, j

@@ -3,6 +3,8 @@
 Entity paths are listed one by one: wildcards inside a path match nothing, without a warning.
 """
 
+from collections.abc import Sequence
+
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -17,13 +19,14 @@ _AROUND_CURSOR = rrb.TimeAxis(
 )
 
 
-def robot_names(robots: int) -> list[str]:
-    """Names of the robots in entity paths: r1, r2 and so on."""
-    return [f"r{robot + 1}" for robot in range(robots)]
+def robot_names(robots: int | Sequence[int]) -> list[str]:
+    """Names in entity paths of a number of robots, or of those with some indices: r1 and so on."""
+    indices = range(robots) if isinstance(robots, int) else robots
+    return [f"r{robot + 1}" for robot in indices]
 
 
 def episode_blueprint(
-    robots: int,
+    robots: int | Sequence[int],
     size_m: tuple[float, float],
     *,
     bursts: bool = True,
@@ -33,13 +36,14 @@ def episode_blueprint(
     """Arena above timelines of actions on the left, tabs of plots on the right.
 
     Args:
-        robots: number of robots.
+        robots: number of robots, or indices of those whose signals are shown.
         size_m: width and height of the board, for the eye.
         bursts: whether bursts at every tick are recorded.
         policies: whether the robots' policies are drawn on the floor.
         camera: whether robots are seen by a camera.
     """
     names = robot_names(robots)
+    several = len(names) > 1
 
     def plots(
         title: str, *rows: tuple[str, *tuple[str, ...]], time: rrb.TimeAxis = _WHOLE_TIME
@@ -59,7 +63,7 @@ def episode_blueprint(
             for label, *paths in rows
             for name in names
         ]
-        return rrb.Grid(*views, grid_columns=robots, name=title)
+        return rrb.Grid(*views, grid_columns=len(names), name=title)
 
     def states(title: str, *paths: str, also: tuple[str, ...] = ()) -> rrb.StateTimelineView:
         return rrb.StateTimelineView(
@@ -74,7 +78,7 @@ def episode_blueprint(
     q_values = "Q of the eight directions (legend: tab learning)", "/rl/{r}/q_s"
     # The reward of the goal is hidden: a hundred times that of a step, it would flatten the rest.
     rewards = "reward of a step: its time (dark), nearness; not the goal", "/rl/{r}/reward_parts"
-    apart = [("distance to the nearest robot, m", "/sim/{r}/distance_m")] * (robots > 1)
+    apart = [("distance to the nearest robot, m", "/sim/{r}/distance_m")] * several
     tabs = [
         plots(
             "overview",
@@ -119,7 +123,7 @@ def episode_blueprint(
                 "plots",
                 q_values,
                 ("visited cells", "/rl/{r}/visited"),
-                *([("distance to the nearest robot in cells", "/rl/{r}/distance")] * (robots > 1)),
+                *([("distance to the nearest robot in cells", "/rl/{r}/distance")] * several),
             ),
             states(
                 "greedy direction, distance and its change", "greedy", "distance_class", "gradient"

@@ -17,7 +17,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from cosim.coupling.rl_step import Decision, Step
+from cosim.coupling.rl_step import POSES_S, Decision, Step, sampled_of
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING, RobotParams
@@ -35,7 +35,7 @@ from cosim.recording.episode_scene import EpisodeScene
 from cosim.recording.file import Kept, Recording, scalars, simulated
 from cosim.recording.levels import DETAILS, Level, periods
 from cosim.recording.policy_map import PolicyMap
-from cosim.recording.scene import write_floor, write_scene
+from cosim.recording.scene import SWARM, write_floor, write_scene
 from cosim.recording.series import (
     ARRIVED,
     DIRECTION_NAMES,
@@ -97,6 +97,8 @@ class EpisodeRecorder:
         viewer: address of a running viewer that gets the same data, if any.
         policies: what each robot's policy says of each cell, to be drawn on the floor.
         drawn: what the episode has drawn from its world, if that draws anything.
+        sampled: indices of the robots whose signals steps have; by default `sampled_of`. If these
+            are not all, of the others the poses are recorded, together in one entity.
     """
 
     def __init__(
@@ -111,26 +113,30 @@ class EpisodeRecorder:
         viewer: str | None = None,
         policies: Sequence[PolicyMap] = (),
         drawn: Drawn | None = None,
+        sampled: tuple[int, ...] | None = None,
     ) -> None:
         if config.world.draws and drawn is not None:
             facts = facts | {"drawn": drawn.table()}
-        self._names = robot_names(scenario.robots)
+        self._sampled = sampled_of(scenario.robots) if sampled is None else sampled
+        self._names, count = robot_names(self._sampled), len(self._sampled)
+        self._all_sampled = count == scenario.robots
         self._scenario, self._config, self._detail = scenario, config, DETAILS[level]
         camera = config.world.camera.rate_hz > 0.0
         loop = self._detail.loop_s is not None
-        self._signals = signals_of(scenario.robots, camera=camera, loop=loop)
-        self._return = np.zeros(scenario.robots)
-        self._modes = np.full(scenario.robots, -1.0)
+        self._signals = signals_of(count > 1 and self._all_sampled, camera=camera, loop=loop)
+        self._return = np.zeros(count)
+        self._modes = np.full(count, -1.0)
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
         self._stretch: list[_Decided] = []
         self._stretch_s = 0.0
         self._next_burst_s = 0.0
         self._next_flush_s, self._live = _MINUTE_S, viewer is not None
-        self._log = EpisodeLog(scenario, config)
+        self._log = EpisodeLog(scenario, config, self._sampled)
         self._thread = ThreadPoolExecutor(1, "recording")
         self._error: BaseException | None = None
+        policies = [policy for robot, policy in enumerate(policies) if robot in self._sampled]
         blueprint = episode_blueprint(
-            scenario.robots,
+            self._sampled,
             scenario.size_m,
             bursts=config.timing.burst_s > 0.0,
             policies=bool(policies),
@@ -160,10 +166,13 @@ class EpisodeRecorder:
             "board_m": scenario.size_m,
             "friction": self._config.robot.mu,  # parameters have a mu, of another type
         }
+        if not self._all_sampled:
+            known["signals"] = [robot + 1 for robot in self._sampled]
         file.properties("episode", facts | known)
         file.properties("parameters", self._config.table())
         config, signals = self._config, tuple(self._signals)
-        file.send(_unchanging(scenario, config.robot, config.world.mu_patches, signals))
+        patches = config.world.mu_patches
+        file.send(_unchanging(scenario, config.robot, patches, signals, self._sampled))
         file.columns(OUTCOME, simulated(np.zeros(1)), rr.StateChange.columns(state=[STILL_RUNNING]))
         for name, policy in zip(self._names, policies, strict=False):
             write_floor(file, name, scenario, policy)
@@ -231,10 +240,14 @@ class EpisodeRecorder:
         if self._error is not None:
             raise self._error
         if reward_parts is None:
-            reward_parts = np.full((len(self._names), len(REWARD_PARTS)), np.nan)
-        self._stretch.append(_Decided(step, decision or Decision(step.action), reward_parts))
+            reward_parts = np.full((self._scenario.robots, len(REWARD_PARTS)), np.nan)
+        decision = decision or Decision(step.action)
+        if not self._all_sampled:
+            step, decision = step.of_sampled(), decision.of(self._sampled)
+            reward_parts = reward_parts[list(self._sampled)]
+        self._stretch.append(_Decided(step, decision, reward_parts))
         self._stretch_s += step.duration_s
-        whole_s = min(_STRETCH_S, _STRETCH_ROBOT_S / len(self._names))
+        whole_s = min(_STRETCH_S, _STRETCH_ROBOT_S / max(1, len(self._names)))
         if self._stretch_s > whole_s - _ROUNDING_S:
             self._hand_over()
 
@@ -263,6 +276,8 @@ class EpisodeRecorder:
             scene.write(steps, samples, time_s)
             self._write_decisions(stretch, name, robot)
             self._write_rewards(stretch, name, robot)
+        if not self._all_sampled:
+            self._write_swarm(steps)
         self._write_log(stretch)
         time_s = self._end_s(steps[-1])
         if self._live or time_s > self._next_flush_s - _ROUNDING_S:
@@ -299,6 +314,23 @@ class EpisodeRecorder:
             for robot, name in enumerate(self._names):
                 rows = scalars(values[:, robot])
                 self._file.columns(f"/sim/{name}/{signal.path}", times[every], rows)
+
+    def _write_swarm(self, steps: list[Step]) -> None:
+        """Write the poses of all robots."""
+        every = round(POSES_S / self._config.timing.dt_s)
+        times = [
+            self._config.timing.dt_s * (s.first_tick // every + 1 + np.arange(len(s.poses))) * every
+            for s in steps
+        ]
+        poses = np.concatenate([step.poses for step in steps]).astype(np.float32)
+        rows, robots, _ = poses.shape
+        quaternions = np.roll(poses[..., 3:], -1, axis=2).reshape(-1, 4)
+        placed = rr.InstancePoses3D.columns(
+            translations=poses[..., :3].reshape(-1, 3), quaternions=quaternions
+        )
+        if rows:
+            partitioned = placed.partition([robots] * rows)
+            self._file.columns(SWARM, simulated(np.concatenate(times)), partitioned)
 
     def _burst_is_due(self, step: Step) -> bool:
         time_s = step.first_tick * self._config.timing.dt_s
@@ -368,7 +400,7 @@ class EpisodeRecorder:
             self._visited[robot].add((x, y))
             visited.append(len(self._visited[robot]))
         self._send(f"/rl/{name}/visited", times, np.array(visited), numbers)
-        if len(self._names) > 1:
+        if len(self._names) > 1 and self._all_sampled:
             distances = np.linalg.norm(cells - cells[:, robot : robot + 1], axis=2)
             nearest = np.delete(distances, robot, axis=1).min(axis=1)
             self._send(f"/rl/{name}/distance", times, nearest, numbers)
@@ -412,11 +444,12 @@ def _unchanging(
     robot: RobotParams,
     patches: tuple[Patch, ...],
     signals: tuple[SignalSpec, ...],
+    sampled: tuple[int, ...],
 ) -> list[Chunk]:
     """Return the scene and the styles of all signals."""
     kept = Kept()
-    write_scene(kept, scenario, robot, patches)
-    write_styles(kept, signals, scenario.robots)
+    write_scene(kept, scenario, robot, patches, sampled)
+    write_styles(kept, signals, sampled)
     return kept.chunks
 
 

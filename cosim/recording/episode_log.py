@@ -3,7 +3,7 @@
 The words are for people. Programs read the states, of entities named in `cosim.recording.series`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -60,16 +60,19 @@ class EpisodeLog:
     Args:
         scenario: targets.
         config: clock and geometry.
+        sampled: indices of the robots that steps are of; by default all.
     """
 
-    def __init__(self, scenario: Scenario, config: CoSimConfig) -> None:
+    def __init__(
+        self, scenario: Scenario, config: CoSimConfig, sampled: Sequence[int] | None = None
+    ) -> None:
         self._scenario, self._config = scenario, config
-        self._names = robot_names(scenario.robots)
+        self._sampled = range(scenario.robots) if sampled is None else sampled
+        self._names, n = robot_names(self._sampled), len(self._sampled)
         self._walls_m = scenario.walls * scenario.cell_m
-        self._moving = np.zeros(scenario.robots, dtype=bool)
-        robots = range(scenario.robots)
-        self._touched_s = dict.fromkeys(combinations(robots, 2), -np.inf)
-        self._obstacle_s = np.full(scenario.robots, -np.inf)
+        self._moving = np.zeros(n, dtype=bool)
+        self._touched_s = dict.fromkeys(combinations(range(n), 2), -np.inf)
+        self._obstacle_s = np.full(n, -np.inf)
 
     def lines(self, step: Step, reward: np.ndarray) -> list[Line]:
         """Lines of an RL step in the order of time.
@@ -158,7 +161,7 @@ class EpisodeLog:
         width, height = self._scenario.size_m
         for robot, name in enumerate(self._names):
             x, y = step.samples.position[-1, robot, :2]
-            target = self._scenario.targets[robot]
+            target = self._scenario.targets[self._sampled[robot]]
             place = f" at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
             if step.outcome == "out_of_board" and not (0.0 <= x <= width and 0.0 <= y <= height):
                 yield name, OFF_THE_BOARD, place

@@ -30,6 +30,7 @@ EIGHT = [
     *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
 ]
 
+SWARM = "/world/swarm"  # entity of all robots where not all are sampled
 _WALL_HEIGHT_M = 0.015  # a third of a robot, which is seen behind it
 _PATCH_HEIGHT_M = -0.0008  # under the policy's tiles
 _TILE_HEIGHT_M = -0.0004  # under the lines between cells, above nothing
@@ -44,7 +45,11 @@ def palette(colours: list[int]) -> np.ndarray:
 
 
 def write_scene(
-    file: Sink, scenario: Scenario, robot: RobotParams, patches: Sequence[Patch] = ()
+    file: Sink,
+    scenario: Scenario,
+    robot: RobotParams,
+    patches: Sequence[Patch],
+    sampled: Sequence[int],
 ) -> None:
     """Log everything that does not move: board, zone, targets, and robots in their own frames.
 
@@ -53,8 +58,8 @@ def write_scene(
         scenario: board and targets.
         robot: geometry of every robot.
         patches: of the floor, with a friction of their own.
+        sampled: indices of the robots whose signals are recorded; the others are drawn as bodies.
     """
-    names = robot_names(scenario.robots)
     width, height = scenario.size_m
     cell = scenario.cell_m
     lines = [[(x * cell, 0, 0), (x * cell, height, 0)] for x in range(scenario.columns + 1)]
@@ -89,7 +94,12 @@ def write_scene(
             show_labels=True,
         )
         file.static("/world/patches", floor)
+    all_sampled = len(sampled) == scenario.robots
     colours = [robot_colour(robot) for robot in range(scenario.robots)]
+    if not all_sampled:
+        of_sampled = {index: robot_colour(k) for k, index in enumerate(sampled)}
+        colours = [of_sampled.get(index, GREY) for index in range(scenario.robots)]
+        file.static(SWARM, _disc(robot))
     file.static(
         "/world/targets",
         rr.Boxes3D(
@@ -97,10 +107,11 @@ def write_scene(
             half_sizes=[(cell / 2, cell / 2, 0.0002)] * scenario.robots,
             colors=palette(colours),
             fill_mode="solid",
-            labels=[f"target {name}" for name in names],
+            labels=[f"target {name}" for name in robot_names(sampled)] if all_sampled else None,
         ),
     )
-    for name, colour, starts in zip(names, colours, scenario.starts, strict=True):
+    for name, index in zip(robot_names(sampled), sampled, strict=True):
+        colour, starts = colours[index], scenario.starts[index]
         file.static(
             f"/world/starts/{name}",
             rr.Boxes3D(
@@ -112,6 +123,18 @@ def write_scene(
         )
         _write_robot(file, name, colour, robot)
         _write_track_styles(file, name, colour, cell)
+
+
+def _disc(robot: RobotParams) -> rr.Mesh3D:
+    """The top of a robot, notched at its front: what is drawn once for each robot of a swarm."""
+    angle, top = np.radians(np.arange(15, 376, 30)), robot.height_m - robot.com_height_m
+    rim = robot.diameter_m / 2.0 * np.column_stack([np.cos(angle), np.sin(angle)])[:-1]
+    k = np.arange(1, len(rim))
+    return rr.Mesh3D(
+        vertex_positions=np.insert(np.vstack([(0.0, 0.0), rim]), 2, top, axis=1),
+        triangle_indices=np.column_stack([np.zeros_like(k), k, k + 1]),
+        albedo_factor=GREY,
+    )
 
 
 def shades(colour: int, count: int) -> np.ndarray:

@@ -129,18 +129,18 @@ RL_SERIES = {
 }
 
 
-def signals_of(robots: int, *, camera: bool, loop: bool) -> list[SignalSpec]:
+def signals_of(distances: bool, *, camera: bool, loop: bool) -> list[SignalSpec]:
     """Those that say something: no distances of a robot alone, no estimates of exact poses.
 
     Args:
-        robots: their number.
+        distances: whether there are several robots, all of which are sampled.
         camera: whether robots see themselves through one.
         loop: whether signals of the motors' controllers are recorded.
     """
     return [
         signal
         for signal in SIGNALS
-        if (robots > 1 or signal.path != "distance_m")
+        if (distances or signal.path != "distance_m")
         and (camera or not signal.path.startswith("estimate/"))
         and (loop or signal.rate != "loop")
     ]
@@ -171,8 +171,8 @@ def block_ends(count: int, every: int) -> np.ndarray:
     return np.minimum(np.arange(every - 1, count + every - 1, every), count - 1)
 
 
-def write_styles(file: Sink, signals: Sequence[SignalSpec], robots: int) -> None:
-    """Log names, units, colours and aggregation of every signal and state of an episode."""
+def write_styles(file: Sink, signals: Sequence[SignalSpec], robots: Sequence[int]) -> None:
+    """Log names, units, colours and aggregation of every signal and state of some robots."""
     for robot, name in enumerate(robot_names(robots)):
         series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in signals}
         series |= {f"/raw/{name}/{path}": entry for path, entry in RAW_SERIES.items()}

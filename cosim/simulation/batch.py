@@ -26,8 +26,16 @@ from cosim.coupling.assembly import (
 )
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import CompiledDriver, Driver, NotFiniteError, ReferenceDriver
-from cosim.coupling.rl_step import Step
-from cosim.coupling.signals import State, new_raw_samples, new_samples, new_state, with_room
+from cosim.coupling.rl_step import SAMPLED, Step
+from cosim.coupling.signals import (
+    RawSamples,
+    State,
+    columns_of,
+    new_raw_samples,
+    new_samples,
+    new_state,
+    with_room,
+)
 from cosim.coupling.stepping import FmpyDriver
 from cosim.fmi.isolation import calling
 from cosim.model.config import CoSimConfig
@@ -145,7 +153,7 @@ class Batch:
             lanes = 1
         elif lanes is None:
             lanes = 2 if places * robots <= 2 else host_lanes()
-        columns = -(-places * robots // lanes) * lanes
+        columns = columns_of(places * robots, lanes)
         self._motors = Motors(fmu, config, columns, sampled=driver == "fmpy")
         self._driver = _driver(driver, self._motors, lanes)
         self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
@@ -161,6 +169,7 @@ class Batch:
         seed: np.random.SeedSequence,
         config: CoSimConfig | None = None,
         kind: type[RunningEpisode] = RunningEpisode,
+        sampled: tuple[int, ...] | None = None,
     ) -> RunningEpisode:
         """Begin an episode, motors at rest; one that was there is given up.
 
@@ -172,6 +181,7 @@ class Batch:
                 world.
             config: of the episode, see `shared`; default the batch's.
             kind: class of the episode.
+            sampled: indices of the robots whose signals are kept, see `RunningEpisode`.
 
         Raises:
             ConfigError: the configuration or the number of robots is not that of the batch, or the
@@ -199,11 +209,11 @@ class Batch:
         rows = state.inputs, state.outputs, state.held, state.held_velocities, state.statistics
         for signals in rows:
             signals[:, columns] = 0.0  # nothing is left of the episode before
-        state.boards[place] = scenario.size_m
+        state.boards[place], state.cells_m[place] = scenario.size_m, scenario.cell_m
         self._make_room_for_frames(frames_in_flight(config.world.camera))
         self._put_rectangles(place, scenario, config)
         phases = motor_phases(config.world, self.robots)
-        episode = kind(scenario, config, self._state, columns, starts, seed)
+        episode = kind(scenario, config, self._state, columns, starts, seed, sampled)
         self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors, phases)
         state.outputs[: len(MOTOR_NAMES), columns] = np.nan_to_num(phases.T)
         self._state.running[place] = 1
@@ -212,12 +222,15 @@ class Batch:
 
     def _put_rectangles(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
         walls, patches = scenario.walls * scenario.cell_m, _floor(scenario, config)
-        forbidden, columns = scenario.forbidden * scenario.cell_m, self._columns(place)
-        self._state = with_room(self._state, len(walls), len(patches), forbidden.shape[1])
+        closed, columns = scenario.closed * scenario.cell_m, self._columns(place)
+        targets, owners = scenario.parking
+        self._state = with_room(self._state, len(walls), len(patches), closed.shape[1])
         self._state.obstacles[place] = self._state.patches[place] = np.inf
         self._state.obstacles[place, : len(walls)] = walls
         self._state.forbidden[columns] = np.inf
-        self._state.forbidden[columns, : forbidden.shape[1]] = forbidden
+        self._state.forbidden[columns, : closed.shape[1]] = closed
+        self._state.targets[columns] = targets * scenario.cell_m
+        self._state.owners[columns] = columns.start + owners
         self._state.patches[place, : len(patches)] = patches
 
     def _make_room_for_frames(self, frames: int) -> None:
@@ -253,31 +266,41 @@ class Batch:
         for (place, episode), count in zip(going_on.items(), frames, strict=True):
             where = self._columns(place)
             episode.begin_step(actions[place], noise[:, where], sight[:count, where])
-        samples = new_samples(periods, columns)
+        # Samples of many robots are taken in stretches, as long as the robots are few.
+        stretch = -(-periods // -(-self.robots // SAMPLED))
+        samples = new_samples(min(stretch, periods), columns)
         burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
-        raw = new_raw_samples(min(burst, periods * self.config.ticks_per_period), columns)
-        state.periods[:] = 0
+        raw = new_raw_samples(min(burst, stretch * self.config.ticks_per_period), columns)
         begin_s = min(episode.time_s for episode in going_on.values())
         with calling(f"the RL step from {begin_s:g} s of simulated time"):
-            try:
-                self._driver.advance(self._plant, state._replace(sight=sight), noise, samples, raw)
-            except NotFiniteError as error:
-                place, robot = divmod(error.column, self.robots)
-                name, start_s = f"robot {robot + 1}", begin_s
-                if place in going_on:
-                    start_s = going_on[place].time_s
-                else:  # all lanes of a vector are computed
-                    name += " of a place without an episode"
-                time_s = start_s + (error.tick + 1) * self.config.timing.dt_s
-                raise error.named(name, time_s) from None
-        steps = {
-            place: episode.end_step(samples, raw, int(state.periods[place]))
-            for place, episode in going_on.items()
-        }
+            for begin in range(0, periods, stretch):
+                state.periods[:] = 0
+                part, sighted = noise[begin : begin + stretch], state._replace(sight=sight)
+                try:
+                    self._driver.advance(self._plant, sighted, part, samples, raw)
+                except NotFiniteError as error:
+                    raise self._named(error, going_on, begin_s) from None
+                for place, episode in going_on.items():
+                    if state.periods[place]:
+                        episode.take(samples, raw, int(state.periods[place]))
+                raw = RawSamples(*(signal[:0] for signal in raw))
+        steps = {place: episode.end_step() for place, episode in going_on.items()}
         for place, step in steps.items():
             if step.outcome:
                 self.stop(place)
         return steps
+
+    def _named(
+        self, error: NotFiniteError, going_on: dict[int, RunningEpisode], begin_s: float
+    ) -> NotFiniteError:
+        """Return an error that names the robot and the time."""
+        place, robot = divmod(error.column, self.robots)
+        name, start_s = f"robot {robot + 1}", begin_s
+        if place in going_on:
+            start_s = going_on[place].time_s
+        else:  # all lanes of a vector are computed
+            name += " of a place without an episode"
+        return error.named(name, start_s + (error.tick + 1) * self.config.timing.dt_s)
 
     def going_on(self) -> dict[int, RunningEpisode]:
         """Running episodes, by place."""

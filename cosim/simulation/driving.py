@@ -13,7 +13,7 @@ import numpy as np
 from cosim.base.arguments import ConfigError, taken
 from cosim.base.errors import UserError, shown
 from cosim.coupling.rl_step import Decision, Step
-from cosim.coupling.signals import MOTORS, RawSamples, Samples, State
+from cosim.coupling.signals import MOTORS, State
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.estimation import POSE
@@ -140,9 +140,9 @@ class DrivenEpisode(RunningEpisode):
         commanded: Any = policy.drive(self.motion())
         return Decision(commanded.copy() if isinstance(commanded, np.ndarray) else commanded)
 
-    def end_step(self, samples: Samples, raw: RawSamples, periods: int) -> Step:
+    def end_step(self) -> Step:
         """See `RunningEpisode.end_step`."""
-        step = super().end_step(samples, raw, periods)
+        step = super().end_step()
         poses = self.poses()
         moved = poses - self._poses
         moved[:, 2] = (moved[:, 2] + math.pi) % (2.0 * math.pi) - math.pi

@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.errors import UserError, shown
 from cosim.coupling.assembly import draw_noise, noise_generators, robot_properties
-from cosim.coupling.rl_step import Decision, Step, decide
+from cosim.coupling.rl_step import POSES_S, SAMPLED, Decision, Step, decide, sampled_of
 from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK, RUNNING, Outcome
@@ -56,6 +56,7 @@ class RunningEpisode:
         time_s: simulated time.
         observation: what a policy sees now.
         measures: so far.
+        sampled: indices of the robots whose signals are kept.
         conflicts: decisions that the shield changed.
     """
 
@@ -67,6 +68,7 @@ class RunningEpisode:
         columns: slice,
         starts: tuple[Cell, ...],
         seed: np.random.SeedSequence,
+        sampled: tuple[int, ...] | None = None,
     ) -> None:
         """Put the robots on their start cells, facing the board's centre row.
 
@@ -78,8 +80,12 @@ class RunningEpisode:
             starts: start cell of each robot.
             seed: of the speed noise, of which every motor gets a child of its own, and of the
                 world.
+            sampled: indices of the robots whose signals are kept; by default all of up to
+                `SAMPLED`, else the first `SOME`.
         """
         n = scenario.robots
+        self.sampled = sampled_of(n) if sampled is None else sampled
+        self._taken: list[tuple[Samples, RawSamples, np.ndarray, np.ndarray]] = []
         self.scenario, self.config = scenario, config
         self.drawn = draw_world(config.world, config.motor, n, seed)
         down = gravity(config.world, self.drawn, config.motor.g)
@@ -142,6 +148,11 @@ class RunningEpisode:
         return self._tick * self.config.timing.dt_s
 
     @property
+    def positions_m(self) -> np.ndarray:
+        """True centres of the robots, (N, 2)."""
+        return self._bodies[:, POSITION][:, :2].copy()
+
+    @property
     def arrived(self) -> np.ndarray:
         """Which robots have reached their targets, shape (N,), bool."""
         return self._arrived.copy()
@@ -169,6 +180,7 @@ class RunningEpisode:
             UserError: the action is anything else.
         """
         self._decided = self._adopt(self._directions(action))
+        self._first_tick = self._tick
         self._was_moving = ~self._at_end()
         noise[:] = draw_noise(self.config, self._noise, len(noise))
         sensor = self.config.world.camera
@@ -176,19 +188,43 @@ class RunningEpisode:
             for robot, rng in enumerate(self._cameras):
                 sight[:, robot] = draw_sight(sensor, rng, len(sight))
 
-    def end_step(self, samples: Samples, raw: RawSamples, periods: int) -> Step:
-        """Judge what was simulated.
+    def take(self, samples: Samples, raw: RawSamples, periods: int) -> None:
+        """Take a stretch of an RL step.
 
         Args:
-            samples, raw: of all columns.
+            samples, raw: of all columns; written again afterwards if it is not the whole step.
             periods: control periods that the episode went on.
         """
-        in_force, before, first_tick = self._action.copy(), self.observation, self._tick
         ticks = periods * self.config.ticks_per_period
-        self._tick += ticks
         samples = Samples(*(signal[:periods, self._columns] for signal in samples))
         raw = RawSamples(*(signal[:ticks, self._columns] for signal in raw))
         self.measures.add(samples)
+        path_m, every = samples.position, round(POSES_S / self.config.timing.control_period_s)
+        poses = np.empty((0, *path_m.shape[1:2], 7))
+        if len(self.sampled) < self.scenario.robots:
+            since = self._tick // self.config.ticks_per_period
+            rows = slice(-(since + 1) % every, None, every)
+            poses = np.concatenate([path_m[rows], samples.quaternion[rows]], axis=2)
+        ends_m = path_m[[0, -1], :, :2]
+        if len(self.sampled) < self.scenario.robots or self.scenario.robots > SAMPLED:
+            chosen = np.array(self.sampled, dtype=int)
+            samples = Samples(*(signal[:, chosen] for signal in samples))
+            raw = RawSamples(*(signal[:, chosen] for signal in raw))
+        self._taken.append((samples, raw, poses, ends_m))
+        self._tick += ticks
+
+    def end_step(self) -> Step:
+        """Judge what was simulated since the step began."""
+        in_force, before = self._action.copy(), self.observation
+        first_tick, ticks = self._first_tick, self._tick - self._first_tick
+        samples, raw, poses, ends_m = self._taken[0]
+        if len(self._taken) > 1:
+            of_all = list(zip(*self._taken, strict=True))
+            samples = Samples(*map(np.concatenate, zip(*of_all[0], strict=True)))
+            raw = RawSamples(*map(np.concatenate, zip(*of_all[1], strict=True)))
+            poses = np.concatenate(of_all[2])
+        moved = self._taken[-1][3][1] - ends_m[0]
+        self._taken.clear()
         completed = self._was_moving & self._at_end()
         self.observation = self._observe()
         self._arrived |= self._arriving(completed)
@@ -209,13 +245,16 @@ class RunningEpisode:
             events=events,
             outcome=self.outcome,
             duration_s=ticks * self.config.timing.dt_s,
+            moved_m=np.hypot(*moved.T),
+            sampled=self.sampled,
+            poses=poses,
         )
         self._step += 1
         return step
 
     def _arriving(self, completed: np.ndarray) -> np.ndarray:
         """(N,) bool, robots that ended their move on their target, wherever they think they are."""
-        where = cells_of(self._bodies[:, POSITION][:, :2].copy(), self._board.cell_m)
+        where = cells_of(self.positions_m, self._board.cell_m)
         return completed & (where == self._targets).all(axis=1)
 
     def _directions(self, action: Any) -> np.ndarray:

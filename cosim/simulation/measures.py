@@ -52,8 +52,9 @@ class Measures:
         self.regenerated_j = np.zeros(n)
         self.contact_time_s = 0.0
         self.min_distance_m = min(
-            starmap(math.dist, combinations(positions_m, 2)), default=math.inf
+            starmap(math.dist, combinations(positions_m.tolist(), 2)), default=math.inf
         )
+        self._boxes_m = np.empty((n, 4))
         self._period_s = control_period_s
         self._path_periods = max(1, round(PATH_SAMPLING_S / control_period_s))
         self._since_point = 0  # control periods since the last point of the paths
@@ -77,6 +78,7 @@ class Measures:
             self.rotation_rad,
             self.energy_j,
             self.regenerated_j,
+            self._boxes_m,
         )
         self._since_point = (self._since_point + len(samples.position)) % self._path_periods
         self.min_distance_m = min(self.min_distance_m, least_m)
@@ -99,6 +101,7 @@ def _add(
     rotation_rad: np.ndarray,
     energy_j: np.ndarray,
     regenerated_j: np.ndarray,
+    boxes_m: np.ndarray,
 ) -> tuple[float, float]:
     """Add one RL step to what `Measures` has of each robot.
 
@@ -112,6 +115,7 @@ def _add(
         last_m, last_rad: (N, 2) and (N,), last point of each robot's path and its heading there,
             updated.
         path_length_m, rotation_rad, energy_j, regenerated_j: (N,), added to.
+        boxes_m: (N, 4) room for what each robot stayed within.
 
     Returns:
         Smallest distance of two robots in m, and time in s in which any touched something.
@@ -135,11 +139,22 @@ def _add(
                 returned += max(-power, 0.0)
         energy_j[i] += drawn * period_s
         regenerated_j[i] += returned * period_s
+        left = bottom = np.inf
+        right = top = -np.inf
+        for k in range(periods):
+            left, right = min(left, position[k, i, 0]), max(right, position[k, i, 0])
+            bottom, top = min(bottom, position[k, i, 1]), max(top, position[k, i, 1])
         for j in range(i):
+            # Between boxes: pairs that are never as close as others before are not looked at.
+            dx = max(0.0, left - boxes_m[j, 2], boxes_m[j, 0] - right)
+            dy = max(0.0, bottom - boxes_m[j, 3], boxes_m[j, 1] - top)
+            if dx * dx + dy * dy >= least:
+                continue
             for k in range(periods):
                 dx = position[k, i, 0] - position[k, j, 0]
                 dy = position[k, i, 1] - position[k, j, 1]
                 least = min(least, dx * dx + dy * dy)
+        boxes_m[i, 0], boxes_m[i, 1], boxes_m[i, 2], boxes_m[i, 3] = left, bottom, right, top
     touched = 0.0
     for k in range(periods - 1, -1, -1):
         share = 0.0

@@ -7,16 +7,16 @@ recorded, as are `reward_parts(step, arrived)` (N, 3) and `maps()` of a policy t
 `agent.mdp.greedy`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cosim.base.arguments import require_one_of, taken_seed
+from cosim.base.arguments import require_one_of, taken, taken_seed
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.provenance import digest_of, versions
-from cosim.coupling.rl_step import Step, SupportsAct
+from cosim.coupling.rl_step import Step, SupportsAct, sampled_of
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import World
 from cosim.onboard.observing import draw_starts
@@ -43,6 +43,7 @@ def simulate(
     motor_parameters: Mapping[str, float] = {},
     world: str | Path | World | Mapping[str, Any] | None = None,
     progress: Progress | None = automatic,
+    signals: Sequence[int] = (),
     **options: Any,
 ) -> Episode:
     """Simulate one episode: the first one of `python -m cosim.run --seed SEED`.
@@ -67,6 +68,8 @@ def simulate(
             file, or the paper's.
         progress: receives the simulated time; by default it is shown on stderr if the call takes
             more than two seconds. None shows nothing.
+        signals: numbers of the robots whose signals are kept, from 1; by default all of up to 64,
+            else the first four. Of the others poses are kept.
         options: physics by the names of `python -m cosim.run`, see `SimulationOptions`: `mu`,
             `noise`, `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.
 
@@ -109,9 +112,12 @@ def simulate(
             level=record,
             policies=maps,
             drawn=episode.drawn,
+            sampled=sampled,
         )
 
-    task = Task(scenario, fmu, config, policy, starts, noise_seed, recorder, watch, driver)
+    sampled = sampled_of(scenario.robots, taken("signals", signals, tuple[int, ...]))
+    given = scenario, fmu, config, policy, starts, noise_seed, recorder, watch, driver, sampled
+    task = Task(*given)
     report("simulating", 0.0, config.timing.episode_limit_s)  # kernels may be compiled first
     for _ in simulate_tasks([task], 1):
         pass

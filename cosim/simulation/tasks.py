@@ -61,6 +61,7 @@ class Task:
             for none.
         watch: sees every RL step, the episode, and the wall-clock time that it took so far, in s.
         driver: of the co-simulation.
+        sampled: indices of the robots whose signals are kept, see `RunningEpisode`.
         redrawn: RL steps from whose start on speed noise and camera frames come from another seed,
             by their numbers; a recording does not tell.
     """
@@ -74,6 +75,7 @@ class Task:
     recorder: Callable[[RunningEpisode], EpisodeRecorder] | None = None
     watch: Callable[[Step, RunningEpisode, float], None] = lambda step, episode, wall_s: None
     driver: str = "compiled"
+    sampled: tuple[int, ...] | None = None
     redrawn: Mapping[int, np.random.SeedSequence] = field(default_factory=dict)
 
     @property
@@ -135,7 +137,9 @@ class ActiveEpisode:
         self._wall_s = 0.0
         self._steps = 0
         kind = DrivenEpisode if drives(task.policy) else RunningEpisode
-        self.episode = batch.begin(place, task.scenario, task.starts, task.seed, task.config, kind)
+        self.episode = batch.begin(
+            place, task.scenario, task.starts, task.seed, task.config, kind, task.sampled
+        )
         self._open = contextlib.ExitStack()
         self._recorder = task.recorder and self._open.enter_context(task.recorder(self.episode))
         if self._recorder is not None:

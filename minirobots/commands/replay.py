@@ -77,6 +77,7 @@ def run(options: Replay, progress: Progress) -> Comparison:
     from agent.policies import load_policy
     from cosim.base.provenance import versions
     from cosim.base.reading import parsing
+    from cosim.coupling.rl_step import sampled_of
     from cosim.recording.episode import EpisodeRecorder
     from cosim.recording.file import Kept
     from cosim.recording.reader import EPISODE
@@ -89,6 +90,7 @@ def run(options: Replay, progress: Progress) -> Comparison:
     with parsing(options.recording, EPISODE):
         origin = msgspec.json.decode(data.properties["origin"]["task"], type=EpisodeOrigin)
         level = data.properties["episode"]["record"]
+        signals = msgspec.json.decode(data.properties["episode"].get("signals", "[]"))
         then = msgspec.json.decode(data.properties["episode"]["versions"], type=dict[str, str])
     path = options.policy or options.recording.absolute().parents[1] / "policy.npz"
     loaded = load_policy(path, origin.scenario)
@@ -105,12 +107,14 @@ def run(options: Replay, progress: Progress) -> Comparison:
             level=level,
             policies=loaded.maps(),
             drawn=episode.drawn,
+            sampled=episode.sampled,
         )
 
     def watch(_: Any, episode: RunningEpisode, __: float) -> None:
         progress("replaying", episode.time_s, task.config.timing.episode_limit_s)
 
-    for _ in simulate_tasks([replace(task, recorder=recorder, watch=watch)], 1):
+    sampled = sampled_of(task.scenario.robots, signals)
+    for _ in simulate_tasks([replace(task, recorder=recorder, watch=watch, sampled=sampled)], 1):
         pass
     replayed = read_chunks(kept.chunks, data.recording_id)
     now = versions()

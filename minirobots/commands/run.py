@@ -72,6 +72,9 @@ class Run(NewFolder, Simulating):
     """How much is recorded: nothing (only summary.json and the policy are written); decisions and
     poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at
     1 kHz with longer bursts at every tick."""
+    signals: tuple[Count, ...] = ()
+    """Robots whose signals are recorded, from 1; by default all of up to 64, else the first four.
+    Of the others poses are recorded."""
     no_record: bool = False
     """Short for --record none."""
     live: bool = False
@@ -123,6 +126,7 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     """Train or load, co-simulate, record, and keep `summary.json` up to date."""
     from agent.evaluation.series import Series
     from agent.training.recording import write_training
+    from cosim.coupling.rl_step import sampled_of
     from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
     from cosim.simulation.ahead import compiling_ahead
@@ -163,6 +167,7 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
         viewer,
         options.record,
         progress,
+        sampled_of(scenario.robots, options.signals),
     )
     with under_way(progress, "preparing the kernels"):
         compile_kernels(series.task(0), options.episodes, threads)

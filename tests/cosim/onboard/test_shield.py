@@ -9,8 +9,18 @@ from hypothesis import strategies as st
 
 from cosim.model.params import SHIELD, TABLE_I
 from cosim.onboard.estimation import COVARIANCE, ESTIMATE_SIZE, POSE
-from cosim.onboard.shield import FAILURES, PARKED, SHIELD_SIZE, STOPS, guard, plan_margin
+from cosim.onboard.shield import (
+    FAILURES,
+    PARKED,
+    SHIELD_SIZE,
+    STOPS,
+    ZONE_M,
+    Ground,
+    guard,
+    plan_margin,
+)
 from cosim.onboard.steering import COMMAND_SIZE, DRIVE, GOAL_X, HOLD, MODE, RETREAT, SENSE
+from cosim.physics.neighbours import LISTS
 
 BOARD = np.array([0.3, 0.3])
 DIAMETER_M = TABLE_I.diameter_m
@@ -22,9 +32,10 @@ KEPT_M = 2.0 * SHIELD.stopping_m  # of a gap, at room 0
 class Robots:
     """The shield's view of some robots that drive."""
 
-    def __init__(self, *poses, obstacles=NOTHING, forbidden=NOTHING):
-        n = len(poses)
+    def __init__(self, *poses, obstacles=NOTHING, forbidden=NOTHING, board=BOARD):
+        n, self.board = len(poses), board
         self.forbidden = np.array([forbidden] * n)
+        self.targets, self.owners = np.full((n, 4), np.inf), np.arange(n)
         self.commands, self.shields = np.zeros((n, COMMAND_SIZE)), np.zeros((n, SHIELD_SIZE))
         self.estimates = np.zeros((n, ESTIMATE_SIZE))
         self.estimates[:, POSE : POSE + 3] = poses
@@ -41,8 +52,43 @@ class Robots:
 
     def guarded(self):
         state, n = (self.commands, self.estimates, self.shields), len(self.commands)
-        guard(*state, 0, n, BOARD, self.obstacles, self.forbidden, DIAMETER_M, SHIELD)
+        allowed = (self.obstacles, self.forbidden, self.targets, self.owners)
+        lists = (np.zeros((LISTS, n), dtype=np.int64) for _ in range(3))
+        guard(*state, 0, n, Ground(self.board, 0.01, *allowed), *lists, DIAMETER_M, SHIELD)
         return self
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 150), st.sampled_from([0.0, 1e-3]))
+def test_of_many_robots_those_without_room_stop(seed, n, deviation_m):
+    """Compare with the definition of room over all robots and targets, one after the other."""
+    rng = np.random.default_rng(seed)
+    size_m = 0.07 * math.sqrt(n) + 0.05
+    places = rng.uniform(0.0, size_m, (n, 2))
+    robots = Robots(*np.insert(places, 2, 0.0, axis=1), board=np.full(2, size_m))
+    variance = deviation_m**2 * rng.random(n)
+    robots.estimates[:, COVARIANCE] = robots.estimates[:, COVARIANCE + 4] = variance
+    corners = 0.01 * np.floor(rng.uniform(0.0, 100.0 * size_m, (n, 2)))
+    robots.targets, robots.owners = np.hstack([corners, corners + 0.01]), rng.permutation(n)
+    robots.guarded()
+    alone = SHIELD.stopping_m + SHIELD.deviations * np.sqrt(variance)
+    least = np.minimum(places, size_m - places).min(axis=1) - alone
+    deviation = np.sqrt(variance)
+    for i in range(n):
+        away = places[i] - places[i].clip(robots.targets[:, :2], robots.targets[:, 2:])
+        least[i] = min(least[i], np.hypot(*away.T)[robots.owners != i].min() - alone[i])
+        of_both = np.sqrt(variance[i] + variance)
+        kept = DIAMETER_M + 2.0 * SHIELD.stopping_m + SHIELD.deviations * of_both
+        rooms = np.hypot(*(places - places[i]).T) - kept
+        rooms[i] = np.inf
+        if rooms.min() < least[i]:
+            least[i], deviation[i] = rooms.min(), of_both[rooms.argmin()]
+    modes = np.array(robots.modes)
+    assert np.array_equal(modes != DRIVE, least < SHIELD.room_m + SHIELD.jitter * deviation)
+    zones = [
+        tuple((place // (size_m / max(1, int(size_m / ZONE_M)))).astype(int)) for place in places
+    ]
+    retreating = [zone for zone, mode in zip(zones, modes, strict=True) if mode == RETREAT]
+    assert len(set(retreating)) == len(retreating)
 
 
 def apart(gap_m, *headings):

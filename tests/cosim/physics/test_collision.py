@@ -18,6 +18,7 @@ from cosim.physics.collision import (
     push_off,
 )
 from cosim.physics.forces import motor_mounts
+from cosim.physics.neighbours import LISTS
 from cosim.physics.properties import body_params, properties_of
 from cosim.simulation.cosimulation import CoSimulation, run_episode
 
@@ -42,8 +43,11 @@ def push(a: np.ndarray, b: np.ndarray) -> float:
 
 
 @kernel
-def near_pairs(bodies: np.ndarray, first: int, near: np.ndarray, count: int) -> int:
-    return find_near_pairs(bodies, first, 3, PAIR, near, count)
+def near_pairs(
+    bodies: np.ndarray, first: int, board: np.ndarray, near: np.ndarray, count: int
+) -> int:
+    robots, lists = bodies.shape[1] - first, np.zeros((LISTS, bodies.shape[1]), dtype=np.int64)
+    return find_near_pairs(bodies, first, robots, board, lists, PAIR, near, count)
 
 
 def touching_pair(angle, velocity_a, velocity_b, spin_a, spin_b, gap=0.0):
@@ -176,8 +180,30 @@ def test_near_pairs_are_those_in_reach():
     bodies = np.zeros((25, 4))  # the first one is of another episode
     bodies[0, 1:] = 0.0, d + 0.9 * NEAR_M, 2.0 * d + 2.0 * NEAR_M
     near = np.zeros((4, 2), dtype=np.int64)
-    assert near_pairs(bodies, 1, near, 1) == 2
+    assert near_pairs(bodies, 1, np.array([0.3, 0.3]), near, 1) == 2
     assert near[1].tolist() == [2, 1]
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 200),
+    st.sampled_from([(0.3, 0.3), (5.0, 0.1), (0.06, 2.0), (np.inf, np.inf), (1.5, 1.5)]),
+)
+def test_near_pairs_are_found_in_the_order_of_looking_at_all(seed, robots, board):
+    rng, first = np.random.default_rng(seed), 3
+    bodies = np.zeros((25, first + robots))
+    size = np.minimum(board, 1.0)  # some are off the board
+    bodies[:2, first:] = rng.uniform(-0.1, 1.1, (2, robots)) * size[:, None]
+    near = np.zeros((robots**2, 2), dtype=np.int64)
+    found = near[: near_pairs(bodies, first, np.array(board), near, 0)]
+    reach = TABLE_I.diameter_m + NEAR_M
+    expected = [
+        [i, j]
+        for i in range(first, first + robots)
+        for j in range(first, i)
+        if ((bodies[:2, i] - bodies[:2, j]) ** 2).sum() < reach**2
+    ]
+    assert found.tolist() == expected
 
 
 @pytest.fixture(scope="module")

@@ -38,6 +38,9 @@ def step(
         np.zeros(2, dtype=int),
         Outcome(outcome),
         2.0,
+        np.zeros(2),
+        (0, 1),
+        np.empty((0, 2, 7)),
     )
 
 
