@@ -1,5 +1,6 @@
 """Scenario and world files (TOML), and scenarios found by name."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from cosim.base.reading import Kind, read_toml
 from cosim.model.built_in import BUILT_IN, filled, sides
 from cosim.model.params import TABLE_I
 from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
+from cosim.model.swarm import BUILT_IN_SWARMS, Swarm, built_in_swarm, lay_out
 from cosim.model.world import IDEAL, Rectangle, World, WorldError
 
 ROUGH = Path(__file__).parent / "worlds" / "rough.toml"  # a world in which nothing is ideal
@@ -62,11 +64,14 @@ def find_in_world(
         pass
     elif name in BUILT_IN:
         scenario = BUILT_IN[name]
+    elif name in BUILT_IN_SWARMS:
+        scenario = built_in_swarm(name)
     elif name.endswith(".toml"):
         scenario, own = _read(Path(name))
     else:
         raise ScenarioError(
-            f"unknown scenario '{name}'; choose one of {', '.join(BUILT_IN)} or name a .toml file"
+            f"unknown scenario '{name}'; choose one of {', '.join((*BUILT_IN, *BUILT_IN_SWARMS))} "
+            "or name a .toml file"
         )
     if declared is None:
         declared = own
@@ -124,11 +129,12 @@ class _RobotTable(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
-    robots: Annotated[list[_RobotTable], msgspec.Meta(max_length=MAX_ROBOTS)]
+    robots: Annotated[list[_RobotTable], msgspec.Meta(max_length=MAX_ROBOTS)] = []
+    swarm: Swarm | None = None
     name: str | None = None
     title: str = ""
-    columns: _Size = 30
-    rows: _Size = 30
+    columns: _Size | None = None
+    rows: _Size | None = None
     cell_m: float = 0.01
     zone: Rectangle | None = None
     zone_is_obstacle: bool = False
@@ -154,27 +160,44 @@ def _read(path: Path) -> tuple[Scenario, World]:
         raise ScenarioError(f"{path}: {_field_message(str(error))}") from error
     except WorldError as error:
         raise WorldError(f"{path}: {error}") from None
-    by_side = sides(file.columns, file.rows)
+    if (file.swarm is None) == (not file.robots):
+        raise ScenarioError(
+            f"{path}: robots: give a table [[robots]] for each robot, or one table [swarm]"
+        )
+    if file.swarm is None:
+        board = _board_of(file, path)
+    else:
+        try:
+            cells = file.robot_diameter_m / file.cell_m if file.cell_m > 0.0 else math.inf
+            cells = cells if 0.0 < cells < math.inf else 0.0  # refused by the scenario
+            board = lay_out(file.swarm, cells, file.columns, file.rows, path.parent)
+        except ScenarioError as error:
+            raise ScenarioError(f"{path}: {error}") from None
+    scenario = Scenario(
+        name=file.name or path.stem,
+        title=file.title or path.name,
+        **board,
+        cell_m=file.cell_m,
+        zone=file.zone or _central_zone(board["columns"], board["rows"]),
+        obstacles=_cells(f"{path}: obstacles", file.obstacles),
+        robot_diameter_m=file.robot_diameter_m,
+        zone_is_obstacle=file.zone_is_obstacle,
+    )
+    return scenario, file.world
+
+
+def _board_of(file: _ScenarioFile, path: Path) -> dict[str, Any]:
+    """Return columns, rows, targets and starts of robots that a file has one by one, by name."""
+    columns, rows = file.columns or 30, file.rows or 30
+    by_side = sides(columns, rows)
     starts = tuple(
         by_side[robot.starts]
         if isinstance(robot.starts, str)
         else _cells(f"{path}: robots[{i}].starts", robot.starts)
         for i, robot in enumerate(file.robots)
     )
-    scenario = Scenario(
-        name=file.name or path.stem,
-        title=file.title or path.name,
-        targets=tuple(robot.target for robot in file.robots),
-        starts=starts,
-        columns=file.columns,
-        rows=file.rows,
-        cell_m=file.cell_m,
-        zone=file.zone or _central_zone(file.columns, file.rows),
-        obstacles=_cells(f"{path}: obstacles", file.obstacles),
-        robot_diameter_m=file.robot_diameter_m,
-        zone_is_obstacle=file.zone_is_obstacle,
-    )
-    return scenario, file.world
+    targets = tuple(robot.target for robot in file.robots)
+    return {"columns": columns, "rows": rows, "targets": targets, "starts": starts}
 
 
 def _field_message(message: str) -> str:

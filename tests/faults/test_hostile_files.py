@@ -250,7 +250,7 @@ CROWD = "columns = 500\nrows = 500\nrobot_diameter_m = 0.01\n" + "".join(
 FULL = "columns = 500\nrows = 500\n[[robots]]\ntarget = [1, 1]\nstarts = [[0, 0, 499, 499]]\n"
 SCENARIOS = {
     "a board of a million cells": Hostile(text("columns = 1000\nrows = 1000\n" + ROBOT), "<= 500"),
-    "ten thousand robots": Hostile(text(MANY), r"robots: expected 'array' of length <= 64"),
+    "ten thousand robots": Hostile(text(MANY), r"robots: expected 'array' of length <= 4096"),
     "robots in a heap": Hostile(text(CROWD), "starts leave hardly a combination"),
     "the same cells a thousand times": Hostile(
         text("columns = 500\nrows = 500\n"

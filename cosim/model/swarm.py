@@ -1,0 +1,120 @@
+"""Swarms: scenarios of many robots, by their number, spacing and formation.
+
+Robots begin near the points of a square lattice, each anywhere within so little of its point that
+no two can touch. Density does not depend on their number, so neither does what a robot meets.
+"""
+
+import math
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from cosim.base.reading import Kind, parsing, read_bytes
+from cosim.model.built_in import filled
+from cosim.model.params import TABLE_I
+from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
+
+FORMATIONS = ("swap", "across", "square")
+BUILT_IN_SWARMS = {f"swarm-{robots}": robots for robots in (64, 256, 1024)}
+_TARGETS = Kind("file of target cells", "write a line `column,row` for each robot", ScenarioError)
+
+
+class Swarm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The table `[swarm]` of a scenario file.
+
+    Attributes:
+        robots: their number.
+        spacing: cells between neighbouring points of the lattice.
+        targets: "swap" (robots 1 and 2, 3 and 4 and so on of a row change places, and each ends
+            just above those where one began), "across" (all move to the same lattice in the right
+            half of the board), "square" (to a dense one there), a list of cells, or a file (.csv)
+            with a line `column,row` for each robot.
+    """
+
+    robots: Annotated[int, msgspec.Meta(ge=1, le=MAX_ROBOTS)]
+    spacing: Annotated[int, msgspec.Meta(ge=1, le=MAX_SIDE_CELLS)] = 12
+    targets: str | list[Cell] = "swap"
+
+
+def lay_out(
+    swarm: Swarm,
+    diameter_cells: float,
+    columns: int | None = None,
+    rows: int | None = None,
+    folder: Path = Path(),
+) -> dict[str, Any]:
+    """Return columns, rows, targets and starts of a swarm's `Scenario`, by name.
+
+    Args:
+        swarm: number, spacing and formation.
+        diameter_cells: of every robot.
+        columns, rows: of the board; by default as many as the swarm needs.
+        folder: of a file of targets.
+
+    Raises:
+        ScenarioError: the swarm needs a larger board or spacing, or there is no such formation, or
+            not a target for each robot; the message names the field.
+    """
+    count, spacing = swarm.robots, swarm.spacing
+    least = math.floor(diameter_cells + 1e-9) + 1  # at which robots do not touch
+    side = math.isqrt(count - 1) + 1
+    if spacing < least:
+        raise ScenarioError(
+            f"swarm.spacing = {spacing} lets robots of {diameter_cells:.3g} cells touch; give more"
+        )
+    across = swarm.targets in ("across", "square")
+    width, height = (1 + across) * side * spacing, -(-count // side) * spacing
+    columns, rows = columns or width, rows or height
+    for field, size, needed in (("columns", columns, width), ("rows", rows, height)):
+        if not needed <= size <= MAX_SIDE_CELLS:
+            raise ScenarioError(
+                f"{field} = {size}: {count} robots with swarm.spacing = {spacing} need {needed} "
+                f"cells, and boards have up to {MAX_SIDE_CELLS}; change one of these"
+            )
+    place, around = np.arange(count), (spacing - least) // 2
+    column = place % side
+    corner = np.array([(columns - width) // 2, (rows - height) // 2]) + spacing // 2
+    points = corner + spacing * np.column_stack([column, place // side])
+    if swarm.targets == "swap":
+        partner = place - column + (column ^ 1)
+        alone = (column ^ 1 >= side) | (partner >= count)
+        targets = points[np.where(alone, place, partner)] + np.array([0, around + 1])
+    elif across:
+        pitch = spacing if swarm.targets == "across" else least + 1
+        targets = points[0] + np.array([width // 2, 0]) + (spacing - pitch) * (side - 1) // 2
+        targets = targets + (points - points[0]) // spacing * pitch
+    elif isinstance(swarm.targets, str):
+        targets = _read_targets(swarm.targets, folder)
+    else:
+        targets = np.array(swarm.targets).reshape(-1, 2)
+    if len(targets) != count:
+        raise ScenarioError(
+            f"swarm.targets has {len(targets)} cells for {count} robots; give one for each"
+        )
+    boxes = np.hstack([points - around, points + around]).clip(0).tolist()
+    starts = tuple(filled((left, bottom, right, top)) for left, bottom, right, top in boxes)
+    cells = tuple((x, y) for x, y in targets.tolist())
+    return {"columns": columns, "rows": rows, "targets": cells, "starts": starts}
+
+
+def _read_targets(name: str, folder: Path) -> np.ndarray:
+    """(M, 2) cells of a file."""
+    if not name.endswith(".csv"):
+        raise ScenarioError(
+            f"swarm.targets = '{name}' is unknown; choose one of {', '.join(FORMATIONS)}, "
+            "a list of cells, or a .csv file"
+        )
+    lines = read_bytes(folder / name, _TARGETS).decode(errors="replace").split()
+    with parsing(folder / name, _TARGETS):
+        return np.array([[int(part) for part in line.split(",")] for line in lines]).reshape(-1, 2)
+
+
+@cache
+def built_in_swarm(name: str) -> Scenario:
+    """One of `BUILT_IN_SWARMS`: neighbours change places."""
+    robots = BUILT_IN_SWARMS[name]
+    title = f"{robots} robots, neighbours of a row change places"
+    return Scenario(name, title, **lay_out(Swarm(robots), TABLE_I.diameter_m / Scenario.cell_m))

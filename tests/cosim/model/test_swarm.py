@@ -1,0 +1,64 @@
+"""Swarms in scenario files: layouts, and what is refused by name."""
+
+import numpy as np
+import pytest
+
+from cosim.model.scenario import ScenarioError
+from cosim.model.scenario_file import find_scenario
+from cosim.model.swarm import BUILT_IN_SWARMS, FORMATIONS
+from cosim.onboard.observing import draw_starts
+
+
+def scenario(folder, text):
+    path = folder / "many.toml"
+    path.write_text(text)
+    return find_scenario(path)
+
+
+@pytest.mark.parametrize("name", BUILT_IN_SWARMS)
+def test_built_in_swarms_have_one_density(name):
+    found = find_scenario(name)
+    assert found.robots == BUILT_IN_SWARMS[name]
+    assert found.columns * found.rows == 144 * found.robots
+    draw_starts(found, np.random.default_rng(0))  # no two of them touch
+
+
+@pytest.mark.parametrize("robots", [1, 2, 7, 70])
+@pytest.mark.parametrize("formation", FORMATIONS)
+@pytest.mark.parametrize("spacing", [6, 7, 12])
+def test_no_robot_begins_in_the_target_of_another(tmp_path, robots, formation, spacing):
+    text = f'[swarm]\nrobots = {robots}\nspacing = {spacing}\ntargets = "{formation}"'
+    if formation == "square" and spacing < 7:
+        text = text.replace("spacing = 6", "spacing = 8")
+    found = scenario(tmp_path, text)
+    assert not {cell for cells in found.starts for cell in cells} & set(found.targets)
+
+
+def test_targets_come_from_a_file_or_a_list(tmp_path):
+    (tmp_path / "cells.csv").write_text("1,2\n30,4\n")
+    text = 'columns = 40\nrows = 40\n[swarm]\nrobots = 2\ntargets = "cells.csv"'
+    by_file = scenario(tmp_path, text)
+    assert by_file.targets == ((1, 2), (30, 4))
+    text = "columns = 40\nrows = 40\n[swarm]\nrobots = 2\ntargets = [[1, 2], [30, 4]]"
+    assert scenario(tmp_path, text).digest() == by_file.digest()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[swarm]\nrobots = 0", r"swarm\.robots: expected 'int' >= 1"),
+        ("[swarm]\nrobots = 9999", r"swarm\.robots: expected 'int' <= 4096"),
+        ("[swarm]\nrobots = 2\nspacing = 5", r"swarm\.spacing = 5 lets robots of 5 cells touch"),
+        ("columns = 20\n[swarm]\nrobots = 64", "columns = 20: 64 robots .* need 96 cells"),
+        ("[swarm]\nrobots = 4096", "columns = 768: .* boards have up to 500"),
+        ('[swarm]\nrobots = 4\ntargets = "ring"', r"swarm\.targets = 'ring' is unknown; choose"),
+        ('[swarm]\nrobots = 4\ntargets = "no.csv"', "no such file of target cells"),
+        ("[swarm]\nrobots = 2\ntargets = [[1, 1]]", r"swarm\.targets has 1 cells for 2 robots"),
+        ("cell_m = nan\n[swarm]\nrobots = 2", "cell_m = nan is not usable"),
+        ("[swarm]\nrobots = 2\nradius = 3", r"swarm: object contains unknown field 'radius'"),
+        ("columns = 30", r"robots: give a table \[\[robots\]\] for each robot, or one table"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(tmp_path, text, message):
+    with pytest.raises(ScenarioError, match=message):
+        scenario(tmp_path, text)

@@ -1,0 +1,95 @@
+"""Many robots in one episode: bits, signals of some of them, poses of all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.model.config import CoSimConfig
+from cosim.model.params import SHIELD, TABLE_I
+from cosim.model.scenario import Scenario
+from cosim.model.swarm import Swarm, lay_out
+from cosim.onboard.observing import draw_starts
+from cosim.physics.lanes import host_lanes
+from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.reader import read_episode
+from cosim.simulation.batch import Batch
+from cosim.simulation.tasks import Task, simulate_tasks
+from fmus.build import cached_fmu
+
+ROBOTS = 70  # more than those whose signals are all kept
+SCENARIO = Scenario("many", "", **lay_out(Swarm(ROBOTS, spacing=7), 100.0 * TABLE_I.diameter_m))
+CONFIG = CoSimConfig(shield=SHIELD)
+CONFIG = replace(CONFIG, timing=CONFIG.timing._replace(rl_step_s=0.35, episode_limit_s=1.0))
+
+
+class Apart:
+    """Robots drive in all directions."""
+
+    def act(self, observation):
+        return np.arange(len(observation.cells)) % 8
+
+
+def steps_of(fmu, sampled=None, **options):
+    starts = draw_starts(SCENARIO, np.random.default_rng(0))
+    batch = Batch(fmu, CONFIG, ROBOTS, 1, **options)
+    episode = batch.begin(0, SCENARIO, starts, np.random.SeedSequence(0), sampled=sampled)
+    steps = [batch.advance({0: Apart().act(episode.observation)})[0] for _ in range(2)]
+    batch.close()
+    return steps, episode.measures
+
+
+@pytest.fixture(scope="module")
+def driven():
+    return steps_of(cached_fmu(), driver="fmpy")
+
+
+def test_bits_depend_neither_on_lanes_nor_on_the_driver(driven):
+    for options in ({"lanes": 2}, {"lanes": host_lanes()}):
+        steps, measures = steps_of(cached_fmu(), **options)
+        for step, other in zip(steps, driven[0], strict=True):
+            assert np.array_equal(step.poses, other.poses)
+            for ours, theirs in zip(step.samples, other.samples, strict=True):
+                assert np.array_equal(ours, theirs)
+        assert np.array_equal(measures.energy_j, driven[1].energy_j)
+        assert measures.min_distance_m == driven[1].min_distance_m
+
+
+def test_signals_of_chosen_robots_are_those_of_all(driven):
+    steps, measures = steps_of(cached_fmu(), sampled=tuple(range(ROBOTS)))
+    assert [step.sampled for step in driven[0]] == [(0, 1, 2, 3)] * 2
+    for step, some in zip(steps, driven[0], strict=True):
+        for every, chosen in zip(step.samples, some.samples, strict=True):
+            assert np.array_equal(every[:, :4], chosen)
+        assert np.array_equal(step.moved_m, some.moved_m)
+        assert step.poses.shape == (0, ROBOTS, 7)
+    position = np.concatenate([step.samples.position for step in steps])
+    poses = np.concatenate([step.poses for step in driven[0]])
+    assert np.array_equal(poses[..., :3], position[99::100])
+    distances = np.linalg.norm(position[:, :, None, :2] - position[:, None, :, :2], axis=3)
+    distances[:, np.arange(ROBOTS), np.arange(ROBOTS)] = np.inf
+    assert measures.min_distance_m == pytest.approx(distances.min(), abs=1e-12)
+
+
+def test_episodes_in_two_threads_are_those_of_one():
+    def tasks():
+        for seed in range(2):
+            starts = draw_starts(SCENARIO, np.random.default_rng(seed))
+            noise = np.random.SeedSequence(seed)
+            yield Task(SCENARIO, cached_fmu(), CONFIG, Apart(), starts, noise)
+
+    one, two = (dict(simulate_tasks(list(tasks()), threads)) for threads in (1, 2))
+    for number, result in one.items():
+        assert result.energy_j_by_robot == two[number].energy_j_by_robot
+        assert result.path_length_cm_by_robot == two[number].path_length_cm_by_robot
+
+
+def test_a_recording_has_poses_of_all_and_signals_of_some(tmp_path, driven):
+    path = tmp_path / "many.rrd"
+    with EpisodeRecorder(path, SCENARIO, CONFIG, "many", {"seed": 0}) as recorder:
+        for step in driven[0]:
+            recorder.write(step)
+    episode = read_episode(path)
+    named = {name.split("/")[2] for name in episode.signals if name.startswith("/sim/")}
+    assert named == {"r1", "r2", "r3", "r4"}
+    assert "/sim/r1/distance_m" not in episode.signals
