@@ -22,7 +22,7 @@ from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, MotorFmu
 from cosim.fmi.abi import FMI_OK, exchange_3
 from cosim.model.config import CoSimConfig
-from cosim.model.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.model.params import SHIELD, STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.model.scenario import MAX_SIDE_CELLS, Scenario
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
@@ -65,6 +65,7 @@ def driving(
     fmu: Path | None = None,
     driver: str = "compiled",
     lanes: int | None = None,
+    shield: bool = False,
     rl_step_s: float = SHORT_S,
 ) -> Callable[[], object]:
     """One RL step of episodes with robots on a lattice of 7 cm, all driving north with noise."""
@@ -74,7 +75,8 @@ def driving(
     # A board that no robot comes to the end of, with targets there.
     targets = tuple((x, MAX_SIDE_CELLS - 1 - y) for x, y in cells)
     scenario = Scenario("lattice", "", targets, starts, columns=7 * side + 7, rows=MAX_SIDE_CELLS)
-    config = CoSimConfig(timing=TIMING._replace(rl_step_s=rl_step_s, episode_limit_s=1e9))
+    timing = TIMING._replace(rl_step_s=rl_step_s, episode_limit_s=1e9)
+    config = CoSimConfig(timing=timing, shield=SHIELD if shield else None)
     batch = Batch(fmu or cached_fmu(), config, robots, episodes, driver, lanes)
     batch.compile()
     for place in range(episodes):

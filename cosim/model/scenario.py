@@ -158,8 +158,8 @@ class Scenario:
             )
         walls = 2 * self.walls
         for field, cells in fields.items() if len(walls) else ():
-            middles = 2 * np.array(cells).reshape(-1, 2) + 1
-            touching = np.flatnonzero(touches_obstacle(*middles.T, self.squared_contact, walls))
+            x, y = 2 * np.array(cells).reshape(-1, 2).T + 1
+            touching = np.flatnonzero(touches_obstacle(x, y, self.squared_contact, walls))
             if field != "obstacles" and len(touching):
                 raise ScenarioError(
                     f"scenario {self.name}: {field} has cell {cells[touching[0]]}, where a robot "
@@ -262,7 +262,7 @@ def touching_pair(cells: Sequence[Cell], squared_contact: int) -> tuple[int, int
     before: dict[Cell, list[int]] = {}
     for i, (x, y) in enumerate(cells):
         block = x // side, y // side
-        around = product(*(range(at - 1, at + 2) for at in block))
+        around = [(block[0] + dx, block[1] + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
         for j in sorted(k for near in around for k in before.get(near, ())):
             if (cells[j][0] - x) ** 2 + (cells[j][1] - y) ** 2 <= squared_contact:
                 return j, i

@@ -67,7 +67,8 @@ def lay_out(
         )
     across = swarm.targets in ("across", "square")
     width, height = (1 + across) * side * spacing, -(-count // side) * spacing
-    columns, rows = columns or width, rows or height
+    # By default there is half a spacing more on every side, to pass each other there as well.
+    columns, rows = columns or width + spacing, rows or height + spacing
     for field, size, needed in (("columns", columns, width), ("rows", rows, height)):
         if not needed <= size <= MAX_SIDE_CELLS:
             raise ScenarioError(

@@ -1,5 +1,7 @@
 """Swarms in scenario files: layouts, and what is refused by name."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ def scenario(folder, text):
 def test_built_in_swarms_have_one_density(name):
     found = find_scenario(name)
     assert found.robots == BUILT_IN_SWARMS[name]
-    assert found.columns * found.rows == 144 * found.robots
+    assert found.columns == found.rows == 12 * (math.isqrt(found.robots) + 1)
     draw_starts(found, np.random.default_rng(0))  # no two of them touch
 
 
@@ -50,7 +52,7 @@ def test_targets_come_from_a_file_or_a_list(tmp_path):
         ("[swarm]\nrobots = 9999", r"swarm\.robots: expected 'int' <= 4096"),
         ("[swarm]\nrobots = 2\nspacing = 5", r"swarm\.spacing = 5 lets robots of 5 cells touch"),
         ("columns = 20\n[swarm]\nrobots = 64", "columns = 20: 64 robots .* need 96 cells"),
-        ("[swarm]\nrobots = 4096", "columns = 768: .* boards have up to 500"),
+        ("[swarm]\nrobots = 4096", "columns = 780: .* boards have up to 500"),
         ('[swarm]\nrobots = 4\ntargets = "ring"', r"swarm\.targets = 'ring' is unknown; choose"),
         ('[swarm]\nrobots = 4\ntargets = "no.csv"', "no such file of target cells"),
         ("[swarm]\nrobots = 2\ntargets = [[1, 1]]", r"swarm\.targets has 1 cells for 2 robots"),

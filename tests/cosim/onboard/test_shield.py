@@ -53,8 +53,8 @@ class Robots:
     def guarded(self):
         state, n = (self.commands, self.estimates, self.shields), len(self.commands)
         allowed = (self.obstacles, self.forbidden, self.targets, self.owners)
-        lists = (np.zeros((LISTS, n), dtype=np.int64) for _ in range(3))
-        guard(*state, 0, n, Ground(self.board, 0.01, *allowed), *lists, DIAMETER_M, SHIELD)
+        lists, ground = np.zeros((3, LISTS, n), dtype=np.int64), Ground(self.board, 0.01, *allowed)
+        guard(*state, 0, n, ground, lists[0], lists[1], lists[2], DIAMETER_M, SHIELD)
         return self
 
 
