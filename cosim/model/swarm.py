@@ -66,7 +66,8 @@ def lay_out(
             f"swarm.spacing = {spacing} lets robots of {diameter_cells:.3g} cells touch; give more"
         )
     across = swarm.targets in ("across", "square")
-    width, height = (1 + across) * side * spacing, -(-count // side) * spacing
+    # Between the halves there is an aisle.
+    width, height = (2 * side + 1 if across else side) * spacing, -(-count // side) * spacing
     # By default there is half a spacing more on every side, to pass each other there as well.
     columns, rows = columns or width + spacing, rows or height + spacing
     for field, size, needed in (("columns", columns, width), ("rows", rows, height)):
@@ -85,8 +86,8 @@ def lay_out(
         targets = points[np.where(alone, place, partner)] + np.array([0, around + 1])
     elif across:
         pitch = spacing if swarm.targets == "across" else least + 1
-        targets = points[0] + np.array([width // 2, 0]) + (spacing - pitch) * (side - 1) // 2
-        targets = targets + (points - points[0]) // spacing * pitch
+        middle = (spacing - pitch) * (side - 1) // 2 + np.array([(side + 1) * spacing, 0])
+        targets = points[0] + middle + (points - points[0]) // spacing * pitch
     elif isinstance(swarm.targets, str):
         targets = _read_targets(swarm.targets, folder)
     else:

@@ -4,9 +4,16 @@ Nothing is learnt, planned or remembered. Robots drive towards their targets and
 the right: `minirobots evaluate --policy docs.examples.swarm:Local --scenario swarm-64 --shield`.
 """
 
+import math
+from pathlib import Path
+
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTIONS, Observation
 
 NEIGHBOURS = 6  # that a robot sees
@@ -15,15 +22,41 @@ SEEN = 2.0  # assumed: diameters, see Eq. (9), within which robots begin to pass
 _BLOCKED, _TURN, _RIGHT = 4.0, 0.05, 1.5  # assumed: weights against a move straight ahead, 1
 
 
+def ways_of(scenario: Scenario) -> np.ndarray:
+    """Lengths of the shortest paths to each target in cells, (N, columns, rows), inf where none."""
+    shape = scenario.columns, scenario.rows
+    x, y = np.mgrid[: shape[0], : shape[1]]
+    free = ~np.broadcast_to(scenario.blocks(2 * x + 1, 2 * y + 1), shape)
+    edges = []
+    for dx, dy in DIRECTIONS.tolist():
+        to_x, to_y = (x + dx).clip(0, shape[0] - 1), (y + dy).clip(0, shape[1] - 1)
+        open_ = free & free[to_x, to_y]
+        ends = (
+            np.ravel_multi_index((a[open_], b[open_]), shape) for a, b in ((x, y), (to_x, to_y))
+        )
+        edges.append((*ends, np.full(open_.sum(), math.hypot(dx, dy))))
+    start, end, length = (np.concatenate(part) for part in zip(*edges, strict=True))
+    graph = csr_matrix((length, (start, end)), shape=(x.size, x.size))
+    targets = np.ravel_multi_index(np.array(scenario.targets).T, shape)
+    return dijkstra(graph, indices=targets).reshape(-1, *shape)
+
+
+def through_door() -> "Local":
+    """Return the rule for docs/examples/door.toml, whose walls it knows."""
+    return Local(find_scenario(Path(__file__).with_name("door.toml")))
+
+
 class Local:
     """Drives in the direction of eight that is worth most.
 
     Args:
-        diameter_cells: of every robot.
+        scenario: whose obstacles are known; by default none are, and robots have 5 cells.
     """
 
-    def __init__(self, diameter_cells: float = 5.0) -> None:
-        self._kept, self._seen = KEPT * diameter_cells, SEEN * diameter_cells
+    def __init__(self, scenario: Scenario | None = None) -> None:
+        cells = 5.0 if scenario is None else scenario.robot_diameter_m / scenario.cell_m
+        self._kept, self._seen = KEPT * cells, SEEN * cells
+        self._ways = None if scenario is None else ways_of(scenario)
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the direction of each robot (N,), counted counter-clockwise from east."""
@@ -32,6 +65,12 @@ class Local:
         away = (observation.targets - cells).astype(float)
         left = np.linalg.norm(away, axis=1, keepdims=True)
         ahead = away / np.maximum(left, 1e-9)
+        after = cells[:, None] + DIRECTIONS
+        steps = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+        if self._ways is not None:
+            at = after.clip(0, np.array(self._ways.shape[1:]) - 1)
+            ways = self._ways[np.arange(n)[:, None], at[..., 0], at[..., 1]]
+            ahead = steps[(ways + np.linalg.norm(DIRECTIONS, axis=1)).argmin(axis=1)]
         near = KDTree(cells).query(cells, k + 1)[1].reshape(n, -1)
         near = np.array([row[row != i][:k] for i, row in enumerate(near)], dtype=int).reshape(n, k)
         # Eq. (9) knows the distance of the nearest one; here it has a direction as well.
@@ -42,13 +81,11 @@ class Local:
         urge = np.where(meets, (self._seen - distance) / (self._seen - self._kept), 0.0)
         aside = np.column_stack([ahead[:, 1], -ahead[:, 0]])  # to the right
         wanted = ahead + _RIGHT * urge.max(axis=1, initial=0.0)[:, None].clip(0.0, 1.0) * aside
-        steps = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
         worth = (wanted @ steps.T) / np.maximum(np.linalg.norm(wanted, axis=1, keepdims=True), 1e-9)
         turns = (
             np.arange(len(DIRECTIONS)) % AXIS_COUNT != observation.direction[:, None] % AXIS_COUNT
         )
         worth -= _TURN * turns
-        after = cells[:, None] + DIRECTIONS
         for places in (cells, goals):
             apart = np.linalg.norm(after[:, :, None] - places[near][:, None], axis=3)
             nearer = apart < np.minimum(self._kept, distance[:, None])
@@ -59,4 +96,6 @@ class Local:
         others = (observation.targets[closest] == after[:, :, None]).all(axis=3)
         worth -= 2.0 * _BLOCKED * (others & (closest != own)).any(axis=2)
         worth -= 2.0 * _BLOCKED * (after < 0).any(axis=2)
+        if self._ways is not None:
+            worth -= 2.0 * _BLOCKED * np.isinf(ways)
         return worth.argmax(axis=1)

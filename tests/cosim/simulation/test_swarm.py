@@ -1,22 +1,29 @@
 """Many robots in one episode: bits, signals of some of them, poses of all."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cosim.base.errors import UserError
+from cosim.coupling.rl_step import sampled_of
 from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD, TABLE_I
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
 from cosim.model.swarm import Swarm, lay_out
+from cosim.onboard.features import Observation
 from cosim.onboard.observing import draw_starts
 from cosim.physics.lanes import host_lanes
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.reader import read_episode
 from cosim.simulation.batch import Batch
 from cosim.simulation.tasks import Task, simulate_tasks
+from docs.examples.swarm import Local, through_door
 from fmus.build import cached_fmu
 
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ROBOTS = 70  # more than those whose signals are all kept
 SCENARIO = Scenario("many", "", **lay_out(Swarm(ROBOTS, spacing=7), 100.0 * TABLE_I.diameter_m))
 CONFIG = CoSimConfig(shield=SHIELD)
@@ -93,3 +100,29 @@ def test_a_recording_has_poses_of_all_and_signals_of_some(tmp_path, driven):
     named = {name.split("/")[2] for name in episode.signals if name.startswith("/sim/")}
     assert named == {"r1", "r2", "r3", "r4"}
     assert "/sim/r1/distance_m" not in episode.signals
+
+
+def test_robots_whose_signals_are_kept_are_named_from_one():
+    assert sampled_of(64) == tuple(range(64))
+    assert sampled_of(65) == (0, 1, 2, 3)
+    assert sampled_of(65, (65, 2)) == (64, 1)
+    for named in ((0,), (66,), (3, 3)):
+        with pytest.raises(UserError, match=r"signals = .* must name different robots from 1 to"):
+            sampled_of(65, named)
+
+
+def test_the_rule_of_the_example_passes_on_the_right_and_keeps_off_walls():
+    still = np.zeros(2, dtype=int)
+
+    def directions(rule, cells, targets):
+        return rule.act(Observation(cells, still, still, still, targets, cells)).tolist()
+
+    facing = np.array([[10, 20], [18, 20]])
+    east, west = directions(Local(), facing, np.array([[24, 20], [4, 20]]))
+    assert east in (6, 7)
+    assert west in (2, 3)
+    door = find_scenario(EXAMPLES / "door.toml")
+    behind_the_wall, targets = np.array([[60, 10], [63, 30]]), np.array(door.targets[:2])
+    up, along = directions(through_door(), behind_the_wall, targets)
+    assert up in (1, 2)
+    assert along in (7, 0, 1)
