@@ -35,9 +35,13 @@ class Board {
     });
   }
 
-  robotAt(event, robots) {
+  // The place of a pointer in m.
+  placeOf(event) {
     const box = this.canvas.getBoundingClientRect();
-    const x = (event.clientX - box.left) / this.scale, y = this.rows_m - (event.clientY - box.top) / this.scale;
+    return [(event.clientX - box.left) / this.scale, this.rows_m - (event.clientY - box.top) / this.scale];
+  }
+
+  robotAt([x, y], robots) {
     return robots.findIndex((r) => Math.hypot(r.x - x, r.y - y) < this.scenario.diameter_m / 2);
   }
 
@@ -56,6 +60,11 @@ class Board {
     if (options.trails) this.trails.forEach((trail, i) => this.line(g, trail, COLOURS[i], 1.5));
     robots.forEach((robot, i) => this.drawMove(g, robot, COLOURS[i]));
     robots.forEach((robot, i) => this.drawRobot(g, robot, i, i === options.selected));
+    if (options.dragged) {
+      this.line(g, [[robots[options.selected].x, robots[options.selected].y], options.dragged], COLOURS[options.selected], 1);
+      this.disc(g, ...options.dragged, scenario.diameter_m / 2);
+      g.stroke();
+    }
     g.restore();
   }
 
