@@ -335,6 +335,7 @@ def draw_noise(
     config: CoSimConfig,
     generators: list[np.random.Generator],
     periods: int,
+    amplitude: float | np.ndarray | None = None,
 ) -> np.ndarray:
     """Speed noise of N robots over their motors' set points (Section V), shape (periods, N, 2).
 
@@ -342,6 +343,7 @@ def draw_noise(
         config: amplitude, and time for which a value holds.
         generators: 2 N, see `noise_generators`; each is drawn from.
         periods: control periods.
+        amplitude: relative one, or (N, 1) of each robot; by default that of `config`.
     """
     hold = config.periods_per_noise_value
     draws, motors = math.ceil(periods / hold), len(MOTOR_NAMES)
@@ -351,6 +353,7 @@ def draw_noise(
     values *= 2.0
     values -= 1.0
     noise = np.empty((draws, hold, len(generators) // motors, motors))
-    amplitude = config.noise.relative_amplitude
+    if amplitude is None:
+        amplitude = config.noise.relative_amplitude
     np.multiply(values.T.reshape(draws, 1, -1, motors), amplitude, out=noise)
     return noise.reshape(-1, *noise.shape[2:])[:periods]

@@ -20,6 +20,7 @@ from cosim.coupling.assembly import (
     MOTOR_NAMES,
     Motors,
     check_motors,
+    draw_noise,
     new_plant,
     robot_properties,
     why_not_fmpy,
@@ -258,14 +259,14 @@ class Batch:
         if not going_on:
             raise UserError("no episode is running in this batch, or it is closed; begin one first")
         periods, columns = self.config.periods_per_step, state.bodies.shape[1]
-        noise = np.zeros((periods, columns, len(MOTOR_NAMES)))
         step_s = self.config.timing.rl_step_s
         frames = [frames_within(e.config.world.camera, step_s) for e in going_on.values()]
         sight = np.zeros((max(frames, default=0), columns, NOISE))
         state.cameras[:, SIGHT] = 0.0
         for (place, episode), count in zip(going_on.items(), frames, strict=True):
             where = self._columns(place)
-            episode.begin_step(actions[place], noise[:, where], sight[:count, where])
+            episode.begin_step(actions[place], sight[:count, where])
+        noise = self._noise(going_on, periods)
         # Samples of many robots are taken in stretches, as long as the robots are few.
         stretch = -(-periods // -(-self.robots // SAMPLED))
         samples = new_samples(min(stretch, periods), columns)
@@ -301,6 +302,16 @@ class Batch:
         else:  # all lanes of a vector are computed
             name += " of a place without an episode"
         return error.named(name, start_s + (error.tick + 1) * self.config.timing.dt_s)
+
+    def _noise(self, episodes: Mapping[int, RunningEpisode], periods: int) -> np.ndarray:
+        """(periods, B, 2), speed noise over the set points of episodes, by their places."""
+        noise = np.zeros((periods, self._state.bodies.shape[1], len(MOTOR_NAMES)))
+        generators = [one for episode in episodes.values() for one in episode.noise]
+        amplitudes = [e.config.noise.relative_amplitude for e in episodes.values()]
+        of_robots = np.repeat(amplitudes, self.robots)[:, None]
+        columns = np.repeat([place in episodes for place in range(len(self.episodes))], self.robots)
+        noise[:, np.flatnonzero(columns)] = draw_noise(self.config, generators, periods, of_robots)
+        return noise
 
     def going_on(self) -> dict[int, RunningEpisode]:
         """Running episodes, by place."""

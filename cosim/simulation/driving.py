@@ -12,14 +12,15 @@ import numpy as np
 
 from cosim.base.arguments import ConfigError, taken
 from cosim.base.errors import UserError, shown
+from cosim.base.jit import kernel
 from cosim.coupling.rl_step import Decision, Step
 from cosim.coupling.signals import MOTORS, State
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.estimation import POSE
 from cosim.onboard.observing import cells_of
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.physics.body_state import QUATERNION
+from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
+from cosim.physics.body_state import Q_W, Q_X, Q_Y, Q_Z, X, Y
 from cosim.physics.rotation import heading
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import SimulationOptions
@@ -125,8 +126,7 @@ class DrivenEpisode(RunningEpisode):
 
     def true_poses(self) -> np.ndarray:
         """(N, 3) x, y in m and heading in rad."""
-        angles = [heading((q[0], q[1], q[2], q[3])) for q in self._bodies[:, QUATERNION].tolist()]
-        return np.column_stack([self._bodies[:, :2], angles])
+        return _poses_of(self._bodies)
 
     def motion(self) -> DriveObservation:
         """Return what the policy sees now."""
@@ -161,15 +161,23 @@ class DrivenEpisode(RunningEpisode):
         return set_points
 
     def _adopt(self, action: np.ndarray) -> np.ndarray:
-        moving = ~self._arrived
-        self._commands[moving, OMEGA_D], self._commands[moving, OMEGA_E] = action[moving].T
-        self._commands[moving, MODE] = DIRECT
-        return np.zeros_like(moving)  # none of them decided on a move
+        self._commands[:, OMEGA_D : OMEGA_E + 1] = action
+        self._commands[:, MODE] = np.where(self._arrived, HOLD, DIRECT)
+        return np.zeros(len(action), dtype=bool)  # none of them decided on a move
 
     def _arriving(self, completed: np.ndarray) -> np.ndarray:
         return (cells_of(self.true_poses()[:, :2].copy(), self._board.cell_m) == self._targets).all(
             axis=1
         )
+
+
+@kernel
+def _poses_of(bodies: np.ndarray) -> np.ndarray:
+    poses = np.empty((len(bodies), 3))
+    for i in range(len(bodies)):
+        poses[i, 0], poses[i, 1] = bodies[i, X], bodies[i, Y]
+        poses[i, 2] = heading((bodies[i, Q_W], bodies[i, Q_X], bodies[i, Q_Y], bodies[i, Q_Z]))
+    return poses
 
 
 def numbers(values: Any) -> np.ndarray:

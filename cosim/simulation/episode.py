@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cosim.base.errors import UserError, shown
-from cosim.coupling.assembly import draw_noise, noise_generators, robot_properties
+from cosim.coupling.assembly import noise_generators, robot_properties
 from cosim.coupling.rl_step import POSES_S, SAMPLED, Decision, Step, decide, sampled_of
 from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.model.config import CoSimConfig
@@ -58,6 +58,7 @@ class RunningEpisode:
         measures: so far.
         sampled: indices of the robots whose signals are kept.
         conflicts: decisions that the shield changed.
+        noise: generators of the speed noise, one for each motor.
     """
 
     def __init__(
@@ -85,7 +86,9 @@ class RunningEpisode:
         """
         n = scenario.robots
         self.sampled = sampled_of(n) if sampled is None else sampled
-        self._taken: list[tuple[Samples, RawSamples, np.ndarray, np.ndarray]] = []
+        self._taken: list[
+            tuple[Samples, RawSamples, np.ndarray, tuple[np.ndarray, np.ndarray]]
+        ] = []
         self.scenario, self.config = scenario, config
         self.drawn = draw_world(config.world, config.motor, n, seed)
         down = gravity(config.world, self.drawn, config.motor.g)
@@ -139,7 +142,7 @@ class RunningEpisode:
     def draw_from(self, seed: np.random.SeedSequence) -> None:
         """Draw speed noise and camera frames from a seed from now on; the world stays as drawn."""
         n = self.scenario.robots
-        self._noise = noise_generators(seed, n)
+        self.noise = noise_generators(seed, n)
         self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
 
     @property
@@ -167,13 +170,12 @@ class RunningEpisode:
         """Return what a policy decides on what it sees now."""
         return decide(policy, self.observation)
 
-    def begin_step(self, action: Any, noise: np.ndarray, sight: np.ndarray) -> None:
-        """Adopt actions, and draw the speed noise and the camera's frames of the step.
+    def begin_step(self, action: Any, sight: np.ndarray) -> None:
+        """Adopt actions, and draw the camera's frames of the step.
 
         Args:
             action: (N,) direction index of each robot, as the policy returned it; a robot under way
                 keeps its own.
-            noise: (periods, N, 2), written, over each motor's set point.
             sight: (M, N, NOISE) of `cosim.onboard.camera`, written.
 
         Raises:
@@ -182,7 +184,6 @@ class RunningEpisode:
         self._decided = self._adopt(self._directions(action))
         self._first_tick = self._tick
         self._was_moving = ~self._at_end()
-        noise[:] = draw_noise(self.config, self._noise, len(noise))
         sensor = self.config.world.camera
         if sensor.rate_hz:
             for robot, rng in enumerate(self._cameras):
@@ -196,8 +197,8 @@ class RunningEpisode:
             periods: control periods that the episode went on.
         """
         ticks = periods * self.config.ticks_per_period
-        samples = Samples(*(signal[:periods, self._columns] for signal in samples))
-        raw = RawSamples(*(signal[:ticks, self._columns] for signal in raw))
+        samples = Samples._make([signal[:periods, self._columns] for signal in samples])
+        raw = RawSamples._make([signal[:ticks, self._columns] for signal in raw])
         self.measures.add(samples)
         path_m, every = samples.position, round(POSES_S / self.config.timing.control_period_s)
         poses = np.empty((0, *path_m.shape[1:2], 7))
@@ -205,7 +206,7 @@ class RunningEpisode:
             since = self._tick // self.config.ticks_per_period
             rows = slice(-(since + 1) % every, None, every)
             poses = np.concatenate([path_m[rows], samples.quaternion[rows]], axis=2)
-        ends_m = path_m[[0, -1], :, :2]
+        ends_m = path_m[0, :, :2].copy(), path_m[-1, :, :2].copy()
         if len(self.sampled) < self.scenario.robots or self.scenario.robots > SAMPLED:
             chosen = np.array(self.sampled, dtype=int)
             samples = Samples(*(signal[:, chosen] for signal in samples))
