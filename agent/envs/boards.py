@@ -1,13 +1,16 @@
-"""Many boards of the decision process, stepped by one compiled loop into arrays that are kept.
+"""Boards that environments step together: what they have in common, and those of the grid.
 
-What `agent.envs.vector` and `agent.envs.parallel_vector` share; neither adds anything to the
-process. An episode of one environment is one such board, with the same bits.
+The views of boards are `agent.envs.single`, `vector`, `parallel` and `parallel_vector`; none adds
+anything to the process. The boards in the dynamics are in `agent.envs.dynamics`.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, NamedTuple
 
+import msgspec
 import numpy as np
+from gymnasium import spaces
 
 from agent.envs.grid_episode import (
     StartsError,
@@ -16,29 +19,128 @@ from agent.envs.grid_episode import (
     observed_columns,
     place_checked,
     require_seed,
-    whole_cells,
 )
-from agent.envs.state import Restorable
+from agent.envs.state import Restorable, StateError
 from agent.mdp.config import ProcessConfig, refuse_without_effect
-from agent.mdp.grid import (
-    COLUMN_COUNT,
-    MOVING,
-    STATUS,
-    VX,
-    VY,
-    X,
-    Y,
-    move,
-    place_randomly,
-    slipped,
-)
+from agent.mdp.grid import COLUMN_COUNT, MOVING, STATUS, VX, VY, X, Y, move, place_randomly, slipped
 from agent.mdp.readings import Process, build_process, feature_sizes
 from agent.mdp.rng import seeded_state
-from cosim.base.arguments import ConfigError, taken
+from cosim.base.arguments import taken
 from cosim.base.errors import shown
 from cosim.base.jit import inlined, kernel
-from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
 from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
+
+Count = Annotated[int, msgspec.Meta(ge=1)]
+_NAMES = np.array(BY_RANK, dtype=object)
+
+
+class EnvBoards(Restorable):
+    """K boards of N robots each, as the environments step them.
+
+    A robot that has ended before the others of its board stays there, inactive: its actions are
+    ignored, its rewards 0. The step after the end of a board's episode begins another one with all
+    its robots, as the first step does without a reset.
+
+    Attributes:
+        scenario: board, targets and start cells.
+        shape: (K, N).
+        arrays: what the last step gave, with the fields of `Results`.
+        observation_space, action_space: of one robot.
+        reset_options: names of what `reset` takes of each board.
+    """
+
+    scenario: Scenario
+    shape: tuple[int, int]
+    arrays: Any
+    observation_space: spaces.Space
+    action_space: spaces.Space
+    reset_options: ClassVar[tuple[str, ...]] = ("starts",)
+
+    def seed(self, seeds: Sequence[Any]) -> None:
+        """Seed the K boards; None leaves one as it is."""
+        raise NotImplementedError
+
+    def reset(
+        self, options: dict[str, Any] | None, seeds: Sequence[int | None] | None = None
+    ) -> None:
+        """Begin episodes.
+
+        Args:
+            options: K values of each of `reset_options`; "reset_mask", (K,) bool, boards to begin
+                again, all without.
+            seeds: of the K boards, of which those that begin again are seeded; None leaves one as
+                it is.
+
+        Raises:
+            StartsError: an option cannot be used; the boards are as they were.
+        """
+        raise NotImplementedError
+
+    def step(self, actions: np.ndarray) -> None:
+        """Let every active robot take its action, of shape (K, N, ...)."""
+        raise NotImplementedError
+
+    def path_length_cm(self) -> np.ndarray:
+        """(K, N) float64."""
+        raise NotImplementedError
+
+    def infos(self, *, names: bool) -> dict[str, np.ndarray]:
+        """Return what is said of all robots in addition to their observations, (K, N) each.
+
+        Args:
+            names: whether `outcome_name` is there, the text of the code `outcome`.
+        """
+        ranks = np.repeat(self.arrays.outcomes[:, None], self.shape[1], axis=1)
+        infos = {
+            "outcome": ranks,
+            "is_success": ranks == SUCCESS,
+            "path_length": self.path_length_cm(),
+            "active": self.arrays.active.copy(),
+        }
+        return infos | {"outcome_name": _NAMES[ranks]} if names else infos
+
+    def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
+        """Return of each board what a picture shows: its scenario and (N, 2) positions in m."""
+        raise NotImplementedError
+
+    def action_masks(self) -> np.ndarray:
+        """(K, N, 8) int8, which directions lead to a free cell, see `free_directions`."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Free what simulates."""
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """See `Restorable.set_state`; also refuses states of another number of boards or robots."""
+        its = state.get("arrays", ()) if isinstance(state, dict) else ()
+        if its and [array.shape for array in its] != [array.shape for array in self.arrays]:
+            raise StateError(
+                f"a state of {len(its.outcomes)} boards of {its.rewards.shape[1]} robots does not "
+                f"fit {self.shape[0]} of {self.shape[1]}; restore it where as many are stepped"
+            )
+        super().set_state(state)
+
+
+class Results(NamedTuple):
+    """Result of the last step of K boards of N robots with F features.
+
+    Attributes:
+        outcomes: (K,) int64, ranks of `cosim.model.outcome`.
+        observations: (K, N, F).
+        rewards: (K, N) float64.
+        terminated: (K, N) bool, robots that arrived or failed in the step.
+        truncated: (K, N) bool, robots still on their move when the episode ended in the step.
+        active: (K, N) bool, robots whose next action counts.
+    """
+
+    outcomes: np.ndarray
+    observations: np.ndarray
+    rewards: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    active: np.ndarray
 
 
 class Arrays(NamedTuple):
@@ -48,14 +150,10 @@ class Arrays(NamedTuple):
         worlds: (K, N, COLUMN_COUNT) int64, see `agent.mdp.grid`.
         random: (K, 1) uint64, generator states.
         steps: (K,) int64, of the episode.
-        outcomes: (K,) int64, ranks of `cosim.model.outcome`.
         path_cells: (K, N) float64, path since the start in cells.
+        outcomes, rewards, terminated, truncated, active: see `Results`.
         observations: (K, N, F) int64, features counted from 0; a robot that left the board seems to
             be at its edge.
-        rewards: (K, N) float64.
-        terminated: (K, N) bool, robots that arrived or failed in the step.
-        truncated: (K, N) bool, robots still on their move when the episode ended in the step.
-        active: (K, N) bool, robots that take an action in the next step.
     """
 
     worlds: np.ndarray
@@ -137,12 +235,8 @@ def _step(process: Process, features: np.ndarray, arrays: Arrays, actions: np.nd
         _observe(features, arrays, m)
 
 
-class Boards(Restorable):
-    """K boards of a scenario; `arrays` is overwritten by every step.
-
-    A robot that has ended before the others of its board stays there, inactive: its actions are
-    ignored, its rewards 0. The step after the end of a board's episode begins another one with all
-    its robots, as the first step does without a reset.
+class Boards(EnvBoards):
+    """K boards of a scenario on the grid; `arrays` is overwritten by every step.
 
     Raises:
         ScenarioError: the scenario cannot be used with these readings.
@@ -154,9 +248,10 @@ class Boards(Restorable):
         refuse_without_effect(config, "environments on the grid")
         self.scenario = scenario
         self.process = build_process(scenario, config)
+        self.observation_space, self.action_space = direction_spaces(scenario, config)
         self._features = np.array(observed_columns(scenario, config))
-        rows = (count, scenario.robots)
-        self.arrays = Arrays(
+        self.shape = rows = (taken("num_envs", count, Count), scenario.robots)
+        self.arrays: Arrays = Arrays(
             worlds=np.zeros((*rows, COLUMN_COUNT), dtype=np.int64),
             random=np.zeros((count, 1), dtype=np.uint64),
             steps=np.zeros(count, dtype=np.int64),
@@ -170,7 +265,7 @@ class Boards(Restorable):
         )
 
     def seed(self, seeds: Sequence[int | np.random.SeedSequence | None]) -> None:
-        """Seed the generators of the K boards; None leaves one as it is."""
+        """See `EnvBoards.seed`."""
         for m, seed in enumerate(seeds):
             if seed is not None:
                 self.arrays.random[m] = seeded_state(seed)
@@ -178,146 +273,57 @@ class Boards(Restorable):
     def reset(
         self, options: dict[str, Any] | None, seeds: Sequence[int | None] | None = None
     ) -> None:
-        """Begin episodes.
-
-        Args:
-            options: "starts", (K, N, 2) start cells, drawn without; "reset_mask", (K,) bool, boards
-                to begin again, all without.
-            seeds: of the K generators, of which those of boards that begin again are seeded; None
-                leaves one as it is.
-
-        Raises:
-            StartsError: start cells cannot be used; the boards are as they were.
-        """
-        which, starts = reset_options(options, self.arrays.active.shape)
-        if starts is not None:
-            worlds = self.arrays.worlds.copy()
-            for m in np.flatnonzero(which):
-                place_checked(self.process, worlds[m], starts[m])
-            self.arrays.worlds[:] = worlds
+        """See `EnvBoards.reset`; starts are (N, 2) cells, drawn where there are none."""
+        which, rows = board_options(options, np.ones(self.shape[0], dtype=bool), "starts")
+        placed = [m for m, row in enumerate(rows) if row and which[m]]
+        worlds = self.arrays.worlds.copy() if placed else self.arrays.worlds
+        for m in placed:
+            place_checked(self.process, worlds[m], rows[m]["starts"])
         if seeds is not None:
             self.seed([seed if begins else None for seed, begins in zip(seeds, which, strict=True)])
-        _begin_some(self.process, self._features, self.arrays, which, starts is None)
+        if placed:
+            self.arrays.worlds[:] = worlds
+            some = np.isin(np.arange(len(which)), placed)
+            which = which & ~some
+            _begin_some(self.process, self._features, self.arrays, some, False)
+        if len(placed) < len(which):
+            _begin_some(self.process, self._features, self.arrays, which, True)
 
     def step(self, actions: np.ndarray) -> None:
         """Let every active robot take its (K, N) int64 action."""
         _step(self.process, self._features, self.arrays, actions)
 
     def path_length_cm(self) -> np.ndarray:
-        """(K, N) float64."""
+        """See `EnvBoards.path_length_cm`."""
         return 100.0 * self.scenario.cell_m * self.arrays.path_cells
 
-    def positions_m(self) -> np.ndarray:
-        """(K, N, 2) float64, centres of the robots' cells."""
-        return (self.arrays.worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
+    def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
+        """See `EnvBoards.scenes`."""
+        centres_m = (self.arrays.worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
+        return [(self.scenario, places) for places in centres_m]
+
+    def action_masks(self) -> np.ndarray:
+        """See `EnvBoards.action_masks`."""
+        x, y = self.arrays.worlds[..., X], self.arrays.worlds[..., Y]
+        return self._free[np.arange(self.shape[1]), x + 1, y + 1]
+
+    @cached_property
+    def _free(self) -> np.ndarray:
+        return free_directions(self.process)
 
 
-class GridEpisode(Restorable):
-    """An episode on the grid, with what environments need of one; starts are drawn by default.
-
-    Attributes:
-        scenario: board, targets and start cells.
-        sizes: number of values of each feature that a robot observes.
-        reset_options: names of what `reset` takes.
-
-    Raises:
-        ScenarioError: the scenario cannot be used with these readings.
-    """
-
-    reset_options = ("starts",)
-    _mutable = ("_boards",)
-
-    def __init__(self, scenario: Scenario, config: ProcessConfig | None = None) -> None:
-        config = config or ProcessConfig()
-        self._boards = Boards(1, scenario, config)
-        self.scenario, self.process = scenario, self._boards.process
-        self.sizes = tuple(feature_sizes(scenario, config).values())
-        self._free = free_directions(self.process)
-        self.seed(None)
-
-    @property
-    def world(self) -> np.ndarray:
-        """(N, COLUMN_COUNT) int64, see `agent.mdp.grid`."""
-        return self._boards.arrays.worlds[0]
-
-    @property
-    def rewards(self) -> np.ndarray:
-        """(N,) float64, of the last step."""
-        return self._boards.arrays.rewards[0]
-
-    @property
-    def outcome(self) -> int:
-        """Rank of the outcome."""
-        return int(self._boards.arrays.outcomes[0])
-
-    @property
-    def status(self) -> np.ndarray:
-        """(N,) int64, status of each robot."""
-        return self.world[:, STATUS]
-
-    @property
-    def active(self) -> np.ndarray:
-        """(N,) bool, robots that move."""
-        return self._boards.arrays.active[0].copy()
-
-    def seed(self, seed: int | None) -> None:
-        """Seed the generator of start cells and slips; with entropy if None."""
-        self._boards.arrays.random[0] = seeded_state(seed)
-
-    def reset(self, starts: np.ndarray | None = None) -> None:
-        """Begin an episode.
-
-        Raises:
-            StartsError: start cells are off the board, blocked or in contact.
-        """
-        cells = None if starts is None else whole_cells(starts, (len(self.world), 2))
-        self._boards.reset(None if cells is None else {"starts": cells[None]})
-
-    def step(self, actions: np.ndarray) -> None:
-        """One move of every robot that moves."""
-        self._boards.step(np.array(actions, dtype=np.int64)[None])
-
-    def observation(self) -> np.ndarray:
-        """(N, features) int64; a robot that left the board seems to be at its edge."""
-        return self._boards.arrays.observations[0].copy()
-
-    def path_length_cm(self) -> np.ndarray:
-        """(N,) float64."""
-        return self._boards.path_length_cm()[0]
-
-    def action_mask(self, robot: int) -> np.ndarray:
-        """(8,) int8, see `free_directions`."""
-        return self._free[robot, self.world[robot, X] + 1, self.world[robot, Y] + 1].copy()
-
-    def positions_m(self) -> np.ndarray:
-        """(N, 2) float64, centres of the robots' cells."""
-        return self._boards.positions_m()[0]
-
-    def close(self) -> None:
-        """Nothing to free."""
-
-
-def reset_options(
-    options: dict[str, Any] | None, shape: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Which boards begin again, (K,) bool, and from which start cells, (K, N, 2), None if drawn.
-
-    Args:
-        options: of `reset`.
-        shape: (K, N), boards and robots.
-
-    Raises:
-        StartsError: a shape is another one, or an option is unknown.
-    """
-    options = known_options(options, "starts", "reset_mask")
-    starts = options.get("starts")
-    return _mask(options, shape[0]), None if starts is None else whole_cells(starts, (*shape, 2))
+def direction_spaces(
+    scenario: Scenario, process: ProcessConfig
+) -> tuple[spaces.MultiDiscrete, spaces.Discrete]:
+    """Return the spaces of a robot that observes features and chooses directions."""
+    sizes = list(feature_sizes(scenario, process).values())
+    return spaces.MultiDiscrete(sizes), spaces.Discrete(DIRECTION_COUNT)
 
 
 def board_options(
     options: dict[str, Any] | None, begun: np.ndarray, *names: str
-) -> tuple[list[int], list[dict[str, Any]]]:
-    """Return which boards begin again, and the options of each board.
+) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """Return which boards begin again, (K,) bool, and the options of each board.
 
     Args:
         options: of `reset`; None is one that is not given.
@@ -328,40 +334,27 @@ def board_options(
         StartsError: an option is unknown or not given for each board, or the mask leaves out a
             board that has not begun.
     """
-    given = known_options(options, "reset_mask", *names)
-    which, rows = _mask(given, len(begun)), [{} for _ in begun]
+    given = known_options(options, *names, "reset_mask")
+    which = np.asarray(given.get("reset_mask", np.ones(len(begun), dtype=bool)))
+    if which.shape != begun.shape or which.dtype != bool:
+        raise StartsError(
+            f"reset_mask of shape {which.shape} and type {which.dtype}; give one bool to each of "
+            f"the {len(begun)} boards"
+        )
     if not (which | begun).all():
         raise StartsError("reset_mask leaves out environments that have not begun; reset all")
+    rows: list[dict[str, Any]] = [{} for _ in begun]
     for name, values in given.items():
         if name == "reset_mask" or values is None:
             continue
         if not isinstance(values, list | tuple | np.ndarray) or len(values) != len(begun):
-            raise StartsError(f"{name} = {shown(values)}; give one to each of the boards")
+            raise StartsError(
+                f"{name} = {shown(values)}; give one to each of the {len(begun)} boards"
+            )
         for row, value in zip(rows, values, strict=True):
-            row[name] = value
-    return np.flatnonzero(which).tolist(), rows
-
-
-def _mask(options: dict[str, Any], boards: int) -> np.ndarray:
-    which = np.asarray(options.get("reset_mask", np.ones(boards, dtype=bool)))
-    if which.shape != (boards,) or which.dtype != bool:
-        raise StartsError(
-            f"reset_mask of shape {which.shape} and type {which.dtype}; give one bool to each of "
-            f"the {boards} boards"
-        )
-    return which
-
-
-def counted(name: str, value: Any, kind: Any = int) -> Any:
-    """Return an argument that counts something, which must be 1 or more.
-
-    Raises:
-        ConfigError: it is less, or not of the kind.
-    """
-    count = taken(name, value, kind)
-    if count is not None and count < 1:
-        raise ConfigError(f"{name} = {count} is not allowed; give 1 or more")
-    return count
+            if value is not None:
+                row[name] = value
+    return which, rows
 
 
 def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:

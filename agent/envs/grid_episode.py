@@ -1,24 +1,11 @@
-"""Base of environments' episodes, on the grid and in the dynamics, and what both refuse.
-
-The grid is `agent.envs.boards`, the full co-simulation `agent.envs.cosim_episode`. Spaces, agents'
-names and pictures are the environments'.
-"""
+"""Features, errors and checks that environments on the grid and in the dynamics share."""
 
 from typing import Any
 
 import numpy as np
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.grid import (
-    AXIS,
-    BEARING,
-    CLASS,
-    PARTNER,
-    SIGN,
-    X,
-    Y,
-    place,
-)
+from agent.mdp.grid import AXIS, BEARING, CLASS, PARTNER, SIGN, X, Y, place
 from agent.mdp.readings import FREE, GOAL, Process, feature_sizes
 from cosim.base.arguments import taken
 from cosim.base.errors import UserError

@@ -1,27 +1,20 @@
 """PettingZoo environment for pairs of robots and more; made by `agent.envs.parallel_env`."""
 
+import copy
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from agent.envs.boards import GridEpisode, counted
+from agent.envs.boards import Count, EnvBoards
 from agent.envs.grid_episode import ActionError, direction_error, require_seed
-from agent.envs.rendering import RENDER_MODES, picture, require_render_mode
+from agent.envs.rendering import RENDER_MODES, render_first, require_render_mode
 from agent.envs.state import Restorable
-from agent.mdp.grid import MOVING
 from cosim.base.arguments import taken
-from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS
 from cosim.model.scenario import Scenario
-from cosim.onboard.features import DIRECTION_COUNT
-
-if TYPE_CHECKING:
-    from agent.envs.cosim_episode import CoSimEpisode
-
-EnvEpisode: TypeAlias = "GridEpisode | CoSimEpisode"
 
 
 def agent_names(scenario: Scenario) -> list[str]:
@@ -43,31 +36,6 @@ def require_actions(actions: Collection[str], active: list[str], possible: list[
             raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
 
 
-def episode_info(episode: EnvEpisode, robot: int, *, names: bool) -> dict[str, Any]:
-    """Return what environments say about an episode in addition to the observation.
-
-    Args:
-        episode: that continues or has ended.
-        robot: whose info it is.
-        names: whether `outcome_name` is there, the text of the code `outcome`.
-    """
-    info = {
-        "outcome": int(episode.outcome),
-        "is_success": episode.outcome == SUCCESS,
-        "path_length": float(episode.path_length_cm()[robot]),
-        "active": bool(episode.active[robot]),
-    }
-    return info | {"outcome_name": BY_RANK[episode.outcome]} if names else info
-
-
-def render_episode(episode: EnvEpisode, mode: str | None) -> Any:
-    """The board as text ("ansi"), pixels ("rgb_array"), or nothing but a warning."""
-    if mode is None:
-        gym.logger.warn("render() does nothing without a render_mode")
-        return None
-    return picture(mode, episode.scenario, episode.positions_m())
-
-
 class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
     """Robots that learn to reach their targets without touching each other.
 
@@ -78,7 +46,7 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
     was never seeded comes from entropy.
     """
 
-    _mutable = ("episode", "agents", "_cycles")
+    _mutable = ("_boards", "agents", "_cycles")
     metadata = {  # noqa: RUF012
         "name": "minirobots_v0",
         "render_modes": RENDER_MODES,
@@ -88,7 +56,7 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
 
     def __init__(
         self,
-        episode: EnvEpisode,
+        boards: EnvBoards,
         render_mode: str | None = None,
         *,
         outcome_names: bool = False,
@@ -96,19 +64,21 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         one_hot: bool = False,
     ) -> None:
         require_render_mode(render_mode)
-        self._max_cycles = counted("max_cycles", max_cycles, int | None)
+        self._max_cycles = taken("max_cycles", max_cycles, Count | None)
         self._outcome_names, self._cycles = outcome_names, 0
-        self.episode = episode
+        self._boards = boards
+        boards.seed([np.random.SeedSequence().entropy])
         self.render_mode = render_mode
-        self.possible_agents = agent_names(episode.scenario)
+        self.possible_agents = agent_names(boards.scenario)
         self.agents = []
-        self.state_space = spaces.MultiDiscrete([*episode.sizes] * len(self.possible_agents))
-        self._features = spaces.MultiDiscrete(list(episode.sizes))
+        self._features = features = boards.observation_space
+        assert isinstance(features, spaces.MultiDiscrete)
+        self.state_space = spaces.MultiDiscrete([*features.nvec] * len(self.possible_agents))
         self._one_hot = taken("one_hot", one_hot, bool)
-        seen = spaces.flatten_space(self._features) if self._one_hot else self._features
+        seen = spaces.flatten_space(features) if self._one_hot else features
         self.observation_spaces: dict[str, spaces.Space] = dict.fromkeys(self.possible_agents, seen)
         self.action_spaces: dict[str, spaces.Space] = {
-            agent: spaces.Discrete(DIRECTION_COUNT) for agent in self.possible_agents
+            agent: copy.copy(boards.action_space) for agent in self.possible_agents
         }
 
     def observation_space(self, agent: str) -> spaces.Space:
@@ -130,10 +100,9 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         Raises:
             StartsError: start cells cannot be used.
         """
-        if (seed := require_seed(seed)) is not None:
-            self.episode.seed(seed)
-        known = self.episode.reset_options
-        self.episode.reset(**{k: v for k, v in (options or {}).items() if k in known})
+        known = self._boards.reset_options
+        given = {name: [value] for name, value in (options or {}).items() if name in known}
+        self._boards.reset(given, [require_seed(seed)])
         self.closed, self._cycles = False, 0
         self.agents = list(self.possible_agents)
         return self._observations(), self._infos()
@@ -158,54 +127,60 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         if not self.agents:
             gym.logger.warn("step() does nothing after the end of an episode")
             return {}, {}, {}, {}, {}
-        self.episode.step(self._joint(actions))
+        self._boards.step(self._joint(actions)[None])
         self._cycles += 1
-        ended = self.episode.outcome != RUNNING or self._cycles == self._max_cycles
-        moving = self.episode.status == MOVING
-        robots = {agent: self.possible_agents.index(agent) for agent in self.agents}
-        rewards = {agent: float(self.episode.rewards[i]) for agent, i in robots.items()}
-        terminations = {agent: not moving[i] for agent, i in robots.items()}
-        truncations = {agent: bool(ended and moving[i]) for agent, i in robots.items()}
+        arrays, late = self._boards.arrays, self._cycles == self._max_cycles
+        robots = self._robots()
+        rewards = {agent: float(arrays.rewards[0, i]) for agent, i in robots.items()}
+        terminations = {agent: bool(arrays.terminated[0, i]) for agent, i in robots.items()}
+        truncations = {
+            agent: bool(arrays.truncated[0, i]) or (late and not terminations[agent])
+            for agent, i in robots.items()
+        }
         observations, infos = self._observations(), self._infos()
-        self.agents = [a for a, i in robots.items() if moving[i] and not ended]
+        self.agents = [a for a in robots if not (terminations[a] or truncations[a])]
         return observations, rewards, terminations, truncations, infos
 
     def _joint(self, actions: dict[str, int]) -> np.ndarray:
         """(N,) int64, action of each robot; 0 for those that have ended."""
         require_actions(actions, self.agents, self.possible_agents)
         joint = np.zeros(len(self.possible_agents), dtype=np.int64)
-        for agent in self.agents:
+        for agent, i in self._robots().items():
             if not self.action_spaces[agent].contains(actions[agent]):
                 raise direction_error(actions[agent], f" of {agent}")
-            joint[self.possible_agents.index(agent)] = actions[agent]
+            joint[i] = actions[agent]
         return joint
 
+    def _robots(self) -> dict[str, int]:
+        return {agent: self.possible_agents.index(agent) for agent in self.agents}
+
     def _observations(self) -> dict[str, np.ndarray]:
-        rows = dict(zip(self.possible_agents, self.episode.observation(), strict=True))
-        seen = {agent: rows[agent] for agent in self.agents}
+        rows = self._boards.arrays.observations[0].copy()
+        seen = {agent: rows[i] for agent, i in self._robots().items()}
         if not self._one_hot:
             return seen
         return {k: np.asarray(spaces.flatten(self._features, row)) for k, row in seen.items()}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        robots = {agent: self.possible_agents.index(agent) for agent in self.agents}
+        infos = self._boards.infos(names=self._outcome_names)
+        masks = self._boards.action_masks()[0]
         return {
-            agent: episode_info(self.episode, i, names=self._outcome_names)
-            | {"action_mask": self.episode.action_mask(i)}
-            for agent, i in robots.items()
+            agent: {name: values.item(0, i) for name, values in infos.items()}
+            | {"action_mask": masks[i]}
+            for agent, i in self._robots().items()
         }
 
     def state(self) -> np.ndarray:
         """Return the global state, shape (robots · features,): the observations of all robots."""
         self._require_open()
-        return self.episode.observation().reshape(-1)
+        return self._boards.arrays.observations[0].flatten()
 
     def render(self) -> Any:
         """The board as text or pixels."""
         self._require_open()
-        return render_episode(self.episode, self.render_mode)
+        return render_first(self._boards, self.render_mode)
 
     def close(self) -> None:
         """Free the simulation; `reset` opens the environment again."""
-        self.episode.close()
+        self._boards.close()
         self.closed, self.agents = True, []

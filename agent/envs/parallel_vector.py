@@ -14,14 +14,10 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike
 
-from agent.envs.boards import Boards, board_seeds, counted
+from agent.envs.boards import EnvBoards, board_seeds
 from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.parallel import agent_names, require_actions
 from agent.envs.state import Restorable
-from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import feature_sizes
-from cosim.model.outcome import BY_RANK, SUCCESS
-from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
 
 
@@ -40,22 +36,14 @@ class ParallelVectorEnv(Restorable):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
-    def __init__(
-        self,
-        num_envs: int,
-        scenario: Scenario,
-        process: ProcessConfig,
-        *,
-        outcome_names: bool = False,
-    ) -> None:
-        self.num_envs = num_envs = counted("num_envs", num_envs)
+    def __init__(self, boards: EnvBoards, *, outcome_names: bool = False) -> None:
+        self.num_envs = num_envs = boards.shape[0]
         self._outcome_names = outcome_names
-        self.possible_agents = agent_names(scenario)
-        self._boards = Boards(num_envs, scenario, process)
-        self._boards.seed(board_seeds(np.random.SeedSequence().entropy, num_envs))
-        sizes = list(feature_sizes(scenario, process).values())
-        self._observation_space = batch_space(spaces.MultiDiscrete(sizes), num_envs)
-        self._action_space = batch_space(spaces.Discrete(DIRECTION_COUNT), num_envs)
+        self.possible_agents = agent_names(boards.scenario)
+        self._boards = boards
+        boards.seed(board_seeds(np.random.SeedSequence().entropy, num_envs))
+        self._observation_space = batch_space(boards.observation_space, num_envs)
+        self._action_space = batch_space(boards.action_space, num_envs)
 
     @property
     def agents(self) -> list[str]:
@@ -131,24 +119,14 @@ class ParallelVectorEnv(Restorable):
         return {agent: array[:, i].copy() for i, agent in enumerate(self.possible_agents)}
 
     def _infos(self) -> dict[str, dict[str, np.ndarray]]:
-        arrays = self._boards.arrays
-        outcomes = {"outcome": arrays.outcomes.copy()}
-        if self._outcome_names:
-            outcomes["outcome_name"] = np.array(BY_RANK, dtype=object)[arrays.outcomes]
-        active, path_cm = (
-            self._by_agent(arrays.active),
-            self._by_agent(self._boards.path_length_cm()),
-        )
+        infos = self._boards.infos(names=self._outcome_names)
+        shown = {name: self._by_agent(values) for name, values in infos.items()}
         return {
-            agent: outcomes
-            | {
-                "is_success": arrays.outcomes == SUCCESS,
-                "path_length": path_cm[agent],
-                "active": active[agent],
-            }
+            agent: {name: values[agent] for name, values in shown.items()}
             for agent in self.possible_agents
         }
 
     def close(self) -> None:
-        """End the environment; `reset` opens it again."""
+        """Free the simulation; `reset` opens the environment again."""
+        self._boards.close()
         self.closed = True

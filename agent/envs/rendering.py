@@ -1,7 +1,11 @@
 """Pictures of an episode as environments show them: text, or an array of pixels."""
 
+from typing import Any
+
+import gymnasium as gym
 import numpy as np
 
+from agent.envs.boards import EnvBoards
 from cosim.base.errors import UserError
 from cosim.model.scenario import Scenario
 
@@ -28,6 +32,14 @@ def require_render_mode(mode: str | None) -> None:
 def picture(mode: str, scenario: Scenario, positions_m: np.ndarray) -> str | np.ndarray:
     """The board as the text or the pixels of a render mode, with robots at (N, 2) m."""
     return (board_text if mode == "ansi" else board_pixels)(scenario, positions_m)
+
+
+def render_first(boards: EnvBoards, mode: str | None) -> Any:
+    """The first board as text ("ansi"), pixels ("rgb_array"), or nothing but a warning."""
+    if mode is None:
+        gym.logger.warn("render() does nothing without a render_mode")
+        return None
+    return picture(mode, *boards.scenes()[0])
 
 
 def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:

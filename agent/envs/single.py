@@ -8,35 +8,107 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
-from agent.envs.boards import GridEpisode
+from agent.envs.boards import Boards, EnvBoards
 from agent.envs.grid_episode import ActionError, direction_error, known_options
-from agent.envs.parallel import EnvEpisode, NavigationParallelEnv, episode_info, render_episode
+from agent.envs.parallel import NavigationParallelEnv
 from agent.envs.parallel_vector import ParallelVectorEnv
-from agent.envs.rendering import RENDER_MODES, require_render_mode
+from agent.envs.rendering import RENDER_MODES, render_first, require_render_mode
 from agent.envs.state import Restorable
 from agent.envs.vector import found, interpreted, lone
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError
-from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
-from cosim.onboard.features import DIRECTION_COUNT
 
 Decision = Literal["arrival", "period"]
 
 
-class NavigationEnv(Restorable, gym.Env[np.ndarray, np.int64]):
-    """One robot that learns to reach its target.
+class SingleEnv(Restorable, gym.Env[np.ndarray, Any]):
+    """One board with one robot.
 
-    Observations are the features of Section III as MultiDiscrete (a lone robot: column and row),
-    actions the eight directions, rewards Eq. (8). An episode that reaches the step limit is
-    truncated, every other end terminates it. `info` has `outcome` (a rank of
-    `cosim.model.outcome`), `is_success`, `path_length` in cm, and `active`: whether the next action
-    counts. What is random in an environment that was never seeded comes from entropy, which
-    `np_random_seed` tells.
+    An episode that reaches a limit is truncated, every other end terminates it. `info` has
+    `outcome` (a rank of `cosim.model.outcome`), `is_success`, `path_length` in cm, and `active`:
+    whether the next action counts. What is random in an environment that was never seeded comes
+    from entropy, which `np_random_seed` tells.
+
+    Args:
+        boards: one with one robot.
+        render_mode: "ansi", "rgb_array" or None.
+        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+
+    Raises:
+        UserError: it is another render mode.
     """
 
     metadata = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012
-    _mutable = ("episode",)
+    _mutable = ("_boards",)
+
+    def __init__(self, boards: EnvBoards, render_mode: str | None, outcome_names: bool) -> None:
+        require_render_mode(render_mode)
+        self._boards, self.render_mode, self._outcome_names = boards, render_mode, outcome_names
+        self.observation_space, self.action_space = boards.observation_space, boards.action_space
+        boards.seed([self.np_random_seed])
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode; `options={"starts": [[x, y]]}` gives the start cell.
+
+        In the dynamics `mu` and `targets` ([[x, y]]) of the episode can be given too.
+
+        Raises:
+            StartsError: the start cannot be used.
+        """
+        super().reset(seed=seed)
+        given = known_options(options, *self._boards.reset_options)
+        self._boards.reset({name: [value] for name, value in given.items()}, [seed])
+        self.closed = False
+        return self._seen(), self._info()
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take an action.
+
+        Raises:
+            ActionError: the action is none of the action space, or the episode has ended.
+            ClosedError: the environment is closed.
+        """
+        self._require_open()
+        joint, boards = self._checked(action), self._boards
+        if boards.arrays.outcomes[0] != RUNNING:
+            raise ActionError("no episode is running; call reset before the next step")
+        boards.step(joint)
+        arrays = boards.arrays
+        ends = bool(arrays.terminated[0, 0]), bool(arrays.truncated[0, 0])
+        return self._seen(), float(arrays.rewards[0, 0]), *ends, self._info()
+
+    def _checked(self, action: Any) -> np.ndarray:
+        """(1, 1, ...) action as the boards take it; raises ActionError."""
+        raise NotImplementedError
+
+    def _seen(self) -> np.ndarray:
+        return self._boards.arrays.observations[0, 0].copy()
+
+    def _info(self) -> dict[str, Any]:
+        infos = self._boards.infos(names=self._outcome_names)
+        return {name: values.item(0) for name, values in infos.items()}
+
+    def render(self) -> Any:
+        """The board as text or pixels."""
+        self._require_open()
+        return render_first(self._boards, self.render_mode)
+
+    def close(self) -> None:
+        """Free the simulation; `reset` opens the environment again."""
+        self._boards.close()
+        self.closed = True
+
+
+class NavigationEnv(SingleEnv):
+    """One robot that learns to reach its target.
+
+    Observations are the features of Section III as MultiDiscrete (a lone robot: column and row),
+    actions the eight directions, rewards Eq. (8).
+    """
 
     def __init__(
         self,
@@ -58,80 +130,25 @@ class NavigationEnv(Restorable, gym.Env[np.ndarray, np.int64]):
             decision: when a step of the co-simulation ends: on "arrival", when the robot waits for
                 its next action, or after every "period" of 2 s, in which a robot under way ignores
                 its action.
-            render_mode: "ansi", "rgb_array" or None.
-            outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
-            physics: of the co-simulation, see `agent.envs.cosim_episode.set_up`.
+            render_mode, outcome_names: as of `SingleEnv`.
+            physics: of the co-simulation, see `agent.envs.dynamics.set_up`.
 
         Raises:
             UserError: the scenario or an option cannot be used, or it has more than one robot.
         """
         require_render_mode(render_mode)
-        self.episode = make_episode(
-            scenario, process, physics, cosim=cosim, decision=decision, alone=True
-        )
-        self.observation_space = spaces.MultiDiscrete(list(self.episode.sizes))
-        self.action_space = spaces.Discrete(DIRECTION_COUNT)
-        self.render_mode = render_mode
-        self._outcome_names = outcome_names
-        self.episode.seed(self.np_random_seed)
+        boards = one_board(scenario, process, physics, cosim=cosim, decision=decision, alone=True)
+        super().__init__(boards, render_mode, outcome_names)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode; `options={"starts": [[x, y]]}` gives the start cell.
-
-        In the dynamics `mu` and `targets` ([[x, y]]) of the episode can be given too.
-
-        Raises:
-            StartsError: the start cell cannot be used.
-        """
-        super().reset(seed=seed)
-        if seed is not None:
-            self.episode.seed(seed)
-        self.episode.reset(**known_options(options, *self.episode.reset_options))
-        self.closed = False
-        return self.episode.observation()[0], self._info()
-
-    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Move in a direction.
-
-        Raises:
-            ActionError: the action is no direction, or the episode has ended.
-            ClosedError: the environment is closed.
-        """
-        self._require_open()
+    def _checked(self, action: Any) -> np.ndarray:
         if not self.action_space.contains(action):
             raise direction_error(action)
-        if self.episode.outcome != RUNNING:
-            raise ActionError("no episode is running; call reset before the next step")
-        self.episode.step(np.array([action]))
-        ended = self.episode.outcome != RUNNING
-        truncated = self.episode.outcome == TIMEOUT
-        return (
-            self.episode.observation()[0],
-            float(self.episode.rewards[0]),
-            ended and not truncated,
-            truncated,
-            self._info(),
-        )
+        return np.array([[action]], dtype=np.int64)
 
     def action_masks(self) -> np.ndarray:
         """Return (8,) bool, which directions lead to a free cell."""
         self._require_open()
-        return self.episode.action_mask(0).astype(bool)
-
-    def _info(self) -> dict[str, Any]:
-        return episode_info(self.episode, 0, names=self._outcome_names)
-
-    def render(self) -> Any:
-        """The board as text or pixels."""
-        self._require_open()
-        return render_episode(self.episode, self.render_mode)
-
-    def close(self) -> None:
-        """Free the simulation; `reset` opens the environment again."""
-        self.episode.close()
-        self.closed = True
+        return self._boards.action_masks()[0, 0].astype(bool)
 
 
 def cosim_env(scenario: str | Scenario = "1a", *arguments: Any, **options: Any) -> NavigationEnv:
@@ -197,9 +214,9 @@ def parallel_env(
         max_cycles: limit of steps, after which robots still on their move are truncated.
         one_hot: observe a Box with a 0 or 1 for each value of each feature.
     """
-    episode = make_episode(scenario, process, physics, cosim=cosim, decision=decision)
+    boards = one_board(scenario, process, physics, cosim=cosim, decision=decision)
     return NavigationParallelEnv(
-        episode,
+        boards,
         render_mode,
         outcome_names=outcome_names,
         max_cycles=max_cycles,
@@ -215,11 +232,11 @@ def parallel_vector_env(
     outcome_names: bool = False,
 ) -> ParallelVectorEnv:
     """Boards of `parallel_env` on the grid, `num_envs` of them stepped together."""
-    process = interpreted(process)
-    return ParallelVectorEnv(num_envs, found(scenario), process, outcome_names=outcome_names)
+    boards = Boards(num_envs, found(scenario), interpreted(process))
+    return ParallelVectorEnv(boards, outcome_names=outcome_names)
 
 
-def make_episode(
+def one_board(
     scenario: str | Scenario,
     process: ProcessConfig | None,
     physics: Mapping[str, Any],
@@ -227,8 +244,8 @@ def make_episode(
     cosim: bool,
     decision: Decision,
     alone: bool = False,
-) -> EnvEpisode:
-    """The world of an environment: on the grid, or the full co-simulation.
+) -> EnvBoards:
+    """One board of an environment: on the grid, or in the full co-simulation.
 
     Args:
         scenario, process, physics, cosim, decision: as of `NavigationEnv`.
@@ -237,13 +254,15 @@ def make_episode(
     Raises:
         UserError: the scenario or an option cannot be used.
     """
-    only, process = lone if alone else found, interpreted(process)
+    scenario, process = found(scenario), interpreted(process)
+    if alone:
+        lone(scenario)
     if cosim:
         # here, because the grid needs no FMUs
-        from agent.envs.cosim_episode import CoSimEpisode, set_up  # noqa: PLC0415
+        from agent.envs.cosim_vector import CoSimBoards  # noqa: PLC0415
+        from agent.envs.dynamics import set_up  # noqa: PLC0415
 
-        only(found(scenario))  # before the robots are calibrated
-        return CoSimEpisode(set_up(scenario, physics), process, decision)
+        return CoSimBoards(1, set_up(scenario, physics), process, decision)
     for name in physics:
         raise ConfigError(f"{name} has no effect on the grid; leave it out, or give cosim=True")
-    return GridEpisode(only(found(scenario)), process)
+    return Boards(1, scenario, process)

@@ -32,7 +32,11 @@ class Restorable:
             FmuError: the motor FMU cannot save its state.
         """
         self._require_open()
-        return {name: _saved(getattr(self, name)) for name in self._mutable}
+        mine = {name: getattr(self, name) for name in self._mutable}
+        return {
+            name: part.get_state() if hasattr(part, "get_state") else copy.deepcopy(part)
+            for name, part in mine.items()
+        }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore a state of this object, or of one that was made with the same arguments.
@@ -51,20 +55,9 @@ class Restorable:
             mine = getattr(self, name)
             if hasattr(mine, "set_state"):
                 mine.set_state(saved)
-            elif isinstance(mine, list) and mine and hasattr(mine[0], "set_state"):
-                for part, its in zip(mine, saved, strict=True):
-                    part.set_state(its)
             else:
                 setattr(self, name, copy.deepcopy(saved))
 
     def _require_open(self) -> None:
         if self.closed:
             raise ClosedError("the environment is closed; call reset to use it again")
-
-
-def _saved(value: Any) -> Any:
-    if hasattr(value, "get_state"):
-        return value.get_state()
-    if isinstance(value, list):
-        return [_saved(part) for part in value]
-    return copy.deepcopy(value)

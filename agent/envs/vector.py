@@ -13,35 +13,42 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from agent.envs.boards import Boards, board_seeds, counted
-from agent.envs.grid_episode import ActionError, direction_error, free_directions
+from agent.envs.boards import Boards, Count, EnvBoards, board_seeds
+from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.rendering import RENDER_MODES, picture, require_render_mode
 from agent.envs.state import Restorable
 from agent.mdp.config import ProcessConfig
-from agent.mdp.grid import X, Y
-from agent.mdp.readings import feature_sizes
 from cosim.base.arguments import require_one_of, taken
 from cosim.base.errors import UserError
-from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS
+from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import DIRECTION_COUNT
 
-_NAMES = np.array(BY_RANK, dtype=object)
 Ends = Literal["together", "own"]
 
 
-class RobotRowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Rows are the robots of `boards` boards, those of one board one after the other.
 
     A board whose episode has ended begins again with its next step. A row has one end per episode:
     with `ends="together"` that of its board, until which a robot that has arrived stays where it
     is, with rewards of 0; with `ends="own"` the robot's own, after which `infos["active"]` is false
     in its row until the board begins again.
+
+    Args:
+        boards: what is stepped.
+        render_mode: "ansi", "rgb_array" or None; a picture per row, that of its board.
+        ends: "together" or "own".
+        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+        copy: whether observations are arrays of their own; or else memory that the next step may
+            overwrite.
+
+    Raises:
+        UserError: an argument is invalid.
     """
 
     metadata = {  # noqa: RUF012
@@ -49,45 +56,104 @@ class RobotRowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         "render_fps": 10,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    _mutable = ("_boards",)
 
     def __init__(
         self,
-        boards: int,
-        scenario: Scenario,
-        process: ProcessConfig,
+        boards: EnvBoards,
         render_mode: str | None,
         *,
-        ends: Ends,
-        outcome_names: bool,
+        ends: Ends = "together",
+        outcome_names: bool = False,
+        copy: bool = True,
     ) -> None:
         require_render_mode(render_mode)
         require_one_of("ends", ends, ("together", "own"))
         self._together, self._outcome_names = ends == "together", outcome_names
-        self.scenario = scenario
-        self.boards: int = counted("num_envs", boards)
-        self.num_envs = self.boards * scenario.robots
+        self._boards, self.scenario = boards, boards.scenario
+        self.boards, self._robots = boards.shape
+        self.num_envs = self.boards * self._robots
         self.render_mode = render_mode
-        sizes = list(feature_sizes(scenario, process).values())
-        self.single_observation_space = spaces.MultiDiscrete(sizes)
-        self.single_action_space = spaces.Discrete(DIRECTION_COUNT)
+        self.single_observation_space = boards.observation_space
+        self.single_action_space = boards.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._copy, self._view = copy, np.empty(0)
+        boards.seed(board_seeds(int(self.np_random_seed or 0), self.boards))
 
-    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        """One seed of each board; `np_random_seed` becomes that of the first."""
-        self.closed = False
-        if isinstance(seed, int | np.integer):
-            super().reset(seed=int(seed))
-        return board_seeds(seed, self.boards)
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin episodes; one seed counts up over the boards, as entropy does without one.
 
-    def _checked(self, actions: np.ndarray) -> np.ndarray:
-        """(boards, robots) int64.
+        `options={"starts": (boards, robots, 2) cells}` gives the start cells,
+        `options={"reset_mask": (boards,) bool}` begins again on some boards only, whose seeds alone
+        are taken.
 
         Raises:
-            ActionError: the actions are not one direction per row.
+            StartsError: start cells cannot be used, or a mask leaves out an environment that has
+                never begun; the environments are as they were.
+        """
+        self._boards.reset(options, board_seeds(seed, self.boards))
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
+        self.closed = False
+        return self._seen(), self._infos()
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Step all boards; one whose episode has ended begins again with its next step.
+
+        Raises:
+            ActionError: an action is none of the action space.
             ClosedError: the environment is closed.
+            FmuError: an FMU failed.
         """
         self._require_open()
+        self._boards.step(self._checked(actions))
+        arrays = self._boards.arrays
+        terminated, truncated = arrays.terminated.flatten(), arrays.truncated.flatten()
+        if self._together:
+            terminated = np.repeat(arrays.outcomes != RUNNING, self._robots) & ~truncated
+        return self._seen(), arrays.rewards.flatten(), terminated, truncated, self._infos()
+
+    def _checked(self, actions: Any) -> np.ndarray:
+        """(boards, robots, ...) actions as the boards take them; raises ActionError."""
+        raise NotImplementedError
+
+    def _seen(self) -> np.ndarray:
+        memory = self._boards.arrays.observations
+        if self._view.base is not memory:  # at first, and in a copy of the environment
+            self._view = memory.reshape(self.num_envs, -1)
+        return self._view.copy() if self._copy else self._view
+
+    def _infos(self) -> dict[str, Any]:
+        infos = self._boards.infos(names=self._outcome_names)
+        values = {name: value.ravel() for name, value in infos.items()}
+        everywhere = np.ones(self.num_envs, dtype=bool)
+        return values | {f"_{name}": everywhere for name in values}
+
+    def render(self) -> tuple[Any, ...] | None:
+        """One picture per row, that of its board with the targets of the episode."""
+        self._require_open()
+        if self.render_mode is None:
+            return None
+        pictures = [picture(self.render_mode, *scene) for scene in self._boards.scenes()]
+        return tuple(one for one in pictures for _ in range(self._robots))
+
+    def close_extras(self, **_: Any) -> None:
+        """Free the simulation; `reset` opens the environment again."""
+        self._boards.close()
+
+
+class RobotRowsVectorEnv(RowsVectorEnv):
+    """Rows whose robots choose directions."""
+
+    def _checked(self, actions: Any) -> np.ndarray:
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise ActionError(
@@ -99,48 +165,10 @@ class RobotRowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
             raise direction_error(int(actions[row]), f" of environment {row}")
         return actions.astype(np.int64, copy=False).reshape(self.boards, -1)
 
-    def _ended(
-        self, outcomes: np.ndarray, terminated: np.ndarray, truncated: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Which rows end, (rows,) bool each, from (boards,) ranks and the robots' own ends."""
-        terminated, truncated = terminated.flatten(), truncated.flatten()
-        if self._together:
-            terminated = np.repeat(outcomes != RUNNING, self.scenario.robots) & ~truncated
-        return terminated, truncated
-
-    def _infos_of(
-        self, outcomes: np.ndarray, path_cm: np.ndarray, active: np.ndarray
-    ) -> dict[str, Any]:
-        """Infos from (boards,) ranks, (boards, robots) cm and (boards, robots) bool."""
-        return row_infos(outcomes, path_cm, active, names=self._outcome_names)
-
-    def _pictures(self, positions_m: np.ndarray) -> tuple[Any, ...] | None:
-        """One picture per row, that of its board, of robots at (boards, robots, 2) m."""
+    def action_masks(self) -> np.ndarray:
+        """Return (rows, 8) bool, which directions lead to a free cell."""
         self._require_open()
-        if self.render_mode is None:
-            return None
-        pictures = [picture(self.render_mode, self.scenario, place) for place in positions_m]
-        return tuple(one for one in pictures for _ in range(self.scenario.robots))
-
-
-def row_infos(
-    outcomes: np.ndarray, path_cm: np.ndarray, active: np.ndarray, *, names: bool = False
-) -> dict[str, Any]:
-    """Infos of rows from (boards,) ranks, (boards, robots) cm and (boards, robots) bool.
-
-    With `names` they have `outcome_name`, the text of the rank.
-    """
-    ranks = np.repeat(outcomes, active.shape[1])
-    values = {
-        "outcome": ranks,
-        "is_success": ranks == SUCCESS,
-        "path_length": path_cm.ravel(),
-        "active": active.flatten(),
-    }
-    if names:
-        values["outcome_name"] = _NAMES[ranks]
-    everywhere = np.ones(len(ranks), dtype=bool)
-    return values | {f"_{name}": everywhere for name in values}
+        return self._boards.action_masks().astype(bool).reshape(self.num_envs, -1)
 
 
 class RobotsVectorEnv(RobotRowsVectorEnv):
@@ -149,12 +177,10 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
     `make_vec("MiniRobots/Pair-v0", num_envs=K)` has K boards and so K·N rows, which is what
     `env.num_envs` says, as learners that share parameters expect it; the robots of a board are
     consecutive rows. Observations and rewards of a robot are those of `agent.envs.parallel_env`;
-    of ends see `RobotRowsVectorEnv`. Actions (any direction) of a robot that has arrived are
+    of ends see `RowsVectorEnv`. Actions (any direction) of a robot that has arrived are
     ignored, and so are those of the step after a board's end, with which all its robots begin again
     (next-step autoreset). `infos["active"]` says whose next action counts.
     """
-
-    _mutable = ("_boards",)
 
     def __init__(
         self,
@@ -174,83 +200,18 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
             num_envs: boards.
             scenario: name of a built-in scenario, a scenario file, or a scenario.
             process: readings of the decision process.
-            render_mode: "ansi", "rgb_array" or None; a picture per row, that of its board.
-            copy: whether observations are arrays of their own; or else the same memory, which
-                the next step overwrites.
-            ends: "together" or "own", see `RobotRowsVectorEnv`.
-            outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+            render_mode, copy, ends, outcome_names: as of `RowsVectorEnv`.
             max_episode_steps: limit of steps, next to the process's own `step_limit`.
 
         Raises:
             UserError: the scenario cannot be used.
         """
         process = interpreted(process)
-        limit = counted("max_episode_steps", max_episode_steps, int | None)
+        limit = taken("max_episode_steps", max_episode_steps, Count | None)
         if limit is not None:
             process = replace(process, step_limit=min(process.step_limit, limit))
-        super().__init__(
-            num_envs,
-            found(scenario),
-            process,
-            render_mode,
-            ends=ends,
-            outcome_names=outcome_names,
-        )
-        self._boards = Boards(self.boards, self.scenario, process)
-        self._boards.seed(board_seeds(int(self.np_random_seed or 0), self.boards))
-        self._copy, self._view = copy, np.empty(0)
-
-    def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin episodes; one seed counts up over the boards, as entropy does without one.
-
-        `options={"starts": (boards, robots, 2) cells}` gives the start cells,
-        `options={"reset_mask": (boards,) bool}` begins again on some boards only.
-
-        Raises:
-            StartsError: start cells cannot be used.
-        """
-        self._boards.reset(options, self._seeds(seed))
-        return self._seen(), self._infos()
-
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all boards; one whose episode has ended begins again with its next step.
-
-        Raises:
-            ActionError: the actions are not one direction per row.
-        """
-        self._boards.step(self._checked(actions))
-        arrays = self._boards.arrays
-        ends = self._ended(arrays.outcomes, arrays.terminated, arrays.truncated)
-        return self._seen(), arrays.rewards.flatten(), *ends, self._infos()
-
-    def _seen(self) -> np.ndarray:
-        memory = self._boards.arrays.observations
-        if self._view.base is not memory:  # at first, and in a copy of the environment
-            self._view = memory.reshape(self.num_envs, -1)
-        return self._view.copy() if self._copy else self._view
-
-    def action_masks(self) -> np.ndarray:
-        """Return (rows, 8) bool, which directions lead to a free cell."""
-        self._require_open()
-        worlds, robots = self._boards.arrays.worlds, np.arange(self.scenario.robots)
-        free = free_directions(self._boards.process)[robots, worlds[..., X] + 1, worlds[..., Y] + 1]
-        return free.astype(bool).reshape(self.num_envs, -1)
-
-    def _infos(self) -> dict[str, Any]:
-        arrays = self._boards.arrays
-        path_cm = self._boards.path_length_cm()
-        return self._infos_of(arrays.outcomes, path_cm, arrays.active)
-
-    def render(self) -> tuple[Any, ...] | None:
-        """One picture per board."""
-        return self._pictures(self._boards.positions_m())
+        boards = Boards(num_envs, found(scenario), process)
+        super().__init__(boards, render_mode, ends=ends, outcome_names=outcome_names, copy=copy)
 
 
 class NavigationVectorEnv(RobotsVectorEnv):

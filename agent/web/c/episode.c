@@ -152,55 +152,10 @@ EXPORT int episode_begin(double seed, uint32_t number) {
             motor->x = motor_start(&motor->constants);
         }
     }
-    for (int i = 0; i < robot_count(); i++)
-        onboard_start(i, positions);
+    onboard_start(positions);
     outcome = RUNNING;
     show();
     return outcome;
-}
-
-static double between(double x, double low, double high) {
-    const double raised = x > low ? x : low;
-    return raised < high ? raised : high;
-}
-
-static bool is_forbidden(int i, double x, double y) {
-    const double *edge = table.forbidden + 4 * i * (int)setup.forbidden;
-    for (int k = 0; k < (int)setup.forbidden; k++, edge += 4)
-        if (edge[0] <= x && x < edge[2] && edge[1] <= y && y < edge[3])
-            return true;
-    return false;
-}
-
-static bool is_free(int i, double x, double y) {
-    const double reach = setup.diameter_m + NEAR_M, radius = 0.5 * setup.diameter_m + NEAR_M;
-    bool is = 0.0 <= x && x < setup.size[0] && 0.0 <= y && y < setup.size[1] &&
-              !is_forbidden(i, x, y);
-    for (int j = 0; j < robot_count(); j++) {
-        const double dx = positions[j][0] - x, dy = positions[j][1] - y;
-        is &= j == i || dx * dx + dy * dy > reach * reach;
-    }
-    for (int k = 0; k < (int)setup.walls; k++) {
-        const double *wall = table.walls + 4 * k;
-        const double dx = between(x, wall[0], wall[2]) - x, dy = between(y, wall[1], wall[3]) - y;
-        is &= dx * dx + dy * dy > radius * radius;
-    }
-    return is;
-}
-
-/* Set a robot down at rest at another place in m, where the episode continues; whether it is free. */
-EXPORT int episode_put(int robot, double x, double y) {
-    if (outcome == TIMEOUT || !is_free(robot, x, y))
-        return false;
-    bodies[robot] = (Body){.position = {x, y, setup.com_height_m},
-                           .orientation = bodies[robot].orientation};
-    look(robot);
-    last_points[robot][0] = x;
-    last_points[robot][1] = y;
-    onboard_start(robot, positions);
-    outcome = RUNNING;
-    show();
-    return true;
 }
 
 static void draw_noise(Shaken *motor) {
@@ -248,6 +203,11 @@ static Shaft turn(Shaken *motor) {
     const double torque = motor->drive.torque;
     const double direction = motor_direction(p, motor->x.omega, torque);
     return (Shaft){motor->x.theta, motor->x.omega, motor_acceleration(p, torque, direction)};
+}
+
+static double between(double x, double low, double high) {
+    const double raised = x > low ? x : low;
+    return raised < high ? raised : high;
 }
 
 /* The contact impulse between two robots: `push_apart` of cosim/physics/collision.py in C. */
@@ -326,6 +286,14 @@ static void step_tick(void) {
         touching[i] += touched[i];
         touched[i] = false;
     }
+}
+
+static bool is_forbidden(int i, double x, double y) {
+    const double *edge = table.forbidden + 4 * i * (int)setup.forbidden;
+    for (int k = 0; k < (int)setup.forbidden; k++, edge += 4)
+        if (edge[0] <= x && x < edge[2] && edge[1] <= y && y < edge[3])
+            return true;
+    return false;
 }
 
 /* What has become of a robot. */

@@ -39,13 +39,14 @@ static void see(const double positions[][2], Position seen[ROBOTS], Cell cells[R
     cells_of(seen, cells);
 }
 
-void onboard_start(int robot, const double positions[][2]) {
+void onboard_start(const double positions[][2]) {
     Position seen[ROBOTS];
     Cell cells[ROBOTS];
     see(positions, seen, cells);
-    present_robot = robot + 1;
-    robot_start(&robot_of[robot], seen);
-    was_moving[robot] = false;
+    for (int32_t i = 0; i < ROBOTS; i++) {
+        present_robot = i + 1;
+        robot_start(&robot_of[i], seen);
+    }
 }
 
 static bool has_ended(const Robot *robot) { return robot->mode == HOLD || robot->mode == PAST; }

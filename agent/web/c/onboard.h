@@ -6,8 +6,8 @@
 
 #include <stdbool.h>
 
-/* Set a robot down; positions of all in m, x and y of each. */
-void onboard_start(int robot, const double positions[][2]);
+/* Set all robots down; positions in m, x and y of each. */
+void onboard_start(const double positions[][2]);
 
 /* Let the robots that wait or are late begin their next move, by positions in m and headings in rad.
  * Once in every RL step. */

@@ -35,13 +35,9 @@ class Board {
     });
   }
 
-  // The place of a pointer in m.
-  placeOf(event) {
+  robotAt(event, robots) {
     const box = this.canvas.getBoundingClientRect();
-    return [(event.clientX - box.left) / this.scale, this.rows_m - (event.clientY - box.top) / this.scale];
-  }
-
-  robotAt([x, y], robots) {
+    const x = (event.clientX - box.left) / this.scale, y = this.rows_m - (event.clientY - box.top) / this.scale;
     return robots.findIndex((r) => Math.hypot(r.x - x, r.y - y) < this.scenario.diameter_m / 2);
   }
 
@@ -60,11 +56,6 @@ class Board {
     if (options.trails) this.trails.forEach((trail, i) => this.line(g, trail, COLOURS[i], 1.5));
     robots.forEach((robot, i) => this.drawMove(g, robot, COLOURS[i]));
     robots.forEach((robot, i) => this.drawRobot(g, robot, i, i === options.selected));
-    if (options.dragged) {
-      this.line(g, [[robots[options.selected].x, robots[options.selected].y], options.dragged], COLOURS[options.selected], 1);
-      this.disc(g, ...options.dragged, scenario.diameter_m / 2);
-      g.stroke();
-    }
     g.restore();
   }
 

@@ -28,7 +28,7 @@ const plots = ["omega", "voltage", "force"].map((name) => {
   }[name];
   return [name, new Plot($(name), $(`${name}-title`), title, unit, names)];
 });
-let before, now, playing = false, ready = false, selected = 0, dragged, waiting, pace = { wall: 0, time: 0 };
+let before, now, playing = false, ready = false, selected = 0, waiting, pace = { wall: 0, time: 0 };
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
@@ -63,16 +63,14 @@ worker.onmessage = ({ data: message }) => {
   take(message);
 };
 
-function take({ kind, view, playing: plays = false, robot, free }) {
+function take({ kind, view, playing: plays = false }) {
   const wall = performance.now();
-  if (free === 0) say(`r${robot + 1} cannot stand there: choose a free place on the board, before the time is over`);
   if (kind === "begun") {
     board.clear();
     plots.forEach(([, plot]) => plot.clear());
     before = undefined;
     pace = { wall, time: 0 };
-  } else before = kind === "put" ? undefined : now;
-  if (kind === "put" && free) board.trails[robot] = [];
+  } else before = now;
   now = { ...read(view), wall };
   board.follow(now.robots);
   plots.forEach(([name, plot]) => plot.add(now.time, now.robots.map((robot) => robot[name])));
@@ -106,7 +104,7 @@ function between() {
 
 function draw() {
   if (now) {
-    board.draw(between(), { map: $("map").checked, trails: $("trails").checked, selected, dragged });
+    board.draw(between(), { map: $("map").checked, trails: $("trails").checked, selected });
     plots.forEach(([, plot]) => plot.draw(selected));
     $("time").textContent = `${now.time.toFixed(1)} s`;
     $("path").textContent = now.robots.map((r) => `${(100 * r.path).toFixed(1)}`).join(" / ") + " cm";
@@ -154,12 +152,7 @@ function choose(robot) {
   $("robot").value = robot;
 }
 
-const put = (x, y) => send({ action: "put", robot: selected, x, y });
-// Set the selected robot down some cells away.
-const move = (columns, rows) => () => put(now.robots[selected].x + columns * scenario.cell_m, now.robots[selected].y + rows * scenario.cell_m);
-
 const keys = {
-  ArrowLeft: move(-1, 0), ArrowRight: move(1, 0), ArrowDown: move(0, -1), ArrowUp: move(0, 1),
   " ": toggle,
   ".": () => $("step").click(),
   r: restart,
@@ -183,21 +176,7 @@ function listen() {
   $("speed").onchange = () => playing && play(true);
   for (const id of ["seed", "mu", "noise"]) $(id).onchange = restart;
   $("robot").onchange = () => choose(Number($("robot").value));
-  const canvas = $("board");
-  canvas.onpointerdown = (event) => {
-    const robot = ready ? board.robotAt(board.placeOf(event), now.robots) : -1;
-    if (robot < 0) return;
-    choose(robot);
-    canvas.setPointerCapture(event.pointerId);
-    canvas.onpointermove = (moved) => (dragged = board.placeOf(moved));
-  };
-  canvas.onpointerup = () => {
-    if (dragged) put(...dragged);
-    canvas.onpointermove = dragged = null;
-  };
-  canvas.onpointercancel = () => (canvas.onpointermove = dragged = null);
-  // A finger on a robot moves it, and elsewhere the page.
-  canvas.addEventListener("touchmove", (event) => canvas.onpointermove && event.preventDefault(), { passive: false });
+  $("board").onclick = (event) => choose(board.robotAt(event, now.robots));
   $("controls").onsubmit = (event) => event.preventDefault();
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -216,8 +195,6 @@ window.recordEpisode = (given) =>
     waiting = done;
     send(() => ({ action: "record", ...options(), ...given }));
   });
-
-window.robotsNow = () => now.robots;
 
 async function start() {
   if (typeof DecompressionStream === "undefined") throw new Error("this browser is too old: it has no DecompressionStream; update it");

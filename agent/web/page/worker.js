@@ -86,11 +86,6 @@ const actions = {
     resume();
     if (playing && !before) play();
   },
-  put({ robot, x, y }) {
-    const free = c.episode_put(robot, x, y);
-    resume();
-    post("put", { robot, playing, free });
-  },
   step() {
     c.episode_advance(periodsOfStep());
     post("frame", { playing: false });

@@ -76,7 +76,7 @@ def test_pettingzoo_counts_cycles_and_renders():
 
 def test_observations_can_be_one_hot():
     seen = [parallel(one_hot=one).reset(seed=0)[0]["robot_1"] for one in (False, True)]
-    sizes = parallel().episode.sizes
+    sizes = parallel().observation_space("robot_1").nvec
     assert seen[1].shape == (sum(sizes),)
     starts = np.cumsum([0, *sizes[:-1]])
     assert np.flatnonzero(seen[1]).tolist() == (starts + seen[0]).tolist()

@@ -3,6 +3,7 @@
 import copy
 import math
 import pickle
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -11,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import agent.envs
 from agent.envs.cosim_vector import CoSimVectorEnv
-from agent.envs.drive import DriveEnv, DriveVectorEnv
+from agent.envs.drive import DriveBoards, DriveEnv, DriveVectorEnv
 from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.state import StateError
 from agent.envs.vector import RobotsVectorEnv
@@ -56,8 +57,10 @@ def test_robots_drive_as_they_are_told_and_rewards_say_how_far():
     assert seen[:6].tolist() == pytest.approx([1.0, 0.0, 0.0, 1.0, 0.5, 0.5])
     assert seen[11:].tolist() == pytest.approx([1.0, 0.0])
     ahead = [env.step(AHEAD) for _ in range(20)]
-    moved = 0.1 * (1.0 - ahead[-1][0][0])
-    assert moved / 2.0 == pytest.approx(env._rows._setup.config.steering.drive_speed_m_s, rel=0.15)
+    moved, boards = 0.1 * (1.0 - ahead[-1][0][0]), env._boards
+    assert isinstance(boards, DriveBoards)
+    steering = boards._setup.config.steering
+    assert moved / 2.0 == pytest.approx(steering.drive_speed_m_s, rel=0.15)
     assert sum(row[1] for row in ahead) == pytest.approx(100.0 * moved - 0.2, abs=0.05)
     env.reset(seed=0, options=start)
     turned = [env.step(np.array([0.0, 1.0])) for _ in range(20)][-1][0]
@@ -116,13 +119,13 @@ def test_a_controller_plans_with_saved_states():
     [
         ({"action": "torque"}, "action"),
         ({"reward": "none"}, "reward"),
-        ({"reach": -1.0}, "reach = -1.0 must be positive and finite"),
+        ({"reach": -1.0}, "reach = -1.0 is invalid: expected float > 0"),
         ({"reach": "far"}, "reach = 'far' is invalid: expected float"),
-        ({"control_interval": math.nan}, "control_interval = nan must be positive"),
+        ({"control_interval": math.nan}, "control_interval = nan is invalid: expected float > 0"),
         ({"control_interval": "x"}, "control_interval = 'x' is invalid"),
         ({"control_interval": 0.00015}, "control_interval = 0.00015 s is no whole multiple"),
         ({"context": "yes"}, "context = 'yes' is invalid: expected bool"),
-        ({"max_episode_steps": 0}, "max_episode_steps = 0 is not allowed"),
+        ({"max_episode_steps": 0}, "max_episode_steps = 0 is invalid: expected int >= 1"),
         ({"shield": True}, "shield has no effect where a learner drives"),
     ],
 )
@@ -158,7 +161,8 @@ def test_ranges_that_no_world_can_have_are_refused_at_once(ranges, said):
 def test_a_range_draws_what_it_names_and_nothing_else():
     env = DriveVectorEnv(3, worlds=agent.envs.WorldRange(mu=(0.1, 0.12)))
     env.reset(seed=0)
-    configs = [env._episode(m).config for m in range(3)]
+    boards: Any = env._boards
+    configs = [episode.config for episode in boards._batch.episodes]
     assert len({config.robot.mu for config in configs}) == 3
     for config in configs:
         assert config.world.filled() == World().filled()
@@ -202,6 +206,17 @@ def test_a_board_at_its_limit_of_steps_begins_again_while_others_continue(kind):
 
 
 @pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv])
+def test_a_reset_of_some_dynamics_seeds_them_alone(kind):
+    env, twin = kind(2), kind(2)
+    for one in (env, twin):
+        one.reset(seed=0)
+    env.reset(seed=7, options={"reset_mask": [False, True]})
+    assert np.array_equal(env.reset()[0][0], twin.reset()[0][0])
+    env.close()
+    twin.close()
+
+
+@pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv])
 def test_a_refused_reset_changes_nothing(kind):
     env = kind(2)
     with pytest.raises(StartsError, match="have not begun"):
@@ -215,11 +230,11 @@ def test_a_refused_reset_changes_nothing(kind):
     for seed in (1.5, [1], [1, 2.5], "ab", [1, -2]):
         with pytest.raises(StartsError, match="seed"):
             env.reset(seed=seed)
-    assert np.array_equal(env._observations(), before)
+    assert np.array_equal(env._seen(), before)
     other = kind(3)
     other.reset(seed=0)
-    with pytest.raises(UserError, match="state of 3 episodes"):
+    with pytest.raises(UserError, match=r"state of 3 boards .* does not fit 2"):
         env.set_state(other.get_state())
-    assert np.array_equal(env._observations(), before)
+    assert np.array_equal(env._seen(), before)
     env.close()
     other.close()

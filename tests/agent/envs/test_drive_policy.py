@@ -1,5 +1,7 @@
 """Policies that command motors, in the co-simulation's own episodes, studies and recordings."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -54,10 +56,11 @@ def test_its_decisions_are_those_in_the_environment(driver):
     env = DriveVectorEnv(1, control_interval=0.5)
     seen, _ = env.reset(seed=3, options=with_memory)
     for _ in range(4):
-        episode = env._batch.episodes[0]
+        boards: Any = env._boards
+        episode = boards._episode(0)
         assert isinstance(episode, FreeEpisode)
         motion = episode.motion()
-        motion.memory["dither"] = env._dither.copy()
+        motion.memory["dither"] = boards._dither.copy()
         wanted = driver.drive(motion)
         seen, *_ = env.step(towards(seen))
         assert np.array_equal(episode._commands[:, :2], wanted)

@@ -100,8 +100,7 @@ def test_pettingzoo_steps_the_kernels_process(slip):
                 assert truncations[agent] == (still and outcome != RUNNING)
                 assert infos[agent]["outcome"] == outcome
                 if outcome == RUNNING:
-                    row = np.ravel_multi_index(tuple(observations[agent]), env.episode.sizes)
-                    assert row == grid.state_index(process, world, int(k))
+                    assert row(env, observations[agent]) == grid.state_index(process, world, int(k))
             moving = world[:, grid.STATUS] == grid.MOVING
         assert not env.agents
     assert steps > 100
@@ -132,7 +131,8 @@ def test_a_trained_policy_reaches_the_targets_in_the_environment():
 
 
 def row(env, seen):
-    return np.ravel_multi_index(tuple(seen), env.episode.sizes)
+    sizes = env.observation_space("robot_1").nvec
+    return np.ravel_multi_index(tuple(seen), sizes)
 
 
 @pytest.mark.parametrize("scenario", ["1a", "1b", "2", "3", "4", "5-doorway", "4-cross", "6-swap"])
@@ -236,12 +236,16 @@ def test_readings_without_effect_are_refused(reading, cosim, said):
     [
         ({"options": {"reset_mask": np.ones(4, dtype=bool)}}, r"reset_mask of shape \(4,\)"),
         ({"options": {"reset_mask": np.ones(2, dtype=int)}}, "type int64; give one bool"),
-        ({"options": {"starts": [[[4, 4], [9, 9]]]}}, r"starts of shape \(1, 2, 2\)"),
+        (
+            {"options": {"starts": [[[4, 4], [9, 9]]]}},
+            r"starts = .*; give one to each of the 2 boards",
+        ),
+        ({"options": {"starts": [[[4, 4]], [[9, 9]]]}}, r"starts of shape \(1, 2\)"),
         ({"seed": [7]}, "1 seeds; give one to each of the 2 boards"),
         ({"seed": [1, 2, 3]}, "3 seeds"),
         ({"seed": [1, -3]}, "seed -3 is negative"),
         ({"options": {"start": [[3, 3], [9, 9]]}}, "no option 'start'; choose from starts, reset"),
-        ({"options": {"starts": [[[4, 4]], [[9, 9], [1, 1]]]}}, "starts are no array"),
+        ({"options": {"starts": [[[4, 4], [9, 9]], [[1, 1], [2]]]}}, "starts are no array"),
         ({"options": {"starts": np.full((2, 2, 2), 3.9)}}, "type float64; give whole numbers"),
     ],
 )
@@ -431,7 +435,7 @@ def test_action_of_a_robot_that_has_arrived_is_ignored():
         observations, *_ = env.step(action)
         assert list(observations) == ["robot_2"]
     assert observations["robot_2"].tolist()[:2] == [9, 5]
-    assert env.episode.positions_m()[0] == pytest.approx([0.155, 0.185])
+    assert env._boards.scenes()[0][1][0] == pytest.approx([0.155, 0.185])
 
 
 def test_step_limit_truncates():
@@ -565,7 +569,6 @@ def test_a_wall_ends_an_episode_as_a_collision(cosim):
         assert not truncated
     assert reward in {-100.0, -101.0}  # a step of the dynamics may take two RL steps
     assert info["outcome"] == COLLISION
-    assert env.episode.status.tolist() == [grid.HIT]
     env.close()
 
 

@@ -4,6 +4,7 @@ import copy
 import multiprocessing
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,11 +14,10 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import agent.envs
 from agent import envs
-from agent.envs.cosim_episode import CoSimEpisode
-from agent.envs.cosim_vector import CoSimVectorEnv
+from agent.envs.cosim_vector import CoSimBoards, CoSimVectorEnv
 from agent.envs.drive import DriveEnv, DriveVectorEnv
 from agent.envs.grid_episode import StartsError
-from agent.envs.state import ClosedError
+from agent.envs.state import ClosedError, StateError
 from agent.envs.vector import RobotRowsVectorEnv
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError
@@ -98,10 +98,20 @@ def test_a_closed_environment_is_not_used_but_can_be_reset(name):
     env.close()
 
 
+def test_states_of_another_number_of_boards_are_refused():
+    pairs, more = (envs.parallel_vector_env("2", num_envs=n) for n in (2, 3))
+    group = envs.parallel_vector_env("4-cross", num_envs=2)
+    for other in (more, group):
+        with pytest.raises(
+            StateError, match=r"a state of \d boards of \d robots does not fit 2 of 2"
+        ):
+            pairs.set_state(other.get_state())
+
+
 def test_an_fmu_that_cannot_save_its_state_is_named(monkeypatch):
     env = MAKERS["single dynamics"]()
     env.reset(seed=0)
-    motor = env.episode._batch._motors.array
+    motor = env._boards._batch._motors.array
     monkeypatch.setattr(motor.fmu.interface, "canSerializeFMUstate", False)
     with pytest.raises(fmu.FmuError, match=r"fmu cannot save its state.*canSerializeFMUState"):
         copy.deepcopy(env)
@@ -177,15 +187,15 @@ def test_an_action_of_the_dynamics_counts_whatever_it_is():
 
 def test_physics_are_options_of_environments():
     env = envs.parallel_env("1a", cosim=True, decision="period", time_limit=2.0)
-    place = env.episode
-    assert isinstance(place, CoSimEpisode)
+    boards = env._boards
+    assert isinstance(boards, CoSimBoards)
     env.reset(seed=0, options={"mu": 0.3, "targets": [[3, 3]]})
-    running = place._running
+    running = boards._episode(0)
     assert (running.config.robot.mu, running.scenario.targets) == (0.3, ((3, 3),))
     *_, truncated, infos = env.step({"robot_1": 0})
     assert (truncated["robot_1"], infos["robot_1"]["outcome"]) == (True, TIMEOUT)
     env.reset(seed=0)
-    assert place._running.config.robot.mu == 0.15
+    assert boards._episode(0).config.robot.mu == 0.15
     env.close()
     with pytest.raises(ConfigError, match=r"no option friction; choose from worlds, .* mu,"):
         gym.make("MiniRobots/CoSim-v0", friction=0.2)
@@ -197,10 +207,11 @@ def test_physics_are_options_of_environments():
 
 def test_worlds_are_drawn_with_the_seed():
     env = CoSimVectorEnv(2, worlds=envs.WorldRange(mu=(0.1, 0.12)))
+    boards: Any = env._boards
 
     def drawn(seed):
         env.reset(seed=seed)
-        return [place._running.config for place in env._places]
+        return [episode.config for episode in boards._batch.episodes]
 
     first = drawn(0)
     assert first == drawn(0)

@@ -118,38 +118,6 @@ def test_page_is_played_by_keys_on_a_phone(browser, tmp_path, scheme):
 
 
 @pytest.mark.browser
-def test_robots_are_dragged_where_there_is_room(browser, tmp_path):
-    scenario = Scenario("two", "", ((5, 5), (20, 20)), (((5, 9),), ((20, 9),)))
-    written(tmp_path / "page.html", agent.train(scenario, method="shortest"))
-    page, said = opened(browser, tmp_path / "page.html")
-    board = page.locator("#board").bounding_box()
-    assert board is not None
-    cell = min(board["width"], board["height"]) / 30
-
-    def drag(*cells):
-        """Drag from one cell to another; where the first robot is then, in m."""
-        for number, (x, y) in enumerate(cells):
-            at = board["x"] + (x + 0.5) * cell, board["y"] + (29.5 - y) * cell
-            page.mouse.move(*at)
-            (page.mouse.up if number else page.mouse.down)()
-        page.wait_for_timeout(300)
-        return page.evaluate("[robotsNow()[0].x, robotsNow()[0].y]")
-
-    assert drag((5, 9), (10, 15)) == pytest.approx([0.105, 0.155], abs=5e-3)
-    page.keyboard.press("ArrowLeft")
-    page.wait_for_function("Math.abs(robotsNow()[0].x - 0.095) < 0.005")
-    assert page.locator("#error").is_hidden()
-    assert drag((9, 15), (19, 9))[0] < 0.11  # the other robot is there
-    assert "r1 cannot stand there" in page.inner_text("#error")
-    page.keyboard.press(" ")
-    page.wait_for_function(
-        "document.getElementById('outcome').textContent !== 'running'", timeout=240_000
-    )
-    assert page.inner_text("#outcome") == "success"
-    assert said == []
-
-
-@pytest.mark.browser
 def test_damaged_page_shows_its_error_as_text(browser, tmp_path):
     path = tmp_path / "page.html"
     written(path, agent.train("1a", method="shortest"))
