@@ -1,4 +1,4 @@
-"""Policies by their files, whatever trained them."""
+"""Policies by their files, whatever trained them, and by their names in the zoo."""
 
 import json
 from pathlib import Path
@@ -10,18 +10,31 @@ from agent.training.group_policy import GroupPolicy
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import FILE, Policy, PolicyConfig
 from agent.training.settings import refuse_former
+from agent.zoo import PREFIX, zoo_policy
+from cosim.base.progress import Progress, silent
 from cosim.base.reading import parsing, read_arrays
 from cosim.model.scenario import Scenario
 
 
 def load_policy(
-    path: Path | str, scenario: Scenario | None = None
+    path: Path | str, scenario: Scenario | None = None, progress: Progress = silent
 ) -> Policy | PairPolicy | GroupPolicy | NetworkPolicy:
-    """Read a policy; with `scenario`, only if it was trained on that geometry.
+    """Return the policy of a file or of the zoo; with `scenario`, only if it has that geometry.
+
+    Args:
+        path: file, or name of a policy of the zoo, such as zoo:4-pair.
+        scenario: in which it must have been trained.
+        progress: receives what is trained of the zoo.
 
     Raises:
         PolicyError: no such file, not a policy, another schema, or another scenario.
+        ConfigError: no policy of the zoo has this name.
     """
+    if str(path).startswith(PREFIX):
+        policy = zoo_policy(str(path), progress)
+        if scenario is not None:
+            policy.require_scenario(scenario, f"{path}: the policy")
+        return policy
     path = Path(path)
     arrays = read_arrays(path, FILE, ("config",))
     with parsing(path, FILE):

@@ -67,7 +67,8 @@ class Run(NewFolder, Simulating):
     again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
     """Train even if the cache has a policy of this configuration."""
     policy: File | None = None
-    """Trained policy to use (policy.npz) instead of training."""
+    """Trained policy to use instead of training: a file (policy.npz), or one of the zoo, such as
+    zoo:4-pair (`minirobots policies` lists them)."""
     record: Literal["none", "summary", "default", "full"] = "default"
     """How much is recorded: nothing (only summary.json and the policy are written); decisions and
     poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at
@@ -181,7 +182,7 @@ def _policy(
     from agent.policies import load_policy
 
     if options.policy is not None:
-        return load_policy(options.policy, scenario), None
+        return load_policy(options.policy, scenario, progress), None
     method = options.method or best_method(scenario)
     if method in COMPUTED and (options.train_episodes or options.train_seed is not None):
         raise ConfigError(

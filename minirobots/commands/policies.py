@@ -1,0 +1,79 @@
+"""Trained policies of the built-in scenarios, and what they achieve."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from cosim.base.progress import Progress
+from minirobots.options import Count, Distributed, Folder, Resumable, Seed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Policies(Distributed, Resumable):
+    """List the policies of the zoo, or measure a leaderboard of them, with yours in it.
+
+    Any command and `minirobots.load` take their names, such as zoo:4-pair, in place of a file. A
+    policy is trained or computed where it is first used, in seconds to minutes, and kept in the
+    cache. Measured are episodes with --through, without the shield; results are kept, so that the
+    same command with one policy more simulates only that one.
+    """
+
+    policies: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """Your policies to measure next to those of the zoo: files, or MODULE:NAME of an object with
+    act(observation) or of its class."""
+    scenario: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """Built-in scenario to list or measure; repeat it for several. By default all are listed, and
+    1a, 1b, 2, 3 and 4 are measured."""
+    measure: bool = False
+    """Measure the leaderboard; naming policies of yours does so as well."""
+    episodes: Count = 50
+    """Episodes of each policy, at most the number of starts."""
+    out: Folder = Path("runs/policies")
+    """Folder of the leaderboard (leaderboard.json and .md) and all episodes."""
+    seed: Seed = 0
+
+
+def run(options: Policies, progress: Progress) -> list[dict[str, Any]]:
+    """Return the rows of the zoo or, measured, those of the leaderboard."""
+    import msgspec
+
+    from agent.study.leaderboard import leaderboard
+    from agent.zoo import zoo_rows
+    from cosim.model.built_in import PAPER
+
+    if not (options.measure or options.policies):
+        return zoo_rows(options.scenario)
+    entries = leaderboard(
+        options.scenario or tuple(PAPER),
+        options.policies,
+        episodes=options.episodes,
+        seed=options.seed,
+        out=options.out,
+        where=options.where,
+        progress=progress,
+    )
+    return [{"current": True} | msgspec.structs.asdict(entry) for entry in entries]
+
+
+def show(options: Policies, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Print the table."""
+    from cosim.base.command import show_table
+
+    cells = []
+    for row in rows:
+        share, time, path = (row.get(n) for n in ("success", "sim_time_s", "path_length_cm"))
+        cells.append(
+            (
+                row["policy"],
+                "not measured" if share is None else f"{share:.1%} of {row['episodes']}",
+                "–" if time is None else f"{time:.1f} s",
+                "–" if path is None else f"{path:.1f} cm",
+                "" if row["current"] or share is None else "by an earlier version",
+            )
+        )
+    show_table(None, ("policy", "success", "time", "path", "measured"), cells)
+    if options.measure or options.policies:
+        print(f"leaderboard in {options.out}/: leaderboard.json and .md")
+    return {"policies": rows}
