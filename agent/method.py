@@ -61,7 +61,7 @@ def moves_of(method: str, scenario: Scenario) -> MoveSource | None:
     return MoveSource(through=True) if pair else ON_MOVES.get(method)
 
 
-MOVES_EPISODES, ROBUST_EPISODES, PAIR_EPISODES = 1_500_000, 3_000_000, 250_000
+MOVES_EPISODES, ROBUST_EPISODES, PAIR_EPISODES = 1_500_000, 3_000_000, 400_000
 CLEARANCE_M = 0.005  # assumed: errors of two estimates, and of what robots do by them
 SLIP_PROBABILITY = 0.2  # assumed
 # Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
@@ -168,10 +168,10 @@ def _settings(method: str, scenario: Scenario) -> tuple[ProcessConfig, LearningC
         process = ProcessConfig(features=("x", "y", "h", "p"), clearance_m=CLEARANCE_M)
         learning = LearningConfig(
             PAIR_EPISODES,
-            eta=0.1,
-            eta_end=0.01,
+            eta=0.5,
+            eta_end=0.02,
             gamma=1.0,
-            epsilon=0.05,
+            epsilon=0.2,
             exploration=0.8,
             schedule="linear",
             algorithm="pair",

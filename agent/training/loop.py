@@ -27,7 +27,7 @@ from agent.training.learning import (
     map_points,
 )
 from agent.training.moves_qlearning import advance_moves
-from agent.training.pair_learning import advance_pair, first_delay, of_both
+from agent.training.pair_learning import EXCESS, advance_pair, first_delay, of_both
 from agent.training.policy import PolicyConfig
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
@@ -141,7 +141,8 @@ def fresh_state(task: PolicyConfig) -> TrainingState:
     if task.learning.algorithm != "pair":
         return initial_state(process, task.learning, task.seed.sequence())
     assert task.moves is not None
-    table = of_both(first_delay(process, moves_of_pair(process, task.moves))).astype(np.float32)
+    first = first_delay(process, moves_of_pair(process, task.moves), EXCESS)
+    table = of_both(first).astype(np.float32)
     return initial_state(process, task.learning, task.seed.sequence(), table)
 
 
@@ -167,9 +168,10 @@ def run_training(
     learning = build_learning(config)
     evaluations = greedy_episodes(config)
     starts = some_starts(process, MAX_CURVE_STARTS)
-    times = None
+    times = unseen = None
     if config.algorithm == "pair" and task.moves is not None:
         times = moves_of_pair(process, task.moves)._replace(delay=state.q)
+        unseen = of_both(first_delay(process, times))
     while state.episode < config.episodes:
         until = min(config.episodes, (state.episode // CHUNK_EPISODES + 1) * CHUNK_EPISODES)
         due = np.searchsorted(evaluations, state.episode, side="right")
@@ -179,7 +181,7 @@ def run_training(
         if model is None:
             advance(process, learning, state, until)
         elif times is not None:
-            advance_pair(process, model, learning, times, state, until)
+            advance_pair(process, model, learning, times, state, until, unseen=unseen)
         else:
             advance_moves(process, model, learning, state, until)
         if until in evaluations:

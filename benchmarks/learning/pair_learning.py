@@ -17,7 +17,7 @@ from agent.method import method_config
 from agent.moves.pair import GRAIN_S, PairTimes, moves_of_pair, solve_pair
 from agent.training.learning import EPISODES, PATH_CELLS, RETURNS, SUCCESSES, build_learning
 from agent.training.loop import fresh_state, move_model
-from agent.training.pair_learning import advance_pair, kept_delay, of_both
+from agent.training.pair_learning import advance_pair, first_delay, kept_delay, of_both
 from agent.training.policy import PolicyConfig
 from cosim.model.scenario_file import find_scenario
 from minirobots.options import CommandOptions, Count, Seed
@@ -36,7 +36,7 @@ VARIANTS = (
 class Options(CommandOptions):
     """Train a pair with several variants and play the greedy policies on observed moves."""
 
-    episodes: Count = 250_000
+    episodes: Count = 400_000
     """Training episodes of each variant."""
     test_episodes: Count = 20_000
     """Greedy episodes of each variant."""
@@ -71,17 +71,18 @@ def measure(
         if variant == VARIANTS[2]:
             config = msgspec.structs.replace(base, learning=replace(base.learning, epsilon=0.0))
         state, first = fresh_state(config), first_values(config, times, variant)
+        unseen = None if first is not None else of_both(first_delay(process, times))
         if first is not None:
             state.q[:] = first
         began, explorers = time.perf_counter(), 2 if variant == VARIANTS[1] else 1
         learning = build_learning(config.learning)
-        advance_pair(process, model, learning, times, state, episodes, explorers)
+        advance_pair(process, model, learning, times, state, episodes, explorers, unseen)
         seconds = time.perf_counter() - began
         window = {"log_episodes": test_episodes, "log_window": test_episodes}
         play = replace(config.learning, episodes=test_episodes, epsilon=0.0, **window)
         test = fresh_state(msgspec.structs.replace(config, learning=play))
         test.q[:] = kept_delay(state.q)
-        test.visits[:] = 1 << 31  # the learning rate is 0
+        test.visits[:] = 1 << 31  # the learning rate is as good as 0
         still = build_learning(play)
         still.eta[:] = 0.0
         advance_pair(process, model, still, times, test, test_episodes)

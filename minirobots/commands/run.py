@@ -60,7 +60,7 @@ class Run(NewFolder, Simulating):
     and time, which they plan while they drive (planned, the default for three to eight)."""
     train_episodes: Count | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves,
-    3 000 000 for robust, and 250 000 for pair."""
+    3 000 000 for robust, and 400 000 for pair."""
     seed: Seed = 0
     train_seed: NotNegative | None = None
     """Seed of training: by default 0, so that every --seed meets the same policy, trained once."""

@@ -16,7 +16,11 @@ from agent.method import method_of, moves_of
 from agent.moves import pair
 from agent.moves.bound import mean_seconds
 from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, move_kind
+from agent.moves.pair import moves_of_pair
 from agent.policies import load_policy
+from agent.training.learning import build_learning
+from agent.training.loop import fresh_state, move_model
+from agent.training.pair_learning import advance_pair, first_delay, of_both
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
@@ -195,7 +199,7 @@ def test_a_robot_that_waits_keeps_away_from_a_move_under_way(policy):
 
 
 LEARNING = LearningConfig(
-    8000, eta=0.1, eta_end=0.01, gamma=1.0, epsilon=0.05, exploration=0.8, schedule="linear",
+    8000, eta=0.5, eta_end=0.02, gamma=1.0, epsilon=0.2, exploration=0.8, schedule="linear",
     algorithm="pair", log_episodes=100, greedy_points=2,
 )  # fmt: skip
 
@@ -212,7 +216,8 @@ def test_a_pair_learns_to_take_little_more_than_the_least_time(policy, trained):
     taken = -log.returns.sum(axis=1)
     assert log.success[-1] == 1.0
     assert 0.99 * least < taken[-10:].mean() < 1.01 * least
-    assert taken[0] > 1.05 * least
+    known = np.mean([-learnt.q_values(seen(state)).max() for state in starts])
+    assert 0.97 * least < known < 1.03 * least  # values begin at 1.2 times those of robots alone
     assert learnt.evaluate().rate(Outcome.SUCCESS) == 1.0
 
 
@@ -228,6 +233,28 @@ def test_a_learnt_pair_is_the_same_for_the_same_seed_and_is_read_back(trained, t
     maps, again = ([part.visits for part in one.maps()] for one in (learnt, read))
     assert np.array_equal(maps, again)
     assert np.min(np.max(maps, axis=(1, 2))) > 1000.0  # both have decided often somewhere
+
+
+def test_what_was_never_met_is_raised_when_exploration_ends_however_a_run_is_cut():
+    config = PolicyConfig(BOARD, PROCESS, replace(LEARNING, episodes=3000), Seed(3), MOVES)
+    process, learning = build_process(BOARD, PROCESS), build_learning(config.learning)
+    model = move_model(config)
+    assert model is not None
+    times = moves_of_pair(process, MOVES)
+    unseen = of_both(first_delay(process, times))
+    states = []
+    for cuts in ((3000,), (1, 1200, 2500, 2999, 3000)):
+        states.append(fresh_state(config))
+        first = states[-1].q.copy()
+        for until in cuts:
+            advance_pair(process, model, learning, times, states[-1], until, unseen=unseen)
+    whole, cut = states
+    assert np.array_equal(whole.q, cut.q)
+    assert np.array_equal(whole.visits, cut.visits)
+    never = whole.visits == 0
+    assert (whole.q[never] == unseen[never]).all()
+    assert (first[never] < unseen[never]).any()
+    assert (whole.q[~never] != first[~never]).mean() > 0.9
 
 
 def test_directions_that_fail_have_no_value_in_recordings(policy):
