@@ -67,6 +67,7 @@ class Local:
         ahead = away / np.maximum(left, 1e-9)
         after = cells[:, None] + DIRECTIONS
         steps = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+        ways = np.zeros(after.shape[:2])
         if self._ways is not None:
             at = after.clip(0, np.array(self._ways.shape[1:]) - 1)
             ways = self._ways[np.arange(n)[:, None], at[..., 0], at[..., 1]]
@@ -96,6 +97,5 @@ class Local:
         others = (observation.targets[closest] == after[:, :, None]).all(axis=3)
         worth -= 2.0 * _BLOCKED * (others & (closest != own)).any(axis=2)
         worth -= 2.0 * _BLOCKED * (after < 0).any(axis=2)
-        if self._ways is not None:
-            worth -= 2.0 * _BLOCKED * np.isinf(ways)
+        worth -= 2.0 * _BLOCKED * np.isinf(ways)
         return worth.argmax(axis=1)
