@@ -17,6 +17,7 @@ from cosim.base.jit import inlined
 HEAD, NEXT, FOUND = range(3)
 LISTS = 3
 _ROUNDING = 1.0 + 1e-6  # of a place's cell
+_FEW = 16  # places that are in one cell: looking at all of them costs less than finding the near
 
 
 class Grid(NamedTuple):
@@ -24,11 +25,13 @@ class Grid(NamedTuple):
 
     Attributes:
         first: column in which the episode's lists begin.
+        count: number of places.
         columns, rows: number of cells; at most one per robot.
         per_x, per_y: cells per metre.
     """
 
     first: int
+    count: int
     columns: int
     rows: int
     per_x: float
@@ -58,13 +61,18 @@ def list_by_cells(
     Returns:
         The cells.
     """
-    most = math.sqrt(count)
-    columns = max(1, int(min(most, board[0] / (_ROUNDING * reach))))
-    rows = max(1, int(min(most, board[1] / (_ROUNDING * reach))))
-    grid = Grid(first, columns, rows, columns / board[0], rows / board[1])
+    columns = rows = 1
+    if count > _FEW:
+        most = math.sqrt(count)
+        columns = max(1, int(min(most, board[0] / (_ROUNDING * reach))))
+        rows = max(1, int(min(most, board[1] / (_ROUNDING * reach))))
+    grid = Grid(first, count, columns, rows, columns / board[0], rows / board[1])
     for cell in range(first, first + columns * rows):
         lists[HEAD, cell] = -1
     for i in range(first + count - 1, first - 1, -1):  # so that lists are in ascending order
+        if columns * rows == 1:
+            lists[FOUND, i], lists[NEXT, i], lists[HEAD, first] = i, lists[HEAD, first], i
+            continue
         row = _index(ys[i] * grid.per_y, rows)
         cell = first + row * columns + _index(xs[i] * grid.per_x, columns)
         lists[NEXT, i] = lists[HEAD, cell]
@@ -81,6 +89,8 @@ def find_near(lists: np.ndarray, grid: Grid, x: float, y: float) -> int:
     Returns:
         Their number.
     """
+    if grid.columns * grid.rows == 1:
+        return grid.count  # all of them, see `list_by_cells`
     end = grid.first
     column, row = _index(x * grid.per_x, grid.columns), _index(y * grid.per_y, grid.rows)
     for near_row in range(max(row - 1, 0), min(row + 2, grid.rows)):
