@@ -20,7 +20,7 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.reader import read_episode
 from cosim.simulation.batch import Batch
 from cosim.simulation.tasks import Task, simulate_tasks
-from docs.examples.swarm import Local, through_door
+from docs.examples.swarm import Local, ThroughDoor
 from fmus.build import cached_fmu
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -123,6 +123,6 @@ def test_the_rule_of_the_example_passes_on_the_right_and_keeps_off_walls():
     assert west in (2, 3)
     door = find_scenario(EXAMPLES / "door.toml")
     behind_the_wall, targets = np.array([[60, 10], [63, 30]]), np.array(door.targets[:2])
-    up, along = directions(through_door(), behind_the_wall, targets)
+    up, along = directions(ThroughDoor(), behind_the_wall, targets)
     assert up in (1, 2)
     assert along in (7, 0, 1)
