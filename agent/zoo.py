@@ -28,7 +28,7 @@ _FILE = Kind("leaderboard", "make it with `minirobots policies --measure`", Conf
 
 
 class Entry(msgspec.Struct, frozen=True, kw_only=True):
-    """What a policy of the leaderboard achieves in the dynamics.
+    """Results of a policy of the leaderboard in the dynamics.
 
     Attributes:
         scenario: its name.

@@ -127,6 +127,8 @@ class DynamicsBoards(EnvBoards):
         for m in np.flatnonzero(which).tolist():
             if (mu := rows[m].pop("mu", None)) is not None:
                 self._setup.config.with_overrides(mu)  # refuses some
+                if mu == 0.0:
+                    raise ConfigError("mu = 0 is invalid: no robot could drive; give more")
             given[m] = (mu, *self._checked(**rows[m]))
         if seeds is not None:
             self.seed([seed if m in given else None for m, seed in enumerate(seeds)])

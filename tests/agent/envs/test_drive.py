@@ -180,6 +180,8 @@ def test_unusable_starts_and_actions_are_refused():
     for starts in ([[0.15, 0.15]], [[0.5, 0.15, 0.0]], [[0.15, 0.15, math.nan]], "here"):
         with pytest.raises(StartsError, match="must be of shape"):
             env.reset(options={"starts": starts})
+    with pytest.raises(ConfigError, match="mu = 0 is invalid"):
+        env.reset(options={"mu": 0.0})
     with pytest.raises(StartsError, match="no option 'reset_mask'"):
         env.reset(options={"reset_mask": False})
     env.reset(seed=0)
