@@ -31,7 +31,7 @@ class Grid(NamedTuple):
     """
 
     first: int
-    count: int
+    count: int  # pyright: ignore[reportIncompatibleMethodOverride] - tuples can count
     columns: int
     rows: int
     per_x: float
