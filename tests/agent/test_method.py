@@ -55,7 +55,7 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
     assert method_of(config) == method
     longer = msgspec.structs.replace(config, learning=replace(config.learning, greedy_points=3))
     assert method_of(longer) == method
-    other = msgspec.structs.replace(config, learning=replace(config.learning, eta=0.5))
+    other = msgspec.structs.replace(config, learning=replace(config.learning, eta=0.123))
     assert method_of(other) is None
 
 
