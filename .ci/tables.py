@@ -79,6 +79,9 @@ PICTURES = {
         "methods", "scenario | `--through`", {"time": "pair", "`fastest`": "fastest"},
         "scenario {scenario}, --through {`--through`}",
         "s until all robots have arrived, 95 % intervals"),
+    "leaderboard": Picture(
+        "leaderboard", "scenario | policy", {"time": "time"}, "{policy}",
+        "s until all robots have arrived, of 20 episodes", "scenario", "^[234] "),
 }  # fmt: skip
 
 

@@ -85,13 +85,13 @@ def made_with(name: str) -> str:
     return config_digest(method_config(method, board))
 
 
-def published(path: Path = _PUBLISHED) -> dict[str, Entry]:
-    """Return what the policies of a leaderboard achieve, by name; by default the published one.
+def published(path: Path = _PUBLISHED) -> list[Entry]:
+    """Return the rows of a leaderboard; by default of the published one.
 
     Raises:
         ConfigError: the file is missing or damaged.
     """
-    return {entry.policy: entry for entry in read_json(path, _FILE, list[Entry])}
+    return read_json(path, _FILE, list[Entry])
 
 
 def zoo_rows(scenarios: tuple[str, ...] = ()) -> list[dict[str, Any]]:
@@ -100,7 +100,7 @@ def zoo_rows(scenarios: tuple[str, ...] = ()) -> list[dict[str, Any]]:
     Args:
         scenarios: by default all.
     """
-    entries, rows = published(), []
+    entries, rows = {entry.policy: entry for entry in published()}, []
     for name, (board, method) in zoo().items():
         if scenarios and board.name not in scenarios:
             continue
