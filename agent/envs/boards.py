@@ -4,6 +4,7 @@ The views of boards are `agent.envs.single`, `vector`, `parallel` and `parallel_
 anything to the process. The boards in the dynamics are in `agent.envs.dynamics`.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -36,7 +37,7 @@ Count = Annotated[int, msgspec.Meta(ge=1)]
 _NAMES = np.array(BY_RANK, dtype=object)
 
 
-class EnvBoards(Restorable):
+class EnvBoards(Restorable, ABC):
     """K boards of N robots each, as the environments step them.
 
     A robot that has ended before the others of its board stays there, inactive: its actions are
@@ -58,10 +59,11 @@ class EnvBoards(Restorable):
     action_space: spaces.Space
     reset_options: ClassVar[tuple[str, ...]] = ("starts",)
 
+    @abstractmethod
     def seed(self, seeds: Sequence[Any]) -> None:
         """Seed the K boards; None leaves one as it is."""
-        raise NotImplementedError
 
+    @abstractmethod
     def reset(
         self, options: dict[str, Any] | None, seeds: Sequence[int | None] | None = None
     ) -> None:
@@ -76,15 +78,14 @@ class EnvBoards(Restorable):
         Raises:
             StartsError: an option cannot be used; the boards are as they were.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def step(self, actions: np.ndarray) -> None:
         """Let every active robot take its action, of shape (K, N, ...)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def path_length_cm(self) -> np.ndarray:
         """(K, N) float64."""
-        raise NotImplementedError
 
     def infos(self, *, names: bool) -> dict[str, np.ndarray]:
         """Return what is said of all robots in addition to their observations, (K, N) each.
@@ -101,13 +102,9 @@ class EnvBoards(Restorable):
         }
         return infos | {"outcome_name": _NAMES[ranks]} if names else infos
 
+    @abstractmethod
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """Return of each board what a picture shows: its scenario and (N, 2) positions in m."""
-        raise NotImplementedError
-
-    def action_masks(self) -> np.ndarray:
-        """(K, N, 8) int8, which directions lead to a free cell, see `free_directions`."""
-        raise NotImplementedError
 
     def close(self) -> None:
         """Free what simulates."""
@@ -121,6 +118,14 @@ class EnvBoards(Restorable):
                 f"fit {self.shape[0]} of {self.shape[1]}; restore it where as many are stepped"
             )
         super().set_state(state)
+
+
+class DirectionBoards(EnvBoards):
+    """Boards whose robots choose directions."""
+
+    @abstractmethod
+    def action_masks(self) -> np.ndarray:
+        """(K, N, 8) int8, which directions lead to a free cell, see `free_directions`."""
 
 
 class Results(NamedTuple):
@@ -235,7 +240,7 @@ def _step(process: Process, features: np.ndarray, arrays: Arrays, actions: np.nd
         _observe(features, arrays, m)
 
 
-class Boards(EnvBoards):
+class Boards(DirectionBoards):
     """K boards of a scenario on the grid; `arrays` is overwritten by every step.
 
     Raises:
@@ -303,7 +308,7 @@ class Boards(EnvBoards):
         return [(self.scenario, places) for places in centres_m]
 
     def action_masks(self) -> np.ndarray:
-        """See `EnvBoards.action_masks`."""
+        """See `DirectionBoards.action_masks`."""
         x, y = self.arrays.worlds[..., X], self.arrays.worlds[..., Y]
         return self._free[np.arange(self.shape[1]), x + 1, y + 1]
 

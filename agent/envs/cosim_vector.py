@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agent.envs.boards import direction_spaces
+from agent.envs.boards import DirectionBoards, direction_spaces
 from agent.envs.dynamics import DynamicsBoards, EnvSetup, set_up
 from agent.envs.grid_episode import free_directions, observed_columns, place_checked, whole_cells
 from agent.envs.vector import Ends, RobotRowsVectorEnv, interpreted
@@ -29,7 +29,7 @@ from cosim.model.scenario import Scenario
 from cosim.onboard.observing import draw_starts
 
 
-class CoSimBoards(DynamicsBoards):
+class CoSimBoards(DynamicsBoards, DirectionBoards):
     """K boards whose robots adopt directions when they wait for one.
 
     Args:
@@ -143,7 +143,7 @@ class CoSimBoards(DynamicsBoards):
         return np.array(rows), np.array([episode.awaiting for episode in episodes])
 
     def action_masks(self) -> np.ndarray:
-        """See `agent.envs.boards.EnvBoards.action_masks`."""
+        """See `agent.envs.boards.DirectionBoards.action_masks`."""
         last, robots = (self.scenario.columns, self.scenario.rows), np.arange(self.shape[1])
         found = []
         for m, process in enumerate(self._processes):

@@ -3,6 +3,7 @@
 The boards of the grid are in `agent.envs.boards`.
 """
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -137,21 +138,21 @@ class DynamicsBoards(EnvBoards):
         none = np.zeros(self.shape, dtype=bool)
         self._show(np.zeros(self.shape), none, none)
 
+    @abstractmethod
     def _checked(self, *arguments: Any, **options: Any) -> tuple[Any, ...]:
         """Return what `_begin` takes after the friction, from the other options of a reset.
 
         Raises:
             UserError: an option cannot be used.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def _begin(self, *arguments: Any, **options: Any) -> None:
         """Begin an episode on a board, with a friction; what is not given is drawn."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
         """Return observations (K, N, F), and whose next action counts while boards run, (K, N)."""
-        raise NotImplementedError
 
     def _show(self, rewards: np.ndarray, terminated: np.ndarray, truncated: np.ndarray) -> None:
         observations, active = self._looked()

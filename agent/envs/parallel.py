@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from agent.envs.boards import Count, EnvBoards
+from agent.envs.boards import Count, DirectionBoards
 from agent.envs.grid_episode import ActionError, direction_error, require_seed
 from agent.envs.rendering import RENDER_MODES, render_first, require_render_mode
 from agent.envs.state import Restorable
@@ -56,7 +56,7 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
 
     def __init__(
         self,
-        boards: EnvBoards,
+        boards: DirectionBoards,
         render_mode: str | None = None,
         *,
         outcome_names: bool = False,

@@ -1,5 +1,6 @@
 """Gymnasium environments for one robot, and makers of environments for several."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -8,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
-from agent.envs.boards import Boards, EnvBoards
+from agent.envs.boards import Boards, DirectionBoards, EnvBoards
 from agent.envs.grid_episode import ActionError, direction_error, known_options
 from agent.envs.parallel import NavigationParallelEnv
 from agent.envs.parallel_vector import ParallelVectorEnv
@@ -23,7 +24,7 @@ from cosim.model.scenario import Scenario
 Decision = Literal["arrival", "period"]
 
 
-class SingleEnv(Restorable, gym.Env[np.ndarray, Any]):
+class SingleEnv(Restorable, gym.Env[np.ndarray, Any], ABC):
     """One board with one robot.
 
     An episode that reaches a limit is truncated, every other end terminates it. `info` has
@@ -81,9 +82,9 @@ class SingleEnv(Restorable, gym.Env[np.ndarray, Any]):
         ends = bool(arrays.terminated[0, 0]), bool(arrays.truncated[0, 0])
         return self._seen(), float(arrays.rewards[0, 0]), *ends, self._info()
 
+    @abstractmethod
     def _checked(self, action: Any) -> np.ndarray:
         """(1, 1, ...) action as the boards take it; raises ActionError."""
-        raise NotImplementedError
 
     def _seen(self) -> np.ndarray:
         return self._boards.arrays.observations[0, 0].copy()
@@ -109,6 +110,8 @@ class NavigationEnv(SingleEnv):
     Observations are the features of Section III as MultiDiscrete (a lone robot: column and row),
     actions the eight directions, rewards Eq. (8).
     """
+
+    _boards: DirectionBoards
 
     def __init__(
         self,
@@ -244,7 +247,7 @@ def one_board(
     cosim: bool,
     decision: Decision,
     alone: bool = False,
-) -> EnvBoards:
+) -> DirectionBoards:
     """One board of an environment: on the grid, or in the full co-simulation.
 
     Args:

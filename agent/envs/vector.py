@@ -8,6 +8,7 @@ same seeds, boards with several those of as many `agent.envs.parallel_env`. What
 with co-simulated environments (`agent.envs.cosim_vector`) is here too.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
@@ -16,7 +17,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from agent.envs.boards import Boards, Count, EnvBoards, board_seeds
+from agent.envs.boards import Boards, Count, DirectionBoards, EnvBoards, board_seeds
 from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.rendering import RENDER_MODES, picture, require_render_mode
 from agent.envs.state import Restorable
@@ -31,7 +32,7 @@ from cosim.onboard.features import DIRECTION_COUNT
 Ends = Literal["together", "own"]
 
 
-class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray], ABC):
     """Rows are the robots of `boards` boards, those of one board one after the other.
 
     A board whose episode has ended begins again with its next step. A row has one end per episode:
@@ -121,9 +122,9 @@ class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             terminated = np.repeat(arrays.outcomes != RUNNING, self._robots) & ~truncated
         return self._seen(), arrays.rewards.flatten(), terminated, truncated, self._infos()
 
+    @abstractmethod
     def _checked(self, actions: Any) -> np.ndarray:
         """(boards, robots, ...) actions as the boards take them; raises ActionError."""
-        raise NotImplementedError
 
     def _seen(self) -> np.ndarray:
         memory = self._boards.arrays.observations
@@ -152,6 +153,8 @@ class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 class RobotRowsVectorEnv(RowsVectorEnv):
     """Rows whose robots choose directions."""
+
+    _boards: DirectionBoards
 
     def _checked(self, actions: Any) -> np.ndarray:
         actions = np.asarray(actions)

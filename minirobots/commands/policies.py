@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress
 from minirobots.options import Count, Distributed, Folder, Resumable, Seed
 
@@ -33,6 +34,14 @@ class Policies(Distributed, Resumable):
     out: Folder = Path("runs/policies")
     """Folder of the leaderboard (leaderboard.json and .md) and all episodes."""
     seed: Seed = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        usual = [self.episodes, self.out, self.seed] == [50, Path("runs/policies"), 0]
+        if not (self.measure or self.policies or usual):
+            raise ConfigError(
+                "--episodes, --out and --seed have no effect on a list; add --measure or a policy"
+            )
 
 
 def run(options: Policies, progress: Progress) -> list[dict[str, Any]]:

@@ -11,6 +11,7 @@ from agent.zoo import made_with, published, zoo, zoo_rows
 from cosim.base.table import markdown
 from cosim.model.built_in import BUILT_IN
 from cosim.model.scenario_file import find_scenario
+from minirobots.commands.policies import Policies
 
 PAGE = Path(__file__).parents[2] / "docs/leaderboard.md"
 
@@ -34,6 +35,11 @@ def test_unknown_names_are_refused_with_those_that_are_known():
         mr.load("zoo:9-best")
     with pytest.raises(mr.UserError, match="scenario 9 has no leaderboard; choose one of 1a"):
         leaderboard(["9"], out=Path("none"))
+
+
+def test_a_list_takes_no_options_of_measuring():
+    with pytest.raises(mr.UserError, match=r"--episodes.* no effect on a list; add --measure"):
+        Policies(episodes=20)
 
 
 @pytest.mark.long
