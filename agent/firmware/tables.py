@@ -13,6 +13,7 @@ from agent.training.policy import Policy
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
+from cosim.physics.trig import sine_cosine
 
 _FEATURES = "XYDGBHP"  # in the order of the strides of a process
 STEERING = (
@@ -146,16 +147,17 @@ def _table(kind: str, name: str, entries: Iterable[str]) -> list[str]:
     return [f"static const {kind} {name} = {{", *(f"{','.join(row)}," for row in rows), "};"]
 
 
-def _directions() -> list[str]:
+def directions() -> dict[str, Sequence[float]]:
+    """Return angles in rad and unit vectors of all directions, as portable kernels have them."""
     angles = [k * 2.0 * math.pi / DIRECTION_COUNT for k in range(DIRECTION_COUNT)]
-    columns: dict[str, Sequence[float]] = {
-        "direction_rad": angles,
-        "direction_x": [math.cos(angle) for angle in angles],
-        "direction_y": [math.sin(angle) for angle in angles],
-    }
+    sines, cosines = zip(*map(sine_cosine, angles), strict=True)
+    return {"direction_rad": angles, "direction_x": cosines, "direction_y": sines}
+
+
+def _directions() -> list[str]:
     return [
         line
-        for name, values in columns.items()
+        for name, values in directions().items()
         for line in _table("double", f"{name}[DIRECTIONS]", map(_double, values))
     ]
 

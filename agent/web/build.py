@@ -48,19 +48,14 @@ def compile_wasm() -> bytes:
         return out.read_bytes()
 
 
-def compile_native(out: Path, *defined: str) -> None:
+def compile_native(out: Path) -> None:
     """Write the same episode as a shared library of this machine.
-
-    Args:
-        out: file to write.
-        defined: names of the preprocessor; LIBRARY_ARCTANGENT takes the arctangent of the C
-            library, as the kernels do, instead of the firmware's own.
 
     Raises:
         BuildError: no compiler was found, or it failed.
     """
     target = ("-target", TARGETS[host_target()].triple) if "ziglang" in compiler_command() else ()
-    _compile((*target, "-shared", "-fPIC", "-lm", *(f"-D{name}" for name in defined)), out)
+    _compile((*target, "-shared", "-fPIC"), out)
 
 
 def cached_wasm() -> bytes:

@@ -54,9 +54,13 @@ SETUP = _fields(
     noise=1,
     noise_hold_periods=1,
     steering=11,
-    direction_rad=8,
-    direction_x=8,
-    direction_y=8,
+    direction_rad=8 + MOST_ROBOTS,  # behind those of moves those of retreats
+    direction_x=8 + MOST_ROBOTS,
+    direction_y=8 + MOST_ROBOTS,
+    shielded=1,
+    shield=7,
+    closed=1,
+    patches=1,
     start_quaternion=2,
     com_height_m=1,
     diameter_m=1,
@@ -99,6 +103,10 @@ TABLES = {
     "starts": ("int32_t", "<i4"),  # cells of each robot, one robot after the other
     "walls": ("double", "<f8"),  # left, bottom, right, top in m
     "forbidden": ("double", "<f8"),  # likewise, as many for each robot
+    "closed": ("double", "<f8"),  # those of them that are known from the start, for the shield
+    "parking": ("double", "<f8"),  # the rest of them, and whose robot may enter each
+    "owners": ("int32_t", "<i4"),
+    "patches": ("double", "<f8"),  # left, bottom, right, top in m, and mu
     "bearings": ("uint8_t", "u1"),  # direction of another robot by its distance in x and y
     "best": ("uint8_t", "u1"),  # of each robot and state a bit for each direction of largest value
     "after": ("int32_t", "<i4"),  # see `agent.moves.pair.PairTimes`

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.firmware.tables import STEERING, bearings_by_offset, best_directions
+from agent.firmware.tables import STEERING, bearings_by_offset, best_directions, directions
 from agent.mdp.greedy import PolicyError
 from agent.policies import load_policy, method_name
 from agent.training.pair_policy import PairPolicy
@@ -14,11 +14,16 @@ from agent.training.policy import Policy
 from agent.web.layout import MOST_ROBOTS, SETUP, TABLES
 from cosim.coupling.assembly import new_plant
 from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.params import SHIELD
 from cosim.model.scenario import Scenario
 from cosim.model.world import IDEAL
-from cosim.onboard.features import DIRECTION_COUNT, distance_thresholds
+from cosim.onboard.features import distance_thresholds
+from cosim.simulation.batch import floor_patches
 from cosim.simulation.measures import PATH_SAMPLING_S
 from fmus.variables import load_table
+
+# What a page has of worlds.
+PLAYED = {"restitution", "mu", "mu_patches", "motor_speed_noise", "obstacles"}
 
 
 class Packed(NamedTuple):
@@ -56,7 +61,6 @@ def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
     """
     world, ideal = config.world, IDEAL
     lacking = {
-        "--shield": config.shield is not None,
         "--open-loop": bool(config.open_loop),
         "--reaction": config.reaction,
         "--order jacobi": config.order != "gauss-seidel",
@@ -65,9 +69,8 @@ def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
         "--motor-parameter": bool(config.motor_parameters),
     }
     for field in world.__struct_fields__:
-        if field not in {"restitution", "mu", "motor_speed_noise", "obstacles", "edge"}:
+        if field not in PLAYED:
             lacking[f"{field} in --world"] = getattr(world, field) != getattr(ideal, field)
-    lacking["edge in --world"] = world.edge
     found = [name for name, asked in lacking.items() if asked]
     if found:
         raise ConfigError(f"a page has nothing for {', '.join(found)}; leave it out")
@@ -79,7 +82,7 @@ def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
 
 
 def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
-    """Return what a page needs to play the episodes of `cosim.simulate`.
+    """Return what a page needs to play the episodes of `cosim.simulate(..., portable=True)`.
 
     Args:
         policy: of the robots.
@@ -94,8 +97,8 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
     process, thresholds, timing = policy.process, distance_thresholds(scenario), config.timing
     body, contact, ticks = plant.body, plant.body.contact, config.ticks_per_period
     steering = config.steering._asdict()
-    angles = [k * 2.0 * math.pi / DIRECTION_COUNT for k in range(DIRECTION_COUNT)]
-    forbidden = scenario.forbidden * scenario.cell_m
+    forbidden, closed = scenario.forbidden * scenario.cell_m, scenario.closed * scenario.cell_m
+    (parking, owners), patches = scenario.parking, floor_patches(scenario, config)
     facing = math.pi / 2.0 / 2.0  # of robots at their start, halved
     motor = config.motor._asdict() | {"step_size": timing.dt_s}
     parameters = load_table("VibrationMotors").group("parameter")
@@ -126,9 +129,11 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         "noise": config.noise.relative_amplitude,
         "noise_hold_periods": config.periods_per_noise_value,
         "steering": [steering[name] for name in STEERING],
-        "direction_rad": angles,
-        "direction_x": [math.cos(angle) for angle in angles],
-        "direction_y": [math.sin(angle) for angle in angles],
+        **directions(),
+        "shielded": config.shield is not None,
+        "shield": config.shield or SHIELD,
+        "closed": closed.shape[1],
+        "patches": len(patches),
         "start_quaternion": (math.cos(facing), math.sin(facing)),
         "com_height_m": config.robot.com_height_m,
         "diameter_m": plant.pair.diameter,
@@ -157,6 +162,10 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         "starts": np.array([cell for cells in scenario.starts for cell in cells]),
         "walls": scenario.walls * scenario.cell_m,
         "forbidden": forbidden,
+        "closed": closed,
+        "parking": parking * scenario.cell_m,
+        "owners": owners,
+        "patches": patches,
         "bearings": bearings_by_offset(process),
     }
     if isinstance(policy, PairPolicy):

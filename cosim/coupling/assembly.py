@@ -50,6 +50,7 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         ticks_per_step=config.ticks_per_step,
         jacobi=config.order == "jacobi",
         reaction=config.reaction,
+        portable=config.portable,
         open_loop="motors" in config.open_loop,
         volts_per_speed=volts_per_speed,
         friction_volts=friction_volts,

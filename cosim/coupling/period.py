@@ -61,6 +61,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
                     state.near_zone,
                     plant.pair.diameter,
                     plant.shield,
+                    plant.portable,
                 )
         for column in range(first, first + robots):
             if not state.running[episode]:
@@ -109,9 +110,10 @@ def _motor_input(plant: Plant, omega: float) -> float:
 def _look(plant: Plant, state: State, column: int) -> None:
     """Find out where a robot is, as far as it can be known."""
     body, camera, sight = state.bodies[:, column], state.cameras[column], state.sight[:, column]
-    pose = (body[0], body[1], heading((body[3], body[4], body[5], body[6])))
+    angle = heading((body[3], body[4], body[5], body[6]), plant.portable)
+    pose = (body[0], body[1], angle)
     estimate = state.estimates[column]
-    look(camera, state.frames[column], estimate, sight, pose, plant.estimator)
+    look(camera, state.frames[column], estimate, sight, pose, plant.estimator, plant.portable)
 
 
 @inlined
@@ -119,9 +121,9 @@ def _steer(plant: Plant, state: State, column: int, period_s: float) -> tuple[fl
     """Set points of a robot by where it thinks it is."""
     command, estimate = state.commands[column], state.estimates[column]
     x, y, angle = estimate[POSE], estimate[POSE + 1], estimate[POSE + 2]
-    set_points = steer(command, x, y, angle, period_s, plant.steering)
+    set_points = steer(command, x, y, angle, period_s, plant.steering, plant.portable)
     if state.cameras[column, INTERVAL] > 0.0:
         driven = set_points[0] != 0.0 or set_points[1] != 0.0
         commanded = command[SPEED], command[YAW_RATE], driven
-        take_command(estimate, *commanded, period_s, plant.estimator)
+        take_command(estimate, *commanded, period_s, plant.estimator, plant.portable)
     return set_points

@@ -76,6 +76,7 @@ class Plant(NamedTuple):
         jacobi: bodies see the motors' outputs of the start of a step (extrapolated), not of its
             end (interpolated).
         reaction: whether the motors feel the acceleration of the body.
+        portable: whether angles have the same bits on every machine, see `cosim.physics.trig`.
         open_loop: whether the motors' input is a voltage instead of a set point.
         volts_per_speed, friction_volts: that voltage, see `cosim.model.params.open_loop_voltage`.
         exchange_tolerance: bound on the error of interpolated motor angles in rad, for drivers
@@ -96,6 +97,7 @@ class Plant(NamedTuple):
     ticks_per_step: int
     jacobi: bool
     reaction: bool
+    portable: bool
     open_loop: bool
     volts_per_speed: float
     friction_volts: float

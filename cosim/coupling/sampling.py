@@ -149,7 +149,8 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     estimate = state.estimates[column]
     if state.cameras[column, INTERVAL] == 0.0:  # what decides next knows the pose of now
         estimate[POSE], estimate[POSE + 1] = body[X], body[Y]
-        estimate[POSE + 2] = heading((body[Q_W], body[Q_X], body[Q_Y], body[Q_Z]))
+        q = (body[Q_W], body[Q_X], body[Q_Y], body[Q_Z])
+        estimate[POSE + 2] = heading(q, plant.portable)
     for k in range(3):
         samples.estimate[row, column, k] = estimate[POSE + k]
         for i in range(k + 1):

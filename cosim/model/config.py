@@ -55,6 +55,8 @@ class CoSimConfig:
         estimator: of the filter that robots see the camera through.
         order: of the coupling within a communication step; see `cosim.coupling.master`.
         reaction: whether the motors feel the acceleration of the body (the paper neglects it).
+        portable: whether the angles that robots steer by have the same bits on every machine and in
+            pages (`cosim.physics.trig`), or are those of the C library.
         on_collision: whether a robot that touches another one or an obstacle, or enters another
             one's target cell, ends the episode or pushes on.
         world: floor, motors, load and camera; `mu`, speed noise and obstacles are said elsewhere,
@@ -87,6 +89,7 @@ class CoSimConfig:
     estimator: EstimatorParams = ESTIMATOR
     order: Order = "gauss-seidel"
     reaction: bool = False
+    portable: bool = False
     on_collision: OnCollision = "end"
     world: World = IDEAL
     through: bool = False
@@ -267,6 +270,7 @@ class CoSimConfig:
         options = {
             "order": (self.order, "coupling within a communication step"),
             "reaction": (self.reaction, "whether motors feel the body's acceleration"),
+            "portable": (self.portable, "whether no angle is computed by the C library"),
             "on_collision": (self.on_collision, "what a contact with a robot or an obstacle does"),
             "through": (self.through, "whether robots drive on at the end of a move until asked"),
             "mu_patches": (

@@ -75,6 +75,7 @@ def look(
     sight: np.ndarray,
     pose: Pose,
     params: EstimatorParams,
+    portable: bool = False,
 ) -> None:
     """Bring a robot's estimate to the start of a control period.
 
@@ -85,6 +86,7 @@ def look(
         sight: (M, NOISE) of frames since it was drawn.
         pose: the true one.
         params: of the filter.
+        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
     """
     if camera[INTERVAL] == 0.0:
         estimate[POSE], estimate[POSE + 1], estimate[POSE + 2] = pose
@@ -116,6 +118,7 @@ def look(
                 camera[POSITION_VARIANCE],
                 camera[HEADING_VARIANCE],
                 params,
+                portable,
             )
-    estimate_now(estimate, params)
+    estimate_now(estimate, params, portable)
     camera[_NOW] = now + 1.0

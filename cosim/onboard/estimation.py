@@ -14,6 +14,7 @@ import numpy as np
 from cosim.base.jit import inlined
 from cosim.model.params import EstimatorParams
 from cosim.physics.rotation import wrapped
+from cosim.physics.trig import sine_and_cosine
 
 # Layout of one robot's estimate, float64.
 POSE = 0  # now
@@ -39,21 +40,23 @@ def _put(estimate: np.ndarray, at: int, pose: Pose) -> None:
 
 
 @inlined
-def _between(first: Commanded, second: Commanded) -> Commanded:
+def _between(first: Commanded, second: Commanded, portable: bool) -> Commanded:
     """Return the motion from one pose to another in the frame of the first, and its seconds."""
-    c, s = math.cos(first[2]), math.sin(first[2])
+    s, c = sine_and_cosine(first[2], portable)
     dx, dy = second[0] - first[0], second[1] - first[1]
     return c * dx + s * dy, c * dy - s * dx, second[2] - first[2], second[3] - first[3]
 
 
 @inlined
-def _predict(estimate: np.ndarray, to: int, motion: Commanded, params: EstimatorParams) -> None:
+def _predict(
+    estimate: np.ndarray, to: int, motion: Commanded, params: EstimatorParams, portable: bool
+) -> None:
     """Write the filter's pose after a motion, and its covariance behind it, to `to`.
 
     Only a robot that is driven strays from what is commanded: at rest its variance does not grow.
     """
     x, y, heading = _pose(estimate, _STATE)
-    c, s = math.cos(heading), math.sin(heading)
+    s, c = sine_and_cosine(heading, portable)
     dx, dy = c * motion[0] - s * motion[1], s * motion[0] + c * motion[1]
     # Eq. (K1): the pose after the commanded motion
     _put(estimate, to, (x + dx, y + dy, wrapped(heading + motion[2])))
@@ -101,6 +104,7 @@ def take_command(
     driven: bool,
     seconds: float,
     params: EstimatorParams,
+    portable: bool = False,
 ) -> None:
     """Add up what is commanded.
 
@@ -111,6 +115,7 @@ def take_command(
         driven: whether a motor has a set point.
         seconds: length of the control period.
         params: how long robots move on after a stop.
+        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
     """
     estimate[_STILL] = 0.0 if driven else estimate[_STILL] + seconds
     if estimate[_STILL] < params.settle_s:
@@ -118,8 +123,9 @@ def take_command(
     x, y, heading = _pose(estimate, ODOMETRY)
     # by the heading in the middle: exact to third order
     middle = heading + 0.5 * yaw_rate * seconds
-    x += speed * seconds * math.cos(middle)
-    y += speed * seconds * math.sin(middle)
+    s, c = sine_and_cosine(middle, portable)
+    x += speed * seconds * c
+    y += speed * seconds * s
     _put(estimate, ODOMETRY, (x, y, heading + yaw_rate * seconds))
 
 
@@ -131,6 +137,7 @@ def correct(
     position_variance: float,
     heading_variance: float,
     params: EstimatorParams,
+    portable: bool = False,
 ) -> None:
     """Take a frame that has arrived.
 
@@ -140,8 +147,10 @@ def correct(
         reference: `odometry` when it was taken.
         position_variance, heading_variance: of the camera, m² and rad².
         params: how much robots stray from what is commanded.
+        portable: see `take_command`.
     """
-    _predict(estimate, _STATE, _between(odometry(estimate, _REFERENCE), reference), params)
+    motion = _between(odometry(estimate, _REFERENCE), reference, portable)
+    _predict(estimate, _STATE, motion, params, portable)
     for k in range(4):
         estimate[_REFERENCE + k] = reference[k]
     sigma = estimate[_SIGMA : _SIGMA + 9]
@@ -166,6 +175,7 @@ def correct(
 
 
 @inlined
-def estimate_now(estimate: np.ndarray, params: EstimatorParams) -> None:
+def estimate_now(estimate: np.ndarray, params: EstimatorParams, portable: bool = False) -> None:
     """Predict the present estimate from the last frame that has arrived."""
-    _predict(estimate, POSE, _between(odometry(estimate, _REFERENCE), odometry(estimate)), params)
+    motion = _between(odometry(estimate, _REFERENCE), odometry(estimate), portable)
+    _predict(estimate, POSE, motion, params, portable)

@@ -27,6 +27,7 @@ from cosim.onboard.steering import (
 )
 from cosim.physics.collision import away_from
 from cosim.physics.neighbours import FOUND, HEAD, NEXT, Grid, find_near, list_by_cells
+from cosim.physics.trig import sine_and_cosine
 
 # Layout of what the shield knows of one robot, float64.
 PARKED = 0  # 1.0: it has arrived, and does not retreat
@@ -73,6 +74,7 @@ def guard(
     near_zone: np.ndarray,
     diameter_m: float,
     params: ShieldParams,
+    portable: bool = False,
 ) -> None:
     """Stop the robots of an episode that lack room, and let one of them in each zone retreat.
 
@@ -86,6 +88,7 @@ def guard(
         near_robots, near_targets, near_zone: (LISTS, B) int64, room for `cosim.physics.neighbours`.
         diameter_m: of every robot.
         params: what to keep.
+        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
     """
     # What is beyond the gap leaves more room than any robot is stopped for, see `stopping_gap`.
     variance = 0.0
@@ -125,8 +128,8 @@ def guard(
                 shield[STOPS] += 1.0
             if room < 0.0 or shield[PARKED] > 0.0:
                 continue
-            heading = estimates[i, POSE + 2]
-            cosine = math.cos(heading) * away_x + math.sin(heading) * away_y
+            s, c = sine_and_cosine(estimates[i, POSE + 2], portable)
+            cosine = c * away_x + s * away_y
             # Fewest failures first, then the one that faces most along the line, then the last.
             merit = abs(cosine) - 2.0 * shield[FAILURES]
             if merit >= best:
@@ -136,17 +139,20 @@ def guard(
             sense = 1.0 if along >= 0.0 else -1.0
             if shields[chosen, FAILURES] % 2.0 == 1.0:
                 sense = -sense
-            _retreat(commands[chosen], estimates[chosen], sense, params.retreat_m)
+            _retreat(commands[chosen], estimates[chosen], sense, params.retreat_m, portable)
 
 
 @inlined
-def _retreat(command: np.ndarray, estimate: np.ndarray, sense: float, length_m: float) -> None:
+def _retreat(
+    command: np.ndarray, estimate: np.ndarray, sense: float, length_m: float, portable: bool
+) -> None:
     """Command a straight line along the robot's axis, forwards (1.0) or backwards (−1.0)."""
     heading = estimate[POSE + 2]
     command[MODE], command[SENSE] = RETREAT, sense
     command[DIRECTION] = heading if sense > 0.0 else heading + math.pi
-    command[GOAL_X] = estimate[POSE] + sense * length_m * math.cos(heading)
-    command[GOAL_Y] = estimate[POSE + 1] + sense * length_m * math.sin(heading)
+    s, c = sine_and_cosine(heading, portable)
+    command[GOAL_X] = estimate[POSE] + sense * length_m * c
+    command[GOAL_Y] = estimate[POSE + 1] + sense * length_m * s
 
 
 @inlined

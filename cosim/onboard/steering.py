@@ -18,6 +18,7 @@ import numpy as np
 from cosim.base.jit import inlined
 from cosim.model.params import SteeringParams
 from cosim.physics.rotation import wrapped
+from cosim.physics.trig import arctangent, sine_and_cosine
 
 HOLD, START, TURN, DRIVE, DIRECT, PAST, RETREAT = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
 MODE_NAMES = ("hold", "start", "turn", "drive", "direct", "drive on", "retreat")
@@ -46,6 +47,7 @@ def steer(
     heading: float,
     period_s: float,
     params: SteeringParams,
+    portable: bool = False,
 ) -> tuple[float, float]:
     """Set points (ω_D, ω_E) in rad/s for one control period.
 
@@ -59,13 +61,14 @@ def steer(
         heading: in rad.
         period_s: length of the control period in s.
         params: gains and speeds.
+        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
     """
     command[SPEED] = command[YAW_RATE] = 0.0
     if command[MODE] == HOLD:
         return 0.0, 0.0
     if command[MODE] == DIRECT:
         return command[OMEGA_D], command[OMEGA_E]
-    ux, uy = math.cos(command[DIRECTION]), math.sin(command[DIRECTION])
+    uy, ux = sine_and_cosine(command[DIRECTION], portable)
     dx, dy = command[GOAL_X] - x, command[GOAL_Y] - y
     remaining = ux * dx + uy * dy
     if remaining <= 0.0:
@@ -77,7 +80,8 @@ def steer(
 
     left_of_line = uy * dx - ux * dy
     lookahead = min(params.lookahead_m, max(params.least_lookahead_m, remaining))
-    error = wrapped(command[DIRECTION] - math.atan(left_of_line / lookahead) - heading)
+    course = command[DIRECTION] - arctangent(left_of_line / lookahead, portable)
+    error = wrapped(course - heading)
     if command[MODE] == START:
         command[SENSE] = 1.0 if abs(error) <= math.pi / 2.0 else -1.0
         command[MODE] = TURN

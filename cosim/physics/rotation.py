@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from cosim.base.jit import inlined, kernel
+from cosim.physics.trig import angle_of
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -82,10 +83,15 @@ def rotated(q: Quaternion, r: Vector) -> Quaternion:
 
 
 @inlined
-def heading(q: Quaternion) -> float:
-    """Angle in rad, in [−π, π], from the world's x axis to the body's x axis seen from above."""
+def heading(q: Quaternion, portable: bool = False) -> float:
+    """Angle in rad, in [−π, π], from the world's x axis to the body's x axis seen from above.
+
+    Args:
+        q: orientation.
+        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
+    """
     w, x, y, z = q
-    return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    return angle_of(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z), portable)
 
 
 @inlined

@@ -88,6 +88,7 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
         config.estimator,
         config.order,
         config.reaction,
+        config.portable,
         config.on_collision,
         config.through,
         config.shield,
@@ -222,7 +223,7 @@ class Batch:
         return episode
 
     def _put_rectangles(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
-        walls, patches = scenario.walls * scenario.cell_m, _floor(scenario, config)
+        walls, patches = scenario.walls * scenario.cell_m, floor_patches(scenario, config)
         closed, columns = scenario.closed * scenario.cell_m, self._columns(place)
         targets, owners = scenario.parking
         self._state = with_room(self._state, len(walls), len(patches), closed.shape[1])
@@ -393,8 +394,8 @@ def _restored(arguments: tuple[Any, ...], saved: BatchState) -> Batch:
     return batch
 
 
-def _floor(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
-    """(P, 5) `State.patches` of an episode."""
+def floor_patches(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
+    """Return `State.patches` of an episode, shape (P, 5)."""
     world = config.world
     patches: list[tuple[float, ...]] = []
     if world.edge:

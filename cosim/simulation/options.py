@@ -178,6 +178,10 @@ class SimulationOptions(Physics, DecisionOptions):
     open_loop: tuple[Loop, ...] = ()
     """What goes without feedback: motors, which then get a constant voltage for every set point
     instead of the loop of Eq. (14), and heading, the course that robots keep while they drive."""
+    portable: bool = False
+    """Compute the angles that robots steer by without the C library: an episode then has the same
+    bits on every machine, and those of a page that `minirobots web` writes. By default it has the
+    bits of published results, which another C library changes."""
     time_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Simulated time in s after which an episode ends as a time-out; by default 600, and longer in
     proportion where robots are slower than by default."""
@@ -202,6 +206,7 @@ class SimulationOptions(Physics, DecisionOptions):
             on_collision=self.on_collision,
             shield=SHIELD if self.shield else None,
             open_loop=self.open_loop,
+            portable=self.portable,
         )
 
     def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:

@@ -10,7 +10,7 @@ typedef struct {
     double inverse_mass;
     Vector inertia, inverse_inertia; /* about the centre of mass, body frame */
     double centre_x, centre_y;       /* of mass, from the robot's axis */
-    double gravity, mu, restitution;
+    double gravity, mu[FOOT_COUNT], restitution; /* mu under feet A, B, C */
     double dt, inverse_dt;
     Contact contact;
 } BodyConstants;
@@ -134,7 +134,7 @@ static Body body_stepped(Body body, const BodyConstants *p, Wrench applied) {
         Impulse at[FOOT_COUNT];
         foot_velocities(at_axis(now.velocity, now.omega, p), now.omega, &p->contact, feet);
         for (int k = 0; k < FOOT_COUNT; k++)
-            at[k] = gradient_step(body.at[k], feet[k], normal, least[k], p->mu, &p->contact);
+            at[k] = gradient_step(body.at[k], feet[k], normal, least[k], p->mu[k], &p->contact);
         const Pushed before = now;
         now = with_impulses(free_velocity, free_omega, p, normal, at);
         change = fabs(at[0].normal - body.at[0].normal) + fabs(at[2].normal - body.at[2].normal) +

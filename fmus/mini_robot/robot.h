@@ -39,7 +39,8 @@ static void robot_derive(Robot *s) {
     p->body = design_body(p->mass, p->diameter, p->height, p->com_height, p->foot_radius, p->g);
     p->body.centre_x = p->com_x;
     p->body.centre_y = p->com_y;
-    p->body.mu = p->mu;
+    for (int k = 0; k < FOOT_COUNT; k++)
+        p->body.mu[k] = p->mu;
     p->body.restitution = p->restitution;
     p->body.dt = p->step_size;
     p->body.inverse_dt = 1.0 / p->step_size;

@@ -1,13 +1,29 @@
 """A page's episode in this process, from the same C: what tests compare with the kernels."""
 
 import ctypes
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from agent.web.layout import TABLES, VIEW
 from agent.web.packing import Packed
+from cosim.coupling.rl_step import Step, SupportsAct, decide
 from cosim.model.outcome import BY_RANK, Outcome
+from cosim.simulation.cosimulation import CoSimulation
+from cosim.simulation.options import Setup
+from cosim.simulation.simulate import draw_episode
+
+
+def steps_of(policy: SupportsAct, setup: Setup, seed: int) -> Iterator[tuple[CoSimulation, Step]]:
+    """Yield the RL steps of the first episode of `cosim.simulate` with a seed, as they end."""
+    simulation = CoSimulation(setup.scenario, setup.fmu, setup.config)
+    observation = simulation.reset(*draw_episode(setup.scenario, seed, 0))
+    while not simulation.outcome:
+        step = simulation.advance(decide(policy, observation).action)
+        observation = step.after
+        yield simulation, step
+    simulation.close()
 
 
 class NativeEpisode:

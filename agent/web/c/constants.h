@@ -21,7 +21,8 @@ extern int32_t present_robot; /* whose firmware runs, from 1 */
 #define CONTROL_PERIOD_S setup.control_period_s
 #define DECISION_PERIODS ((uint32_t)setup.decision_periods)
 #define MOVE_LIMIT_PERIODS ((uint32_t)setup.move_limit_periods)
-#define THROUGH (setup.through != 0.0)
+#define RETREAT ((Mode)5)
+#define THROUGH (setup.through != 0.0 && robot->mode != RETREAT)
 #define FORWARD_SPEED_RAD_S setup.steering[0]
 #define BACKWARD_SPEED_RAD_S setup.steering[1]
 #define TURN_SPEED_RAD_S setup.steering[2]

@@ -19,6 +19,8 @@ enum { RUNNING, TIMEOUT, SUCCESS, COLLISION, OUT_OF_BOARD, NO_STARTS = -1 };
 
 /* Children of a seed: of an episode's starts and noise. */
 enum { START_CHILD, NOISE_CHILD };
+/* Of the noise's child, whose first ones the motors have. */
+enum { DETOUR_CHILD = 3000000 };
 
 Setup setup;
 Tables table;
@@ -34,11 +36,11 @@ typedef struct {
     double noise_value;
 } Shaken;
 
-static BodyConstants body_constants;
+static BodyConstants constants_of[MOST_ROBOTS];
 static Mount mounts[MOTORS];
 static Body bodies[MOST_ROBOTS];
 static Shaken motors[MOST_ROBOTS][MOTORS];
-static double positions[MOST_ROBOTS][2], headings[MOST_ROBOTS];
+static Known known;
 static double last_points[MOST_ROBOTS][2]; /* of the paths */
 static bool touched[MOST_ROBOTS];
 static double touching[MOST_ROBOTS]; /* ticks of the period */
@@ -65,14 +67,14 @@ static Vector vector(const double values[3]) { return (Vector){values[0], values
 static Mount mount(const double v[7]) { return (Mount){v[0], v[1], v[2], v[3], v[4], v[5], v[6]}; }
 
 static void derive(void) {
-    body_constants = (BodyConstants){
+    const BodyConstants constants = {
         .inverse_mass = setup.inverse_mass,
         .inertia = vector(setup.inertia),
         .inverse_inertia = vector(setup.inverse_inertia),
         .centre_x = setup.centre[0],
         .centre_y = setup.centre[1],
         .gravity = setup.gravity,
-        .mu = setup.mu,
+        .mu = {setup.mu, setup.mu, setup.mu},
         .restitution = setup.restitution,
         .dt = setup.dt_s,
         .inverse_dt = 1.0 / setup.dt_s,
@@ -82,6 +84,8 @@ static void derive(void) {
                     .spin_inertia = setup.spin_inertia,
                     .tolerance = setup.tolerance},
     };
+    for (int i = 0; i < MOST_ROBOTS; i++)
+        constants_of[i] = constants;
     for (int k = 0; k < MOTORS; k++)
         mounts[k] = mount(setup.mounts + 7 * k);
 }
@@ -90,10 +94,33 @@ static double from_angle(Quaternion q) {
     return onboard_angle(2.0 * (q.x * q.y + q.w * q.z), 1.0 - 2.0 * (q.y * q.y + q.z * q.z));
 }
 
+void turn_of(double angle, double turned[2]) {
+    const Trig trig = sine_cosine(angle);
+    turned[0] = trig.cosine;
+    turned[1] = trig.sine;
+}
+
 static void look(int i) {
-    positions[i][0] = bodies[i].position.x;
-    positions[i][1] = bodies[i].position.y;
-    headings[i] = from_angle(bodies[i].orientation);
+    known.positions[i][0] = bodies[i].position.x;
+    known.positions[i][1] = bodies[i].position.y;
+    known.headings[i] = from_angle(bodies[i].orientation);
+}
+
+/* The friction coefficients that are under a robot's feet: `feel_patches` of
+ * cosim/physics/properties.py in C. */
+static void feel_patches(int i) {
+    BodyConstants *p = &constants_of[i];
+    const Matrix axes = rotation_matrix(bodies[i].orientation);
+    for (int k = 0; k < FOOT_COUNT; k++) {
+        const Vector foot = p->contact.foot[k];
+        const Vector arm = {foot.x - p->centre_x, foot.y - p->centre_y, foot.z};
+        const double x = bodies[i].position.x + dot(axes.x, arm);
+        const double y = bodies[i].position.y + dot(axes.y, arm);
+        p->mu[k] = setup.mu;
+        for (const double *e = table.patches; e < table.patches + 5 * (int)setup.patches; e += 5)
+            if (e[0] <= x && x < e[2] && e[1] <= y && y < e[3])
+                p->mu[k] = e[4];
+    }
 }
 
 /* Start cells: drawn again while any two robots would touch. */
@@ -123,6 +150,7 @@ static void show(void);
 /* Begin episode `number` of a seeded series; the outcome. */
 EXPORT int episode_begin(double seed, uint32_t number) {
     const uint32_t start_keys[] = {number, START_CHILD};
+    const uint32_t detour_keys[] = {number, NOISE_CHILD, DETOUR_CHILD};
     int32_t starts[MOST_ROBOTS][2];
     Random random = random_of((uint64_t)seed, start_keys, 2);
     derive();
@@ -152,7 +180,7 @@ EXPORT int episode_begin(double seed, uint32_t number) {
             motor->x = motor_start(&motor->constants);
         }
     }
-    onboard_start(positions);
+    onboard_start(&known, random_of((uint64_t)seed, detour_keys, 3));
     outcome = RUNNING;
     show();
     return outcome;
@@ -170,10 +198,11 @@ static MotorDrive drive_of(const Shaken *motor) {
 static void begin_period(void) {
     const double reach = setup.diameter_m + NEAR_M;
     pair_count = 0;
+    onboard_guard(&known);
     for (int i = 0; i < robot_count(); i++) {
         double set_points[MOTORS];
-        look(i);
-        onboard_steer(i, positions[i][0], positions[i][1], headings[i], set_points);
+        onboard_steer(i, &known, set_points);
+        feel_patches(i);
         touching[i] = 0.0;
         for (int k = 0; k < FOOT_COUNT; k++)
             pressed[i][k] = 0.0;
@@ -220,7 +249,7 @@ static void push_apart(int i, int j) {
     const double vx = b->velocity.x - a->velocity.x, vy = b->velocity.y - a->velocity.y;
     const double approach = vx * nx + vy * ny;
     const double excess =
-        approach - allowed_approach(distance - setup.diameter_m, body_constants.inverse_dt);
+        approach - allowed_approach(distance - setup.diameter_m, 1.0 / setup.dt_s);
     if (excess >= 0.0)
         return;
     const double mass = setup.inverse_mass, spin = radius * setup.inverse_inertia[2];
@@ -252,7 +281,7 @@ static void push_off(int i, const double wall[4]) {
     const double nx = dx / distance, ny = dy / distance;
     const double vx = body->velocity.x, vy = body->velocity.y;
     const double excess =
-        vx * nx + vy * ny - allowed_approach(distance - radius, body_constants.inverse_dt);
+        vx * nx + vy * ny - allowed_approach(distance - radius, 1.0 / setup.dt_s);
     if (excess >= 0.0)
         return;
     const double mass = setup.inverse_mass, spin = radius * setup.inverse_inertia[2];
@@ -274,7 +303,7 @@ static void step_tick(void) {
         const Wrench both = {{d.force.x + e.force.x, 0.0, d.force.z + e.force.z},
                              {d.moment.x + e.moment.x, d.moment.y + e.moment.y,
                               d.moment.z + e.moment.z}};
-        bodies[i] = body_stepped(bodies[i], &body_constants, both);
+        bodies[i] = body_stepped(bodies[i], &constants_of[i], both);
         for (int k = 0; k < FOOT_COUNT; k++)
             pressed[i][k] += bodies[i].at[k].normal;
     }
@@ -313,11 +342,11 @@ static void add_to_path(void) {
         return;
     periods_since_point = 0;
     for (int i = 0; i < robot_count(); i++) {
-        const double dx = positions[i][0] - last_points[i][0];
-        const double dy = positions[i][1] - last_points[i][1];
+        const double dx = bodies[i].position.x - last_points[i][0];
+        const double dy = bodies[i].position.y - last_points[i][1];
         view.path_m[i] += square_root(dx * dx + dy * dy);
-        last_points[i][0] = positions[i][0];
-        last_points[i][1] = positions[i][1];
+        last_points[i][0] = bodies[i].position.x;
+        last_points[i][1] = bodies[i].position.y;
     }
 }
 
@@ -328,7 +357,7 @@ static void show(void) {
         view.position[3 * i] = bodies[i].position.x;
         view.position[3 * i + 1] = bodies[i].position.y;
         view.position[3 * i + 2] = bodies[i].position.z;
-        view.heading[i] = headings[i];
+        view.heading[i] = from_angle(bodies[i].orientation);
         onboard_show(i, view.goal + 2 * i, &view.mode[i], &view.arrived[i]);
         const double period_s = setup.control_period_s;
         for (int k = 0; k < FOOT_COUNT; k++)
@@ -345,7 +374,7 @@ static void show(void) {
 }
 
 static void end_step(int event) {
-    const bool all = onboard_arrive(positions);
+    const bool all = onboard_arrive(known.positions);
     period_of_step = 0;
     view.steps++;
     if (event != RUNNING)
@@ -361,7 +390,7 @@ EXPORT int episode_advance(int periods) {
     while (periods-- > 0 && outcome == RUNNING) {
         int event = RUNNING;
         if (period_of_step == 0)
-            onboard_decide(positions, headings);
+            onboard_decide(&known);
         begin_period();
         for (int k = 0; k < (int)setup.ticks_per_period; k++)
             step_tick();

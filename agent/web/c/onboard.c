@@ -4,14 +4,7 @@
 #include "navigation.c"
 #include "steering.c"
 
-#ifdef LIBRARY_ARCTANGENT
-/* That of the kernels, whose last bit differs from library to library. */
-double atan(double x);
-double atan2(double y, double x);
-double arctangent(double x) { return atan(x); }
-#else
 #include "arctangent.c"
-#endif
 
 #include "pair.h"
 
@@ -20,17 +13,15 @@ int32_t present_robot;
 static Robot robot_of[MOST_ROBOTS];
 static bool was_moving[MOST_ROBOTS];
 
+#include "shield.h"
+
 double onboard_angle(double y, double x) {
-#ifdef LIBRARY_ARCTANGENT
-    return atan2(y, x);
-#else
     if (size(y) <= size(x)) {
         const double angle = arctangent(y / x);
         return x > 0.0 ? angle : y < 0.0 ? angle - PI : angle + PI;
     }
     const double angle = arctangent(x / y);
     return y > 0.0 ? PI / 2.0 - angle : -PI / 2.0 - angle;
-#endif
 }
 
 static void see(const double positions[][2], Position seen[ROBOTS], Cell cells[ROBOTS]) {
@@ -39,13 +30,15 @@ static void see(const double positions[][2], Position seen[ROBOTS], Cell cells[R
     cells_of(seen, cells);
 }
 
-void onboard_start(const double positions[][2]) {
+void onboard_start(const Known *known, Random random) {
     Position seen[ROBOTS];
     Cell cells[ROBOTS];
-    see(positions, seen, cells);
+    see(known->positions, seen, cells);
+    detours = random;
     for (int32_t i = 0; i < ROBOTS; i++) {
         present_robot = i + 1;
         robot_start(&robot_of[i], seen);
+        kept_of[i] = (Kept){0};
     }
 }
 
@@ -59,7 +52,8 @@ static void ask_pair(const Cell cells[2], const int32_t towards[2], uint8_t chos
         const Robot *robot = &robot_of[i];
         at[i] = goals[i] = cells[i].x * ROWS + cells[i].y;
         if (!has_ended(robot))
-            goals[i] = whole(robot->goal.x / CELL_M) * ROWS + whole(robot->goal.y / CELL_M);
+            goals[i] = (int32_t)between(whole(robot->goal.x / CELL_M), 0, COLUMNS - 1) * ROWS +
+                       (int32_t)between(whole(robot->goal.y / CELL_M), 0, ROWS - 1);
         axes[i] = towards[i] % AXES;
     }
     pair_values(at, goals, axes, values);
@@ -73,14 +67,14 @@ static void ask_pair(const Cell cells[2], const int32_t towards[2], uint8_t chos
     }
 }
 
-void onboard_decide(const double positions[][2], const double headings[]) {
+void onboard_decide(const Known *known) {
     Position seen[ROBOTS];
     Cell cells[ROBOTS];
     int32_t towards[ROBOTS];
     uint8_t chosen[MOST_ROBOTS];
-    see(positions, seen, cells);
+    see(known->positions, seen, cells);
     for (int32_t i = 0; i < ROBOTS; i++)
-        towards[i] = facing(headings[i]);
+        towards[i] = facing(known->headings[i]);
     if (table.delay)
         ask_pair(cells, towards, chosen);
     for (int32_t i = 0; i < ROBOTS; i++) {
@@ -93,15 +87,32 @@ void onboard_decide(const double positions[][2], const double headings[]) {
             best = table.best + (size_t)i * STATES;
             if (!table.delay)
                 chosen[i] = best[state_of(cells, squared, robot->squared, other, towards[i])];
-            begin_move(robot, cells[i], choose(chosen[i], towards[i]));
-            robot->squared = squared;
+            int32_t direction = choose(chosen[i], towards[i]);
+            if (setup.shielded != 0.0)
+                direction = yielded(seen, known->variances, i, direction);
+            if (direction == WAIT) {
+                robot->mode = HOLD;
+            } else {
+                begin_move(robot, cells[i], direction);
+                robot->squared = squared;
+            }
         }
         was_moving[i] = !has_ended(robot);
     }
 }
 
-void onboard_steer(int robot, double x, double y, double heading, double set_points[2]) {
-    robot_steer(&robot_of[robot], x, y, heading, set_points);
+void onboard_guard(const Known *known) {
+    Position seen[ROBOTS];
+    Cell cells[ROBOTS];
+    if (setup.shielded == 0.0)
+        return;
+    see(known->positions, seen, cells);
+    guard(seen, known->headings, known->variances);
+}
+
+void onboard_steer(int robot, const Known *known, double set_points[2]) {
+    const double *at = known->positions[robot];
+    robot_steer(&robot_of[robot], at[0], at[1], known->headings[robot], set_points);
 }
 
 bool onboard_arrive(const double positions[][2]) {

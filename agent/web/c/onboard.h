@@ -6,17 +6,27 @@
 
 #include <stdbool.h>
 
-/* Set all robots down; positions in m, x and y of each. */
-void onboard_start(const double positions[][2]);
+#include "layout.h"
+#include "noise.h"
 
-/* Let the robots that wait or are late begin their next move, by positions in m and headings in rad.
- * Once in every RL step. */
-void onboard_decide(const double positions[][2], const double headings[]);
+/* What is known of all robots: positions in m, headings in rad, and the variances of positions in m^2. */
+typedef struct {
+    double positions[MOST_ROBOTS][2], headings[MOST_ROBOTS], variances[MOST_ROBOTS];
+} Known;
+
+/* Set all robots down; detours of the shield are drawn from a generator. */
+void onboard_start(const Known *known, Random detours);
+
+/* Let the robots that wait or are late begin their next move. Once in every RL step. */
+void onboard_decide(const Known *known);
+
+/* Let the shield stop robots, where it is on. Once in every control period. */
+void onboard_guard(const Known *known);
 
 /* Set points of a robot's motors D and E in rad/s for a control period. */
-void onboard_steer(int robot, double x, double y, double heading, double set_points[2]);
+void onboard_steer(int robot, const Known *known, double set_points[2]);
 
-/* Judge the moves at the end of an RL step; whether all robots have arrived. */
+/* Judge the moves at the end of an RL step by true positions; whether all robots have arrived. */
 bool onboard_arrive(const double positions[][2]);
 
 /* Where a robot drives to in m, its mode, and whether it has arrived. */
@@ -24,5 +34,8 @@ void onboard_show(int robot, double goal[2], double *mode, double *arrived);
 
 /* Angle of the point (x, y) in rad. */
 double onboard_angle(double y, double x);
+
+/* Cosine and sine of an angle, which the physics have. */
+void turn_of(double angle, double turned[2]);
 
 #endif

@@ -8,55 +8,46 @@ from agent.mdp.greedy import PolicyError
 from agent.web.build import compile_native
 from agent.web.packing import load_page_policy, pack, require_playable
 from cosim.base.errors import UserError
-from cosim.coupling.rl_step import decide
 from cosim.model.config import ConfigError
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
-from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import SimulationOptions, resolve
-from cosim.simulation.simulate import draw_episode
 from tests.agent.firmware.test_firmware import random_policy
-from tests.references.web_episode import NativeEpisode
+from tests.references.web_episode import NativeEpisode, steps_of
 
 pytestmark = pytest.mark.long  # it compiles C, and plays whole episodes
 
 
 @pytest.fixture(scope="session")
 def library(tmp_path_factory):
-    """The episode with the arctangent of the C library, which the kernels call."""
     out = tmp_path_factory.mktemp("web") / "library.so"
-    compile_native(out, "LIBRARY_ARCTANGENT")
+    compile_native(out)
     return out
 
 
 def compare(library, policy, seeds, world=None, **options) -> list[str]:
     """Compare episodes of the C with those of the kernels; how they ended."""
     given = policy.config.scenario if world is None else policy.config.scenario.name
-    scenario, config, fmu = resolve(SimulationOptions(**options), given, world=world)
-    episode, outcomes, n = (
-        NativeEpisode(library, pack(policy, scenario, config)),
-        [],
-        scenario.robots,
-    )
+    asked = SimulationOptions(portable=True, **options)
+    setup = resolve(asked, given, world=world)
+    scenario, config, _ = setup
+    episode, n = NativeEpisode(library, pack(policy, scenario, config)), scenario.robots
+    outcomes = []
     for seed in seeds:
-        simulation = CoSimulation(scenario, fmu, config)
-        starts, noise_seed = draw_episode(scenario, seed, 0)
-        seen, outcome = simulation.reset(starts, noise_seed), episode.begin(seed)
-        while not simulation.outcome:
-            step = simulation.advance(decide(policy, seen).action)
-            seen, outcome = step.after, episode.advance(config.periods_per_step)
-            view = episode.view()
+        episode.begin(seed)
+        for simulation, step in steps_of(policy, setup, seed):
+            outcome, view = episode.advance(config.periods_per_step), episode.view()
             ours = view["position"].reshape(-1, 3)[:n]
             assert ours.tobytes() == step.samples.position[-1].tobytes(), (seed, step.number)
             assert view["omega"][: 2 * n].tobytes() == step.samples.omega[-1].tobytes()
             assert view["voltage"][: 2 * n].tobytes() == step.samples.voltage[-1].tobytes()
             assert view["time_s"][0] == simulation.time_s
-        assert outcome == simulation.outcome
-        path = simulation.measures.path_length_m
-        assert episode.view()["path_m"][:n] == pytest.approx(path, rel=1e-12)
-        simulation.close()
-        outcomes.append(str(outcome))
+            assert outcome == simulation.outcome
+            if outcome:
+                path = simulation.measures.path_length_m
+                assert view["path_m"][:n] == pytest.approx(path, rel=1e-12)
+                outcomes.append(str(outcome))
     return outcomes
 
 
@@ -86,6 +77,24 @@ def test_tables_of_all_features_decide_as_the_policy_does(library):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["2", "4", "5-doorway"])
+def test_the_shield_has_the_bits_of_the_kernels(library, name):
+    policy = agent.train(name, method="shortest")
+    compare(library, policy, range(5), shield=True, time_limit=100.0)
+
+
+def test_robots_that_yield_and_retreat_have_the_bits_of_the_kernels(library):
+    policy = random_policy(find_scenario("4-ring"), "xydgb", np.random.default_rng(3))
+    compare(library, policy, [3], shield=True, time_limit=60.0)
+
+
+def test_patches_of_friction_have_the_bits_of_the_kernels(library):
+    patches = [{"cells": (10, 0, 19, 14), "mu": 0.3}, {"cells": (12, 5, 14, 29), "mu": 0.1}]
+    policy = agent.train("1a", method="shortest")
+    compare(library, policy, [0], world={"mu_patches": patches}, time_limit=40.0)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["1a", "2", "3", "4", "5-doorway"])
 def test_more_episodes_have_the_bits_of_the_kernels(library, name):
     assert compare(library, agent.train(name), range(4)).count("success") >= 3
@@ -100,7 +109,6 @@ def test_driving_through_cells_has_the_bits_of_the_kernels(library):
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"shield": True}, "--shield"),
         ({"reaction": True}, "--reaction"),
         ({"open_loop": ("motors",)}, "--open-loop"),
         ({"order": "jacobi"}, "--order jacobi"),

@@ -1,4 +1,4 @@
-"""The page in a browser, opened from disk: the bits of its C, and what people see and do."""
+"""The page in a browser, opened from disk: its bits, and what people see and do."""
 
 import json
 import shutil
@@ -7,12 +7,12 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 import agent
-from agent.web.build import cached_wasm, compile_native
-from agent.web.packing import pack
+from agent.web.build import cached_wasm
 from agent.web.page import write_page
+from cosim.model.outcome import BY_RANK, Outcome
 from cosim.model.scenario import Scenario
 from cosim.simulation.options import SimulationOptions, resolve
-from tests.references.web_episode import NativeEpisode
+from tests.references.web_episode import steps_of
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 LOADED = "!document.getElementById('play').disabled || window.pageError"
@@ -28,19 +28,12 @@ def browser():
         browser.close()
 
 
-@pytest.fixture(scope="module")
-def library(tmp_path_factory):
-    out = tmp_path_factory.mktemp("web") / "own.so"
-    compile_native(out)
-    return out
-
-
-def written(path, policy, scenario=None, **options):
-    """A page of a policy, and the same episode in this process."""
+def written(path, policy, scenario=None, world=None, **options):
+    """Write a page of a policy, and return the setup of its episodes."""
     scenario = scenario or policy.config.scenario
-    scenario, config, _ = resolve(SimulationOptions(**options), scenario)
-    write_page(path, policy, scenario, config, cached_wasm())
-    return pack(policy, scenario, config), config, scenario
+    setup = resolve(SimulationOptions(portable=True, **options), scenario, world=world)
+    write_page(path, policy, setup.scenario, setup.config, cached_wasm())
+    return setup
 
 
 def opened(browser, path, **options):
@@ -55,37 +48,37 @@ def opened(browser, path, **options):
     return page, said
 
 
-def compare(page, library, packed, config, scenario, seed) -> str:
-    """Compare an episode of a page with that of the library; how it ended."""
+def compare(page, policy, setup, seed) -> str:
+    """Compare an episode of a page with that of `cosim.simulate`; how it ended."""
     recorded = page.evaluate(f"recordEpisode({{seed: {seed}}})", None)
-    episode, positions = NativeEpisode(library, packed), []
-    outcome = episode.begin(seed)
-    while not outcome:
-        outcome = episode.advance(config.periods_per_step)
-        positions.append(episode.view()["position"][: 3 * scenario.robots].tolist())
+    positions, ended = [], (Outcome.RUNNING, 0.0)
+    for simulation, step in steps_of(policy, setup, seed):
+        positions.append(step.samples.position[-1].ravel().tolist())
+        ended = simulation.outcome, simulation.time_s
     assert recorded["positions"] == positions  # JSON keeps every bit
-    assert recorded["time_s"] == episode.view()["time_s"][0]
-    return str(outcome)
+    assert (BY_RANK[recorded["outcome"]], recorded["time_s"]) == ended
+    return str(ended[0])
 
 
 @pytest.mark.browser
-def test_page_has_the_bits_of_its_c_and_reports_success(browser, library, tmp_path):
+def test_page_has_the_bits_of_the_co_simulation_and_reports_success(browser, tmp_path):
     policy = agent.train("1a", method="shortest")
-    packed, config, scenario = written(tmp_path / "page.html", policy)
+    setup = written(tmp_path / "page.html", policy)
     page, said = opened(browser, tmp_path / "page.html")
-    assert compare(page, library, packed, config, scenario, 1) == "success"
+    assert compare(page, policy, setup, 1) == "success"
     assert page.inner_text("#outcome") == "success"
     assert said == []
 
 
 @pytest.mark.browser
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["2", "3", "4", "5-doorway"])
-def test_more_pages_have_the_bits_of_their_c(browser, library, tmp_path, name):
-    packed, config, scenario = written(tmp_path / "page.html", agent.train(name))
+@pytest.mark.parametrize("name", ["1b", "2", "3", "4", "5-doorway"])
+def test_more_pages_have_the_bits_of_the_co_simulation(browser, tmp_path, name):
+    policy = agent.train(name)
+    setup = written(tmp_path / "page.html", policy)
     assert (tmp_path / "page.html").stat().st_size < 3e6
     page, said = opened(browser, tmp_path / "page.html")
-    outcomes = [compare(page, library, packed, config, scenario, seed) for seed in range(5)]
+    outcomes = [compare(page, policy, setup, seed) for seed in range(5)]
     assert outcomes.count("success") >= 4
     assert said == []
 
@@ -149,7 +142,7 @@ def test_command_writes_a_page_or_refuses(command, tmp_path):
     assert json.loads(made.stdout.splitlines()[-1])["bytes"] == out.stat().st_size < 3e6
     for arguments, named in (
         (["--scenario", "2"], "scenario 1a"),
-        (["--scenario", "1a", "--shield"], "--shield"),
+        (["--scenario", "1a", "--reaction"], "--reaction"),
         (["--scenario", "1a", "--motor-fmu", __file__], "--motor-fmu"),
         (["--scenario", "1a", "--motor-parameter", "J=5e-9"], "--motor-parameter"),
         (["--scenario", "1a", "--policy", __file__], "policy"),
