@@ -33,19 +33,18 @@ __all__ = [
     "parallel_vector_env",
 ]
 
-_NAVIGATION = "agent.envs:NavigationEnv"
-for _name, _single, _vector, _scenario, _steps in (
-    ("SingleA", _NAVIGATION, "vector:NavigationVectorEnv", "1a", 1000),
-    ("SingleB", _NAVIGATION, "vector:NavigationVectorEnv", "1b", 1000),
-    ("Pair", _NAVIGATION, "vector:RobotsVectorEnv", "2", 1000),  # alone it is refused
-    ("CoSim", "agent.envs.single:cosim_env", "cosim_vector:CoSimVectorEnv", "1a", 300),
-    ("CoSimPair", "agent.envs.single:cosim_env", "cosim_vector:CoSimVectorEnv", "2", 300),
+for _name, _vector, _scenario, _steps in (
+    ("SingleA", "NavigationVectorEnv", "1a", 1000),
+    ("SingleB", "NavigationVectorEnv", "1b", 1000),
+    ("Pair", "RobotsVectorEnv", "2", 1000),  # alone it is refused
+    ("CoSim", "RobotsVectorEnv", "1a", 300),
+    ("CoSimPair", "RobotsVectorEnv", "2", 300),
 ):
     gymnasium.register(
         f"MiniRobots/{_name}-v0",
-        entry_point=_single,
-        vector_entry_point=f"agent.envs.{_vector}",
-        kwargs={"scenario": _scenario},
+        entry_point="agent.envs:NavigationEnv",
+        vector_entry_point=f"agent.envs.vector:{_vector}",
+        kwargs={"scenario": _scenario} | ({"cosim": True} if _name.startswith("CoSim") else {}),
         max_episode_steps=_steps,
     )
 gymnasium.register(

@@ -14,12 +14,14 @@ import numpy as np
 from gymnasium import spaces
 
 from agent.envs.grid_episode import (
+    ActionError,
     StartsError,
     free_directions,
     known_options,
     observed_columns,
-    place_checked,
+    placed_world,
     require_seed,
+    whole_numbers,
 )
 from agent.envs.state import Restorable, StateError
 from agent.mdp.config import ProcessConfig, refuse_without_effect
@@ -59,24 +61,53 @@ class EnvBoards(Restorable, ABC):
     action_space: spaces.Space
     reset_options: ClassVar[tuple[str, ...]] = ("starts",)
 
-    @abstractmethod
     def seed(self, seeds: Sequence[Any]) -> None:
         """Seed the K boards; None leaves one as it is."""
+        for m, seed in enumerate(seeds):
+            if seed is not None:
+                self._seed(m, seed)
 
     @abstractmethod
+    def _seed(self, m: int, seed: Any) -> None:
+        """Seed what board m draws."""
+
     def reset(
-        self, options: dict[str, Any] | None, seeds: Sequence[int | None] | None = None
+        self, options: dict[str, Any] | None, seed: int | Sequence[int | None] | None = None
     ) -> None:
         """Begin episodes.
 
         Args:
-            options: K values of each of `reset_options`; "reset_mask", (K,) bool, boards to begin
-                again, all without.
-            seeds: of the K boards, of which those that begin again are seeded; None leaves one as
-                it is.
+            options: K values of each of `reset_options`, None where the usual one is drawn or
+                taken; "reset_mask", (K,) bool, boards to begin again, all without.
+            seed: of the boards that begin again, see `board_seeds`.
 
         Raises:
-            StartsError: an option cannot be used; the boards are as they were.
+            UserError: an option cannot be used; the boards are as they were.
+        """
+        which, rows = board_options(options, self._begun(), *self.reset_options)
+        seeds = board_seeds(seed, len(which))
+        given = {m: self._checked(**rows[m]) for m in np.flatnonzero(which).tolist()}
+        self.seed([seed if begins else None for seed, begins in zip(seeds, which, strict=True)])
+        self._begin(given)
+
+    @abstractmethod
+    def _begun(self) -> np.ndarray:
+        """(K,) bool, boards that have begun an episode before."""
+
+    @abstractmethod
+    def _checked(self, *arguments: Any, **options: Any) -> Any:
+        """Return what `_begin` takes of a board, from its options of a reset; raises UserError."""
+
+    @abstractmethod
+    def _begin(self, given: dict[int, Any]) -> None:
+        """Begin episodes on some boards."""
+
+    @abstractmethod
+    def joint(self, actions: Any) -> np.ndarray:
+        """Return (K, N, ...) actions for `step`, of those that a learner gave to the K · N robots.
+
+        Raises:
+            ActionError: an action is none of the action space.
         """
 
     @abstractmethod
@@ -122,6 +153,24 @@ class EnvBoards(Restorable, ABC):
 
 class DirectionBoards(EnvBoards):
     """Boards whose robots choose directions."""
+
+    def joint(self, actions: Any) -> np.ndarray:
+        """See `EnvBoards.joint`; (K, N) int64."""
+        boards, robots = self.shape
+        rows = whole_numbers(actions, (boards * robots,))
+        if rows is None:
+            raise ActionError(
+                f"actions = {shown(actions)} are no directions; choose one whole number from 0 to "
+                f"{DIRECTION_COUNT - 1} for each of the {boards * robots} robots"
+            )
+        if rows.min() < 0 or rows.max() >= DIRECTION_COUNT:
+            row = int(np.flatnonzero((rows < 0) | (rows >= DIRECTION_COUNT))[0])
+            where = f" on board {row // robots}" if boards > 1 else ""
+            raise ActionError(
+                f"action {rows[row]} of robot_{row % robots + 1}{where} is no direction; choose "
+                f"one from 0 to {DIRECTION_COUNT - 1}"
+            )
+        return rows.reshape(self.shape)
 
     @abstractmethod
     def action_masks(self) -> np.ndarray:
@@ -196,15 +245,15 @@ def _begin(features: np.ndarray, arrays: Arrays, m: int) -> None:
 
 @kernel
 def _begin_some(
-    process: Process, features: np.ndarray, arrays: Arrays, which: np.ndarray, draw: bool
+    process: Process, features: np.ndarray, arrays: Arrays, which: np.ndarray, draws: np.ndarray
 ) -> None:
-    """Begin episodes on boards in `which`, (K,) bool, from drawn start cells or as placed."""
+    """Begin episodes on (B,) boards, from drawn start cells or as placed."""
     cells = np.empty((arrays.worlds.shape[1], 2), dtype=np.int64)
-    for m in range(len(which)):
-        if which[m]:
-            if draw:
-                place_randomly(process, arrays.worlds[m], cells, arrays.random[m])
-            _begin(features, arrays, m)
+    for k in range(len(which)):
+        m = which[k]
+        if draws[k]:
+            place_randomly(process, arrays.worlds[m], cells, arrays.random[m])
+        _begin(features, arrays, m)
 
 
 @kernel
@@ -269,33 +318,25 @@ class Boards(DirectionBoards):
             active=np.zeros(rows, dtype=bool),
         )
 
-    def seed(self, seeds: Sequence[int | np.random.SeedSequence | None]) -> None:
-        """See `EnvBoards.seed`."""
-        for m, seed in enumerate(seeds):
-            if seed is not None:
-                self.arrays.random[m] = seeded_state(seed)
+    def _seed(self, m: int, seed: int | np.random.SeedSequence) -> None:
+        self.arrays.random[m] = seeded_state(seed)
 
-    def reset(
-        self, options: dict[str, Any] | None, seeds: Sequence[int | None] | None = None
-    ) -> None:
-        """See `EnvBoards.reset`; starts are (N, 2) cells, drawn where there are none."""
-        which, rows = board_options(options, np.ones(self.shape[0], dtype=bool), "starts")
-        placed = [m for m, row in enumerate(rows) if row and which[m]]
-        worlds = self.arrays.worlds.copy() if placed else self.arrays.worlds
-        for m in placed:
-            place_checked(self.process, worlds[m], rows[m]["starts"])
-        if seeds is not None:
-            self.seed([seed if begins else None for seed, begins in zip(seeds, which, strict=True)])
-        if placed:
-            self.arrays.worlds[:] = worlds
-            some = np.isin(np.arange(len(which)), placed)
-            which = which & ~some
-            _begin_some(self.process, self._features, self.arrays, some, False)
-        if len(placed) < len(which):
-            _begin_some(self.process, self._features, self.arrays, which, True)
+    def _begun(self) -> np.ndarray:
+        return np.ones(self.shape[0], dtype=bool)
+
+    def _checked(self, starts: Any = None) -> np.ndarray | None:
+        """World of robots on their (N, 2) start cells; None to draw them."""
+        return None if starts is None else placed_world(self.process, starts)
+
+    def _begin(self, given: dict[int, np.ndarray | None]) -> None:
+        for m, world in given.items():
+            if world is not None:
+                self.arrays.worlds[m] = world
+        which, draws = np.array([*given], dtype=np.int64), [w is None for w in given.values()]
+        _begin_some(self.process, self._features, self.arrays, which, np.array(draws, dtype=bool))
 
     def step(self, actions: np.ndarray) -> None:
-        """Let every active robot take its (K, N) int64 action."""
+        """See `EnvBoards.step`."""
         _step(self.process, self._features, self.arrays, actions)
 
     def path_length_cm(self) -> np.ndarray:

@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike
 
 from agent.envs.dynamics import DynamicsBoards, set_up
 from agent.envs.grid_episode import ActionError, StartsError
-from agent.envs.rendering import require_render_mode
 from agent.envs.single import SingleEnv
-from agent.envs.vector import RowsVectorEnv, found, lone
+from agent.envs.vector import RowsVectorEnv, lone
 from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.errors import shown
 from cosim.model.config import MAX_VALUE, CoSimConfig, whole_ratio
@@ -143,7 +142,8 @@ class DriveBoards(DynamicsBoards):
     """
 
     reset_options = ("starts", "targets", "mu")
-    _mutable = (*DynamicsBoards._mutable, "_dither", "_arrived")
+    _mutable = (*DynamicsBoards._mutable, "_dither")
+    _kind = FreeEpisode
 
     def __init__(
         self,
@@ -181,9 +181,8 @@ class DriveBoards(DynamicsBoards):
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         super().__init__(count, setup, max_episode_steps)
         self._dither = new_dither(count * self.shape[1])
-        self._arrived = np.zeros(self.shape, dtype=bool)
 
-    def _checked(
+    def _checked_places(
         self, starts: Any = None, targets: Any = None
     ) -> tuple[np.ndarray | None, np.ndarray | None]:
         return self._places("starts", starts, 3), self._places("targets", targets, 2)
@@ -227,30 +226,29 @@ class DriveBoards(DynamicsBoards):
             f"reach = {self._reach_m:g} m; choose a larger reach, or give starts and targets"
         )
 
-    def _begin(
+    def _placed(
         self,
-        m: int,
-        mu: float | None = None,
+        rng: np.random.Generator,
         poses: np.ndarray | None = None,
         targets_m: np.ndarray | None = None,
-    ) -> None:
-        start_seed, noise_seed = self._seeds[m].spawn(2)
-        rng = np.random.default_rng(start_seed)
+    ) -> tuple[Any, ...]:
         if poses is None:
             headings = rng.uniform(-math.pi, math.pi, self.shape[1])
             poses = np.column_stack([self._drawn(rng, None), headings])
         if targets_m is None:
             targets_m = self._drawn(rng, poses[:, :2])
-        config = self._setup.drawn(rng, mu)
         # no robot's target cell is forbidden to the others: its centre is what counts here
         scenario = replace(self.scenario, zone_is_obstacle=False)
-        cells = tuple((int(x), int(y)) for x, y in poses[:, :2] // scenario.cell_m)
-        episode = self._batch.begin(m, scenario, cells, noise_seed, config, FreeEpisode)
-        assert isinstance(episode, FreeEpisode)
-        episode.put(poses, targets_m, self._observe)
-        rows = slice(m * self.shape[1], (m + 1) * self.shape[1])
-        self._dither[rows] = new_dither(self.shape[1])
-        self.arrays.outcomes[m], self._arrived[m] = RUNNING, False
+        return scenario, poses[:, :2] // scenario.cell_m, poses, targets_m
+
+    def _put(self, m: int, poses: np.ndarray, targets_m: np.ndarray) -> None:
+        self._episode(m).put(poses, targets_m, self._observe)
+        robots = self.shape[1]
+        self._dither[m * robots : (m + 1) * robots] = new_dither(robots)
+
+    def joint(self, actions: Any) -> np.ndarray:
+        """See `EnvBoards.joint`."""
+        return checked_actions(actions, self.shape[0] * self.shape[1]).reshape(*self.shape, 2)
 
     def step(self, actions: np.ndarray) -> None:
         """Drive for a control interval by (K, N, 2) actions; see `EnvBoards.step`.
@@ -258,13 +256,14 @@ class DriveBoards(DynamicsBoards):
         Raises:
             FmuError: an FMU failed.
         """
-        wanted, outcomes = actions.reshape(-1, 2), self.arrays.outcomes
-        speeds = set_points(wanted, self._setup.config, self._dither, velocity=self._velocity)
+        outcomes = self.arrays.outcomes
+        rows, config = actions.reshape(-1, 2), self._setup.config
+        speeds = set_points(rows, config, self._dither, velocity=self._velocity)
         running, rewards = outcomes == RUNNING, np.zeros(self.shape)
         if running.any():
             rewards[running] = self._driven(np.flatnonzero(running), speeds)
         for m in np.flatnonzero(~running).tolist():
-            self._begin(m)
+            self._begin_board(m)
         cut = (outcomes == TIMEOUT)[:, None] & ~self._arrived
         self._show(rewards, (outcomes != RUNNING)[:, None] & ~cut, cut)
 
@@ -272,11 +271,10 @@ class DriveBoards(DynamicsBoards):
         """(R, N) float64, rewards of the R boards that run, after a control interval."""
         episodes: list[Any] = [self._batch.episodes[m] for m in running]
         before_m = np.array([episode.away_m for episode in episodes])
-        steps = self._advance(speeds.reshape(*self.shape, 2))
         arrived_before = self._arrived[running]
-        self._arrived[running] = arrived = np.array([episode.arrived for episode in episodes])
+        steps = self._advance(speeds.reshape(*self.shape, 2))
         events = np.array([step.events for step in steps.values()])
-        rewards = 1.0 * arrived - 1.0 * (events != RUNNING)
+        rewards = 1.0 * self._arrived[running] - 1.0 * (events != RUNNING)
         if self._dense:
             rest = 0.1 * self._interval_s  # assumed: a second costs as much as a millimetre
             progress_m = before_m - np.array([episode.away_m for episode in episodes])
@@ -285,8 +283,7 @@ class DriveBoards(DynamicsBoards):
         return rewards
 
     def _motions(self) -> list[DriveObservation]:
-        episodes: list[Any] = self._batch.episodes
-        return [episode.motion() for episode in episodes]
+        return [self._episode(m).motion() for m in range(self.shape[0])]
 
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
         rows = observed(self._motions(), context=self._context)
@@ -338,12 +335,8 @@ class DriveVectorEnv(RowsVectorEnv):
         Raises:
             UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
         """
-        require_render_mode(render_mode)
         boards = DriveBoards(num_envs, scenario, **options)
         super().__init__(boards, render_mode, outcome_names=outcome_names)
-
-    def _checked(self, actions: Any) -> np.ndarray:
-        return checked_actions(actions, self.num_envs).reshape(self.boards, -1, 2)
 
 
 class DriveEnv(SingleEnv):
@@ -359,12 +352,7 @@ class DriveEnv(SingleEnv):
         outcome_names: bool = False,
         **options: Any,
     ) -> None:
-        require_render_mode(render_mode)
-        boards = DriveBoards(1, lone(found(scenario)), **options)
-        super().__init__(boards, render_mode, outcome_names)
-
-    def _checked(self, action: Any) -> np.ndarray:
-        return checked_actions([action], 1)[None]
+        super().__init__(DriveBoards(1, lone(scenario), **options), render_mode, outcome_names)
 
 
 def checked_actions(actions: Any, rows: int) -> np.ndarray:

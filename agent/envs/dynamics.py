@@ -4,14 +4,15 @@ The boards of the grid are in `agent.envs.boards`.
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.envs.boards import Count, EnvBoards, Results, board_options
+from agent.envs.boards import Count, EnvBoards, Results
+from agent.envs.grid_episode import ActionError
 from agent.envs.worlds import checked_ranges
 from agent.moves.worlds import Ranges, draw_world
 from cosim.base.arguments import ConfigError, taken
@@ -98,7 +99,8 @@ class DynamicsBoards(EnvBoards):
         UserError: a number is invalid, or the motor FMU cannot be used.
     """
 
-    _mutable = ("_batch", "_seeds", "arrays")
+    _mutable = ("_batch", "_seeds", "_arrived", "arrays")
+    _kind: type[RunningEpisode] = RunningEpisode
 
     def __init__(self, count: int, setup: EnvSetup, limit: int | None) -> None:
         self._setup, self.scenario = setup, setup.scenario
@@ -106,49 +108,59 @@ class DynamicsBoards(EnvBoards):
         self._limit = taken("max_episode_steps", limit, Count | None)
         self._batch = setup.batch(count)
         self._seeds = [np.random.SeedSequence() for _ in range(count)]
+        self._arrived = np.zeros(rows, dtype=bool)
         none, shape = np.zeros(rows, dtype=bool), self.observation_space.shape or ()
         seen = np.zeros((*rows, *shape), dtype=self.observation_space.dtype)
         # none is running yet
         outcomes = np.full(count, TIMEOUT)
         self.arrays = Results(outcomes, seen, np.zeros(rows), none, none, none)
 
-    def seed(self, seeds: Sequence[int | None]) -> None:
-        """Seed starts, worlds and noise of the K boards; None leaves one as it is."""
-        for m, seed in enumerate(seeds):
-            if seed is not None:
-                self._seeds[m] = np.random.SeedSequence(seed)
+    def _seed(self, m: int, seed: int) -> None:
+        self._seeds[m] = np.random.SeedSequence(seed)
 
-    def reset(
-        self, options: dict[str, Any] | None, seeds: Sequence[int | None] | None = None
-    ) -> None:
-        """See `EnvBoards.reset`; values of None are drawn or the usual ones."""
-        begun = np.array([episode is not None for episode in self._batch.episodes])
-        which, rows = board_options(options, begun, *self.reset_options)
-        given: dict[int, tuple[Any, ...]] = {}
-        for m in np.flatnonzero(which).tolist():
-            if (mu := rows[m].pop("mu", None)) is not None:
-                self._setup.config.with_overrides(mu)  # refuses some
-                if mu == 0.0:
-                    raise ConfigError("mu = 0 is invalid: no robot could drive; give more")
-            given[m] = (mu, *self._checked(**rows[m]))
-        if seeds is not None:
-            self.seed([seed if m in given else None for m, seed in enumerate(seeds)])
-        for m, arguments in given.items():
-            self._begin(m, *arguments)
+    def _begun(self) -> np.ndarray:
+        return np.array([episode is not None for episode in self._batch.episodes])
+
+    def _checked(self, *, mu: float | None = None, **options: Any) -> tuple[Any, ...]:
+        if mu is not None:
+            self._setup.config.with_overrides(mu)  # refuses some
+            if mu == 0.0:
+                raise ConfigError("mu = 0 is invalid: no robot could drive; give more")
+        return (mu, *self._checked_places(**options))
+
+    @abstractmethod
+    def _checked_places(self, *arguments: Any, **options: Any) -> tuple[Any, ...]:
+        """Return what `_put` takes, from the starts and targets of a reset; raises UserError."""
+
+    def _begin(self, given: dict[int, tuple[Any, ...]]) -> None:
+        for m, (mu, *places) in given.items():
+            self._begin_board(m, mu, *places)
         none = np.zeros(self.shape, dtype=bool)
         self._show(np.zeros(self.shape), none, none)
 
-    @abstractmethod
-    def _checked(self, *arguments: Any, **options: Any) -> tuple[Any, ...]:
-        """Return what `_begin` takes after the friction, from the other options of a reset.
+    def _begin_board(self, m: int, mu: float | None = None, *places: Any) -> None:
+        """Begin an episode on a board, with a friction; what is not given is drawn."""
+        start_seed, noise_seed = self._seeds[m].spawn(2)
+        rng = np.random.default_rng(start_seed)
+        scenario, cells, *rest = self._placed(rng, *places)
+        config = self._setup.drawn(rng, mu)
+        cells = tuple((int(x), int(y)) for x, y in cells)
+        self._batch.begin(m, scenario, cells, noise_seed, config, self._kind)
+        self._put(m, *rest)
+        self.arrays.outcomes[m], self._arrived[m] = RUNNING, False
 
-        Raises:
-            UserError: an option cannot be used.
+    @abstractmethod
+    def _placed(self, rng: np.random.Generator, *arguments: Any, **options: Any) -> tuple[Any, ...]:
+        """Return scenario and start cells of an episode, and what `_put` takes.
+
+        Args:
+            rng: is drawn from.
+            arguments: as `_checked_places` returns them; none in the step after an end.
         """
 
     @abstractmethod
-    def _begin(self, *arguments: Any, **options: Any) -> None:
-        """Begin an episode on a board, with a friction; what is not given is drawn."""
+    def _put(self, m: int, *arguments: Any, **options: Any) -> None:
+        """Prepare board m, whose episode has begun."""
 
     @abstractmethod
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
@@ -172,14 +184,15 @@ class DynamicsBoards(EnvBoards):
         steps = self._batch.advance({m: actions[m] for m in running}) if running else {}
         for m, step in steps.items():
             outcomes[m] = BY_RANK.index(step.outcome)
+            self._arrived[m] = self._episode(m).arrived
             if outcomes[m] == RUNNING and step.number + 1 == self._limit:
                 outcomes[m] = TIMEOUT
                 self._batch.stop(m)
         return steps
 
-    def _episode(self, m: int) -> RunningEpisode:
-        episode = self._batch.episodes[m]
-        assert episode is not None
+    def _episode(self, m: int) -> Any:
+        if (episode := self._batch.episodes[m]) is None:
+            raise ActionError("no episode has begun; call reset first")
         return episode
 
     def path_length_cm(self) -> np.ndarray:

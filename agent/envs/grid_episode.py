@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.grid import AXIS, BEARING, CLASS, PARTNER, SIGN, X, Y, place
+from agent.mdp.grid import AXIS, BEARING, CLASS, COLUMN_COUNT, PARTNER, SIGN, X, Y, place
 from agent.mdp.readings import FREE, GOAL, Process, feature_sizes
 from cosim.base.arguments import taken
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, shown
 from cosim.model.scenario import Scenario
-from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
+from cosim.onboard.features import DIRECTIONS
 
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
 
@@ -44,30 +44,23 @@ def free_directions(process: Process) -> np.ndarray:
     return (table | ~table.any(axis=-1, keepdims=True)).astype(np.int8)
 
 
-def direction_error(action: Any, whose: str = "") -> ActionError:
-    """Return what is said of an action that is no direction."""
-    last = DIRECTION_COUNT - 1
-    return ActionError(f"action {action!r}{whose} is no direction; choose one from 0 to {last}")
-
-
-def place_checked(process: Process, world: np.ndarray, starts: np.ndarray) -> None:
-    """Put robots on the start cells that a user gave.
+def placed_world(process: Process, starts: Any) -> np.ndarray:
+    """Return the (N, COLUMN_COUNT) int64 world of robots on the start cells that a user gave.
 
     Raises:
-        StartsError: they are not (N, 2) whole numbers, off the board, blocked or in contact; the
-            world is as it was.
+        StartsError: they are not (N, 2) whole numbers, off the board, blocked or in contact.
     """
-    cells = whole_cells(starts, (len(world), 2))
+    world = np.zeros((len(process.start_offsets) - 1, COLUMN_COUNT), dtype=np.int64)
+    cells = whole_cells("starts", starts, (len(world), 2))
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
     if (cells < 0).any() or (cells >= (columns, rows)).any():
         raise StartsError(f"starts {cells.tolist()} are off the {columns} x {rows} board")
     terrain = process.terrain[np.arange(len(world)), cells[:, 0] + 1, cells[:, 1] + 1]
     if terrain.any():
         raise StartsError(f"starts {cells.tolist()} are on an obstacle or on the robot's target")
-    placed = world.copy()
-    if not place(process, placed, cells):
+    if not place(process, world, cells):
         raise StartsError(f"starts {cells.tolist()} let robots touch; move them further apart")
-    world[:] = placed
+    return world
 
 
 def require_seed(seed: Any) -> int | None:
@@ -82,22 +75,24 @@ def require_seed(seed: Any) -> int | None:
     return seed
 
 
-def whole_cells(starts: Any, shape: tuple[int, ...], name: str = "starts") -> np.ndarray:
-    """Start or target cells that a user gave, int64 of a shape.
-
-    Raises:
-        StartsError: they have another shape, or are no whole numbers.
-    """
+def whole_numbers(values: Any, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Return what a user gave as int64; None if it has another shape or no whole numbers."""
     try:
-        cells = np.asarray(starts)
-    except ValueError as error:  # rows of several lengths
-        raise StartsError(f"{name} are no array; give cells of shape {shape}") from error
-    if cells.shape != shape or cells.dtype.kind not in "iu":
+        array = np.asarray(values)
+    except ValueError:  # rows of several lengths
+        return None
+    fits = array.shape == shape and array.dtype.kind in "iu"
+    return array.astype(np.int64, copy=False) if fits else None
+
+
+def whole_cells(name: str, cells: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Start or target cells that a user gave, int64 of a shape; raises StartsError."""
+    found = whole_numbers(cells, shape)
+    if found is None:
         raise StartsError(
-            f"{name} of shape {cells.shape} and type {cells.dtype}; give whole numbers, "
-            f"cells [x, y] of shape {shape}"
+            f"{name} = {shown(cells)} are no cells; give whole numbers [x, y] of shape {shape}"
         )
-    return cells.astype(np.int64)
+    return found
 
 
 def known_options(options: dict[str, Any] | None, *names: str) -> dict[str, Any]:

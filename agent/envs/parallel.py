@@ -1,45 +1,134 @@
-"""PettingZoo environment for pairs of robots and more; made by `agent.envs.parallel_env`."""
+"""PettingZoo environments for pairs of robots and more, one board or many.
+
+`agent.envs.parallel_env` and `agent.envs.parallel_vector_env` make them.
+"""
 
 import copy
-from collections.abc import Collection
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
 from pettingzoo import ParallelEnv
 
-from agent.envs.boards import Count, DirectionBoards
-from agent.envs.grid_episode import ActionError, direction_error, require_seed
+from agent.envs.boards import Count, DirectionBoards, board_seeds
+from agent.envs.grid_episode import ActionError, require_seed, whole_numbers
 from agent.envs.rendering import RENDER_MODES, render_first, require_render_mode
 from agent.envs.state import Restorable
 from cosim.base.arguments import taken
-from cosim.model.scenario import Scenario
+from cosim.base.errors import shown
+from cosim.onboard.features import DIRECTION_COUNT
+
+# Observations, rewards, terminations, truncations and infos, by agent.
+AgentResults = tuple[
+    dict[str, Any], dict[str, Any], dict[str, Any], dict[str, Any], dict[str, dict[str, Any]]
+]
 
 
-def agent_names(scenario: Scenario) -> list[str]:
-    """Names of the robots, `robot_1` first."""
-    return [f"robot_{k + 1}" for k in range(scenario.robots)]
+class AgentsView(Restorable):
+    """Robots of boards as agents by name: `robot_1`, `robot_2`, ….
 
-
-def require_actions(actions: Collection[str], active: list[str], possible: list[str]) -> None:
-    """Refuse actions of unknown agents, and no action of an active one.
-
-    Raises:
-        ActionError: names the agent.
+    Args:
+        boards: what is stepped.
+        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+        observation_space, action_space: of an agent.
+        shape: of an agent's action: of one board (), of many (boards,).
     """
-    for agent in actions:
-        if agent not in possible:
-            raise ActionError(f"{agent} is no agent; choose from {', '.join(possible)}")
-    for agent in active:
-        if agent not in actions:
-            raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
+
+    _mutable: Any = ("_boards",)
+    agents: Any
+
+    def __init__(
+        self,
+        boards: DirectionBoards,
+        outcome_names: bool,
+        observation_space: spaces.Space,
+        action_space: spaces.Space,
+        shape: tuple[int, ...],
+    ) -> None:
+        self._boards, self._outcome_names, self._shape = boards, outcome_names, shape
+        boards.seed(board_seeds(np.random.SeedSequence().entropy, boards.shape[0]))
+        self.possible_agents = [f"robot_{k + 1}" for k in range(boards.shape[1])]
+        self.observation_spaces: dict[str, spaces.Space] = dict.fromkeys(
+            self.possible_agents, observation_space
+        )
+        self.action_spaces: dict[str, spaces.Space] = {
+            agent: copy.copy(action_space) for agent in self.possible_agents
+        }
+
+    def observation_space(self, agent: str) -> spaces.Space:
+        """Return the same object on every call, as PettingZoo requires."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space:
+        """Return the same object on every call, as PettingZoo requires."""
+        return self.action_spaces[agent]
+
+    def step(self, actions: Mapping[str, Any]) -> AgentResults:
+        """Let every agent take its action; those of agents that have ended are ignored.
+
+        Raises:
+            ActionError: an agent has no action, or one that is no direction; or an unknown agent
+                has one.
+            ClosedError: the environment is closed.
+        """
+        self._require_open()
+        self._boards.step(self._joint(actions))
+        arrays = self._boards.arrays
+        rewards, terminations, truncations = (
+            self._by_agent(array) for array in (arrays.rewards, arrays.terminated, arrays.truncated)
+        )
+        return self._observations(), rewards, terminations, truncations, self._infos()
+
+    def _joint(self, actions: Mapping[str, Any]) -> np.ndarray:
+        """(K, N) int64; 0 where a robot is not active."""
+        for agent in actions:
+            if agent not in self.possible_agents:
+                known = ", ".join(self.possible_agents)
+                raise ActionError(f"{agent} is no agent; choose from {known}")
+        active = self._boards.arrays.active
+        joint = np.zeros(active.shape, dtype=np.int64)
+        for i, agent in enumerate(self.possible_agents):
+            if agent not in self.agents:
+                continue
+            if agent not in actions:
+                raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
+            chosen = whole_numbers(actions[agent], self._shape)
+            if chosen is None:
+                each = f" for each of the {len(active)} boards" if self._shape else ""
+                raise ActionError(
+                    f"action {shown(actions[agent])} of {agent} is no direction; choose a whole "
+                    f"number from 0 to {DIRECTION_COUNT - 1}{each}"
+                )
+            joint[:, i] = np.where(active[:, i], chosen, 0)
+        return self._boards.joint(joint.ravel())
+
+    def _by_agent(self, array: np.ndarray) -> dict[str, Any]:
+        """Return (K, …) of each agent, of (K, N, …)."""
+        return {agent: array[:, i].copy() for i, agent in enumerate(self.possible_agents)}
+
+    def _observations(self) -> dict[str, Any]:
+        return self._by_agent(self._boards.arrays.observations)
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        infos = self._boards.infos(names=self._outcome_names)
+        by_name = {name: self._by_agent(values) for name, values in infos.items()}
+        agents = by_name["outcome"]
+        return {a: {name: values[a] for name, values in by_name.items()} for a in agents}
+
+    def close(self) -> None:
+        """Free the simulation; `reset` opens the environment again."""
+        self._boards.close()
+        self.closed = True
 
 
-class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
+class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
     """Robots that learn to reach their targets without touching each other.
 
-    Agents `robot_1`, `robot_2`, … observe their features (Section III) as MultiDiscrete and choose
+    Agents observe their features (Section III) as MultiDiscrete and choose
     one of eight directions; rewards are Eq. (8) and (11). A robot that arrives is terminated and
     stays where it is; a failure terminates the robots that failed and truncates those still on
     their move, whose next state therefore still has a value. What is random in an environment that
@@ -64,30 +153,15 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         one_hot: bool = False,
     ) -> None:
         require_render_mode(render_mode)
-        self._max_cycles = taken("max_cycles", max_cycles, Count | None)
-        self._outcome_names, self._cycles = outcome_names, 0
-        self._boards = boards
-        boards.seed([np.random.SeedSequence().entropy])
         self.render_mode = render_mode
-        self.possible_agents = agent_names(boards.scenario)
-        self.agents = []
+        self._max_cycles = taken("max_cycles", max_cycles, Count | None)
+        self._cycles, self.agents = 0, []
         self._features = features = boards.observation_space
         assert isinstance(features, spaces.MultiDiscrete)
-        self.state_space = spaces.MultiDiscrete([*features.nvec] * len(self.possible_agents))
         self._one_hot = taken("one_hot", one_hot, bool)
         seen = spaces.flatten_space(features) if self._one_hot else features
-        self.observation_spaces: dict[str, spaces.Space] = dict.fromkeys(self.possible_agents, seen)
-        self.action_spaces: dict[str, spaces.Space] = {
-            agent: copy.copy(boards.action_space) for agent in self.possible_agents
-        }
-
-    def observation_space(self, agent: str) -> spaces.Space:
-        """Return the same object on every call, as PettingZoo requires."""
-        return self.observation_spaces[agent]
-
-    def action_space(self, agent: str) -> spaces.Space:
-        """Return the same object on every call, as PettingZoo requires."""
-        return self.action_spaces[agent]
+        super().__init__(boards, outcome_names, seen, boards.action_space, ())
+        self.state_space = spaces.MultiDiscrete([*features.nvec] * len(self.possible_agents))
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -102,73 +176,38 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         """
         known = self._boards.reset_options
         given = {name: [value] for name, value in (options or {}).items() if name in known}
-        self._boards.reset(given, [require_seed(seed)])
+        self._boards.reset(given, require_seed(seed))
         self.closed, self._cycles = False, 0
         self.agents = list(self.possible_agents)
         return self._observations(), self._infos()
 
-    def step(
-        self, actions: dict[str, int]
-    ) -> tuple[
-        dict[str, np.ndarray],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
-        """Let every agent take its action; those of agents that have ended are ignored.
-
-        Raises:
-            ActionError: an agent has no action, or one that is no direction; or an unknown agent
-                has one.
-            ClosedError: the environment is closed.
-        """
+    def step(self, actions: Mapping[str, int]) -> AgentResults:
+        """See `AgentsView.step`; nothing happens after the end of an episode."""
         self._require_open()
         if not self.agents:
             gym.logger.warn("step() does nothing after the end of an episode")
             return {}, {}, {}, {}, {}
-        self._boards.step(self._joint(actions)[None])
+        observations, rewards, terminations, truncations, infos = super().step(actions)
         self._cycles += 1
-        arrays, late = self._boards.arrays, self._cycles == self._max_cycles
-        robots = self._robots()
-        rewards = {agent: float(arrays.rewards[0, i]) for agent, i in robots.items()}
-        terminations = {agent: bool(arrays.terminated[0, i]) for agent, i in robots.items()}
-        truncations = {
-            agent: bool(arrays.truncated[0, i]) or (late and not terminations[agent])
-            for agent, i in robots.items()
-        }
-        observations, infos = self._observations(), self._infos()
-        self.agents = [a for a in robots if not (terminations[a] or truncations[a])]
+        if self._cycles == self._max_cycles:
+            truncations = {agent: not ended for agent, ended in terminations.items()}
+        self.agents = [a for a in self.agents if not (terminations[a] or truncations[a])]
         return observations, rewards, terminations, truncations, infos
 
-    def _joint(self, actions: dict[str, int]) -> np.ndarray:
-        """(N,) int64, action of each robot; 0 for those that have ended."""
-        require_actions(actions, self.agents, self.possible_agents)
-        joint = np.zeros(len(self.possible_agents), dtype=np.int64)
-        for agent, i in self._robots().items():
-            if not self.action_spaces[agent].contains(actions[agent]):
-                raise direction_error(actions[agent], f" of {agent}")
-            joint[i] = actions[agent]
-        return joint
-
-    def _robots(self) -> dict[str, int]:
-        return {agent: self.possible_agents.index(agent) for agent in self.agents}
+    def _by_agent(self, array: np.ndarray) -> dict[str, Any]:
+        """Numbers, or rows of observations, of the agents that have not ended."""
+        row = array[0].tolist() if array.ndim == 2 else array[0].copy()
+        return {a: row[i] for i, a in enumerate(self.possible_agents) if a in self.agents}
 
     def _observations(self) -> dict[str, np.ndarray]:
-        rows = self._boards.arrays.observations[0].copy()
-        seen = {agent: rows[i] for agent, i in self._robots().items()}
+        seen = super()._observations()
         if not self._one_hot:
             return seen
         return {k: np.asarray(spaces.flatten(self._features, row)) for k, row in seen.items()}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        infos = self._boards.infos(names=self._outcome_names)
-        masks = self._boards.action_masks()[0]
-        return {
-            agent: {name: values.item(0, i) for name, values in infos.items()}
-            | {"action_mask": masks[i]}
-            for agent, i in self._robots().items()
-        }
+        masks = self._by_agent(self._boards.action_masks())
+        return {a: info | {"action_mask": masks[a]} for a, info in super()._infos().items()}
 
     def state(self) -> np.ndarray:
         """Return the global state, shape (robots · features,): the observations of all robots."""
@@ -181,6 +220,49 @@ class NavigationParallelEnv(Restorable, ParallelEnv[str, np.ndarray, int]):
         return render_first(self._boards, self.render_mode)
 
     def close(self) -> None:
-        """Free the simulation; `reset` opens the environment again."""
-        self._boards.close()
-        self.closed, self.agents = True, []
+        """See `AgentsView.close`."""
+        super().close()
+        self.agents = []
+
+
+class ParallelVectorEnv(AgentsView):
+    """`num_envs` boards of `agent.envs.parallel_env`, with the same bits, stepped together.
+
+        env = agent.envs.parallel_vector_env("2", num_envs=1024)
+        observations, infos = env.reset(seed=0)
+        observations["robot_1"]  # (1024, 4)
+
+    Every dictionary has an array over boards for each of `possible_agents`. A board begins again,
+    for all its robots, in the step after its end (next-step autoreset); where `infos[agent]` says
+    not `active`, the robot has ended or its board begins again, and the agent's next action is
+    ignored. `agents` are those that are active on any board, and need actions.
+    """
+
+    metadata = {  # noqa: RUF012
+        "name": "minirobots_vector_v0",
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(self, boards: DirectionBoards, *, outcome_names: bool = False) -> None:
+        self.num_envs = count = boards.shape[0]
+        seen, chosen = boards.observation_space, boards.action_space
+        each = batch_space(seen, count), batch_space(chosen, count)
+        super().__init__(boards, outcome_names, *each, (count,))
+
+    @property
+    def agents(self) -> list[str]:
+        """Agents that are active on any board."""
+        active = np.flatnonzero(self._boards.arrays.active.any(axis=0))
+        return [self.possible_agents[i] for i in active]
+
+    def reset(
+        self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
+        """Begin episodes; arguments as of `agent.envs.vector.RobotsVectorEnv`.
+
+        Raises:
+            StartsError: start cells cannot be used.
+        """
+        self._boards.reset(options, seed)
+        self.closed = False
+        return self._observations(), self._infos()

@@ -1,30 +1,26 @@
 """Gymnasium environments for one robot, and makers of environments for several."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any, Literal
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
-from agent.envs.boards import Boards, DirectionBoards, EnvBoards
-from agent.envs.grid_episode import ActionError, direction_error, known_options
-from agent.envs.parallel import NavigationParallelEnv
-from agent.envs.parallel_vector import ParallelVectorEnv
+from agent.envs.boards import DirectionBoards, EnvBoards
+from agent.envs.grid_episode import ActionError, known_options
+from agent.envs.parallel import NavigationParallelEnv, ParallelVectorEnv
 from agent.envs.rendering import RENDER_MODES, render_first, require_render_mode
 from agent.envs.state import Restorable
-from agent.envs.vector import found, interpreted, lone
+from agent.envs.vector import direction_boards, lone
 from agent.mdp.config import ProcessConfig
-from cosim.base.arguments import ConfigError
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
 
-Decision = Literal["arrival", "period"]
 
-
-class SingleEnv(Restorable, gym.Env[np.ndarray, Any], ABC):
+class SingleEnv(Restorable, gym.Env[np.ndarray, Any]):
     """One board with one robot.
 
     An episode that reaches a limit is truncated, every other end terminates it. `info` has
@@ -62,7 +58,7 @@ class SingleEnv(Restorable, gym.Env[np.ndarray, Any], ABC):
         """
         super().reset(seed=seed)
         given = known_options(options, *self._boards.reset_options)
-        self._boards.reset({name: [value] for name, value in given.items()}, [seed])
+        self._boards.reset({name: [value] for name, value in given.items()}, seed)
         self.closed = False
         return self._seen(), self._info()
 
@@ -74,17 +70,14 @@ class SingleEnv(Restorable, gym.Env[np.ndarray, Any], ABC):
             ClosedError: the environment is closed.
         """
         self._require_open()
-        joint, boards = self._checked(action), self._boards
+        boards = self._boards
+        joint = boards.joint([action])
         if boards.arrays.outcomes[0] != RUNNING:
             raise ActionError("no episode is running; call reset before the next step")
         boards.step(joint)
         arrays = boards.arrays
         ends = bool(arrays.terminated[0, 0]), bool(arrays.truncated[0, 0])
         return self._seen(), float(arrays.rewards[0, 0]), *ends, self._info()
-
-    @abstractmethod
-    def _checked(self, action: Any) -> np.ndarray:
-        """(1, 1, ...) action as the boards take it; raises ActionError."""
 
     def _seen(self) -> np.ndarray:
         return self._boards.arrays.observations[0, 0].copy()
@@ -119,7 +112,6 @@ class NavigationEnv(SingleEnv):
         process: ProcessConfig | None = None,
         *,
         cosim: bool = False,
-        decision: Decision = "arrival",
         render_mode: str | None = None,
         outcome_names: bool = False,
         **physics: Any,
@@ -130,23 +122,16 @@ class NavigationEnv(SingleEnv):
             scenario: name of a built-in scenario, a scenario file, or a scenario, of one robot.
             process: readings of the decision process.
             cosim: simulate motors and contacts instead of moving on the grid.
-            decision: when a step of the co-simulation ends: on "arrival", when the robot waits for
-                its next action, or after every "period" of 2 s, in which a robot under way ignores
-                its action.
             render_mode, outcome_names: as of `SingleEnv`.
-            physics: of the co-simulation, see `agent.envs.dynamics.set_up`.
+            physics: of the co-simulation, see `agent.envs.dynamics.set_up`; and `decision`, when a
+                step ends: on "arrival", when the robot waits for its next action, or after every
+                "period" of 2 s, in which a robot under way ignores its action.
 
         Raises:
             UserError: the scenario or an option cannot be used, or it has more than one robot.
         """
-        require_render_mode(render_mode)
-        boards = one_board(scenario, process, physics, cosim=cosim, decision=decision, alone=True)
+        boards = direction_boards(1, lone(scenario), process, physics, cosim=cosim)
         super().__init__(boards, render_mode, outcome_names)
-
-    def _checked(self, action: Any) -> np.ndarray:
-        if not self.action_space.contains(action):
-            raise direction_error(action)
-        return np.array([[action]], dtype=np.int64)
 
     def action_masks(self) -> np.ndarray:
         """Return (8,) bool, which directions lead to a free cell."""
@@ -154,46 +139,31 @@ class NavigationEnv(SingleEnv):
         return self._boards.action_masks()[0, 0].astype(bool)
 
 
-def cosim_env(scenario: str | Scenario = "1a", *arguments: Any, **options: Any) -> NavigationEnv:
-    """A `NavigationEnv` in the co-simulation; arguments as of that."""
-    return NavigationEnv(scenario, *arguments, cosim=True, **options)
+def _rows_of_tables(space: spaces.Space) -> tuple[Callable[..., Any], spaces.Discrete]:
+    """Return what makes a row of a Q table of an observation, and the space of rows."""
+    assert isinstance(space, spaces.MultiDiscrete)
+    sizes = tuple(space.nvec)
+    return partial(_row, sizes), spaces.Discrete(int(np.prod(sizes)))
 
 
-def _row(sizes: tuple[int, ...], observations: np.ndarray) -> np.ndarray:
-    rows = np.ravel_multi_index(tuple(np.moveaxis(observations, -1, 0)), sizes)
-    return np.asarray(rows, dtype=np.int64)
+def _row(sizes: tuple[int, ...], observations: np.ndarray) -> Any:
+    return np.ravel_multi_index(tuple(np.moveaxis(observations, -1, 0)), sizes)
 
 
-class FlattenState(gym.ObservationWrapper, RecordConstructorArgs):
+class FlattenState(gym.wrappers.TransformObservation):
     """One integer for a MultiDiscrete observation: the row of a Q table, as the kernels count."""
 
     def __init__(self, env: gym.Env) -> None:
         RecordConstructorArgs.__init__(self)
-        gym.ObservationWrapper.__init__(self, env)
-        assert isinstance(env.observation_space, spaces.MultiDiscrete)
-        self._sizes = tuple(env.observation_space.nvec)
-        self.observation_space = spaces.Discrete(int(np.prod(self._sizes)))
-
-    def observation(self, observation: np.ndarray) -> np.int64:
-        """Row of the table."""
-        return np.int64(_row(self._sizes, observation))
+        super().__init__(env, *_rows_of_tables(env.observation_space))
 
 
-class FlattenStateVector(gym.vector.VectorObservationWrapper):
+class FlattenStateVector(gym.wrappers.vector.TransformObservation):
     """`FlattenState` of vector environments: (num_envs,) int64."""
 
     def __init__(self, env: gym.vector.VectorEnv) -> None:
-        super().__init__(env)
-        assert isinstance(env.single_observation_space, spaces.MultiDiscrete)
-        self._sizes = tuple(env.single_observation_space.nvec)
-        self.single_observation_space = spaces.Discrete(int(np.prod(self._sizes)))
-        self.observation_space = gym.vector.utils.batch_space(
-            self.single_observation_space, env.num_envs
-        )
-
-    def observations(self, observations: np.ndarray) -> np.ndarray:
-        """Rows of the table."""
-        return _row(self._sizes, observations)
+        row, space = _rows_of_tables(env.single_observation_space)
+        super().__init__(env, row, single_observation_space=space)
 
 
 def parallel_env(
@@ -201,7 +171,6 @@ def parallel_env(
     process: ProcessConfig | None = None,
     *,
     cosim: bool = False,
-    decision: Decision = "arrival",
     render_mode: str | None = None,
     outcome_names: bool = False,
     max_cycles: int | None = None,
@@ -211,13 +180,13 @@ def parallel_env(
     """PettingZoo environment of any scenario.
 
     Args:
-        scenario, process, cosim, decision, render_mode, outcome_names, physics: as of
-            `NavigationEnv`; of several robots a step ends when any of them waits for an action, and
-            `active` says whose counts.
+        scenario, process, cosim, render_mode, outcome_names, physics: as of `NavigationEnv`; of
+            several robots a step ends when any of them waits for an action, and `active` says whose
+            counts.
         max_cycles: limit of steps, after which robots still on their move are truncated.
         one_hot: observe a Box with a 0 or 1 for each value of each feature.
     """
-    boards = one_board(scenario, process, physics, cosim=cosim, decision=decision)
+    boards = direction_boards(1, scenario, process, physics, cosim=cosim)
     return NavigationParallelEnv(
         boards,
         render_mode,
@@ -235,37 +204,5 @@ def parallel_vector_env(
     outcome_names: bool = False,
 ) -> ParallelVectorEnv:
     """Boards of `parallel_env` on the grid, `num_envs` of them stepped together."""
-    boards = Boards(num_envs, found(scenario), interpreted(process))
+    boards = direction_boards(num_envs, scenario, process, {}, cosim=False)
     return ParallelVectorEnv(boards, outcome_names=outcome_names)
-
-
-def one_board(
-    scenario: str | Scenario,
-    process: ProcessConfig | None,
-    physics: Mapping[str, Any],
-    *,
-    cosim: bool,
-    decision: Decision,
-    alone: bool = False,
-) -> DirectionBoards:
-    """One board of an environment: on the grid, or in the full co-simulation.
-
-    Args:
-        scenario, process, physics, cosim, decision: as of `NavigationEnv`.
-        alone: whether the scenario must have one robot.
-
-    Raises:
-        UserError: the scenario or an option cannot be used.
-    """
-    scenario, process = found(scenario), interpreted(process)
-    if alone:
-        lone(scenario)
-    if cosim:
-        # here, because the grid needs no FMUs
-        from agent.envs.cosim_vector import CoSimBoards  # noqa: PLC0415
-        from agent.envs.dynamics import set_up  # noqa: PLC0415
-
-        return CoSimBoards(1, set_up(scenario, physics), process, decision)
-    for name in physics:
-        raise ConfigError(f"{name} has no effect on the grid; leave it out, or give cosim=True")
-    return Boards(1, scenario, process)

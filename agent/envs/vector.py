@@ -8,8 +8,7 @@ same seeds, boards with several those of as many `agent.envs.parallel_env`. What
 with co-simulated environments (`agent.envs.cosim_vector`) is here too.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -18,21 +17,19 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from agent.envs.boards import Boards, Count, DirectionBoards, EnvBoards, board_seeds
-from agent.envs.grid_episode import ActionError, direction_error
 from agent.envs.rendering import RENDER_MODES, picture, require_render_mode
 from agent.envs.state import Restorable
 from agent.mdp.config import ProcessConfig
-from cosim.base.arguments import require_one_of, taken
-from cosim.base.errors import UserError
+from cosim.base.arguments import ConfigError, require_one_of, taken
+from cosim.base.errors import UserError, shown
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
-from cosim.onboard.features import DIRECTION_COUNT
 
 Ends = Literal["together", "own"]
 
 
-class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray], ABC):
+class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Rows are the robots of `boards` boards, those of one board one after the other.
 
     A board whose episode has ended begins again with its next step. A row has one end per episode:
@@ -98,7 +95,7 @@ class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray], A
             StartsError: start cells cannot be used, or a mask leaves out an environment that has
                 never begun; the environments are as they were.
         """
-        self._boards.reset(options, board_seeds(seed, self.boards))
+        self._boards.reset(options, seed)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
         self.closed = False
@@ -115,16 +112,12 @@ class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray], A
             FmuError: an FMU failed.
         """
         self._require_open()
-        self._boards.step(self._checked(actions))
+        self._boards.step(self._boards.joint(actions))
         arrays = self._boards.arrays
         terminated, truncated = arrays.terminated.flatten(), arrays.truncated.flatten()
         if self._together:
             terminated = np.repeat(arrays.outcomes != RUNNING, self._robots) & ~truncated
         return self._seen(), arrays.rewards.flatten(), terminated, truncated, self._infos()
-
-    @abstractmethod
-    def _checked(self, actions: Any) -> np.ndarray:
-        """(boards, robots, ...) actions as the boards take them; raises ActionError."""
 
     def _seen(self) -> np.ndarray:
         memory = self._boards.arrays.observations
@@ -151,31 +144,8 @@ class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray], A
         self._boards.close()
 
 
-class RobotRowsVectorEnv(RowsVectorEnv):
-    """Rows whose robots choose directions."""
-
-    _boards: DirectionBoards
-
-    def _checked(self, actions: Any) -> np.ndarray:
-        actions = np.asarray(actions)
-        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
-            raise ActionError(
-                f"actions of shape {actions.shape} and type {actions.dtype}; give one whole number "
-                f"to each of the {self.num_envs} environments"
-            )
-        if actions.min() < 0 or actions.max() >= DIRECTION_COUNT:
-            row = np.flatnonzero((actions < 0) | (actions >= DIRECTION_COUNT))[0]
-            raise direction_error(int(actions[row]), f" of environment {row}")
-        return actions.astype(np.int64, copy=False).reshape(self.boards, -1)
-
-    def action_masks(self) -> np.ndarray:
-        """Return (rows, 8) bool, which directions lead to a free cell."""
-        self._require_open()
-        return self._boards.action_masks().astype(bool).reshape(self.num_envs, -1)
-
-
-class RobotsVectorEnv(RobotRowsVectorEnv):
-    """Robots on the grid that share a policy: every robot is a sub-environment.
+class RobotsVectorEnv(RowsVectorEnv):
+    """Robots that choose directions and share a policy: every robot is a sub-environment.
 
     `make_vec("MiniRobots/Pair-v0", num_envs=K)` has K boards and so K·N rows, which is what
     `env.num_envs` says, as learners that share parameters expect it; the robots of a board are
@@ -183,7 +153,13 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
     of ends see `RowsVectorEnv`. Actions (any direction) of a robot that has arrived are
     ignored, and so are those of the step after a board's end, with which all its robots begin again
     (next-step autoreset). `infos["active"]` says whose next action counts.
+
+    In the co-simulation boards advance together, 2 s of simulated time a step, in which robots
+    under way ignore their actions. `reset(options={"mu": (boards,)})` gives friction coefficients,
+    `{"targets": (boards, robots, 2)}` target cells of these episodes.
     """
+
+    _boards: DirectionBoards
 
     def __init__(
         self,
@@ -191,11 +167,13 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
         scenario: str | Scenario = "2",
         process: ProcessConfig | None = None,
         *,
+        cosim: bool = False,
         render_mode: str | None = None,
         copy: bool = True,
         ends: Ends = "together",
         outcome_names: bool = False,
         max_episode_steps: int | None = None,
+        **physics: Any,
     ) -> None:
         """Make the boards.
 
@@ -203,18 +181,29 @@ class RobotsVectorEnv(RobotRowsVectorEnv):
             num_envs: boards.
             scenario: name of a built-in scenario, a scenario file, or a scenario.
             process: readings of the decision process.
+            cosim: simulate motors and contacts instead of moving on the grid.
             render_mode, copy, ends, outcome_names: as of `RowsVectorEnv`.
-            max_episode_steps: limit of steps, next to the process's own `step_limit`.
+            max_episode_steps: limit of steps, next to the process's own `step_limit`, and in the
+                co-simulation to the physics' `time_limit`.
+            physics: of the co-simulation, see `agent.envs.dynamics.set_up`.
 
         Raises:
-            UserError: the scenario cannot be used.
+            UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
         """
-        process = interpreted(process)
+        if cosim and physics.setdefault("decision", "period") != "period":
+            raise ConfigError(
+                f"decision = {physics['decision']} is not possible for boards that advance "
+                'together; leave it out and look at infos["active"], or make_vec with '
+                'vectorization_mode="sync"'
+            )
         limit = taken("max_episode_steps", max_episode_steps, Count | None)
-        if limit is not None:
-            process = replace(process, step_limit=min(process.step_limit, limit))
-        boards = Boards(num_envs, found(scenario), process)
+        boards = direction_boards(num_envs, scenario, process, physics, limit, cosim=cosim)
         super().__init__(boards, render_mode, ends=ends, outcome_names=outcome_names, copy=copy)
+
+    def action_masks(self) -> np.ndarray:
+        """Return (rows, 8) bool, which directions lead to a free cell."""
+        self._require_open()
+        return self._boards.action_masks().astype(bool).reshape(self.num_envs, -1)
 
 
 class NavigationVectorEnv(RobotsVectorEnv):
@@ -232,36 +221,52 @@ class NavigationVectorEnv(RobotsVectorEnv):
         Raises:
             UserError: the scenario cannot be used, or has more than one robot.
         """
-        super().__init__(num_envs, lone(found(scenario)), process, **options)
+        super().__init__(num_envs, lone(scenario), process, **options)
 
 
-def found(scenario: str | Scenario) -> Scenario:
-    """A scenario by its name or file, or the scenario itself.
+def direction_boards(
+    count: int,
+    scenario: str | Scenario,
+    process: ProcessConfig | None,
+    physics: Mapping[str, Any],
+    limit: int | None = None,
+    *,
+    cosim: bool,
+) -> DirectionBoards:
+    """Boards of an environment: on the grid, or in the full co-simulation.
+
+    Args:
+        count: boards.
+        scenario, process, physics, cosim: as of `agent.envs.NavigationEnv`.
+        limit: of steps.
 
     Raises:
-        UserError: it cannot be used.
+        UserError: the scenario or an option cannot be used.
     """
-    return scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
+    config: ProcessConfig = (
+        ProcessConfig() if process is None else taken("process", process, ProcessConfig)
+    )
+    if cosim:
+        # here, because the grid needs no FMUs
+        from agent.envs.cosim_vector import CoSimBoards  # noqa: PLC0415
+
+        return CoSimBoards(count, scenario, config, physics, limit)
+    for name in physics:
+        raise ConfigError(f"{name} has no effect on the grid; leave it out, or give cosim=True")
+    if limit is not None:
+        config = replace(config, step_limit=min(config.step_limit, limit))
+    return Boards(count, find_scenario(scenario, ideal=True), config)
 
 
-def interpreted(process: ProcessConfig | None) -> ProcessConfig:
-    """Return the interpretations of an environment, by default those of the project.
-
-    Raises:
-        UserError: they are no `ProcessConfig`.
-    """
-    return ProcessConfig() if process is None else taken("process", process, ProcessConfig)
-
-
-def lone(scenario: Scenario) -> Scenario:
+def lone(scenario: str | Scenario) -> str | Scenario:
     """The scenario, which must be of one robot.
 
     Raises:
-        UserError: it has more than one.
+        UserError: it has more than one, or cannot be used.
     """
-    if scenario.robots != 1:
+    if (robots := find_scenario(scenario).robots) != 1:
         raise UserError(
-            f"scenario {scenario.name} has {scenario.robots} robots, not one; use agent.envs."
+            f"scenario {shown(scenario)} has {robots} robots, not one; use agent.envs."
             "parallel_env, or gymnasium.make_vec with MiniRobots/Pair-v0 or MiniRobots/CoSimPair-v0"
         )
     return scenario

@@ -3,6 +3,7 @@
 import copy
 import math
 import pickle
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -11,7 +12,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import agent.envs
-from agent.envs.cosim_vector import CoSimVectorEnv
 from agent.envs.drive import DriveBoards, DriveEnv, DriveVectorEnv
 from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.state import StateError
@@ -22,6 +22,7 @@ from cosim.model.outcome import OUT_OF_BOARD, SUCCESS, TIMEOUT
 from cosim.model.world import World
 
 AHEAD = np.array([1.0, 0.0])
+driven_rows = partial(RobotsVectorEnv, scenario="1a", cosim=True)  # as of `CoSim-v0`
 
 
 def test_rows_have_the_bits_of_the_single_environment_and_of_a_restored_one():
@@ -135,7 +136,7 @@ def test_unusable_options_are_refused(options, said):
 
 
 @pytest.mark.parametrize("count", [0, -1, 1.5, "3", True, None])
-@pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv, RobotsVectorEnv])
+@pytest.mark.parametrize("kind", [DriveVectorEnv, driven_rows, RobotsVectorEnv])
 def test_other_numbers_of_boards_are_refused(kind, count):
     with pytest.raises(ConfigError, match="num_envs = "):
         kind(count)
@@ -195,7 +196,7 @@ def test_unusable_starts_and_actions_are_refused():
     env.close()
 
 
-@pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv])
+@pytest.mark.parametrize("kind", [DriveVectorEnv, driven_rows])
 def test_a_board_at_its_limit_of_steps_begins_again_while_others_continue(kind):
     env = kind(2, max_episode_steps=2)
     env.reset(seed=0)
@@ -207,7 +208,7 @@ def test_a_board_at_its_limit_of_steps_begins_again_while_others_continue(kind):
     env.close()
 
 
-@pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv])
+@pytest.mark.parametrize("kind", [DriveVectorEnv, driven_rows])
 def test_a_reset_of_some_dynamics_seeds_them_alone(kind):
     env, twin = kind(2), kind(2)
     for one in (env, twin):
@@ -218,7 +219,7 @@ def test_a_reset_of_some_dynamics_seeds_them_alone(kind):
     twin.close()
 
 
-@pytest.mark.parametrize("kind", [DriveVectorEnv, CoSimVectorEnv])
+@pytest.mark.parametrize("kind", [DriveVectorEnv, driven_rows])
 def test_a_refused_reset_changes_nothing(kind):
     env = kind(2)
     with pytest.raises(StartsError, match="have not begun"):

@@ -8,7 +8,6 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from agent.envs import single as envs
-from agent.envs.cosim_vector import CoSimVectorEnv
 from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.parallel import NavigationParallelEnv
 from agent.envs.vector import NavigationVectorEnv, RobotsVectorEnv
@@ -174,7 +173,7 @@ def test_native_vector_environment_is_the_synchronous_one_bit_for_bit(slip):
 
 def test_co_simulated_vector_environment_is_the_synchronous_one_bit_for_bit():
     native = gym.make_vec("MiniRobots/CoSim-v0", num_envs=3)
-    assert isinstance(native.unwrapped, CoSimVectorEnv)
+    assert isinstance(native.unwrapped, RobotsVectorEnv)
     plain = SyncVectorEnv(
         [lambda: gym.make("MiniRobots/CoSim-v0", decision="period")] * 3,
         autoreset_mode=AutoresetMode.NEXT_STEP,
@@ -240,13 +239,16 @@ def test_readings_without_effect_are_refused(reading, cosim, said):
             {"options": {"starts": [[[4, 4], [9, 9]]]}},
             r"starts = .*; give one to each of the 2 boards",
         ),
-        ({"options": {"starts": [[[4, 4]], [[9, 9]]]}}, r"starts of shape \(1, 2\)"),
+        (
+            {"options": {"starts": [[[4, 4]], [[9, 9]]]}},
+            r"starts = .* are no cells; .* \(2, 2\)",
+        ),
         ({"seed": [7]}, "1 seeds; give one to each of the 2 boards"),
         ({"seed": [1, 2, 3]}, "3 seeds"),
         ({"seed": [1, -3]}, "seed -3 is negative"),
         ({"options": {"start": [[3, 3], [9, 9]]}}, "no option 'start'; choose from starts, reset"),
-        ({"options": {"starts": [[[4, 4], [9, 9]], [[1, 1], [2]]]}}, "starts are no array"),
-        ({"options": {"starts": np.full((2, 2, 2), 3.9)}}, "type float64; give whole numbers"),
+        ({"options": {"starts": [[[4, 4], [9, 9]], [[1, 1], [2]]]}}, "are no cells"),
+        ({"options": {"starts": np.full((2, 2, 2), 3.9)}}, "are no cells; give whole numbers"),
     ],
 )
 def test_resets_of_another_number_of_boards_are_refused(arguments, said):
@@ -266,7 +268,7 @@ def test_a_refused_reset_changes_nothing():
         assert np.array_equal(a[0], b[0])
 
 
-@pytest.mark.parametrize("make", [envs.NavigationEnv, envs.parallel_env, CoSimVectorEnv])
+@pytest.mark.parametrize("make", [envs.NavigationEnv, envs.parallel_env, RobotsVectorEnv])
 def test_other_pictures_are_refused(make):
     with pytest.raises(UserError, match=r"render_mode 'human' .*choose ansi or rgb_array"):
         make(render_mode="human")
@@ -283,7 +285,7 @@ def test_a_single_environment_is_reset_first(cosim):
 
 
 def test_co_simulated_environments_begin_together():
-    env = CoSimVectorEnv(2)
+    env = RobotsVectorEnv(2, "1a", cosim=True)
     with pytest.raises(StartsError, match="have not begun; reset all"):
         env.reset(options={"reset_mask": np.array([True, False])})
     with pytest.raises(StartsError, match="off the 30 x 30 board"):
@@ -379,11 +381,11 @@ def test_a_reset_without_seed_goes_on_with_the_stream(make):
     assert any(cell != begun[0] for cell in cells)
 
 
-@pytest.mark.parametrize("action", [-1, 8, 1.5, None, [0]])
+@pytest.mark.parametrize("action", [-1, 8, 1.5, None, [0], [[0], [1, 2]]])
 def test_actions_that_are_no_directions_are_refused(action):
     env = envs.NavigationEnv("1a")
     env.reset(options={"starts": [[5, 5]]})
-    with pytest.raises(ActionError, match="is no direction; choose one from 0 to 7"):
+    with pytest.raises(ActionError, match=r"no direction.*; choose one .*from 0 to 7"):
         env.step(action)
     assert env.step(0)[0].tolist() == [6, 5]
 
@@ -391,10 +393,10 @@ def test_actions_that_are_no_directions_are_refused(action):
 @pytest.mark.parametrize(
     ("actions", "message"),
     [
-        ([0, 8], "action 8 of environment 1 is no direction"),
-        ([-1, 0], "action -1 of environment 0"),
-        ([0], "to each of the 2 environments"),
-        ([0.0, 1.0], "type float64; give one whole number"),
+        ([0, 8], "action 8 of robot_1 on board 1 is no direction"),
+        ([-1, 0], "action -1 of robot_1 on board 0"),
+        ([0], "for each of the 2 robots"),
+        ([0.0, 1.0], "are no directions; choose one whole number"),
     ],
 )
 def test_vector_environment_names_the_one_with_a_wrong_action(actions, message):

@@ -14,11 +14,11 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import agent.envs
 from agent import envs
-from agent.envs.cosim_vector import CoSimBoards, CoSimVectorEnv
+from agent.envs.cosim_vector import CoSimBoards
 from agent.envs.drive import DriveEnv, DriveVectorEnv
 from agent.envs.grid_episode import StartsError
 from agent.envs.state import ClosedError, StateError
-from agent.envs.vector import RobotRowsVectorEnv
+from agent.envs.vector import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
@@ -60,7 +60,7 @@ def begin(env):
         return
     robots = len(getattr(env, "possible_agents", [0]))
     boards = getattr(env, "num_envs", 0)
-    if isinstance(env, RobotRowsVectorEnv):
+    if isinstance(env, RobotsVectorEnv):
         robots, boards = env.scenario.robots, env.boards
     starts = np.array([[5, 20], [25, 9]])[:robots]
     env.reset(seed=3, options={"starts": np.stack([starts] * boards) if boards else starts})
@@ -206,7 +206,7 @@ def test_physics_are_options_of_environments():
 
 
 def test_worlds_are_drawn_with_the_seed():
-    env = CoSimVectorEnv(2, worlds=envs.WorldRange(mu=(0.1, 0.12)))
+    env = RobotsVectorEnv(2, "1a", cosim=True, worlds=envs.WorldRange(mu=(0.1, 0.12)))
     boards: Any = env._boards
 
     def drawn(seed):
@@ -219,7 +219,7 @@ def test_worlds_are_drawn_with_the_seed():
     assert all(0.1 <= config.robot.mu <= 0.12 for config in first)
     env.close()
     with pytest.raises(UserError, match=r"give agent\.envs\.WorldRange"):
-        CoSimVectorEnv(1, worlds={"mu": (0.1, 0.2)})
+        RobotsVectorEnv(1, "1a", cosim=True, worlds={"mu": (0.1, 0.2)})
 
 
 @pytest.mark.parametrize("make", [gym.make, lambda *a, **k: gym.make_vec(*a, num_envs=1, **k)])
@@ -248,3 +248,41 @@ def test_starts_that_all_touch_are_refused(cosim):
     touching = Scenario("touching", "", ((5, 5), (20, 20)), (((9, 9),), ((10, 9),)))
     with pytest.raises((ScenarioError, StartsError), match="starts leave hardly a combination"):
         agent.envs.parallel_env(touching, cosim=cosim).reset(seed=0)
+
+
+SLOPE = """
+[[robots]]
+target = [15, 18]
+starts = "top"
+
+[world]
+mu = 0.2
+"""
+
+
+@pytest.mark.parametrize("name", ["CoSim", "Drive"])
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_environments_are_in_the_world_of_a_scenario_file(make, name, tmp_path):
+    path = tmp_path / "rough.toml"
+    path.write_text(SLOPE)
+    env = make(f"MiniRobots/{name}-v0", scenario=str(path))
+    env.reset(seed=0)
+    boards: Any = env.unwrapped._boards
+    assert boards._episode(0).config.robot.mu == 0.2
+    env.close()
+    with pytest.raises(UserError, match="world"):
+        make("MiniRobots/SingleA-v0", scenario=str(path))
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_a_decision_has_no_effect_on_the_grid(make):
+    with pytest.raises(ConfigError, match="decision has no effect on the grid"):
+        make("MiniRobots/SingleA-v0", decision="period")
+
+
+@pytest.mark.parametrize("name", ["CoSim", "Drive"])
+def test_a_picture_needs_an_episode(name):
+    env = gym.make_vec(f"MiniRobots/{name}-v0", render_mode="rgb_array")
+    with pytest.raises(UserError, match=r"no episode has begun; call reset"):
+        env.render()
+    env.close()
