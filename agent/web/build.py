@@ -55,7 +55,7 @@ def compile_native(out: Path) -> None:
         BuildError: no compiler was found, or it failed.
     """
     target = ("-target", TARGETS[host_target()].triple) if "ziglang" in compiler_command() else ()
-    _compile((*target, "-shared", "-fPIC"), out)
+    _compile((*target, "-shared", "-fPIC", "-lm"), out)
 
 
 def cached_wasm() -> bytes:

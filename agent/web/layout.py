@@ -61,6 +61,11 @@ SETUP = _fields(
     shield=7,
     closed=1,
     patches=1,
+    spread=1,
+    motion=3,
+    camera=9,
+    filter=3,
+    within=2,
     start_quaternion=2,
     com_height_m=1,
     diameter_m=1,
@@ -107,6 +112,7 @@ TABLES = {
     "parking": ("double", "<f8"),  # the rest of them, and whose robot may enter each
     "owners": ("int32_t", "<i4"),
     "patches": ("double", "<f8"),  # left, bottom, right, top in m, and mu
+    "widths": ("double", "<f8"),  # of the layers that normal numbers are drawn by
     "bearings": ("uint8_t", "u1"),  # direction of another robot by its distance in x and y
     "best": ("uint8_t", "u1"),  # of each robot and state a bit for each direction of largest value
     "after": ("int32_t", "<i4"),  # see `agent.moves.pair.PairTimes`

@@ -17,13 +17,32 @@ from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.scenario import Scenario
 from cosim.model.world import IDEAL
+from cosim.onboard.camera import (
+    DELAY,
+    HEADING_VARIANCE,
+    INTERVAL,
+    POSITION_VARIANCE,
+    camera_of,
+    frames_in_flight,
+    frames_within,
+)
 from cosim.onboard.features import distance_thresholds
 from cosim.simulation.batch import floor_patches
 from cosim.simulation.measures import PATH_SAMPLING_S
 from fmus.variables import load_table
 
+_PCG64_FACTOR = 0x2360ED051FC65DA44385DF649FCCF645
+
 # What a page has of worlds.
-PLAYED = {"restitution", "mu", "mu_patches", "motor_speed_noise", "obstacles"}
+PLAYED = {
+    "restitution",
+    "mu",
+    "mu_patches",
+    "motor_speed_noise",
+    "motor_spread",
+    "obstacles",
+    "sensor",
+}
 
 
 class Packed(NamedTuple):
@@ -134,6 +153,11 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         "shield": config.shield or SHIELD,
         "closed": closed.shape[1],
         "patches": len(patches),
+        "spread": config.world.motor_spread or 0.0,
+        "motion": [steering[n] for n in ("drive_speed_m_s", "turn_rate_rad_s", "yaw_gain")],
+        "camera": _camera(config),
+        "filter": config.estimator,
+        "within": np.nextafter(scenario.size_m, 0.0),
         "start_quaternion": (math.cos(facing), math.sin(facing)),
         "com_height_m": config.robot.com_height_m,
         "diameter_m": plant.pair.diameter,
@@ -168,6 +192,8 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         "patches": patches,
         "bearings": bearings_by_offset(process),
     }
+    if config.world.motor_spread or config.world.camera.rate_hz:
+        tables["widths"] = _normal_widths()
     if isinstance(policy, PairPolicy):
         kept = policy.arrays()
         first = kept.get("first", np.zeros(policy.times.alone.shape, np.uint16))
@@ -180,3 +206,38 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         if name in tables
     }
     return Packed(setup, packed)
+
+
+def _camera(config: CoSimConfig) -> tuple[float, ...]:
+    sensor = config.world.camera
+    camera = camera_of(sensor, config.timing.control_period_s)
+    return (
+        *camera[[INTERVAL, DELAY]],
+        1e-3 * sensor.position_noise_mm,
+        math.radians(sensor.heading_noise_deg),
+        sensor.dropout,
+        *camera[[POSITION_VARIANCE, HEADING_VARIANCE]],
+        frames_in_flight(sensor),
+        frames_within(sensor, config.timing.rl_step_s),
+    )
+
+
+def _normal_widths() -> np.ndarray:
+    """Return the widths over 2^52 by which numpy draws normal numbers, shape (256,).
+
+    numpy multiplies one of them by a part of a random word; that word is made here.
+    """
+    bits = np.random.PCG64()
+    generator, widths = np.random.Generator(bits), np.empty(256)
+    for layer in range(256):
+        word = (1 << 49) + layer
+        # What the generator returns is the lower half of its next state while the upper one is 0.
+        before = (word - 1) * pow(_PCG64_FACTOR, -1, 1 << 128) % (1 << 128)
+        bits.state = {
+            "bit_generator": "PCG64",
+            "state": {"state": before, "inc": 1},
+            "has_uint32": 0,
+            "uinteger": 0,
+        }
+        widths[layer] = generator.standard_normal() / 2.0**40
+    return widths

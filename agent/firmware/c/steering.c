@@ -4,6 +4,11 @@
  * counter-clockwise. */
 #include "minirobot.h"
 
+/* For a filter of poses: the speed in m/s and the rate in rad/s that set points are for. */
+#ifndef NOTE_MOTION
+#define NOTE_MOTION(speed, rate)
+#endif
+
 static double size(double x) { return x < 0.0 ? -x : x; }
 
 static double least(double a, double b) { return b < a ? b : a; }
@@ -56,6 +61,7 @@ static void steer(Robot *robot, double x, double y, double heading, double set_p
         const double turn = error < 0.0 ? -TURN_SPEED_RAD_S : TURN_SPEED_RAD_S;
         set_points[MOTOR_D] = turn - added;
         set_points[MOTOR_E] = turn + added;
+        NOTE_MOTION(0.0, error < 0.0 ? -TURN_RATE_RAD_S : TURN_RATE_RAD_S);
         return;
     }
     const double wanted = HEADING_GAIN_1_S * error;
@@ -64,6 +70,7 @@ static void steer(Robot *robot, double x, double y, double heading, double set_p
     /* The faster motor stays below hopping; the difference is kept by slowing the other one. */
     const double speed = robot->sense > 0.0 ? FORWARD_SPEED_RAD_S : BACKWARD_SPEED_RAD_S;
     const double drive = robot->sense * least(speed, MAX_SPEED_RAD_S - size(difference));
+    NOTE_MOTION(robot->sense * DRIVE_SPEED_M_S, YAW_GAIN * difference);
     difference += added;
     set_points[MOTOR_D] = difference - drive;
     set_points[MOTOR_E] = difference + drive;

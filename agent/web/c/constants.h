@@ -34,6 +34,11 @@ extern int32_t present_robot; /* whose firmware runs, from 1 */
 #define MAX_DIFFERENCE_RAD_S setup.steering[8]
 #define LOOKAHEAD_M setup.steering[9]
 #define LEAST_LOOKAHEAD_M setup.steering[10]
+#define DRIVE_SPEED_M_S setup.motion[0]
+#define TURN_RATE_RAD_S setup.motion[1]
+#define YAW_GAIN setup.motion[2]
+#define NOTE_MOTION(speed, rate) (noted_motion[0] = (speed), noted_motion[1] = (rate))
+static double noted_motion[2]; /* of the present robot */
 #define NEAR_SQUARED ((int32_t)setup.near_squared)
 #define MEDIUM_SQUARED ((int32_t)setup.medium_squared)
 #define STRIDE_X ((int32_t)setup.strides[0])

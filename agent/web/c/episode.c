@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "body.h"
+#include "camera.h"
 #include "layout.h"
 #include "motor.h"
 #include "noise.h"
@@ -20,7 +21,7 @@ enum { RUNNING, TIMEOUT, SUCCESS, COLLISION, OUT_OF_BOARD, NO_STARTS = -1 };
 /* Children of a seed: of an episode's starts and noise. */
 enum { START_CHILD, NOISE_CHILD };
 /* Of the noise's child, whose first ones the motors have. */
-enum { DETOUR_CHILD = 3000000 };
+enum { WORLD_CHILD = 1000000, CAMERA_CHILD = 2000000, DETOUR_CHILD = 3000000 };
 
 Setup setup;
 Tables table;
@@ -37,7 +38,8 @@ typedef struct {
 } Shaken;
 
 static BodyConstants constants_of[MOST_ROBOTS];
-static Mount mounts[MOTORS];
+static Mount mounts[MOST_ROBOTS][MOTORS];
+static Watched watched[MOST_ROBOTS];
 static Body bodies[MOST_ROBOTS];
 static Shaken motors[MOST_ROBOTS][MOTORS];
 static Known known;
@@ -58,6 +60,11 @@ EXPORT void *episode_table(int which, size_t size) {
     void **place = (void **)&table + which;
     free(*place);
     return *place = size ? malloc(size) : NULL;
+}
+
+static double between(double x, double low, double high) {
+    const double raised = x > low ? x : low;
+    return raised < high ? raised : high;
 }
 
 static int robot_count(void) { return (int)setup.robots; }
@@ -84,10 +91,11 @@ static void derive(void) {
                     .spin_inertia = setup.spin_inertia,
                     .tolerance = setup.tolerance},
     };
-    for (int i = 0; i < MOST_ROBOTS; i++)
+    for (int i = 0; i < MOST_ROBOTS; i++) {
         constants_of[i] = constants;
-    for (int k = 0; k < MOTORS; k++)
-        mounts[k] = mount(setup.mounts + 7 * k);
+        for (int k = 0; k < MOTORS; k++)
+            mounts[i][k] = mount(setup.mounts + 7 * k);
+    }
 }
 
 static double from_angle(Quaternion q) {
@@ -104,6 +112,28 @@ static void look(int i) {
     known.positions[i][0] = bodies[i].position.x;
     known.positions[i][1] = bodies[i].position.y;
     known.headings[i] = from_angle(bodies[i].orientation);
+    known.variances[i] = 0.0;
+}
+
+/* Look at a robot through the camera. */
+static void look_through(int i) {
+    Watched *w = &watched[i];
+    look(i);
+    take_look(w, (Pose){known.positions[i][0], known.positions[i][1], known.headings[i]});
+    known.positions[i][0] = w->now.pose.x;
+    known.positions[i][1] = w->now.pose.y;
+    known.headings[i] = w->now.pose.heading;
+    known.variances[i] = variance_of(&w->now);
+}
+
+/* K_T, R, J and r of a motor of its own. */
+static void spread_motor(int i, int k, Random *random) {
+    MotorConstants *p = &motors[i][k].constants;
+    double *values[] = {&p->K_T, &p->R, &p->J, &p->r};
+    for (int j = 0; j < 4; j++)
+        *values[j] *= 1.0 + setup.spread * between(next_normal(random), -3.0, 3.0);
+    mounts[i][k].r = p->r;
+    mounts[i][k].J = p->J;
 }
 
 /* The friction coefficients that are under a robot's feet: `feel_patches` of
@@ -151,8 +181,10 @@ static void show(void);
 EXPORT int episode_begin(double seed, uint32_t number) {
     const uint32_t start_keys[] = {number, START_CHILD};
     const uint32_t detour_keys[] = {number, NOISE_CHILD, DETOUR_CHILD};
+    const uint32_t world_keys[] = {number, NOISE_CHILD, WORLD_CHILD};
     int32_t starts[MOST_ROBOTS][2];
     Random random = random_of((uint64_t)seed, start_keys, 2);
+    Random world = random_of((uint64_t)seed, world_keys, 3);
     derive();
     view = (View){0};
     tick = period_of_step = periods_since_point = 0;
@@ -167,6 +199,8 @@ EXPORT int episode_begin(double seed, uint32_t number) {
                                            up ? setup.start_quaternion[1]
                                               : -setup.start_quaternion[1]}};
         look(i);
+        const uint32_t camera_keys[] = {number, NOISE_CHILD, CAMERA_CHILD + (uint32_t)i};
+        watch(&watched[i], random_of((uint64_t)seed, camera_keys, 3));
         last_points[i][0] = x;
         last_points[i][1] = y;
         for (int k = 0; k < MOTORS; k++) {
@@ -176,6 +210,8 @@ EXPORT int episode_begin(double seed, uint32_t number) {
             for (int j = 0; j < PARAMETER_COUNT; j++)
                 motor->constants.value[j] = setup.motor[j];
             motor->constants.closed_loop = true;
+            if (setup.spread > 0.0)
+                spread_motor(i, k, &world);
             motor_derive(&motor->constants);
             motor->x = motor_start(&motor->constants);
         }
@@ -198,10 +234,14 @@ static MotorDrive drive_of(const Shaken *motor) {
 static void begin_period(void) {
     const double reach = setup.diameter_m + NEAR_M;
     pair_count = 0;
+    for (int i = 0; i < robot_count() && INTERVAL > 0.0; i++)
+        look_through(i);
     onboard_guard(&known);
     for (int i = 0; i < robot_count(); i++) {
-        double set_points[MOTORS];
-        onboard_steer(i, &known, set_points);
+        double set_points[MOTORS], motion[2];
+        onboard_steer(i, &known, set_points, motion);
+        take_command(&watched[i], motion[0], motion[1], set_points[0] != 0.0 || set_points[1] != 0.0,
+                     setup.control_period_s);
         feel_patches(i);
         touching[i] = 0.0;
         for (int k = 0; k < FOOT_COUNT; k++)
@@ -232,11 +272,6 @@ static Shaft turn(Shaken *motor) {
     const double torque = motor->drive.torque;
     const double direction = motor_direction(p, motor->x.omega, torque);
     return (Shaft){motor->x.theta, motor->x.omega, motor_acceleration(p, torque, direction)};
-}
-
-static double between(double x, double low, double high) {
-    const double raised = x > low ? x : low;
-    return raised < high ? raised : high;
 }
 
 /* The contact impulse between two robots: `push_apart` of cosim/physics/collision.py in C. */
@@ -297,8 +332,8 @@ static void push_off(int i, const double wall[4]) {
 
 static void step_tick(void) {
     for (int i = 0; i < robot_count(); i++) {
-        const Wrench d = motor_wrench(mounts[0], turn(&motors[i][0]));
-        const Wrench e = motor_wrench(mounts[1], turn(&motors[i][1]));
+        const Wrench d = motor_wrench(mounts[i][0], turn(&motors[i][0]));
+        const Wrench e = motor_wrench(mounts[i][1], turn(&motors[i][1]));
         /* Forces of motors have no part along y. */
         const Wrench both = {{d.force.x + e.force.x, 0.0, d.force.z + e.force.z},
                              {d.moment.x + e.moment.x, d.moment.y + e.moment.y,
@@ -373,8 +408,24 @@ static void show(void) {
     }
 }
 
+/* No robot that is asked estimates itself off the board. */
+static void begin_step(void) {
+    Known asked = known;
+    for (int i = 0; i < robot_count() && INTERVAL > 0.0; i++) {
+        draw_sights(&watched[i]);
+        for (int k = 0; k < 2; k++)
+            asked.positions[i][k] = between(asked.positions[i][k], 0.0, setup.within[k]);
+    }
+    onboard_decide(&asked);
+}
+
 static void end_step(int event) {
-    const bool all = onboard_arrive(known.positions);
+    double positions[MOST_ROBOTS][2];
+    for (int i = 0; i < robot_count(); i++) {
+        positions[i][0] = bodies[i].position.x;
+        positions[i][1] = bodies[i].position.y;
+    }
+    const bool all = onboard_arrive(positions);
     period_of_step = 0;
     view.steps++;
     if (event != RUNNING)
@@ -390,7 +441,7 @@ EXPORT int episode_advance(int periods) {
     while (periods-- > 0 && outcome == RUNNING) {
         int event = RUNNING;
         if (period_of_step == 0)
-            onboard_decide(&known);
+            begin_step();
         begin_period();
         for (int k = 0; k < (int)setup.ticks_per_period; k++)
             step_tick();
@@ -398,7 +449,8 @@ EXPORT int episode_advance(int periods) {
         for (int i = 0; i < robot_count(); i++) {
             const int its = event_of(i);
             event = its > event ? its : event;
-            look(i);
+            if (!(INTERVAL > 0.0)) /* what decides next knows the pose of now */
+                look(i);
         }
         add_to_path();
         if (++period_of_step == (int64_t)setup.decision_periods || event != RUNNING)

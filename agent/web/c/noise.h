@@ -3,8 +3,11 @@
 #ifndef NOISE_H
 #define NOISE_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
+
+#include "layout.h"
 
 typedef unsigned __int128 Wide;
 
@@ -87,6 +90,29 @@ static uint32_t next_index(Random *random, uint32_t count) {
         while ((uint32_t)product < -count % count)
             product = (uint64_t)next_half(random) * count;
     return (uint32_t)(product >> 32);
+}
+
+static double bell(double x) { return exp(-0.5 * x * x); }
+
+/* Normally distributed: numpy's ziggurat of 256 layers (Marsaglia and Tsang, 2000), whose widths over
+ * 2^52 are a table. The tail is a library's logarithm, whose last bit may differ. */
+static double next_normal(Random *random) {
+    const double start = 3.6541528853610088, inverse = 0.27366123732975827; /* of the tail */
+    for (;;) {
+        const uint64_t word = next_word(random), size = word >> 9 & UINT64_C(0xfffffffffffff);
+        const int k = (int)(word & 0xff);
+        const double inner = k == 1 ? 0.0 : 0x1p52 * table.widths[k ? k - 1 : 255];
+        const double x = (double)size * table.widths[k], sign = word & 0x100 ? -1.0 : 1.0;
+        if (x < inner || (k && (bell(inner) - bell(0x1p52 * table.widths[k])) * next_double(random) +
+                                   bell(0x1p52 * table.widths[k]) < bell(x)))
+            return sign * x;
+        while (k == 0) {
+            const double beyond = -inverse * log1p(-next_double(random));
+            const double drawn = -log1p(-next_double(random));
+            if (drawn + drawn > beyond * beyond)
+                return size >> 8 & 1 ? -(start + beyond) : start + beyond;
+        }
+    }
 }
 
 #endif

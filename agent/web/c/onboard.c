@@ -110,9 +110,12 @@ void onboard_guard(const Known *known) {
     guard(seen, known->headings, known->variances);
 }
 
-void onboard_steer(int robot, const Known *known, double set_points[2]) {
+void onboard_steer(int robot, const Known *known, double set_points[2], double motion[2]) {
     const double *at = known->positions[robot];
+    noted_motion[0] = noted_motion[1] = 0.0;
     robot_steer(&robot_of[robot], at[0], at[1], known->headings[robot], set_points);
+    motion[0] = noted_motion[0];
+    motion[1] = noted_motion[1];
 }
 
 bool onboard_arrive(const double positions[][2]) {

@@ -23,8 +23,9 @@ void onboard_decide(const Known *known);
 /* Let the shield stop robots, where it is on. Once in every control period. */
 void onboard_guard(const Known *known);
 
-/* Set points of a robot's motors D and E in rad/s for a control period. */
-void onboard_steer(int robot, const Known *known, double set_points[2]);
+/* Set points of a robot's motors D and E in rad/s for a control period, and the speed in m/s and the
+ * rate in rad/s that they are for. */
+void onboard_steer(int robot, const Known *known, double set_points[2], double motion[2]);
 
 /* Judge the moves at the end of an RL step by true positions; whether all robots have arrived. */
 bool onboard_arrive(const double positions[][2]);

@@ -76,6 +76,19 @@ def test_tables_of_all_features_decide_as_the_policy_does(library):
     compare(library, policy, range(3), time_limit=60.0)
 
 
+def test_unequal_motors_seen_by_a_camera_have_the_bits_of_the_kernels(library):
+    policy = random_policy(find_scenario("4-ring"), "xydgb", np.random.default_rng(3))
+    world = "cosim/model/worlds/rough.toml"
+    compare(library, policy, [1], world=world, shield=True, time_limit=30.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["1a", "2", "4", "5-doorway"])
+def test_a_rough_world_has_the_bits_of_the_kernels(library, name):
+    policy = agent.train(name, method="shortest")
+    compare(library, policy, range(4), world="cosim/model/worlds/rough.toml", time_limit=100.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["2", "4", "5-doorway"])
 def test_the_shield_has_the_bits_of_the_kernels(library, name):
@@ -122,8 +135,7 @@ def test_options_that_a_page_lacks_are_refused_by_name(options, named):
 @pytest.mark.parametrize(
     "world",
     [
-        {"sensor": {"rate_hz": 30.0}},
-        {"motor_spread": 0.05},
+        {"payload_g": 5.0},
         {"floor_tilt_deg": 1.0},
         {"edge": True},
     ],
