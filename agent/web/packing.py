@@ -16,7 +16,7 @@ from cosim.coupling.assembly import new_plant
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.scenario import Scenario
-from cosim.model.world import IDEAL
+from cosim.model.world import IDEAL, motor_phases
 from cosim.onboard.camera import (
     DELAY,
     HEADING_VARIANCE,
@@ -27,22 +27,16 @@ from cosim.onboard.camera import (
     frames_within,
 )
 from cosim.onboard.features import distance_thresholds
+from cosim.physics.properties import body_params
 from cosim.simulation.batch import floor_patches
 from cosim.simulation.measures import PATH_SAMPLING_S
 from fmus.variables import load_table
 
-_PCG64_FACTOR = 0x2360ED051FC65DA44385DF649FCCF645
-
-# What a page has of worlds.
-PLAYED = {
-    "restitution",
-    "mu",
-    "mu_patches",
-    "motor_speed_noise",
-    "motor_spread",
-    "obstacles",
-    "sensor",
+PLAYED = {  # fields of worlds that a page has
+    *("restitution", "mu", "mu_patches", "motor_speed_noise", "motor_spread", "obstacles"),
+    *("payload_g", "payload_offset_mm", "motor_phases_deg", "sensor"),
 }
+_PCG64_FACTOR = 0x2360ED051FC65DA44385DF649FCCF645
 
 
 class Packed(NamedTuple):
@@ -78,7 +72,6 @@ def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
     Raises:
         ConfigError: the configuration has it; the message names the options.
     """
-    world, ideal = config.world, IDEAL
     lacking = {
         "--open-loop": bool(config.open_loop),
         "--reaction": config.reaction,
@@ -87,9 +80,9 @@ def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
         "--motor-fmu": bool(config.motor_fmu),
         "--motor-parameter": bool(config.motor_parameters),
     }
-    for field in world.__struct_fields__:
+    for field in config.world.__struct_fields__:
         if field not in PLAYED:
-            lacking[f"{field} in --world"] = getattr(world, field) != getattr(ideal, field)
+            lacking[f"{field} in --world"] = getattr(config.world, field) != getattr(IDEAL, field)
     found = [name for name, asked in lacking.items() if asked]
     if found:
         raise ConfigError(f"a page has nothing for {', '.join(found)}; leave it out")
@@ -114,7 +107,8 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
     require_playable(scenario, config)
     plant = new_plant(config, scenario.robots, end_on_collision=config.on_collision == "end")
     process, thresholds, timing = policy.process, distance_thresholds(scenario), config.timing
-    body, contact, ticks = plant.body, plant.body.contact, config.ticks_per_period
+    body = body_params(config.robot, config.motor, timing.dt_s, world=config.world)
+    contact, ticks = body.contact, config.ticks_per_period
     steering = config.steering._asdict()
     forbidden, closed = scenario.forbidden * scenario.cell_m, scenario.closed * scenario.cell_m
     (parking, owners), patches = scenario.parking, floor_patches(scenario, config)
@@ -166,6 +160,8 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         "inverse_mass": body.inverse_mass,
         "inertia": body.inertia,
         "inverse_inertia": body.inverse_inertia,
+        "products": (body.product, body.inverse_product),
+        "phases": np.nan_to_num(motor_phases(config.world, scenario.robots)),
         "centre": body.centre,
         "gravity": body.gravity[2],
         "restitution": config.world.restitution or 0.0,

@@ -17,6 +17,7 @@ from agent.web.packing import pack
 from cosim.base.storage import replacing
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
+from cosim.simulation.batch import floor_patches
 
 PARTS = Path(__file__).with_name("page")
 SCRIPTS = ("board.js", "plot.js", "main.js")
@@ -51,11 +52,13 @@ def render_page(
             "zone": scenario.zone,
             "targets": scenario.targets,
             "walls": (scenario.walls * scenario.cell_m).tolist(),
+            "patches": floor_patches(scenario, config).tolist(),
             "maps": _maps(policy),
         },
         "layout": {"setup": SETUP, "view": VIEW},
         "seed": seed,
         "mu": config.robot.mu,
+        "shielded": config.shield is not None,
         "noise": config.noise.relative_amplitude,
         "setup": _kept(packed.setup.tobytes()),
         "tables": [_kept(packed.tables.get(name, empty).tobytes()) for name in TABLES],

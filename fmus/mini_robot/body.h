@@ -9,6 +9,7 @@
 typedef struct {
     double inverse_mass;
     Vector inertia, inverse_inertia; /* about the centre of mass, body frame */
+    double product, inverse_product; /* elements xy of both tensors, 0 unless off the axis */
     double centre_x, centre_y;       /* of mass, from the robot's axis */
     double gravity, mu[FOOT_COUNT], restitution; /* mu under feet A, B, C */
     double dt, inverse_dt;
@@ -42,9 +43,16 @@ INLINE Vector at_axis(Vector velocity, Vector omega, const BodyConstants *p) {
                     velocity.z - (p->centre_y * omega.x - p->centre_x * omega.y)};
 }
 
+/* Product of a tensor, whose only other element is xy, and a vector. */
+INLINE Vector tensor_times(Vector diagonal, double product, Vector v, const BodyConstants *p) {
+    const Vector t = times(diagonal, v);
+    return is_off_axis(p) ? (Vector){t.x + product * v.y, t.y + product * v.x, t.z} : t;
+}
+
 /* The angular velocity after a moment has acted for dt. */
 INLINE Vector body_turned(Vector omega, Vector moment, const BodyConstants *p) {
-    return plus(omega, 1.0, times(scaled(p->dt, p->inverse_inertia), moment));
+    const Vector inverse = scaled(p->dt, p->inverse_inertia);
+    return plus(omega, 1.0, tensor_times(inverse, p->dt * p->inverse_product, moment, p));
 }
 
 /* Angular velocity after dt without any moment: implicit midpoint rule, two iterations. */
@@ -52,7 +60,7 @@ INLINE Vector body_spun(Vector omega, const BodyConstants *p) {
     Vector middle = omega, after = omega;
     for (int k = 0; k < 2; k++) {
         /* Eq. (2), left side */
-        after = body_turned(omega, cross(times(p->inertia, middle), middle), p);
+        after = body_turned(omega, cross(tensor_times(p->inertia, p->product, middle, p), middle), p);
         middle = (Vector){0.5 * (omega.x + after.x), 0.5 * (omega.y + after.y),
                           0.5 * (omega.z + after.z)};
     }
@@ -78,7 +86,8 @@ INLINE Pushed with_impulses(Vector velocity, Vector omega, const BodyConstants *
         foot.z * total.x - (foot.x * both.z + x_b * b.z),
         foot.x * both.y + x_b * b.y - foot.y * (a.x - c.x),
     };
-    const Vector turn = times(p->inverse_inertia, about_centre(twist, total, p));
+    const Vector turn =
+        tensor_times(p->inverse_inertia, p->inverse_product, about_centre(twist, total, p), p);
     return (Pushed){plus(velocity, p->inverse_mass, total), plus(omega, 1.0, turn), total};
 }
 

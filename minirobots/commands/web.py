@@ -48,8 +48,10 @@ def run(options: Web, progress: Progress) -> dict[str, Any]:
     scenario, config, _ = resolve(options.physics, options.scenario, progress)
     about = (
         f"The policy is by the method {method_name(policy)}. Motors, bodies and steering are the "
-        "C of the FMUs and the firmware, compiled to WebAssembly. Another friction changes the "
-        f"floor; set points stay those calibrated for {config.robot.mu:g}."
+        "C of the FMUs and the firmware, compiled to WebAssembly. An episode is the first one of "
+        "`minirobots run --portable` with its seed and the options of the page, in every bit. "
+        "Another friction changes the floor; set points stay those calibrated for "
+        f"{config.robot.mu:g}."
     )
     write_page(out, policy, scenario, config, wasm, options.seed, about)
     return {"page": str(out), "bytes": out.stat().st_size}

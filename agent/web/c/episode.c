@@ -78,6 +78,8 @@ static void derive(void) {
         .inverse_mass = setup.inverse_mass,
         .inertia = vector(setup.inertia),
         .inverse_inertia = vector(setup.inverse_inertia),
+        .product = setup.products[0],
+        .inverse_product = setup.products[1],
         .centre_x = setup.centre[0],
         .centre_y = setup.centre[1],
         .gravity = setup.gravity,
@@ -210,6 +212,7 @@ EXPORT int episode_begin(double seed, uint32_t number) {
             for (int j = 0; j < PARAMETER_COUNT; j++)
                 motor->constants.value[j] = setup.motor[j];
             motor->constants.closed_loop = true;
+            motor->constants.theta_start = setup.phases[MOTORS * i + k];
             if (setup.spread > 0.0)
                 spread_motor(i, k, &world);
             motor_derive(&motor->constants);
@@ -220,6 +223,31 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     outcome = RUNNING;
     show();
     return outcome;
+}
+
+/* Set a robot down elsewhere, at rest; whether there is room. */
+EXPORT bool episode_place(int i, double x, double y) {
+    const double radius = 0.5 * setup.diameter_m;
+    bool free = 0.0 < x && x < setup.size[0] && 0.0 < y && y < setup.size[1];
+    for (int j = 0; j < robot_count(); j++) {
+        const double dx = bodies[j].position.x - x, dy = bodies[j].position.y - y;
+        free &= j == i || dx * dx + dy * dy > setup.diameter_m * setup.diameter_m;
+    }
+    for (const double *e = table.walls; e < table.walls + 4 * (int)setup.walls; e += 4) {
+        const double dx = x - between(x, e[0], e[2]), dy = y - between(y, e[1], e[3]);
+        free &= dx * dx + dy * dy > radius * radius;
+    }
+    if (!free || outcome != RUNNING)
+        return false;
+    const Quaternion q = bodies[i].orientation;
+    const double norm = square_root(q.w * q.w + q.z * q.z);
+    bodies[i] = (Body){.position = {x, y, setup.com_height_m},
+                       .orientation = {q.w / norm, 0.0, 0.0, q.z / norm}};
+    last_points[i][0] = x;
+    last_points[i][1] = y;
+    look(i);
+    show();
+    return true;
 }
 
 static void draw_noise(Shaken *motor) {

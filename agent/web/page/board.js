@@ -35,9 +35,14 @@ class Board {
     });
   }
 
-  robotAt(event, robots) {
+  // Place of a pointer in m.
+  placeOf(event) {
     const box = this.canvas.getBoundingClientRect();
-    const x = (event.clientX - box.left) / this.scale, y = this.rows_m - (event.clientY - box.top) / this.scale;
+    return [(event.clientX - box.left) / this.scale, this.rows_m - (event.clientY - box.top) / this.scale];
+  }
+
+  robotAt(event, robots) {
+    const [x, y] = this.placeOf(event);
     return robots.findIndex((r) => Math.hypot(r.x - x, r.y - y) < this.scenario.diameter_m / 2);
   }
 
@@ -106,6 +111,17 @@ class Board {
 
   drawCells(g) {
     const { columns, rows, cell_m: cell, targets, walls, zone } = this.scenario;
+    g.font = "14px system-ui, sans-serif";
+    for (const [left, bottom, right, top, mu] of this.scenario.patches) {
+      g.fillStyle = css("--patch");
+      g.fillRect(left, bottom, right - left, top - bottom);
+      g.save();
+      g.translate(left, top);
+      g.scale(1 / this.scale, -1 / this.scale);
+      g.fillStyle = css("--quiet");
+      g.fillText(`µ ${mu}`, 4, 16);
+      g.restore();
+    }
     g.strokeStyle = css("--line");
     g.lineWidth = 1 / this.scale;
     g.strokeRect(zone[0] * cell, zone[1] * cell, (zone[2] - zone[0] + 1) * cell, (zone[3] - zone[1] + 1) * cell);

@@ -28,7 +28,7 @@ const plots = ["omega", "voltage", "force"].map((name) => {
   }[name];
   return [name, new Plot($(name), $(`${name}-title`), title, unit, names)];
 });
-let before, now, playing = false, ready = false, selected = 0, waiting, pace = { wall: 0, time: 0 };
+let before, now, playing = false, ready = false, selected = 0, waiting, moved = false, dragged = null, pace = { wall: 0, time: 0 };
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
@@ -78,7 +78,8 @@ function take({ kind, view, playing: plays = false }) {
   ready = true;
   for (const id of ["play", "step", "restart"]) $(id).disabled = false;
   $("step").disabled = now.outcome !== 0;
-  $("outcome").textContent = OUTCOMES[now.outcome];
+  moved = kind === "placed" || (moved && kind !== "begun");
+  $("outcome").textContent = OUTCOMES[now.outcome] + (moved ? ", moved by hand" : "");
 }
 
 function setPlaying(plays) {
@@ -125,7 +126,10 @@ function numberOf(id, name) {
   return value;
 }
 
-const options = () => ({ seed: numberOf("seed", "seed"), mu: numberOf("mu", "friction"), noise: numberOf("noise", "speed noise") });
+const options = () => ({
+  seed: numberOf("seed", "seed"), mu: numberOf("mu", "friction"), noise: numberOf("noise", "speed noise"),
+  shielded: data.shielded && $("shielded").checked ? 1 : 0,
+});
 
 function send(message) {
   try {
@@ -174,9 +178,32 @@ function listen() {
   };
   $("restart").onclick = restart;
   $("speed").onchange = () => playing && play(true);
-  for (const id of ["seed", "mu", "noise"]) $(id).onchange = restart;
+  for (const id of ["seed", "mu", "noise", "shielded"]) $(id).onchange = restart;
   $("robot").onchange = () => choose(Number($("robot").value));
-  $("board").onclick = (event) => choose(board.robotAt(event, now.robots));
+  const place = (robot, x, y) => send({ action: "place", robot, x, y });
+  $("board").onpointerdown = (event) => {
+    const robot = now ? board.robotAt(event, now.robots) : -1;
+    if (robot < 0) return;
+    choose(robot);
+    $("board").setPointerCapture(event.pointerId);
+    dragged = { robot, from: [event.clientX, event.clientY] };
+  };
+  $("board").onpointermove = (event) => {
+    if (!dragged || Math.hypot(event.clientX - dragged.from[0], event.clientY - dragged.from[1]) < 4) return;
+    dragged.from = [-1e9, 0]; // no click any more
+    place(dragged.robot, ...board.placeOf(event));
+  };
+  $("board").onpointerup = $("board").onpointercancel = () => (dragged = null);
+  $("board").addEventListener("touchstart", (event) => {
+    if (now && board.robotAt(event.touches[0], now.robots) >= 0) event.preventDefault(); // no scrolling
+  }, { passive: false });
+  $("board").onkeydown = (event) => {
+    const by = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] }[event.key];
+    if (!by) return;
+    event.preventDefault();
+    const { x, y } = now.robots[selected];
+    place(selected, x + by[0] * scenario.cell_m, y + by[1] * scenario.cell_m);
+  };
   $("controls").onsubmit = (event) => event.preventDefault();
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -188,6 +215,9 @@ function listen() {
     }
   });
 }
+
+// What is shown, for tests.
+window.shown = () => ({ robots: now.robots.map(({ x, y }) => [x, y]), scale: board.scale, rows_m: board.rows_m });
 
 // An episode as fast as it goes: how it ended, and positions at the end of every decision step.
 window.recordEpisode = (given) =>
@@ -202,6 +232,7 @@ async function start() {
   $("mu").value = data.mu;
   $("noise").value = data.noise;
   $("seed").value = data.seed;
+  $("with-shield").hidden = !data.shielded;
   const [wasm, setup, ...tables] = await Promise.all([data.wasm, data.setup, ...data.tables].map(inflated));
   listen();
   worker.postMessage({ action: "load", wasm, layout, setup: new Float64Array(setup), tables });

@@ -30,9 +30,10 @@ function load(message) {
   });
 }
 
-function begin({ seed, mu, noise }) {
+function begin({ seed, mu, noise, shielded }) {
   setup()[layout.setup.mu[0]] = mu;
   setup()[layout.setup.noise[0]] = noise;
+  setup()[layout.setup.shielded[0]] = shielded;
   if (c.episode_begin(seed, 0) < 0) throw new Error("the robots' start cells leave no room");
   playing = false;
   post("begun");
@@ -85,6 +86,9 @@ const actions = {
     speed = message.speed;
     resume();
     if (playing && !before) play();
+  },
+  place({ robot, x, y }) {
+    if (c.episode_place(robot, x, y)) post("placed", { playing });
   },
   step() {
     c.episode_advance(periodsOfStep());

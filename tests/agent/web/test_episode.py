@@ -82,6 +82,13 @@ def test_unequal_motors_seen_by_a_camera_have_the_bits_of_the_kernels(library):
     compare(library, policy, [1], world=world, shield=True, time_limit=30.0)
 
 
+def test_loads_and_phases_have_the_bits_of_the_kernels(library):
+    policy = random_policy(find_scenario("4-ring"), "xydgb", np.random.default_rng(3))
+    load = {"payload_g": 5.0, "payload_offset_mm": (4.0, -3.0), "restitution": 0.2}
+    world = load | {"motor_phases_deg": tuple(range(0, 320, 40))}
+    compare(library, policy, [2], world=world, on_collision="continue", time_limit=16.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["1a", "2", "4", "5-doorway"])
 def test_a_rough_world_has_the_bits_of_the_kernels(library, name):
@@ -135,7 +142,6 @@ def test_options_that_a_page_lacks_are_refused_by_name(options, named):
 @pytest.mark.parametrize(
     "world",
     [
-        {"payload_g": 5.0},
         {"floor_tilt_deg": 1.0},
         {"edge": True},
     ],

@@ -1,8 +1,10 @@
 """The page in a browser, opened from disk: its bits, and what people see and do."""
 
 import json
+import math
 import shutil
 
+import numpy as np
 import pytest
 from playwright.sync_api import sync_playwright
 
@@ -11,10 +13,13 @@ from agent.web.build import cached_wasm
 from agent.web.page import write_page
 from cosim.model.outcome import BY_RANK, Outcome
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions, resolve
+from tests.agent.firmware.test_firmware import random_policy
 from tests.references.web_episode import steps_of
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+PATCH = {"cells": (10, 8, 20, 13), "mu": 0.3}
 LOADED = "!document.getElementById('play').disabled || window.pageError"
 HOSTILE = "</script><script>window.hacked = true</script>{data}"
 
@@ -107,6 +112,50 @@ def test_page_is_played_by_keys_on_a_phone(browser, tmp_path, scheme):
     page.fill("#mu", "0.2")
     page.keyboard.press("Enter")
     page.wait_for_function("document.getElementById('error').hidden")
+    assert said == []
+
+
+@pytest.mark.browser
+def test_robots_are_dragged_to_where_there_is_room(browser, tmp_path):
+    policy = random_policy(find_scenario("2"), "xy", np.random.default_rng(0))
+    written(tmp_path / "page.html", policy, world={"mu_patches": [PATCH]}, shield=True)
+    page, said = opened(browser, tmp_path / "page.html", viewport={"width": 1200, "height": 900})
+    page.wait_for_function("shown().scale")
+    shown, box = page.evaluate("shown()"), page.locator("#board").bounding_box()
+    before, scale, rows_m = shown["robots"], shown["scale"], shown["rows_m"]
+
+    def pixel(x, y):
+        return box["x"] + x * scale, box["y"] + (rows_m - y) * scale
+
+    page.mouse.move(*pixel(*before[0]))
+    page.mouse.down()
+    page.mouse.move(*pixel(0.15, 0.15), steps=2)
+    page.mouse.move(*pixel(*before[1]))  # where the other robot is
+    page.mouse.up()
+    page.wait_for_function("document.getElementById('outcome').textContent.includes('by hand')")
+    after = page.evaluate("shown().robots")
+    assert after[0] != before[0]
+    assert math.dist(after[0], after[1]) > 0.06
+    assert after[1] == before[1]
+    page.focus("#board")
+    page.keyboard.press("ArrowUp")
+    page.wait_for_function(f"Math.abs(shown().robots[0][1] - {after[0][1] + 0.01}) < 1e-9")
+    page.keyboard.press("r")
+    page.wait_for_function("document.getElementById('outcome').textContent === 'running'")
+    assert page.evaluate("shown().robots") == before
+    page.uncheck("#shielded")
+    assert said == []
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_a_rough_world_with_a_shield_has_the_bits_of_the_co_simulation(browser, tmp_path):
+    policy = agent.train("4", method="shortest")
+    world, path = "cosim/model/worlds/rough.toml", tmp_path / "page.html"
+    setup = written(path, policy, "4", world=world, shield=True, time_limit=120.0)
+    page, said = opened(browser, path)
+    for seed in range(5):
+        compare(page, policy, setup, seed)
     assert said == []
 
 
