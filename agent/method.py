@@ -22,7 +22,7 @@ from agent.mdp.readings import MAX_JOINT_STATES
 from agent.moves import bound, group, pair
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
-from agent.moves.worlds import RANGES, Ranges
+from agent.moves.worlds import RANGES, WorldRange
 from agent.training.group_policy import GroupPolicy, can_plan
 from agent.training.loop import TrainingLog, TrainingProgress
 from agent.training.pair_policy import PairPolicy
@@ -42,7 +42,7 @@ from cosim.simulation.options import DecisionOptions, Physics
 class MoveSource(NamedTuple):
     """Moves that a method learns on: of which worlds, and whether robots drive through cells."""
 
-    worlds: Ranges | None = None
+    worlds: WorldRange | None = None
     through: bool = False
 
 

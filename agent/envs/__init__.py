@@ -20,8 +20,8 @@ from agent.envs.single import (
     parallel_env,
     parallel_vector_env,
 )
-from agent.envs.worlds import WorldRange
 from agent.moves.worlds import RANGES as ROBUST_WORLDS
+from agent.moves.worlds import WorldRange
 
 __all__ = [
     "ROBUST_WORLDS",

@@ -24,13 +24,14 @@ from agent.envs.single import SingleEnv
 from agent.envs.vector import RowsVectorEnv, lone
 from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.errors import shown
+from cosim.base.jit import kernel
 from cosim.model.config import MAX_VALUE, CoSimConfig, whole_ratio
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
 from cosim.onboard.features import Observation
-from cosim.physics.body_state import standing_state
+from cosim.physics.body_state import X, Y, standing_state
 from cosim.simulation.driving import NO_EFFECT, DrivenEpisode, DriveObservation, in_frames, numbers
 
 TIME_LIMIT_S = 120.0
@@ -67,19 +68,27 @@ class FreeEpisode(DrivenEpisode):
     def put(self, poses: np.ndarray, targets_m: np.ndarray, observe: Observe) -> None:
         """Set the robots down at (N, 3) x, y in m and heading in rad, for (N, 2) targets in m."""
         self.targets_m, self.observe = targets_m, observe
-        self.away_m = np.hypot(*(poses[:, :2] - targets_m).T)
         for robot, (x, y, angle) in enumerate(poses.tolist()):
             self._bodies[robot] = standing_state(self.config.robot, x, y, angle)
         self._estimates[:, POSE : POSE + 3] = self._poses = poses
         self.measures._last_m[:], self.measures._last_rad[:] = poses[:, :2], poses[:, 2]
+        self.away_m = _distances_m(self._bodies, targets_m)
 
     def poses(self) -> np.ndarray:
         """See `DrivenEpisode.poses`."""
         return super().poses() if self.observe == "estimated" else self.true_poses()
 
     def _arriving(self, completed: np.ndarray) -> np.ndarray:
-        self.away_m = np.hypot(*(self._bodies[:, :2] - self.targets_m).T)
+        self.away_m = _distances_m(self._bodies, self.targets_m)
         return self.away_m <= REACHED_M
+
+
+@kernel
+def _distances_m(bodies: np.ndarray, targets_m: np.ndarray) -> np.ndarray:
+    away_m = np.empty(len(bodies))
+    for i in range(len(bodies)):
+        away_m[i] = math.hypot(bodies[i, X] - targets_m[i, 0], bodies[i, Y] - targets_m[i, 1])
+    return away_m
 
 
 class DrivePolicy:
@@ -415,12 +424,12 @@ def observed(motions: Sequence[DriveObservation], *, context: bool) -> np.ndarra
     """
     parts = zip(*(motion[:4] for motion in motions), strict=True)
     poses, velocities, speeds, targets_m = map(np.concatenate, parts)
-    steering, angle = motions[0].config.steering, poses[:, 2]
-    error_m = in_frames(targets_m - poses[:, :2], angle)
+    steering, sin, cos = motions[0].config.steering, np.sin(poses[:, 2]), np.cos(poses[:, 2])
+    error_m = in_frames(targets_m - poses[:, :2], cos, sin)
     seen = [
         error_m / _LENGTH_M,
-        np.sin(angle)[:, None],
-        np.cos(angle)[:, None],
+        sin[:, None],
+        cos[:, None],
         poses[:, :2] / motions[0].scenario.size_m,
         velocities[:, :2] / steering.drive_speed_m_s,
         velocities[:, 2:] / steering.turn_rate_rad_s,
@@ -432,7 +441,7 @@ def observed(motions: Sequence[DriveObservation], *, context: bool) -> np.ndarra
         apart = places[:, None] - places[:, :, None]
         gaps = np.hypot(apart[..., 0], apart[..., 1]) + np.diag([np.inf] * robots)
         nearest = np.take_along_axis(apart, gaps.argmin(axis=2)[..., None, None], axis=2)
-        seen.append(in_frames(nearest.reshape(-1, 2), angle) / _LENGTH_M)
+        seen.append(in_frames(nearest.reshape(-1, 2), cos, sin) / _LENGTH_M)
     if context:
         seen.append(np.repeat([_context_of(m.config) for m in motions], robots, axis=0))
     return np.concatenate(seen, axis=1).clip(-_LIMIT, _LIMIT).astype(np.float32)

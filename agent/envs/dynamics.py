@@ -13,8 +13,7 @@ import numpy as np
 
 from agent.envs.boards import Count, EnvBoards, Results
 from agent.envs.grid_episode import ActionError
-from agent.envs.worlds import checked_ranges
-from agent.moves.worlds import Ranges, draw_world
+from agent.moves.worlds import WorldRange, checked_ranges, draw_world
 from cosim.base.arguments import ConfigError, taken
 from cosim.base.progress import progress_bars
 from cosim.coupling.rl_step import Step
@@ -41,7 +40,7 @@ class EnvSetup(NamedTuple):
     scenario: Scenario
     config: CoSimConfig
     motor_fmu: Path
-    worlds: Ranges | None
+    worlds: WorldRange | None
 
     def batch(self, places: int) -> Batch:
         """Places for as many episodes."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
-from agent.moves.worlds import Ranges, draw_world
+from agent.moves.worlds import WorldRange, draw_world
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
@@ -116,7 +116,7 @@ class _Walker:
         self._begun = None
 
 
-def source_digest(config: CoSimConfig, fmu: Path, worlds: Ranges | None = None) -> str:
+def source_digest(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> str:
     """Hash (16 hex digits) of the parameters, motor FMU and worlds that moves depend on."""
     return digest_of(config, identity_of_fmu(fmu), worlds)
 
@@ -127,7 +127,7 @@ def observe_moves(
     *,
     moves_per_kind: int = MOVES_PER_KIND,
     seed: int = 0,
-    worlds: Ranges | None = None,
+    worlds: WorldRange | None = None,
     jobs: int = 2,
     progress: Progress = silent,
 ) -> ObservedMoves:
@@ -204,14 +204,14 @@ def observe_moves(
     )
 
 
-def moves_path(config: CoSimConfig, fmu: Path, worlds: Ranges | None = None) -> Path:
+def moves_path(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> Path:
     """Return where the cache keeps the moves of these parameters and this FMU."""
     code = code_digest(__name__, but=["fmus.build"])  # whose results `source_digest` has
     return cache_dir("moves") / f"{source_digest(config, fmu, worlds)}-{code}.json"
 
 
 def cached_moves(
-    config: CoSimConfig, fmu: Path, progress: Progress = silent, worlds: Ranges | None = None
+    config: CoSimConfig, fmu: Path, progress: Progress = silent, worlds: WorldRange | None = None
 ) -> ObservedMoves:
     """The moves of these parameters and this FMU: found in the cache, or observed and kept.
 

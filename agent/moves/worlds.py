@@ -1,52 +1,78 @@
 """Worlds that walks are observed in: domain randomisation, by declared ranges.
 
 What a policy meets later is drawn from no list that training knows: it learns on moves of many
-worlds, each walk in its own (Tobin et al. 2017, Domain randomization).
+worlds, each walk in its own (Tobin et al. 2017, Domain randomization). Environments draw one for
+every episode.
 """
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from cosim.base.arguments import ConfigError, taken
+from cosim.model.config import CoSimConfig
 from cosim.model.world import Patch, Sensor, World
 
 Range = tuple[float, float]
 
 
-class Ranges(NamedTuple):
-    """Ranges that a walk draws from uniformly; names and units as of `cosim.model.world.World`."""
+class WorldRange(NamedTuple):
+    """Ranges that a world is drawn from uniformly; names and units as of `cosim.model.world.World`.
 
-    mu: Range = (0.1, 0.26)  # of the floor, and of every patch
-    patches: int = 6
-    patch_cells: tuple[int, int] = (3, 12)  # side of a patch
-    motor_spread: Range = (0.0, 0.1)
-    restitution: Range = (0.0, 0.3)
-    floor_tilt_deg: Range = (0.0, 0.5)
-    payload_g: Range = (0.0, 6.0)
-    payload_offset_mm: Range = (-8.0, 8.0)
-    rate_hz: Range = (15.0, 60.0)
-    delay_ms: Range = (0.0, 150.0)
-    position_noise_mm: Range = (0.0, 1.5)
-    heading_noise_deg: Range = (0.0, 2.0)
-    dropout: Range = (0.0, 0.1)
+    What is not named is that of the ideal world, and μ that of the machine.
+
+    >>> import agent.envs
+    >>> agent.envs.WorldRange(mu=(0.1, 0.26)).motor_spread
+    (0.0, 0.0)
+    """
+
+    mu: Range | None = None  # of the floor, and of every patch
+    patches: int = 0
+    patch_cells: tuple[int, int] = (1, 1)  # side of a patch
+    motor_spread: Range = (0.0, 0.0)
+    restitution: Range = (0.0, 0.0)
+    floor_tilt_deg: Range = (0.0, 0.0)
+    payload_g: Range = (0.0, 0.0)
+    payload_offset_mm: Range = (0.0, 0.0)
+    rate_hz: Range = (0.0, 0.0)
+    delay_ms: Range = (0.0, 0.0)
+    position_noise_mm: Range = (0.0, 0.0)
+    heading_noise_deg: Range = (0.0, 0.0)
+    dropout: Range = (0.0, 0.0)
 
 
-RANGES = Ranges()
+RANGES = WorldRange(
+    mu=(0.1, 0.26),
+    patches=6,
+    patch_cells=(3, 12),
+    motor_spread=(0.0, 0.1),
+    restitution=(0.0, 0.3),
+    floor_tilt_deg=(0.0, 0.5),
+    payload_g=(0.0, 6.0),
+    payload_offset_mm=(-8.0, 8.0),
+    rate_hz=(15.0, 60.0),
+    delay_ms=(0.0, 150.0),
+    position_noise_mm=(0.0, 1.5),
+    heading_noise_deg=(0.0, 2.0),
+    dropout=(0.0, 0.1),
+)
 
 
 def draw_world(
-    ranges: Ranges, side_cells: int, reach_cells: int, rng: np.random.Generator
+    ranges: WorldRange, side_cells: int, reach_cells: int, rng: np.random.Generator
 ) -> World:
     """A world for a walk that begins in the middle of a board.
 
     Args:
-        ranges: to draw from.
+        ranges: to draw from, with μ.
         side_cells: of the board.
         reach_cells: how far from the middle patches begin.
         rng: is drawn from.
     """
 
-    def one(range_: Range) -> float:
+    def one(range_: Range | None) -> float:
+        assert range_ is not None
         return float(rng.uniform(*range_))
 
     def patch() -> Patch:
@@ -71,3 +97,38 @@ def draw_world(
             one(ranges.dropout),
         ),
     )
+
+
+def checked_ranges(worlds: Any, config: CoSimConfig) -> WorldRange:
+    """Return ranges whose worlds all can be, with μ.
+
+    Args:
+        worlds: as given to an environment.
+        config: of its robots.
+
+    Raises:
+        UserError: these are no ranges, or a world at their ends is invalid.
+    """
+    if not isinstance(worlds, WorldRange):
+        raise ConfigError(
+            f"worlds = {worlds!r} has no ranges; give agent.envs.WorldRange(mu=(0.1, 0.26)), or "
+            "agent.envs.ROBUST_WORLDS"
+        )
+    if worlds.mu is None:
+        worlds = worlds._replace(mu=(config.robot.mu, config.robot.mu))
+    if taken("worlds.patches", worlds.patches, int) < 0:
+        raise ConfigError(f"worlds.patches = {worlds.patches} must not be negative")
+    ends: tuple[dict[str, Any], ...] = ({"patches": worlds.patches}, {"patches": worlds.patches})
+    for name, value in worlds._asdict().items():
+        if name == "patches":
+            continue
+        low, high = taken(f"worlds.{name}", value, tuple[float, float])
+        if not -math.inf < low <= high < math.inf:
+            raise ConfigError(f"worlds.{name} = {value} must be ascending and finite")
+        # the least payload has no offset, which worlds without a payload refuse
+        for end, number in zip(ends, (high if name == "payload_g" else low, high), strict=True):
+            end[name] = (number, number)
+    for end in ends:
+        end["patch_cells"] = tuple(max(1, int(n)) for n in end["patch_cells"])
+        config.in_world(draw_world(WorldRange(**end), 30, 15, np.random.default_rng(0)))
+    return worlds

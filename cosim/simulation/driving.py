@@ -143,11 +143,11 @@ class DrivenEpisode(RunningEpisode):
     def end_step(self) -> Step:
         """See `RunningEpisode.end_step`."""
         step = super().end_step()
-        poses = self.poses()
-        moved = poses - self._poses
-        moved[:, 2] = (moved[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
-        interval_s = self.config.timing.rl_step_s
-        self._poses, self._velocities = poses, in_frames(moved, poses[:, 2]) / interval_s
+        before, self._poses = self._poses, self.poses()
+        angle, interval_s = self._poses[:, 2], self.config.timing.rl_step_s
+        self._velocities = _velocities(
+            before, self._poses, np.cos(angle), np.sin(angle), interval_s
+        )
         return step
 
     def _directions(self, action: Any) -> np.ndarray:
@@ -189,9 +189,21 @@ def numbers(values: Any) -> np.ndarray:
     return array.astype(np.float64) if array.dtype.kind in "fiu" else np.empty(0)
 
 
-def in_frames(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(N, 2 or 3) vectors of the board in the frames of robots with (N,) headings."""
-    turned, c, s = vectors.copy(), np.cos(angle), np.sin(angle)
-    turned[:, 0] = c * vectors[:, 0] + s * vectors[:, 1]
-    turned[:, 1] = c * vectors[:, 1] - s * vectors[:, 0]
+@kernel
+def in_frames(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
+    """(N, 2 or 3) vectors of the board in the frames of robots, by their headings' cosine, sine."""
+    turned = vectors.copy()
+    for i in range(len(vectors)):
+        turned[i, 0] = cos[i] * vectors[i, 0] + sin[i] * vectors[i, 1]
+        turned[i, 1] = cos[i] * vectors[i, 1] - sin[i] * vectors[i, 0]
     return turned
+
+
+@kernel
+def _velocities(
+    before: np.ndarray, poses: np.ndarray, cos: np.ndarray, sin: np.ndarray, interval_s: float
+) -> np.ndarray:
+    """(N, 3) ahead and to the left in m/s, yaw rate in rad/s, see `in_frames`."""
+    moved = poses - before
+    moved[:, 2] = (moved[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+    return in_frames(moved, cos, sin) / interval_s

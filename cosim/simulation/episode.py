@@ -232,7 +232,7 @@ class RunningEpisode:
         self._commands[self._arrived, MODE] = HOLD
         self._shields[:, PARKED] = self._arrived
         events = self._events.copy()
-        self.outcome = self._judge(int(events.max()))
+        self.outcome = self._judge(max(events.tolist()))
         step = Step(
             number=self._step,
             first_tick=first_tick,
@@ -246,7 +246,7 @@ class RunningEpisode:
             events=events,
             outcome=self.outcome,
             duration_s=ticks * self.config.timing.dt_s,
-            moved_m=np.hypot(*moved.T),
+            moved_m=np.hypot(moved[:, 0], moved[:, 1]),
             sampled=self.sampled,
             poses=poses,
         )
@@ -346,7 +346,7 @@ class RunningEpisode:
         return seen._replace(goals=np.where(self._at_end()[:, None], seen.cells, goals))
 
     def _judge(self, event: int) -> Outcome:
-        if event == RUNNING and self._arrived.all():
+        if event == RUNNING and all(self._arrived.tolist()):
             return Outcome.SUCCESS
         if event == RUNNING and self._tick >= self._episode_limit:
             return Outcome.TIMEOUT

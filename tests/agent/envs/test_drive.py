@@ -151,7 +151,6 @@ def test_other_numbers_of_boards_are_refused(kind, count):
         ({"motor_spread": ("a", 1)}, "worlds.motor_spread = "),
         ({"patches": -1}, "worlds.patches = -1"),
         ({"floor_tilt_deg": (0.0, 80.0)}, "floor_tilt_deg = 80"),
-        ({"friction": (0.1, 0.2)}, "worlds have no range friction; choose from mu"),
     ],
 )
 def test_ranges_that_no_world_can_have_are_refused_at_once(ranges, said):
@@ -160,6 +159,8 @@ def test_ranges_that_no_world_can_have_are_refused_at_once(ranges, said):
 
 
 def test_a_range_draws_what_it_names_and_nothing_else():
+    with pytest.raises(TypeError, match="friction"):
+        agent.envs.WorldRange(friction=(0.1, 0.2))  # pyright: ignore[reportCallIssue]
     env = DriveVectorEnv(3, worlds=agent.envs.WorldRange(mu=(0.1, 0.12)))
     env.reset(seed=0)
     boards: Any = env._boards
