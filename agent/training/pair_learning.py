@@ -2,8 +2,9 @@
 
 The table is that of `agent.moves.pair`, by what both have committed themselves to: the cell and the
 axis in which each one's move ends. Robots choose by looking one move ahead, and every commitment
-learns from the next one (TD(0) over after-states): the time of the moves begun then, and what is
-known of what follows. It does so while the episode runs, so that robots leave what they find to be
+learns from the next one (TD(0) over after-states): the mean time of the moves begun then, and what
+is known of what follows. (With the observed time of every move, what was met would be known as too
+slow or too fast, and robots would wander among what they had not met.) It does so while the episode runs, so that robots leave what they find to be
 slow, and again backwards from its end, so that one episode tells all its commitments how it ended.
 
 In every episode one robot explores, among the moves that keep apart, while its partner is greedy:
@@ -49,7 +50,7 @@ from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
-EXCESS = 0.2  # assumed: of the times that values begin at, over those of robots alone
+EXCESS = 0.1  # assumed: of the times that values begin at, over those of robots alone
 UNSEEN_EXCESS = 0.5  # assumed: the same of commitments never met, once exploration has ended
 FAILURE_S = 500.0  # assumed: time of both robots that a failure counts as
 FIRST_RATE = 0.7  # assumed: least learning rate of a commitment, over the root of its visits
@@ -195,7 +196,7 @@ def _run_episodes(
                     )
                     goals[i] += world[i, VX] * rows + world[i, VY]
                     lasts = math.ceil(plans[i, DURATION_S] / model.rl_step_s - _ROUNDING)
-                    taken_s[now] += lasts * model.rl_step_s
+                    taken_s[now] += times.seconds[a, axes[i]]
                     returns[i] -= lasts * model.rl_step_s
                 _commit(at[now + 1], goals, world)
                 visits[at[now, 0], at[now, 1], at[now, 2], at[now, 3]] += np.uint32(1)
