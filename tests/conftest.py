@@ -50,7 +50,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
         def forget() -> None:
             del os.environ["MINIROBOTS_CACHE"]
-            shutil.rmtree(folder)
+            shutil.rmtree(folder, ignore_errors=True)  # a process that compiles may go on
 
         config.add_cleanup(forget)
     if sys.dont_write_bytecode:
@@ -65,7 +65,7 @@ def _keep_bytecode(config: pytest.Config) -> None:
     patch.setenv("PYTHONPYCACHEPREFIX", folder)
     patch.setattr(sys, "pycache_prefix", folder)
     patch.setattr(sys, "dont_write_bytecode", False)
-    config.add_cleanup(lambda: shutil.rmtree(folder))
+    config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))  # some may still write
     config.add_cleanup(patch.undo)
 
 

@@ -3,13 +3,14 @@
 The table is that of `agent.moves.pair`, by what both have committed themselves to: the cell and the
 axis in which each one's move ends. Robots choose by looking one move ahead, and every commitment
 learns from the next one (TD(0) over after-states): the mean time of the moves begun then, and what
-is known of what follows. (With the observed time of every move, what was met would be known as too
-slow or too fast, and robots would wander among what they had not met.) It does so while the episode runs, so that robots leave what they find to be
-slow, and again backwards from its end, so that one episode tells all its commitments how it ended.
+is known of what follows. With the observed time of every move, what was met would be known as too
+slow or too fast, and robots would wander among what they had not met. Commitments learn while the
+episode runs, so that robots leave what they find to be slow, and again backwards from its end, so
+that one episode tells all its commitments how it ended.
 
 In every episode one robot explores, among the moves that keep apart, while its partner is greedy:
-mostly the move that would be best if it was alone. Of a
-choice that was explored only what is better than known is learnt, and failures.
+mostly the move that would be best if it was alone. Of a choice that was explored only what is
+better than known is learnt, and failures.
 
 Values begin at the times of robots that are alone, raised by `EXCESS`. Times that are too small
 everywhere make robots try every detour that they have not tried yet (learning real-time A*); times

@@ -217,7 +217,7 @@ def test_a_pair_learns_to_take_little_more_than_the_least_time(policy, trained):
     assert log.success[-1] == 1.0
     assert 0.99 * least < taken[-10:].mean() < 1.01 * least
     known = np.mean([-learnt.q_values(seen(state)).max() for state in starts])
-    assert 0.97 * least < known < 1.03 * least  # values begin at 1.2 times those of robots alone
+    assert 0.97 * least < known < 1.03 * least  # values begin at 1.1 times those of robots alone
     assert learnt.evaluate().rate(Outcome.SUCCESS) == 1.0
 
 
