@@ -113,7 +113,7 @@ TABLES = {
     "closed": ("double", "<f8"),  # those of them that are known from the start, for the shield
     "parking": ("double", "<f8"),  # the rest of them, and whose robot may enter each
     "owners": ("int32_t", "<i4"),
-    "patches": ("double", "<f8"),  # left, bottom, right, top in m, and mu
+    "patches": ("double", "<f8"),  # left, bottom, right, top in m, and mu, NaN: the floor's
     "widths": ("double", "<f8"),  # of the layers that normal numbers are drawn by
     "bearings": ("uint8_t", "u1"),  # direction of another robot by its distance in x and y
     "best": ("uint8_t", "u1"),  # of each robot and state a bit for each direction of largest value

@@ -34,7 +34,7 @@ from fmus.variables import load_table
 
 PLAYED = {  # fields of worlds that a page has
     *("restitution", "mu", "mu_patches", "motor_speed_noise", "motor_spread", "obstacles"),
-    *("payload_g", "payload_offset_mm", "motor_phases_deg", "sensor"),
+    *("payload_g", "payload_offset_mm", "motor_phases_deg", "sensor", "edge"),
 }
 _PCG64_FACTOR = 0x2360ED051FC65DA44385DF649FCCF645
 
@@ -112,6 +112,7 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
     steering = config.steering._asdict()
     forbidden, closed = scenario.forbidden * scenario.cell_m, scenario.closed * scenario.cell_m
     (parking, owners), patches = scenario.parking, floor_patches(scenario, config)
+    patches[1 : 2 * config.world.edge, 4] = np.nan  # the board itself, whose mu the page may change
     facing = math.pi / 2.0 / 2.0  # of robots at their start, halved
     motor = config.motor._asdict() | {"step_size": timing.dt_s}
     parameters = load_table("VibrationMotors").group("parameter")

@@ -5,6 +5,7 @@ import html
 import json
 import re
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from cosim.model.scenario import Scenario
 from cosim.simulation.batch import floor_patches
 
 PARTS = Path(__file__).with_name("page")
+OF_WORLDS = ("patches", "widths")  # tables in which worlds differ
+_EMPTY = np.empty(0)
 SCRIPTS = ("board.js", "plot.js", "main.js")
 
 
@@ -30,6 +33,7 @@ def render_page(
     wasm: bytes,
     seed: int = 0,
     about: str = "",
+    worlds: Mapping[str, CoSimConfig] | None = None,
 ) -> str:
     """Return the HTML of a page that plays a policy's episodes.
 
@@ -40,9 +44,14 @@ def render_page(
         wasm: module of `agent.web.build`.
         seed: that the page begins with.
         about: how the page was made, for people.
+        worlds: configurations by name that one can choose in the page, with the same obstacles;
+            `config` comes first, as `own`.
     """
-    packed = pack(policy, scenario, config)
-    empty = np.empty(0)
+    packed = {
+        name: pack(policy, scenario, each)
+        for name, each in {"own": config, **(worlds or {})}.items()
+    }
+    configs, tables = [config, *(worlds or {}).values()], packed["own"].tables
     data: dict[str, Any] = {
         "scenario": {
             "columns": scenario.columns,
@@ -52,16 +61,27 @@ def render_page(
             "zone": scenario.zone,
             "targets": scenario.targets,
             "walls": (scenario.walls * scenario.cell_m).tolist(),
-            "patches": floor_patches(scenario, config).tolist(),
             "maps": _maps(policy),
         },
         "layout": {"setup": SETUP, "view": VIEW},
         "seed": seed,
-        "mu": config.robot.mu,
-        "shielded": config.shield is not None,
-        "noise": config.noise.relative_amplitude,
-        "setup": _kept(packed.setup.tobytes()),
-        "tables": [_kept(packed.tables.get(name, empty).tobytes()) for name in TABLES],
+        "worlds": [
+            {
+                "name": name,
+                "mu": each.robot.mu,
+                "noise": each.noise.relative_amplitude,
+                "shielded": each.shield is not None,
+                "patches": floor_patches(scenario, each)[2 * each.world.edge :].tolist(),
+                "setup": _kept(parts.setup.tobytes()),
+                "tables": [_kept(parts.tables.get(table, _EMPTY).tobytes()) for table in OF_WORLDS],
+            }
+            for (name, parts), each in zip(packed.items(), configs, strict=True)
+        ],
+        "of_worlds": [list(TABLES).index(table) for table in OF_WORLDS],
+        "tables": [
+            _kept(tables.get(name, _EMPTY).tobytes() if name not in OF_WORLDS else b"")
+            for name in TABLES
+        ],
         "wasm": _kept(wasm),
     }
     parts = {

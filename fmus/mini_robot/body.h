@@ -105,8 +105,11 @@ INLINE void foot_velocities(Vector velocity, Vector omega, const Contact *contac
     feet[2] = (Vector){along + swing, across, up - roll};
 }
 
-/* Least normal speed of a foot after the step. */
-INLINE double least_speed(Vector foot, const Body *body, Vector normal, const BodyConstants *p) {
+/* Least normal speed of a foot after the step: any where no floor is below it, which a mu below 0 says. */
+INLINE double least_speed(Vector foot, const Body *body, Vector normal, double mu,
+                          const BodyConstants *p) {
+    if (mu < 0.0)
+        return -INFINITY;
     if (is_off_axis(p))
         foot = (Vector){foot.x - p->centre_x, foot.y - p->centre_y, foot.z};
     const double gap = body->position.z + dot(normal, foot);
@@ -135,7 +138,7 @@ static Body body_stepped(Body body, const BodyConstants *p, Wrench applied) {
     const Vector normal = world_from_body.z;
     double least[FOOT_COUNT];
     for (int k = 0; k < FOOT_COUNT; k++)
-        least[k] = least_speed(p->contact.foot[k], &body, normal, p);
+        least[k] = least_speed(p->contact.foot[k], &body, normal, p->mu[k], p);
     Pushed now = with_impulses(free_velocity, free_omega, p, normal, body.at);
     double change = INFINITY;
     for (int sweep = 0; sweep < MAX_SWEEPS && change >= p->contact.tolerance; sweep++) {

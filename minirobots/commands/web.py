@@ -1,6 +1,7 @@
 """A page in which a policy's robots drive, without installing anything."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from cosim.base.progress import Progress, under_way
@@ -21,6 +22,9 @@ class Web(Simulating):
     """Policy that acts by tables (policy.npz), as `minirobots run` writes it."""
     out: File
     """Page to write (.html)."""
+    worlds: tuple[str, ...] = ()
+    """More worlds to choose from in the page: rough, or world files (.toml) with the obstacles of
+    the scenario. Set points are calibrated for each."""
     seed: Seed = 0
 
     def __post_init__(self) -> None:
@@ -36,16 +40,26 @@ def run(options: Web, progress: Progress) -> dict[str, Any]:
     from agent.web.packing import load_page_policy, require_playable
     from agent.web.page import write_page
     from cosim.base.storage import named
-    from cosim.model.scenario_file import find_in_world
+    from cosim.model.scenario_file import ROUGH, find_in_world
     from cosim.simulation.options import resolve
 
     out = named(options.out, ".html")
     scenario, world = find_in_world(options.scenario, options.physics.world)
     policy = load_page_policy(options.policy, scenario)
     require_playable(scenario, options.physics.config(world))  # before anything is measured
+    files = [ROUGH if name == "rough" else Path(name) for name in options.worlds]
+    for file in files:
+        other, world = find_in_world(options.scenario, file)
+        require_playable(other, options.physics.config(world))
+        if other != scenario:
+            raise ConfigError(f"{file} has other obstacles; write another page for that world")
     with under_way(progress, "compiling the episode"):
         wasm = cached_wasm()
     scenario, config, _ = resolve(options.physics, options.scenario, progress)
+    worlds = {
+        file.stem: resolve(options.physics, options.scenario, progress, world=file).config
+        for file in files
+    }
     about = (
         f"The policy is by the method {method_name(policy)}. Motors, bodies and steering are the "
         "C of the FMUs and the firmware, compiled to WebAssembly. An episode is the first one of "
@@ -53,7 +67,7 @@ def run(options: Web, progress: Progress) -> dict[str, Any]:
         "Another friction changes the floor; set points stay those calibrated for "
         f"{config.robot.mu:g}."
     )
-    write_page(out, policy, scenario, config, wasm, options.seed, about)
+    write_page(out, policy, scenario, config, wasm, options.seed, about, worlds)
     return {"page": str(out), "bytes": out.stat().st_size}
 
 

@@ -151,7 +151,7 @@ static void feel_patches(int i) {
         p->mu[k] = setup.mu;
         for (const double *e = table.patches; e < table.patches + 5 * (int)setup.patches; e += 5)
             if (e[0] <= x && x < e[2] && e[1] <= y && y < e[3])
-                p->mu[k] = e[4];
+                p->mu[k] = e[4] == e[4] ? e[4] : setup.mu;
     }
 }
 

@@ -112,7 +112,7 @@ class Board {
   drawCells(g) {
     const { columns, rows, cell_m: cell, targets, walls, zone } = this.scenario;
     g.font = "14px system-ui, sans-serif";
-    for (const [left, bottom, right, top, mu] of this.scenario.patches) {
+    for (const [left, bottom, right, top, mu] of this.scenario.patches ?? []) {
       g.fillStyle = css("--patch");
       g.fillRect(left, bottom, right - left, top - bottom);
       g.save();

@@ -28,7 +28,7 @@ const plots = ["omega", "voltage", "force"].map((name) => {
   }[name];
   return [name, new Plot($(name), $(`${name}-title`), title, unit, names)];
 });
-let before, now, playing = false, ready = false, selected = 0, waiting, moved = false, dragged = null, pace = { wall: 0, time: 0 };
+let before, now, playing = false, ready = false, selected = 0, waiting, world, moved = false, dragged = null, pace = { wall: 0, time: 0 };
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
@@ -128,7 +128,7 @@ function numberOf(id, name) {
 
 const options = () => ({
   seed: numberOf("seed", "seed"), mu: numberOf("mu", "friction"), noise: numberOf("noise", "speed noise"),
-  shielded: data.shielded && $("shielded").checked ? 1 : 0,
+  shielded: world.shielded && $("shielded").checked ? 1 : 0,
 });
 
 function send(message) {
@@ -179,6 +179,7 @@ function listen() {
   $("restart").onclick = restart;
   $("speed").onchange = () => playing && play(true);
   for (const id of ["seed", "mu", "noise", "shielded"]) $(id).onchange = restart;
+  $("world").onchange = () => enter(Number($("world").value));
   $("robot").onchange = () => choose(Number($("robot").value));
   const place = (robot, x, y) => send({ action: "place", robot, x, y });
   $("board").onpointerdown = (event) => {
@@ -217,7 +218,7 @@ function listen() {
 }
 
 // What is shown, for tests.
-window.shown = () => ({ robots: now.robots.map(({ x, y }) => [x, y]), scale: board.scale, rows_m: board.rows_m });
+window.shown = () => ({ world: world.name, robots: now.robots.map(({ x, y }) => [x, y]), scale: board.scale, rows_m: board.rows_m });
 
 // An episode as fast as it goes: how it ended, and positions at the end of every decision step.
 window.recordEpisode = (given) =>
@@ -226,17 +227,29 @@ window.recordEpisode = (given) =>
     send(() => ({ action: "record", ...options(), ...given }));
   });
 
+// Another world: its setup, its tables, and the values that it begins with.
+async function enter(place) {
+  const chosen = data.worlds[place];
+  const [setup, ...tables] = await Promise.all([chosen.setup, ...chosen.tables].map(inflated));
+  world = chosen;
+  worker.postMessage({ action: "enter", setup: new Float64Array(setup), tables, places: data.of_worlds });
+  scenario.patches = world.patches;
+  $("mu").value = world.mu;
+  $("noise").value = world.noise;
+  $("with-shield").hidden = !world.shielded;
+  restart();
+}
+
 async function start() {
   if (typeof DecompressionStream === "undefined") throw new Error("this browser is too old: it has no DecompressionStream; update it");
   scenario.targets.forEach((_, i) => $("robot").add(new Option(`r${i + 1}`, i)));
-  $("mu").value = data.mu;
-  $("noise").value = data.noise;
+  data.worlds.forEach(({ name }, k) => $("world").add(new Option(name, k)));
+  $("with-world").hidden = data.worlds.length < 2;
   $("seed").value = data.seed;
-  $("with-shield").hidden = !data.shielded;
-  const [wasm, setup, ...tables] = await Promise.all([data.wasm, data.setup, ...data.tables].map(inflated));
+  const [wasm, ...tables] = await Promise.all([data.wasm, ...data.tables].map(inflated));
   listen();
-  worker.postMessage({ action: "load", wasm, layout, setup: new Float64Array(setup), tables });
-  restart();
+  worker.postMessage({ action: "load", wasm, layout, tables });
+  await enter(0);
   requestAnimationFrame(draw);
 }
 

@@ -22,12 +22,13 @@ function load(message) {
   c = new WebAssembly.Instance(module, {}).exports;
   c._initialize?.();
   layout = message.layout;
-  setup().set(message.setup);
-  message.tables.forEach((bytes, place) => {
-    const pointer = c.episode_table(place, bytes.byteLength);
-    if (bytes.byteLength && !pointer) throw new Error("there is not enough memory for the policy");
-    new Uint8Array(c.memory.buffer, pointer, bytes.byteLength).set(new Uint8Array(bytes));
-  });
+  message.tables.forEach((bytes, place) => fill(place, bytes));
+}
+
+function fill(place, bytes) {
+  const pointer = c.episode_table(place, bytes.byteLength);
+  if (bytes.byteLength && !pointer) throw new Error("there is not enough memory for the policy");
+  new Uint8Array(c.memory.buffer, pointer, bytes.byteLength).set(new Uint8Array(bytes));
 }
 
 function begin({ seed, mu, noise, shielded }) {
@@ -78,6 +79,10 @@ function record(message) {
 
 const actions = {
   load,
+  enter(world) {
+    setup().set(world.setup);
+    world.tables.forEach((bytes, k) => fill(world.places[k], bytes));
+  },
   begin,
   record,
   play(message) {

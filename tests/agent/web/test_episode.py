@@ -87,6 +87,8 @@ def test_loads_and_phases_have_the_bits_of_the_kernels(library):
     load = {"payload_g": 5.0, "payload_offset_mm": (4.0, -3.0), "restitution": 0.2}
     world = load | {"motor_phases_deg": tuple(range(0, 320, 40))}
     compare(library, policy, [2], world=world, on_collision="continue", time_limit=16.0)
+    ended = compare(library, policy, [2], world={"edge": True}, on_collision="continue")
+    assert ended == ["out_of_board"]
 
 
 @pytest.mark.slow
@@ -143,7 +145,6 @@ def test_options_that_a_page_lacks_are_refused_by_name(options, named):
     "world",
     [
         {"floor_tilt_deg": 1.0},
-        {"edge": True},
     ],
 )
 def test_worlds_that_a_page_lacks_are_refused_by_name(world):

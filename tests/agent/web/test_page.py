@@ -13,7 +13,7 @@ from agent.web.build import cached_wasm
 from agent.web.page import write_page
 from cosim.model.outcome import BY_RANK, Outcome
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import find_scenario
+from cosim.model.scenario_file import ROUGH, find_scenario
 from cosim.simulation.options import SimulationOptions, resolve
 from tests.agent.firmware.test_firmware import random_policy
 from tests.references.web_episode import steps_of
@@ -150,12 +150,17 @@ def test_robots_are_dragged_to_where_there_is_room(browser, tmp_path):
 @pytest.mark.browser
 @pytest.mark.slow
 def test_a_rough_world_with_a_shield_has_the_bits_of_the_co_simulation(browser, tmp_path):
-    policy = agent.train("4", method="shortest")
-    world, path = "cosim/model/worlds/rough.toml", tmp_path / "page.html"
-    setup = written(path, policy, "4", world=world, shield=True, time_limit=120.0)
+    policy, path = agent.train("4", method="shortest"), tmp_path / "page.html"
+    options = SimulationOptions(portable=True, shield=True, time_limit=120.0)
+    ideal, rough = resolve(options, "4"), resolve(options, "4", world=ROUGH)
+    worlds = {"rough": rough.config}
+    write_page(path, policy, ideal.scenario, ideal.config, cached_wasm(), worlds=worlds)
     page, said = opened(browser, path)
-    for seed in range(5):
-        compare(page, policy, setup, seed)
+    for name, setup, seeds in (("rough", rough, range(5)), ("own", ideal, [0])):
+        page.select_option("#world", label=name)
+        page.wait_for_function(f"shown().world === '{name}'")
+        for seed in seeds:
+            compare(page, policy, setup, seed)
     assert said == []
 
 
@@ -192,6 +197,7 @@ def test_command_writes_a_page_or_refuses(command, tmp_path):
     for arguments, named in (
         (["--scenario", "2"], "scenario 1a"),
         (["--scenario", "1a", "--reaction"], "--reaction"),
+        (["--scenario", "1a", "--worlds", "rogh"], "rogh"),
         (["--scenario", "1a", "--motor-fmu", __file__], "--motor-fmu"),
         (["--scenario", "1a", "--motor-parameter", "J=5e-9"], "--motor-parameter"),
         (["--scenario", "1a", "--policy", __file__], "policy"),
