@@ -13,13 +13,8 @@ id rises with any change of a reading.
 
 import gymnasium
 
-from agent.envs.single import (
-    FlattenState,
-    FlattenStateVector,
-    NavigationEnv,
-    parallel_env,
-    parallel_vector_env,
-)
+from agent.envs.parallel import NavigationParallelEnv, ParallelVectorEnv
+from agent.envs.single import FlattenState, FlattenStateVector, NavigationEnv
 from agent.moves.worlds import RANGES as ROBUST_WORLDS
 from agent.moves.worlds import WorldRange
 
@@ -32,6 +27,8 @@ __all__ = [
     "parallel_env",
     "parallel_vector_env",
 ]
+
+parallel_env, parallel_vector_env = NavigationParallelEnv, ParallelVectorEnv
 
 for _name, _vector, _scenario, _steps in (
     ("SingleA", "NavigationVectorEnv", "1a", 1000),

@@ -20,7 +20,6 @@ from agent.envs.grid_episode import (
     known_options,
     observed_columns,
     placed_world,
-    require_seed,
     whole_numbers,
 )
 from agent.envs.state import Restorable, StateError
@@ -380,18 +379,9 @@ def board_options(
         StartsError: an option is unknown or not given for each board, or the mask leaves out a
             board that has not begun.
     """
-    given = known_options(options, *names, "reset_mask")
-    which = np.asarray(given.get("reset_mask", np.ones(len(begun), dtype=bool)))
-    if which.shape != begun.shape or which.dtype != bool:
-        raise StartsError(
-            f"reset_mask of shape {which.shape} and type {which.dtype}; give one bool to each of "
-            f"the {len(begun)} boards"
-        )
-    if not (which | begun).all():
-        raise StartsError("reset_mask leaves out environments that have not begun; reset all")
-    rows: list[dict[str, Any]] = [{} for _ in begun]
-    for name, values in given.items():
-        if name == "reset_mask" or values is None:
+    rows: list[dict[str, Any]] = [{"reset_mask": True} for _ in begun]
+    for name, values in known_options(options, *names, "reset_mask").items():
+        if values is None:
             continue
         if not isinstance(values, list | tuple | np.ndarray) or len(values) != len(begun):
             raise StartsError(
@@ -400,21 +390,25 @@ def board_options(
         for row, value in zip(rows, values, strict=True):
             if value is not None:
                 row[name] = value
+    masks = [row.pop("reset_mask") for row in rows]
+    which = np.array(taken("reset_mask", masks, list[bool], StartsError))
+    if not (which | begun).all():
+        raise StartsError("reset_mask leaves out environments that have not begun; reset all")
     return which, rows
 
 
-def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
+def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
     """One seed of each board; one for all counts up, None leaves them as they are.
 
     Raises:
-        StartsError: there is not one for each, or one is negative.
+        StartsError: there is not one for each, or one is negative or no whole number.
     """
-    if seed is None:
-        return [None] * count
-    if isinstance(seed, int | np.integer):
-        seed = [int(seed) + m for m in range(count)]
-    if not isinstance(seed, list | tuple | np.ndarray):
-        raise StartsError(f"seed = {shown(seed)} is no whole number, nor one for each board")
-    if len(seed) != count:
-        raise StartsError(f"{len(seed)} seeds; give one to each of the {count} boards")
-    return [require_seed(one) for one in seed]
+    seeds = taken("seed", seed, int | list[int | None] | None, StartsError)
+    if not isinstance(seeds, list):
+        seeds = [seeds if seeds is None else seeds + m for m in range(count)]
+    if len(seeds) != count:
+        raise StartsError(f"{len(seeds)} seeds; give one to each of the {count} boards")
+    for one in seeds:
+        if one is not None and one < 0:
+            raise StartsError(f"seed {one} is negative; give a whole number from 0 on")
+    return seeds

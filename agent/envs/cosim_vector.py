@@ -12,9 +12,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from agent.envs.boards import DirectionBoards, direction_spaces
-from agent.envs.dynamics import DynamicsBoards, set_up
+from agent.envs.dynamics import DynamicsBoards
 from agent.envs.grid_episode import free_directions, observed_columns, placed_world, whole_cells
 from agent.mdp.acting import on_grid
 from agent.mdp.config import ProcessConfig, refuse_without_effect
@@ -34,7 +35,7 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         count, limit: as of `DynamicsBoards`.
         scenario: name, scenario file or record.
         config: readings of the decision process.
-        physics: see `agent.envs.dynamics.set_up`; and `decision`, when a step ends: after every
+        physics: as of `DynamicsBoards`; and `decision`, when a step ends: after every
             "period" of 2 s, or, of one board, on "arrival", when a robot waits for an action; its
             rewards cover the time that passed.
 
@@ -56,13 +57,14 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         options = {"decision": "arrival", **physics}
         require_one_of("decision", decision := options.pop("decision"), ("arrival", "period"))
         refuse_without_effect(config, "the co-simulation")
-        setup = set_up(scenario, options)
-        self._until_arrival, self._config = decision == "arrival", config
-        self.observation_space, self.action_space = direction_spaces(setup.scenario, config)
-        super().__init__(count, setup, limit)
+        self._until_arrival, self._process = decision == "arrival", config
+        super().__init__(count, scenario, options, limit)
         self._features = np.array(observed_columns(self.scenario, config))
         self._usual = build_process(self.scenario, config)
         self._processes = [self._usual] * count
+
+    def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
+        return direction_spaces(self.scenario, self._process)
 
     def _checked_places(
         self, starts: Any = None, targets: Any = None
@@ -72,7 +74,7 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         if targets is not None:
             aims = whole_cells("targets", targets, (scenario.robots, 2))
             scenario = replace(scenario, targets=tuple((int(x), int(y)) for x, y in aims))
-            process = build_process(scenario, self._config)
+            process = build_process(scenario, self._process)
         cells = None if starts is None else placed_world(process, starts)[:, [X, Y]]
         return scenario, process, cells
 

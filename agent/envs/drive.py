@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from agent.envs.dynamics import DynamicsBoards, set_up
+from agent.envs.dynamics import DynamicsBoards
 from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.single import SingleEnv
 from agent.envs.vector import RowsVectorEnv, lone
@@ -144,7 +144,7 @@ class DriveBoards(DynamicsBoards):
         control_interval: simulated time of a step in s.
         reach: largest distance of a target in m.
         max_episode_steps: limit of steps, in addition to the physics' `time_limit` (120 s).
-        physics: see `agent.envs.dynamics.set_up`.
+        physics: see `agent.envs.dynamics.DynamicsBoards`.
 
     Raises:
         UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
@@ -184,12 +184,13 @@ class DriveBoards(DynamicsBoards):
         self._observe: Observe = observe
         self._velocity, self._dense = action == "velocity", reward == "dense"
         options = {"time_limit": TIME_LIMIT_S, **physics, "rl_step": control_interval}
-        setup = set_up(scenario, options)
-        size = 13 + 2 * (setup.scenario.robots > 1) + 5 * self._context
-        self.observation_space = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
-        super().__init__(count, setup, max_episode_steps)
+        super().__init__(count, scenario, options, max_episode_steps)
         self._dither = new_dither(count * self.shape[1])
+
+    def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
+        size = 13 + 2 * (self.scenario.robots > 1) + 5 * self._context
+        seen = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
+        return seen, spaces.Box(-1.0, 1.0, (2,), np.float32)
 
     def _checked_places(
         self, starts: Any = None, targets: Any = None
@@ -266,8 +267,8 @@ class DriveBoards(DynamicsBoards):
             FmuError: an FMU failed.
         """
         outcomes = self.arrays.outcomes
-        rows, config = actions.reshape(-1, 2), self._setup.config
-        speeds = set_points(rows, config, self._dither, velocity=self._velocity)
+        rows = actions.reshape(-1, 2)
+        speeds = set_points(rows, self._config, self._dither, velocity=self._velocity)
         running, rewards = outcomes == RUNNING, np.zeros(self.shape)
         if running.any():
             rewards[running] = self._driven(np.flatnonzero(running), speeds)

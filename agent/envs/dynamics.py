@@ -5,107 +5,68 @@ The boards of the grid are in `agent.envs.boards`.
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from agent.envs.boards import Count, EnvBoards, Results
 from agent.envs.grid_episode import ActionError
-from agent.moves.worlds import WorldRange, checked_ranges, draw_world
+from agent.moves.worlds import checked_ranges, draw_world
 from cosim.base.arguments import ConfigError, taken
 from cosim.base.progress import progress_bars
 from cosim.coupling.rl_step import Step
-from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK, RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import IDEAL
 from cosim.simulation.batch import Batch
 from cosim.simulation.episode import RunningEpisode
-from cosim.simulation.options import SimulationOptions, resolve
-
-
-class EnvSetup(NamedTuple):
-    """Settings that all episodes of an environment share.
-
-    Attributes:
-        scenario: board, targets and start cells.
-        config: calibrated parameters.
-        motor_fmu: of every motor.
-        worlds: ranges that every episode draws its world from; None for the world of `config`.
-    """
-
-    scenario: Scenario
-    config: CoSimConfig
-    motor_fmu: Path
-    worlds: WorldRange | None
-
-    def batch(self, places: int) -> Batch:
-        """Places for as many episodes."""
-        return Batch(self.motor_fmu, self.config, self.scenario.robots, places)
-
-    def drawn(self, rng: np.random.Generator, mu: float | None) -> CoSimConfig:
-        """Parameters of an episode, in a world drawn from the ranges and with a friction if given.
-
-        The steering keeps the calibration of `config`, as in training of the method `robust`.
-        """
-        config = self.config
-        if self.worlds is not None:
-            side = max(self.scenario.columns, self.scenario.rows)
-            config = config.in_world(draw_world(self.worlds, side, side // 2, rng))
-        return config if mu is None else config.with_overrides(mu)
-
-
-def set_up(scenario: str | Path | Scenario, options: Mapping[str, Any]) -> EnvSetup:
-    """Prepare the dynamics by the names of `cosim.simulate`.
-
-    The motor FMU is compiled and the robots calibrated the first time (some seconds).
-
-    Args:
-        scenario: name, scenario file or record.
-        options: fields of `cosim.simulation.options.SimulationOptions`, `world` as of
-            `cosim.simulate`, and `worlds`, ranges to draw a world from in every episode.
-
-    Raises:
-        UserError: an option is unknown or does not fit, or the scenario cannot be used.
-    """
-    given = dict(options)
-    known = ["worlds", *(field.name for field in fields(SimulationOptions))]
-    for name in given:
-        if name not in known:
-            raise ConfigError(f"environments have no option {name}; choose from {', '.join(known)}")
-    world, worlds = given.pop("world", None), given.pop("worlds", None)
-    if worlds is not None and find_in_world(scenario, world)[1] != IDEAL:
-        raise ConfigError("worlds has no effect on a given world; leave out world or worlds")
-    with progress_bars() as progress:
-        setup = resolve(SimulationOptions(**given), scenario, progress, world=world)
-    if worlds is not None:
-        worlds = checked_ranges(worlds, setup.config)
-    return EnvSetup(*setup, worlds)
+from cosim.simulation.options import options_of, resolve
 
 
 class DynamicsBoards(EnvBoards):
     """K boards that share a batch and end at the first failure, at a time or at a limit of steps.
 
+    The motor FMU is compiled and the robots calibrated the first time (some seconds).
+
     Args:
         count: K.
-        setup: see `set_up`.
+        scenario: name, scenario file or record.
+        physics: options by the names of `cosim.simulate`, and `worlds`, ranges to draw a world from
+            in every episode.
         limit: of steps, in addition to the physics' own `time_limit`; None for none.
 
     Raises:
-        UserError: a number is invalid, or the motor FMU cannot be used.
+        UserError: an option is unknown or does not fit, or the scenario or the motor FMU cannot be
+            used.
     """
 
     _mutable = ("_batch", "_seeds", "_arrived", "arrays")
     _kind: type[RunningEpisode] = RunningEpisode
 
-    def __init__(self, count: int, setup: EnvSetup, limit: int | None) -> None:
-        self._setup, self.scenario = setup, setup.scenario
-        self.shape = rows = (taken("num_envs", count, Count), setup.scenario.robots)
+    def __init__(
+        self,
+        count: int,
+        scenario: str | Path | Scenario,
+        physics: Mapping[str, Any],
+        limit: int | None,
+    ) -> None:
+        count = taken("num_envs", count, Count)
         self._limit = taken("max_episode_steps", limit, Count | None)
-        self._batch = setup.batch(count)
+        given = dict(physics)
+        world, worlds = given.pop("world", None), given.pop("worlds", None)
+        options = options_of("an environment", given, "world", "worlds")
+        if worlds is not None and find_in_world(scenario, world)[1] != IDEAL:
+            raise ConfigError("worlds has no effect on a given world; leave out world or worlds")
+        with progress_bars() as progress:
+            setup = resolve(options, scenario, progress, world=world)
+        self.scenario, self._config, motor_fmu = setup
+        self._worlds = None if worlds is None else checked_ranges(worlds, self._config)
+        self.observation_space, self.action_space = self._spaces()
+        self.shape = rows = (count, self.scenario.robots)
+        self._batch = Batch(motor_fmu, self._config, self.scenario.robots, count)
         self._seeds = [np.random.SeedSequence() for _ in range(count)]
         self._arrived = np.zeros(rows, dtype=bool)
         none, shape = np.zeros(rows, dtype=bool), self.observation_space.shape or ()
@@ -113,6 +74,10 @@ class DynamicsBoards(EnvBoards):
         # none is running yet
         outcomes = np.full(count, TIMEOUT)
         self.arrays = Results(outcomes, seen, np.zeros(rows), none, none, none)
+
+    @abstractmethod
+    def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
+        """Return observation and action space of a robot."""
 
     def _seed(self, m: int, seed: int) -> None:
         self._seeds[m] = np.random.SeedSequence(seed)
@@ -122,7 +87,7 @@ class DynamicsBoards(EnvBoards):
 
     def _checked(self, *, mu: float | None = None, **options: Any) -> tuple[Any, ...]:
         if mu is not None:
-            self._setup.config.with_overrides(mu)  # refuses some
+            self._config.with_overrides(mu)  # refuses some
             if mu == 0.0:
                 raise ConfigError("mu = 0 is invalid: no robot could drive; give more")
         return (mu, *self._checked_places(**options))
@@ -142,7 +107,12 @@ class DynamicsBoards(EnvBoards):
         start_seed, noise_seed = self._seeds[m].spawn(2)
         rng = np.random.default_rng(start_seed)
         scenario, cells, *rest = self._placed(rng, *places)
-        config = self._setup.drawn(rng, mu)
+        config = self._config
+        if self._worlds is not None:  # steering keeps its calibration, as in training of `robust`
+            side = max(self.scenario.columns, self.scenario.rows)
+            config = config.in_world(draw_world(self._worlds, side, side // 2, rng))
+        if mu is not None:
+            config = config.with_overrides(mu)
         cells = tuple((int(x), int(y)) for x, y in cells)
         self._batch.begin(m, scenario, cells, noise_seed, config, self._kind)
         self._put(m, *rest)

@@ -7,7 +7,6 @@ import numpy as np
 from agent.mdp.config import ProcessConfig
 from agent.mdp.grid import AXIS, BEARING, CLASS, COLUMN_COUNT, PARTNER, SIGN, X, Y, place
 from agent.mdp.readings import FREE, GOAL, Process, feature_sizes
-from cosim.base.arguments import taken
 from cosim.base.errors import UserError, shown
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS
@@ -61,18 +60,6 @@ def placed_world(process: Process, starts: Any) -> np.ndarray:
     if not place(process, world, cells):
         raise StartsError(f"starts {cells.tolist()} let robots touch; move them further apart")
     return world
-
-
-def require_seed(seed: Any) -> int | None:
-    """Return a seed as an int; None stays None.
-
-    Raises:
-        StartsError: it is negative or no whole number.
-    """
-    seed = taken("seed", seed, int | None, StartsError)
-    if seed is not None and seed < 0:
-        raise StartsError(f"seed {seed} is negative; give a whole number from 0 on")
-    return seed
 
 
 def whole_numbers(values: Any, shape: tuple[int, ...]) -> np.ndarray | None:

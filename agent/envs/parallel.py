@@ -15,11 +15,14 @@ from gymnasium.vector.utils import batch_space
 from pettingzoo import ParallelEnv
 
 from agent.envs.boards import Count, DirectionBoards, board_seeds
-from agent.envs.grid_episode import ActionError, require_seed, whole_numbers
+from agent.envs.grid_episode import ActionError, whole_numbers
 from agent.envs.rendering import RENDER_MODES, render_first, require_render_mode
 from agent.envs.state import Restorable
+from agent.envs.vector import direction_boards
+from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import taken
 from cosim.base.errors import shown
+from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
 
 # Observations, rewards, terminations, truncations and infos, by agent.
@@ -145,14 +148,30 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
 
     def __init__(
         self,
-        boards: DirectionBoards,
-        render_mode: str | None = None,
+        scenario: str | Scenario = "2",
+        process: ProcessConfig | None = None,
         *,
+        cosim: bool = False,
+        render_mode: str | None = None,
         outcome_names: bool = False,
         max_cycles: int | None = None,
         one_hot: bool = False,
+        **physics: Any,
     ) -> None:
+        """Make an environment.
+
+        Args:
+            scenario, process, cosim, render_mode, outcome_names, physics: as of
+                `agent.envs.NavigationEnv`; of several robots a step ends when any of them waits for
+                an action, and `active` says whose counts.
+            max_cycles: limit of steps, after which robots still on their move are truncated.
+            one_hot: observe a Box with a 0 or 1 for each value of each feature.
+
+        Raises:
+            UserError: the scenario or an option cannot be used.
+        """
         require_render_mode(render_mode)
+        boards = direction_boards(1, scenario, process, physics, cosim=cosim)
         self.render_mode = render_mode
         self._max_cycles = taken("max_cycles", max_cycles, Count | None)
         self._cycles, self.agents = 0, []
@@ -176,7 +195,7 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
         """
         known = self._boards.reset_options
         given = {name: [value] for name, value in (options or {}).items() if name in known}
-        self._boards.reset(given, require_seed(seed))
+        self._boards.reset(given, seed)
         self.closed, self._cycles = False, 0
         self.agents = list(self.possible_agents)
         return self._observations(), self._infos()
@@ -243,11 +262,22 @@ class ParallelVectorEnv(AgentsView):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
-    def __init__(self, boards: DirectionBoards, *, outcome_names: bool = False) -> None:
-        self.num_envs = count = boards.shape[0]
-        seen, chosen = boards.observation_space, boards.action_space
-        each = batch_space(seen, count), batch_space(chosen, count)
-        super().__init__(boards, outcome_names, *each, (count,))
+    def __init__(
+        self,
+        scenario: str | Scenario = "2",
+        process: ProcessConfig | None = None,
+        *,
+        num_envs: int = 1,
+        outcome_names: bool = False,
+    ) -> None:
+        """Make `num_envs` boards; arguments as of `NavigationParallelEnv`."""
+        boards = direction_boards(num_envs, scenario, process, {}, cosim=False)
+        self.num_envs = num_envs
+        seen, chosen = (
+            batch_space(space, num_envs)
+            for space in (boards.observation_space, boards.action_space)
+        )
+        super().__init__(boards, outcome_names, seen, chosen, (num_envs,))
 
     @property
     def agents(self) -> list[str]:

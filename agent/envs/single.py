@@ -1,4 +1,4 @@
-"""Gymnasium environments for one robot, and makers of environments for several."""
+"""Gymnasium environments for one robot."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,7 +11,6 @@ from gymnasium.utils import RecordConstructorArgs
 
 from agent.envs.boards import DirectionBoards, EnvBoards
 from agent.envs.grid_episode import ActionError, known_options
-from agent.envs.parallel import NavigationParallelEnv, ParallelVectorEnv
 from agent.envs.rendering import RENDER_MODES, render_first, require_render_mode
 from agent.envs.state import Restorable
 from agent.envs.vector import direction_boards, lone
@@ -123,9 +122,9 @@ class NavigationEnv(SingleEnv):
             process: readings of the decision process.
             cosim: simulate motors and contacts instead of moving on the grid.
             render_mode, outcome_names: as of `SingleEnv`.
-            physics: of the co-simulation, see `agent.envs.dynamics.set_up`; and `decision`, when a
-                step ends: on "arrival", when the robot waits for its next action, or after every
-                "period" of 2 s, in which a robot under way ignores its action.
+            physics: of the co-simulation, see `agent.envs.dynamics.DynamicsBoards`; and `decision`,
+                when a step ends: on "arrival", when the robot waits for its next action, or after
+                every "period" of 2 s, in which a robot under way ignores its action.
 
         Raises:
             UserError: the scenario or an option cannot be used, or it has more than one robot.
@@ -164,45 +163,3 @@ class FlattenStateVector(gym.wrappers.vector.TransformObservation):
     def __init__(self, env: gym.vector.VectorEnv) -> None:
         row, space = _rows_of_tables(env.single_observation_space)
         super().__init__(env, row, single_observation_space=space)
-
-
-def parallel_env(
-    scenario: str | Scenario = "2",
-    process: ProcessConfig | None = None,
-    *,
-    cosim: bool = False,
-    render_mode: str | None = None,
-    outcome_names: bool = False,
-    max_cycles: int | None = None,
-    one_hot: bool = False,
-    **physics: Any,
-) -> NavigationParallelEnv:
-    """PettingZoo environment of any scenario.
-
-    Args:
-        scenario, process, cosim, render_mode, outcome_names, physics: as of `NavigationEnv`; of
-            several robots a step ends when any of them waits for an action, and `active` says whose
-            counts.
-        max_cycles: limit of steps, after which robots still on their move are truncated.
-        one_hot: observe a Box with a 0 or 1 for each value of each feature.
-    """
-    boards = direction_boards(1, scenario, process, physics, cosim=cosim)
-    return NavigationParallelEnv(
-        boards,
-        render_mode,
-        outcome_names=outcome_names,
-        max_cycles=max_cycles,
-        one_hot=one_hot,
-    )
-
-
-def parallel_vector_env(
-    scenario: str | Scenario = "2",
-    process: ProcessConfig | None = None,
-    *,
-    num_envs: int = 1,
-    outcome_names: bool = False,
-) -> ParallelVectorEnv:
-    """Boards of `parallel_env` on the grid, `num_envs` of them stepped together."""
-    boards = direction_boards(num_envs, scenario, process, {}, cosim=False)
-    return ParallelVectorEnv(boards, outcome_names=outcome_names)

@@ -185,7 +185,7 @@ class RobotsVectorEnv(RowsVectorEnv):
             render_mode, copy, ends, outcome_names: as of `RowsVectorEnv`.
             max_episode_steps: limit of steps, next to the process's own `step_limit`, and in the
                 co-simulation to the physics' `time_limit`.
-            physics: of the co-simulation, see `agent.envs.dynamics.set_up`.
+            physics: of the co-simulation, see `agent.envs.dynamics.DynamicsBoards`.
 
         Raises:
             UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.

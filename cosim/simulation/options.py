@@ -225,13 +225,18 @@ class SimulationOptions(Physics, DecisionOptions):
         return with_stopping_distance(config, fmu, progress) if config.shield else config
 
 
-def options_of(call: str, given: Mapping[str, Any]) -> SimulationOptions:
+def options_of(call: str, given: Mapping[str, Any], *more: str) -> SimulationOptions:
     """Return the options that a call in Python is given by name.
+
+    Args:
+        call: of messages.
+        given: values by name.
+        more: names that the call takes itself.
 
     Raises:
         ConfigError: one is unknown or does not fit.
     """
-    known = [option.name for option in fields(SimulationOptions)]
+    known = [*more, *(option.name for option in fields(SimulationOptions))]
     for name in given:
         if name not in known:
             raise ConfigError(f"{call} has no option {name}; choose from {', '.join(known)}")

@@ -2,6 +2,7 @@
 
 # pyright: reportMissingImports=false
 
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -69,9 +70,11 @@ def test_pettingzoo_accepts_robots_in_the_dynamics():
     parallel_seed_test(make, num_cycles=6)
 
 
-def test_pettingzoo_counts_cycles_and_renders():
-    max_cycles_test(SimpleNamespace(parallel_env=parallel, env=aec))
-    render_test(aec)
+@pytest.mark.parametrize("cosim", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_pettingzoo_counts_cycles_and_renders(cosim):
+    serial = partial(aec, cosim=cosim)
+    max_cycles_test(SimpleNamespace(parallel_env=partial(parallel, cosim=cosim), env=serial))
+    render_test(serial)
 
 
 def test_observations_can_be_one_hot():
@@ -147,7 +150,7 @@ def test_supersuit_makes_rows_of_robots_for_sb3():
 
 
 @pytest.mark.learners
-@pytest.mark.parametrize("name", ["SingleA", "Drive"])
+@pytest.mark.parametrize("name", IDS)
 def test_torchrl_accepts_single_robots(name):
     from torchrl.envs import GymWrapper
     from torchrl.envs.utils import check_env_specs

@@ -60,7 +60,7 @@ def test_robots_drive_as_they_are_told_and_rewards_say_how_far():
     ahead = [env.step(AHEAD) for _ in range(20)]
     moved, boards = 0.1 * (1.0 - ahead[-1][0][0]), env._boards
     assert isinstance(boards, DriveBoards)
-    steering = boards._setup.config.steering
+    steering = boards._config.steering
     assert moved / 2.0 == pytest.approx(steering.drive_speed_m_s, rel=0.15)
     assert sum(row[1] for row in ahead) == pytest.approx(100.0 * moved - 0.2, abs=0.05)
     env.reset(seed=0, options=start)

@@ -7,7 +7,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-from agent.envs import single as envs
+from agent import envs
 from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.parallel import NavigationParallelEnv
 from agent.envs.vector import NavigationVectorEnv, RobotsVectorEnv
@@ -233,8 +233,14 @@ def test_readings_without_effect_are_refused(reading, cosim, said):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"options": {"reset_mask": np.ones(4, dtype=bool)}}, r"reset_mask of shape \(4,\)"),
-        ({"options": {"reset_mask": np.ones(2, dtype=int)}}, "type int64; give one bool"),
+        (
+            {"options": {"reset_mask": np.ones(4, dtype=bool)}},
+            "reset_mask = .*; give one to each of the 2 boards",
+        ),
+        (
+            {"options": {"reset_mask": np.ones(2, dtype=int)}},
+            "reset_mask = .* is invalid: expected bool",
+        ),
         (
             {"options": {"starts": [[[4, 4], [9, 9]]]}},
             r"starts = .*; give one to each of the 2 boards",

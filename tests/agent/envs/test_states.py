@@ -197,7 +197,7 @@ def test_physics_are_options_of_environments():
     env.reset(seed=0)
     assert boards._episode(0).config.robot.mu == 0.15
     env.close()
-    with pytest.raises(ConfigError, match=r"no option friction; choose from worlds, .* mu,"):
+    with pytest.raises(ConfigError, match=r"no option friction; choose from world, worlds, .* mu,"):
         gym.make("MiniRobots/CoSim-v0", friction=0.2)
     with pytest.raises(ConfigError, match="mu has no effect on the grid"):
         gym.make("MiniRobots/SingleA-v0", mu=0.2)
