@@ -72,6 +72,7 @@ function take({ kind, view, playing: plays = false }) {
     pace = { wall, time: 0 };
   } else before = now;
   now = { ...read(view), wall };
+  if (kind === "placed") board.clear(); // robots did not drive there
   board.follow(now.robots);
   plots.forEach(([name, plot]) => plot.add(now.time, now.robots.map((robot) => robot[name])));
   setPlaying(plays);

@@ -91,6 +91,7 @@ const actions = {
     speed = message.speed;
     resume();
     if (playing && !before) play();
+    if (!playing) post("frame", { playing }); // after those under way
   },
   place({ robot, x, y }) {
     if (c.episode_place(robot, x, y)) post("placed", { playing });

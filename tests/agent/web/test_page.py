@@ -101,6 +101,9 @@ def test_page_is_played_by_keys_on_a_phone(browser, tmp_path, scheme):
     page.keyboard.press(" ")
     page.wait_for_function("parseFloat(document.getElementById('time').textContent) > 3")
     assert page.inner_text("#play") == "Pause"
+    page.keyboard.press(" ")
+    page.wait_for_timeout(300)
+    assert page.inner_text("#play") == "Play"
     page.keyboard.press("r")
     page.wait_for_function("document.getElementById('time').textContent === '0.0 s'")
     assert page.inner_text("#play") == "Play"
