@@ -1,9 +1,11 @@
-"""Sine and cosine against the library's."""
+"""Sine, cosine and arctangents against the library's."""
+
+import math
 
 import numpy as np
 
 from cosim.base.jit import kernel
-from cosim.physics.trig import sine_cosine
+from cosim.physics.trig import angle_of, arctangent, sine_cosine
 
 
 @kernel
@@ -29,3 +31,28 @@ def test_is_exactly_odd_and_even():
     both(-angles, minus)
     assert np.array_equal(plus[:, 0], -minus[:, 0])
     assert np.array_equal(plus[:, 1], minus[:, 1])
+
+
+@kernel
+def angles_of(y: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
+    for i in range(len(x)):
+        out[i, 0], out[i, 1] = arctangent(x[i]), angle_of(y[i], x[i])
+
+
+def test_angles_are_the_librarys_but_for_the_last_bits():
+    rng = np.random.default_rng(2)
+    y, x = rng.normal(size=(2, 500_000)) * 10.0 ** rng.uniform(-12, 12, (2, 500_000))
+    out = np.empty((len(x), 2))
+    angles_of(y, x, out)
+    alone, both = np.arctan(x), np.arctan2(y, x)
+    assert (np.abs(out[:, 0] - alone) <= np.spacing(np.abs(alone))).all()
+    assert (out[:, 0] == alone).mean() > 0.995
+    assert (np.abs(out[:, 1] - both) <= 2.0 * np.spacing(np.abs(both))).all()
+
+
+def test_angles_along_the_axes_are_exact():
+    for y, x in ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)):
+        assert angle_of(y, x) == math.atan2(y, x)
+    for x in (0.0, 1.0, -1.0, math.inf, -math.inf, 1e300):
+        assert arctangent(x) == math.atan(x)
+    assert math.isnan(arctangent(math.nan))
