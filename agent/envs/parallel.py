@@ -106,8 +106,8 @@ class AgentsView(Restorable):
                     f"action {shown(actions[agent])} of {agent} is no direction; choose a whole "
                     f"number from 0 to {DIRECTION_COUNT - 1}{each}"
                 )
-            joint[:, i] = np.where(active[:, i], chosen, 0)
-        return self._boards.joint(joint.ravel())
+            joint[:, i] = chosen
+        return self._boards.joint((joint * active).ravel())
 
     def _by_agent(self, array: np.ndarray) -> dict[str, Any]:
         """Return (K, …) of each agent, of (K, N, …)."""
@@ -118,9 +118,11 @@ class AgentsView(Restorable):
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         infos = self._boards.infos(names=self._outcome_names)
-        by_name = {name: self._by_agent(values) for name, values in infos.items()}
-        agents = by_name["outcome"]
-        return {a: {name: values[a] for name, values in by_name.items()} for a in agents}
+        by_name = [self._by_agent(values) for values in infos.values()]
+        return {
+            agent: dict(zip(infos, [values[agent] for values in by_name], strict=True))
+            for agent in by_name[0]
+        }
 
     def close(self) -> None:
         """Free the simulation; `reset` opens the environment again."""
@@ -216,7 +218,8 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
     def _by_agent(self, array: np.ndarray) -> dict[str, Any]:
         """Numbers, or rows of observations, of the agents that have not ended."""
         row = array[0].tolist() if array.ndim == 2 else array[0].copy()
-        return {a: row[i] for i, a in enumerate(self.possible_agents) if a in self.agents}
+        rows = zip(self.possible_agents, row, strict=True)
+        return {agent: one for agent, one in rows if agent in self.agents}
 
     def _observations(self) -> dict[str, np.ndarray]:
         seen = super()._observations()
@@ -225,8 +228,13 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
         return {k: np.asarray(spaces.flatten(self._features, row)) for k, row in seen.items()}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        masks = self._by_agent(self._boards.action_masks())
-        return {a: info | {"action_mask": masks[a]} for a, info in super()._infos().items()}
+        infos, masks = self._boards.infos(names=self._outcome_names), self._boards.action_masks()[0]
+        rows = {name: values[0].tolist() for name, values in infos.items()} | {"action_mask": masks}
+        return {
+            agent: {name: row[i] for name, row in rows.items()}
+            for i, agent in enumerate(self.possible_agents)
+            if agent in self.agents
+        }
 
     def state(self) -> np.ndarray:
         """Return the global state, shape (robots · features,): the observations of all robots."""
