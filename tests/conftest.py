@@ -69,6 +69,12 @@ def _keep_bytecode(config: pytest.Config) -> None:
     config.add_cleanup(patch.undo)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with files of which a test takes long: workers share short ones evenly at the end."""
+    long = {item.path for item in items if item.get_closest_marker("long")}
+    items.sort(key=lambda item: item.path not in long)
+
+
 class _ByFixtures(LoadScopeScheduling):
     """Gives a worker all tests that share costly fixtures: a file, or all tests of analysis."""
 

@@ -32,7 +32,7 @@ def test_api_page_runs_as_written(tmp_path, monkeypatch, capsys):
     }
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_study_page_runs_as_written(tmp_path, monkeypatch, capsys, command):
     page = (DOCS / "studies.md").read_text("utf-8")
     monkeypatch.chdir(tmp_path)

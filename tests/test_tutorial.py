@@ -42,7 +42,7 @@ def follow(tmp_path, monkeypatch, command):
     return follow_page
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_own_parts_are_brought_as_the_page_says(follow, tmp_path):
     follow("own.md")
     mine, ours = (read(tmp_path / name)[LOOPS[0]].omega for name in ("mine.rrd", "heavier.rrd"))

@@ -42,7 +42,7 @@ def test_a_list_takes_no_options_of_measuring():
         Policies(episodes=20)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_users_policy_is_measured_next_to_those_of_the_zoo(tmp_path):
     names = {name for name, (board, _) in zoo().items() if board.name == "1a"}
     found = leaderboard(["1a"], [Straight()], episodes=2, out=tmp_path)

@@ -128,7 +128,7 @@ def test_a_cluster_gives_the_rows_of_threads(cluster, name, near_file, tmp_path)
     assert msgspec.json.encode(here).replace(b"/here/", b"/there/") == msgspec.json.encode(there)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_processes_give_the_rows_of_threads(near_file, tmp_path):
     here = rows("evaluate", Place(tmp_path / "here" / "out", Workers(jobs=1), near_file))
     place = Place(tmp_path / "there" / "out", Workers(jobs=2, backend="loky"), near_file)

@@ -56,7 +56,9 @@ def test_kinds_without_episodes_are_refused(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind == "short")) for kind in KINDS]
+)
 def test_the_shield_holds_them_off(kind, table):
     blocks = []
     for shield in (False, True):
