@@ -16,7 +16,7 @@ from pettingzoo import ParallelEnv
 
 from agent.envs.boards import Count, DirectionBoards, board_seeds
 from agent.envs.grid_episode import ActionError, whole_numbers
-from agent.envs.rendering import RENDER_MODES, render_first, require_render_mode
+from agent.envs.rendering import RENDER_MODES, RenderMode, render_first
 from agent.envs.state import Restorable
 from agent.envs.vector import direction_boards
 from agent.mdp.config import ProcessConfig
@@ -172,9 +172,8 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
         Raises:
             UserError: the scenario or an option cannot be used.
         """
-        require_render_mode(render_mode)
         boards = direction_boards(1, scenario, process, physics, cosim=cosim)
-        self.render_mode = render_mode
+        self.render_mode = taken("render_mode", render_mode, RenderMode | None)
         self._max_cycles = taken("max_cycles", max_cycles, Count | None)
         self._cycles, self.agents = 0, []
         self._features = features = boards.observation_space

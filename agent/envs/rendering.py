@@ -1,32 +1,22 @@
 """Pictures of an episode as environments show them: text, or an array of pixels."""
 
-from typing import Any
+from typing import Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
 
 from agent.envs.boards import EnvBoards
-from cosim.base.errors import UserError
 from cosim.model.scenario import Scenario
 
 PIXELS_PER_CELL = 12
-RENDER_MODES = ["ansi", "rgb_array"]
+RenderMode = Literal["ansi", "rgb_array"]
+RENDER_MODES = list(get_args(RenderMode))
 # Colour-blind safe colours of robots and their targets (Okabe and Ito), used in turn.
 ROBOT_COLOURS = np.array(
     [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)],
     dtype=np.uint8,
 )
 _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
-
-
-def require_render_mode(mode: str | None) -> None:
-    """Refuse modes that are none of `RENDER_MODES`, nor None.
-
-    Raises:
-        UserError: it is another one.
-    """
-    if mode is not None and mode not in RENDER_MODES:
-        raise UserError(f"render_mode '{mode}' is none; choose {' or '.join(RENDER_MODES)}")
 
 
 def picture(mode: str, scenario: Scenario, positions_m: np.ndarray) -> str | np.ndarray:

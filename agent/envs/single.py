@@ -11,10 +11,11 @@ from gymnasium.utils import RecordConstructorArgs
 
 from agent.envs.boards import DirectionBoards, EnvBoards
 from agent.envs.grid_episode import ActionError, known_options
-from agent.envs.rendering import RENDER_MODES, render_first, require_render_mode
+from agent.envs.rendering import RENDER_MODES, RenderMode, render_first
 from agent.envs.state import Restorable
 from agent.envs.vector import direction_boards, lone
 from agent.mdp.config import ProcessConfig
+from cosim.base.arguments import taken
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
 
@@ -40,8 +41,8 @@ class SingleEnv(Restorable, gym.Env[np.ndarray, Any]):
     _mutable = ("_boards",)
 
     def __init__(self, boards: EnvBoards, render_mode: str | None, outcome_names: bool) -> None:
-        require_render_mode(render_mode)
-        self._boards, self.render_mode, self._outcome_names = boards, render_mode, outcome_names
+        self._boards, self._outcome_names = boards, outcome_names
+        self.render_mode = taken("render_mode", render_mode, RenderMode | None)
         self.observation_space, self.action_space = boards.observation_space, boards.action_space
         boards.seed([self.np_random_seed])
 

@@ -4,8 +4,7 @@
     gymnasium.make_vec("MiniRobots/Pair-v0", num_envs=1024)
 
 Boards with one robot have the same bits as a `SyncVectorEnv` of `agent.envs.NavigationEnv` with the
-same seeds, boards with several those of as many `agent.envs.parallel_env`. What they have in common
-with co-simulated environments (`agent.envs.cosim_vector`) is here too.
+same seeds, boards with several those of as many `agent.envs.parallel_env`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from agent.envs.boards import Boards, Count, DirectionBoards, EnvBoards, board_seeds
-from agent.envs.rendering import RENDER_MODES, picture, require_render_mode
+from agent.envs.rendering import RENDER_MODES, RenderMode, picture
 from agent.envs.state import Restorable
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError, require_one_of, taken
@@ -65,13 +64,12 @@ class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         outcome_names: bool = False,
         copy: bool = True,
     ) -> None:
-        require_render_mode(render_mode)
         require_one_of("ends", ends, ("together", "own"))
         self._together, self._outcome_names = ends == "together", outcome_names
         self._boards, self.scenario = boards, boards.scenario
         self.boards, self._robots = boards.shape
         self.num_envs = self.boards * self._robots
-        self.render_mode = render_mode
+        self.render_mode = taken("render_mode", render_mode, RenderMode | None)
         self.single_observation_space = boards.observation_space
         self.single_action_space = boards.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)

@@ -276,7 +276,7 @@ def test_a_refused_reset_changes_nothing():
 
 @pytest.mark.parametrize("make", [envs.NavigationEnv, envs.parallel_env, RobotsVectorEnv])
 def test_other_pictures_are_refused(make):
-    with pytest.raises(UserError, match=r"render_mode 'human' .*choose ansi or rgb_array"):
+    with pytest.raises(UserError, match=r"render_mode = 'human' .*choose one of ansi, rgb_array"):
         make(render_mode="human")
 
 
