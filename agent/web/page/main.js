@@ -37,6 +37,16 @@ async function inflated(text) {
   return new Response(stream).arrayBuffer();
 }
 
+// A table; of one with many zeros a bit for each number says whether it is another, and bytes follow.
+async function unpacked(kept) {
+  if (typeof kept === "string") return inflated(kept);
+  const [mask, halves] = (await Promise.all(kept.map(inflated))).map((buffer) => new Uint8Array(buffer));
+  const table = new Uint16Array(8 * mask.length), upper = halves.length / 2;
+  for (let i = 0, k = 0; i < table.length; i++)
+    if (mask[i >> 3] & (128 >> (i & 7))) table[i] = halves[k] | (halves[upper + k++] << 8);
+  return table.buffer;
+}
+
 // Robots of a view, which is one record of numbers.
 function read(view) {
   const part = (name, i, count) => view.slice(layout.view[name][0] + count * i, layout.view[name][0] + count * (i + 1));
@@ -247,7 +257,7 @@ async function start() {
   data.worlds.forEach(({ name }, k) => $("world").add(new Option(name, k)));
   $("with-world").hidden = data.worlds.length < 2;
   $("seed").value = data.seed;
-  const [wasm, ...tables] = await Promise.all([data.wasm, ...data.tables].map(inflated));
+  const [wasm, ...tables] = await Promise.all([data.wasm, ...data.tables].map(unpacked));
   listen();
   worker.postMessage({ action: "load", wasm, layout, tables });
   await enter(0);
