@@ -57,6 +57,7 @@ def plant_with(**changes) -> Plant:
         volts_per_speed=0.0,
         friction_volts=0.0,
         exchange_tolerance=TIMING.exchange_tolerance_rad,
+        portable=False,
     )
     return plant._replace(**changes)
 
