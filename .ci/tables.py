@@ -77,8 +77,8 @@ PICTURES = {
         "{preset}, {manoeuvre}, {rad/s} rad/s", "mm/s, range over phases", keep="wards"),
     "methods": Picture(
         "methods", "scenario | `--through`", {"time": "pair", "`fastest`": "fastest"},
-        "scenario {scenario}, --through {`--through`}",
-        "s until all robots have arrived, 95 % intervals"),
+        "scenario {scenario}, --through {`--through`}, shield {shield}",
+        "s until all robots have arrived"),
     "leaderboard": Picture(
         "leaderboard", "scenario | policy", {"time": "time"}, "{policy}",
         "s until all robots have arrived, of 20 episodes", "scenario", "^[234] "),

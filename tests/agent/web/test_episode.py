@@ -76,10 +76,12 @@ def test_tables_of_all_features_decide_as_the_policy_does(library):
     compare(library, policy, range(3), time_limit=60.0)
 
 
-def test_unequal_motors_seen_by_a_camera_have_the_bits_of_the_kernels(library):
+@pytest.mark.long
+@pytest.mark.parametrize("shield", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_unequal_motors_seen_by_a_camera_have_the_bits_of_the_kernels(library, shield):
     policy = random_policy(find_scenario("4-ring"), "xydgb", np.random.default_rng(3))
     world = "cosim/model/worlds/rough.toml"
-    compare(library, policy, [1], world=world, shield=True, time_limit=30.0)
+    compare(library, policy, [1], world=world, shield=shield, time_limit=30.0)
 
 
 def test_loads_and_phases_have_the_bits_of_the_kernels(library):
