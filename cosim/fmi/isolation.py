@@ -150,19 +150,27 @@ def calling(what: str) -> Iterator[None]:
 
 
 _FOLDER_LOCK = threading.Lock()
-_folders: list[str] = []  # in which calls under way began; the first counts
+_folders: dict[int, str] = {}  # by thread, in which calls under way began
 
 
 @contextlib.contextmanager
 def same_folder() -> Iterator[None]:
-    """Change back to the working directory in which the first call under way began."""
+    """Change back to the working directory in which this call began, or another thread's before it.
+
+    An interrupt can leave a call without an end: what it knew does not count in its thread.
+    """
+    thread, folder = threading.get_ident(), None
     with _FOLDER_LOCK, contextlib.suppress(FileNotFoundError):  # it may be gone
-        _folders.append(_folders[0] if _folders else os.getcwd())  # noqa: PTH109 - faster
+        others = (there for other, there in _folders.items() if other != thread)
+        _folders[thread] = folder = next(others, None) or os.getcwd()  # noqa: PTH109 - faster
     try:
         yield
+    except GeneratorExit:
+        folder = None  # it was left so, maybe long ago
+        raise
     finally:
         with _FOLDER_LOCK, contextlib.suppress(OSError):
-            folder = _folders.pop() if _folders else None
+            _folders.pop(thread, None)
             if folder and os.getcwd() != folder:  # noqa: PTH109
                 os.chdir(folder)
 

@@ -1,6 +1,7 @@
 """What a foreign FMU does to its process ends a command in one line, and nothing is lost."""
 
 import contextlib
+import gc
 import json
 import os
 import signal
@@ -15,7 +16,7 @@ import pytest
 
 from cosim.coupling.master import NotFiniteError
 from cosim.fmi.fmu import FmuError
-from cosim.fmi.isolation import Isolation
+from cosim.fmi.isolation import Isolation, same_folder
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
@@ -271,6 +272,19 @@ def test_fmus_change_neither_folder_nor_arithmetic(faulty_fmu, monkeypatch, tmp_
                 system.run(0.004)
         assert Path.cwd() == tmp_path
         assert 1.0 + 2.0**-54 * float(len(fault)) / 8.0 == 1.0
+
+
+def test_a_call_without_an_end_does_not_hold_the_folder(monkeypatch, tmp_path):
+    """An interrupt between a call and what it encloses leaves one, kept by the traceback."""
+    interrupted = same_folder()
+    interrupted.__enter__()
+    monkeypatch.chdir(tmp_path)
+    with same_folder():
+        pass
+    assert Path.cwd() == tmp_path
+    del interrupted
+    gc.collect()
+    assert Path.cwd() == tmp_path
 
 
 def test_nan_is_named_with_component_variable_and_time(faulty_fmu, monkeypatch):
