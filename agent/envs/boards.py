@@ -1,7 +1,7 @@
 """Boards that environments step together: what they have in common, and those of the grid.
 
-The views of boards are `agent.envs.single`, `vector`, `parallel` and `parallel_vector`; none adds
-anything to the process. The boards in the dynamics are in `agent.envs.dynamics`.
+The views of boards are `agent.envs.single`, `vector` and `parallel`; none adds anything to the
+process. The boards in the dynamics are in `agent.envs.dynamics`.
 """
 
 from abc import ABC, abstractmethod
