@@ -43,23 +43,23 @@ MotorFmuFile = Annotated[
 ]
 
 
-def _motor_parameter(texts: list[str]) -> tuple[str, float]:
+def _named_number(texts: list[str]) -> tuple[str, float]:
     name, _, value = texts[0].partition("=")
     return name, float(value)
 
 
-MotorParameter = Annotated[
+NamedNumber = Annotated[
     tuple[str, float],
     tyro.constructors.PrimitiveConstructorSpec(
         nargs=1,
         metavar="NAME=VALUE",
-        instance_from_str=_motor_parameter,
+        instance_from_str=_named_number,
         is_instance=lambda pair: isinstance(pair, tuple),
         str_from_instance=lambda pair: [f"{pair[0]}={pair[1]:g}"],
     ),
 ]
 MotorParameters = Annotated[
-    tuple[MotorParameter, ...], tyro.conf.arg(name="motor-parameter"), tyro.conf.UseAppendAction
+    tuple[NamedNumber, ...], tyro.conf.arg(name="motor-parameter"), tyro.conf.UseAppendAction
 ]
 
 

@@ -6,13 +6,15 @@ implicit coupling. The inverse of the residual's Jacobian is made by finite diff
 step to step, updated by Broyden's formula, and rebuilt where convergence is slow.
 """
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.jit import kernel
+from cosim.base.jit import inlined, kernel
 from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING, exchange_state
-from cosim.system.exchange import copy, exchange_values, feed
+from cosim.system.exchange import copy, exchange_values, feed, meets
+from cosim.system.graph import Link
 from cosim.system.kernels import (
     ENDED,
     EXTRAPOLATED,
@@ -46,7 +48,8 @@ from cosim.system.layout import (
 # Rows of `Coupling.unknowns`: present values, residual, both before an update, the update, and the
 # size to which residuals are compared.
 Z, RESIDUAL, OLD_Z, OLD_RESIDUAL, UPDATE, SIZE = range(6)
-# Rows of `Coupling.inputs`: at the beginning of a step, of the step before it, a copy of that.
+# Rows of `Coupling.inputs`: the last value that its source put out at the begin of a step, the one
+# before it, a copy of the former.
 START, BEFORE, KEPT = range(3)
 # Of `Coupling.flags`: whether there is an inverse, ticks of the step before and a copy, component
 # that asked to end or -1, unknown (or word of the inputs) that is worst, whether steps are made.
@@ -67,6 +70,8 @@ class Coupling(NamedTuple):
 
     Attributes:
         held: (H,) places of inputs that methods of second order vary within a step.
+        periods: (2, H) int64, ticks between their rows in `inputs`, and of a step of their
+            components.
         torn: (N,) places of inputs that are solved for.
         scale: (N,) their nominal sizes.
         inputs: (3, H) values of held ones, by the rows above.
@@ -80,6 +85,7 @@ class Coupling(NamedTuple):
     """
 
     held: np.ndarray
+    periods: np.ndarray
     torn: np.ndarray
     scale: np.ndarray
     inputs: np.ndarray
@@ -92,14 +98,15 @@ class Coupling(NamedTuple):
     numbers: np.ndarray
 
 
-def make_coupling(layout: Layout, held: np.ndarray, torn: np.ndarray) -> Coupling:
-    """Return room for the inputs at some places of the block, which are float64."""
-    size, count = len(layout.memory.i8), len(torn)
+def make_coupling(layout: Layout, held: Collection[Link], torn: Collection[Link]) -> Coupling:
+    """Return room for the inputs of some links, which are float64."""
+    (held_places, periods), (places, _) = layout.places_of(held), layout.places_of(torn)
+    size, count = len(layout.memory.i8), len(places)
     flags = np.array([0, 0, 0, -1, 0, 0], dtype=np.int64)
-    scale = np.array([layout.nominal(layout.node_at(WORD * int(place))) for place in torn])
+    scale = np.array([layout.nominal(layout.node_at(WORD * int(place))) for place in places])
     words = np.zeros(size - layout.words, dtype=np.int64)
     return Coupling(
-        held, torn, scale, np.zeros((3, len(held))), np.zeros((6, count)),
+        held_places, periods, places, scale, np.zeros((3, len(held_places))), np.zeros((6, count)),
         np.zeros((count, 2 * count)), words, np.zeros((3, size), dtype=np.int64),
         np.zeros(size, dtype=np.int64), flags, np.array([0.0, 1.0]),
     )  # fmt: skip
@@ -130,13 +137,25 @@ def restore(t: Tables, m: Memory, s: Coupling, point: int) -> tuple[int, int, in
 
 
 @kernel
-def get_all(t: Tables, m: Memory) -> tuple[int, int, int]:
-    """Get the outputs of all components."""
+def get_all(t: Tables, m: Memory, tick: int) -> tuple[int, int, int]:
+    """Get the outputs of all components that are at the end of a step."""
     for c in range(t.components.shape[0]):
+        if not meets(t, c, tick):
+            continue
         status = exchange_values(t, c, t.components[c, FIRST_GET], t.components[c, END_GET])
         if status > FMI_WARNING:
             return status, c, GETTING
     return FMI_OK, 0, GETTING
+
+
+@inlined
+def _continued(s: Coupling, i: int, tick: int, ticks: float) -> float:
+    """Return held input `i` some ticks after `tick`, extrapolated by its last two values."""
+    period = s.periods[0, i]
+    if tick < period:
+        return s.inputs[START, i]
+    change = s.inputs[START, i] - s.inputs[BEFORE, i]
+    return s.inputs[START, i] + (tick % period + ticks) / (period * s.flags[PREVIOUS]) * change
 
 
 @kernel
@@ -145,7 +164,10 @@ def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> t
     first = m.i8.shape[0] - s.sent.shape[0]
     for k in range(scheme.exchanges):
         copy(t, m, 0, t.copies.shape[0])
-        feed(t, m, scheme.start_s + tick * scheme.tick_s, scheme.tick_s)
+        feed(t, m, scheme.start_s, tick, 0.0, scheme.tick_s)
+        for i in range(s.held.shape[0]):
+            if tick % s.periods[0, i]:
+                m.f8[s.held[i]] = _continued(s, i, tick, 0.0)
         for i in range(s.torn.shape[0]):
             s.unknowns[RESIDUAL, i] = m.f8[s.torn[i]] - s.unknowns[Z, i]
             m.f8[s.torn[i]] = s.unknowns[Z, i]
@@ -158,6 +180,8 @@ def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> t
         if same:
             return FMI_OK, 0, GETTING
         for c in range(t.components.shape[0]):
+            if not meets(t, c, tick):
+                continue
             if s.flags[RUNNING]:
                 status = set_inputs(t, c)
             else:
@@ -167,7 +191,7 @@ def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> t
                 s.flags[ENDING] = c
             elif status > FMI_WARNING:
                 return status, c, SETTING
-        status, c, phase = get_all(t, m)
+        status, c, phase = get_all(t, m, tick)
         if status > FMI_WARNING:
             return status, c, phase
     return UNSETTLED if scheme.solves else FMI_OK, 0, GETTING
@@ -369,25 +393,22 @@ def step(
         if status <= FMI_WARNING and (s.torn.shape[0] or scheme.tolerance):
             status, c, phase = solve(t, m, s, scheme, tick + count, 0)
     else:
-        ratio = count / s.flags[PREVIOUS] if s.flags[PREVIOUS] else 0.0
         for i in range(s.held.shape[0]):
-            s.inputs[START, i] = m.f8[s.held[i]]
+            if tick % s.periods[0, i] == 0:
+                s.inputs[BEFORE, i], s.inputs[START, i] = s.inputs[START, i], m.f8[s.held[i]]
         if scheme.algorithm == EXTRAPOLATED:
             copy(t, m, 0, t.copies.shape[0])
             for i in range(s.held.shape[0]):
-                change = s.inputs[START, i] - s.inputs[BEFORE, i]
-                m.f8[s.held[i]] = s.inputs[START, i] + 0.5 * ratio * change
+                m.f8[s.held[i]] = _continued(s, i, tick, 0.5 * s.periods[1, i] * count)
             status, c, phase = _step_all(t, m, s, scheme, tick, count, final)
             if status <= FMI_WARNING:
                 status, c, phase = solve(t, m, s, scheme, tick + count, 0)
         else:
             for i in range(s.held.shape[0]):  # they are the unknowns, in the same order
-                s.unknowns[Z, i] += ratio * (s.inputs[START, i] - s.inputs[BEFORE, i])
+                s.unknowns[Z, i] = _continued(s, i, tick, count)
             status, c, phase = save(t, m, s, INNER)
             if status <= FMI_WARNING:
                 status, c, phase = solve(t, m, s, scheme, tick, count)
-        for i in range(s.held.shape[0]):
-            s.inputs[BEFORE, i] = s.inputs[START, i]
         s.flags[PREVIOUS] = count
     if status <= FMI_WARNING and s.flags[ENDING] >= 0:
         return ENDED, s.flags[ENDING], STEPPING

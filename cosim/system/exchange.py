@@ -6,12 +6,14 @@ from cosim.base.jit import inlined
 from cosim.fmi.abi import FMI_OK, exchange_2, exchange_3
 from cosim.system.layout import (
     COUNT,
+    FED,
     FIRST_ROW,
     FUNCTION,
     HANDLE,
     KIND,
     LAST_ROW,
     NUMBER,
+    PERIOD,
     PLACE,
     REFERENCES,
     ROW_NOW,
@@ -101,14 +103,24 @@ def copy(t: Tables, m: Memory, first: int, end: int) -> bool:
 
 
 @inlined
-def feed(t: Tables, m: Memory, time_s: float, tick_s: float) -> None:
+def feed(t: Tables, m: Memory, start_s: float, tick: int, middle: float, tick_s: float) -> None:
     """Set inputs that are given over time: floats interpolated linearly, others held.
 
     Of rows of one time the last one counts from then on. Before the first row its values hold, and
     behind the last one those.
+
+    Args:
+        t: tables.
+        m: the block of values.
+        start_s: time of tick 0.
+        tick: at which steps begin.
+        middle: ticks from there to the point of time, of a component whose step is one tick.
+        tick_s: duration of a tick.
     """
-    at_s = time_s + 1e-6 * tick_s  # a row within the rounding of a tick is at the tick
     for k in range(t.feeds.shape[0]):
+        period = t.components[t.feeds[k, FED], PERIOD]
+        time_s = start_s + (tick + period * middle) * tick_s
+        at_s = time_s + 1e-6 * tick_s  # a row within the rounding of a tick is at the tick
         place, kind, row = t.feeds[k, PLACE], t.feeds[k, KIND], t.feeds[k, ROW_NOW]
         while row < t.feeds[k, LAST_ROW] and t.given[0, row + 1] <= at_s:
             row += 1
@@ -126,6 +138,12 @@ def feed(t: Tables, m: Memory, time_s: float, tick_s: float) -> None:
             m.f8[place] = value
         else:
             m.f4[place] = value
+
+
+@inlined
+def meets(t: Tables, c: int, tick: int) -> bool:
+    """Return whether a component begins or ends a step at a tick."""
+    return t.components[c, PERIOD] == 1 or tick % t.components[c, PERIOD] == 0
 
 
 @inlined

@@ -20,7 +20,7 @@ from cosim.fmi.abi import (
     read_clock,
     update_discrete_states,
 )
-from cosim.system.exchange import copy, exchange_values, feed
+from cosim.system.exchange import copy, exchange_values, feed, meets
 from cosim.system.layout import (
     ASK,
     DISCRETE,
@@ -30,6 +30,7 @@ from cosim.system.layout import (
     END_REAL,
     END_SET,
     END_SINGLE,
+    ENDS,
     ENTER_EVENTS,
     ENTER_STEPS,
     EVENTS,
@@ -39,6 +40,7 @@ from cosim.system.layout import (
     FIRST_SET,
     FIRST_SINGLE,
     HANDLE,
+    PERIOD,
     STEPS_AS,
     UPDATE,
     Memory,
@@ -191,6 +193,9 @@ def advance(
 ) -> tuple[int, int, int]:
     """Step all components over `count` ticks.
 
+    A component whose step is several ticks makes it at its begin, and its outputs are got at its
+    end.
+
     Returns:
         A status, its component, and what was going on. ENDED stands for a whole step.
     """
@@ -200,22 +205,26 @@ def advance(
         return NOT_A_NUMBER, 0, GETTING
     if t.feeds.shape[0]:
         middle = 0.5 * count if scheme.algorithm >= EXTRAPOLATED else 0.0
-        feed(t, m, scheme.start_s + (tick + middle) * dt, dt)
+        feed(t, m, scheme.start_s, tick, middle, dt)
     begin = _nanoseconds(t, scheme)
     for c in range(t.components.shape[0]):
-        if scheme.algorithm == GAUSS_SEIDEL:
-            copy(t, m, t.components[c, FIRST_COPY], t.components[c, END_COPY])
-        status = set_inputs(t, c)
-        if status > FMI_WARNING:
-            return status, c, SETTING
-        status = _step(t, c, scheme.start_s + tick * dt, count * dt, final)
-        if status == ENDED:
-            ended = c
-        elif status > FMI_WARNING:
-            return status, c, STEPPING
-        status = exchange_values(t, c, t.components[c, FIRST_GET], t.components[c, END_GET])
-        if status > FMI_WARNING:
-            return status, c, GETTING
+        if meets(t, c, tick):
+            if scheme.algorithm == GAUSS_SEIDEL:
+                copy(t, m, t.components[c, FIRST_COPY], t.components[c, END_COPY])
+            status = set_inputs(t, c)
+            if status > FMI_WARNING:
+                return status, c, SETTING
+            step_s = t.components[c, PERIOD] * count * dt
+            status = _step(t, c, scheme.start_s + tick * dt, step_s, final)
+            t.components[c, ENDS] = status == ENDED
+            if status > FMI_WARNING and status != ENDED:
+                return status, c, STEPPING
+        if meets(t, c, tick + count):
+            status = exchange_values(t, c, t.components[c, FIRST_GET], t.components[c, END_GET])
+            if status > FMI_WARNING:
+                return status, c, GETTING
+            if t.components[c, ENDS]:
+                ended = c
         if scheme.clock:
             end = _nanoseconds(t, scheme)
             t.counts[c, NANOSECONDS] += end - begin

@@ -21,14 +21,14 @@ TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")  # of value
 (
     STANDARD, HANDLE, DO_STEP, GET_STATE, SET_STATE, ASK, ENTER_EVENTS, UPDATE, ENTER_STEPS,
     EVENTS, DISCRETE, FIRST_SET, END_SET, FIRST_GET, END_GET, FIRST_COPY, END_COPY,
-    FIRST_REAL, END_REAL, FIRST_SINGLE, END_SINGLE, STEPS_AS, FIRST_START, COLUMNS,
-) = range(24)  # fmt: skip
+    FIRST_REAL, END_REAL, FIRST_SINGLE, END_SINGLE, STEPS_AS, FIRST_START, PERIOD, ENDS, COLUMNS,
+) = range(26)  # fmt: skip
 # Columns of the places of floats that are got, and bytes of one, by the function that gets them.
 _FLOATS = {"Real": (FIRST_REAL, 8), "Float64": (FIRST_REAL, 8), "Float32": (FIRST_SINGLE, 4)}
 # Columns of `Tables.exchanges`, of `Tables.copies`, and of `Tables.feeds`.
 FUNCTION, REFERENCES, COUNT, VALUES, SIZE = range(5)
 SOURCE, TARGET, SOURCE_TYPE, TARGET_TYPE, NUMBER, SCALED = range(6)
-PLACE, KIND, FIRST_ROW, LAST_ROW, ROW_NOW = range(5)
+PLACE, KIND, FIRST_ROW, LAST_ROW, ROW_NOW, FED = range(6)
 
 
 class Place(NamedTuple):
@@ -87,7 +87,8 @@ class Tables(NamedTuple):
 
     Attributes:
         components: (C, COLUMNS); floats that are got are values FIRST_REAL to END_REAL - 1 of the
-            block as float64, FIRST_SINGLE to END_SINGLE - 1 as float32.
+            block as float64, FIRST_SINGLE to END_SINGLE - 1 as float32; PERIOD are ticks of a step,
+            ENDS is whether the last one asked to end.
         exchanges: (E, 5), getters and setters to call.
         copies: (K, 6), from outputs to inputs; places in multiples of the values' sizes.
         scales: (K, 2) float64, factor and offset.
@@ -96,7 +97,7 @@ class Tables(NamedTuple):
         states: (3, C), saved states, of three points of time.
         counts: (C, 4): steps, rollbacks, ns spent where that is measured, warnings.
         room: (10,), for what calls write.
-        feeds: (J, 5), inputs that are given over time, and the rows of their values.
+        feeds: (J, 6), inputs that are given over time, the rows of their values, and components.
         given: (2, R) float64, times in s and values.
     """
 
@@ -134,6 +135,7 @@ class Layout:
         recorded: Sequence[Node],
         checked: Sequence[Node],
         inputs: Sequence[Input],
+        periods: Sequence[int],
     ) -> None:
         """Make both.
 
@@ -143,6 +145,7 @@ class Layout:
             recorded: variables that are got, too.
             checked: outputs of 64 bits whose errors matter, which are got, too.
             inputs: that are given over time.
+            periods: ticks of a step of each instance.
         """
         self._instances = instances
         self.parts = [link.target for link in links if link.target_index]
@@ -167,6 +170,7 @@ class Layout:
         self._references: list[np.ndarray] = []  # keeps what tables have addresses of
         names = list(instances)
         components = np.zeros((len(names), COLUMNS), dtype=np.int64)
+        components[:, PERIOD] = periods
         exchanges: list[tuple[int, ...]] = []
         by_target = sorted(links, key=lambda link: names.index(link.target[0]))
         self.links = by_target
@@ -286,10 +290,11 @@ class Layout:
                 )
             first, end = end, end + len(each.time_s)
             at = place.offset // np.dtype(place.dtype).itemsize
-            rows.append((at, TYPES.index(place.dtype), first, end - 1, first))
+            number = list(self._instances).index(each.target[0])
+            rows.append((at, TYPES.index(place.dtype), first, end - 1, first, number))
         given = [np.array([each.time_s, each.values]) for each in inputs]
         return (
-            np.array(rows, dtype=np.int64).reshape(-1, 5),
+            np.array(rows, dtype=np.int64).reshape(-1, 6),
             np.ascontiguousarray(np.concatenate([np.empty((2, 0)), *given], axis=1)),
         )
 
@@ -308,17 +313,21 @@ class Layout:
             where.append((array, place.offset // array.itemsize))
         return lambda: [float(array[k]) for array, k in where]
 
-    def places_of(self, links: Collection[Link]) -> np.ndarray:
-        """Places in the block of the inputs that some links set, all of type float64."""
-        return np.array(
-            [
-                self.tables.copies[k, TARGET] + i
-                for k, link in enumerate(self.links)
-                if link in links
-                for i in range(self.tables.copies[k, NUMBER])
-            ],
-            dtype=np.int64,
-        )
+    def places_of(self, links: Collection[Link]) -> tuple[np.ndarray, np.ndarray]:
+        """Places (H,) in the block of the inputs that some links set, all of type float64.
+
+        And ticks (2, H) from one of their values to the next one that they are extrapolated by, and
+        of a step of their components.
+        """
+        periods = dict(zip(self._instances, self.tables.components[:, PERIOD], strict=True))
+        found = []
+        for k, link in enumerate(self.links):
+            own, put_out = (periods[end[0]] for end in (link.target, link.source))
+            first = self.tables.copies[k, TARGET]
+            places = range(first, first + self.tables.copies[k, NUMBER] * (link in links))
+            found += [(place, put_out if own % put_out else own, own) for place in places]
+        rows = np.array(found, dtype=np.int64).reshape(-1, 3).T.copy()
+        return rows[0], rows[1:]
 
     def node_at(self, byte: int) -> Node:
         """Variable whose values are at a byte of the block."""

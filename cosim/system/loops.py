@@ -9,13 +9,13 @@ import numpy as np
 from cosim.base.jit import inlined, kernel
 from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING
 from cosim.system.coupling import (
-    BEFORE,
     KEPT,
     KEPT_PREVIOUS,
     LAST_ERROR,
     OUTER,
     PREVIOUS,
     RUNNING,
+    START,
     Coupling,
     Z,
     get_all,
@@ -50,7 +50,7 @@ _INTEGRAL, _PROPORTIONAL, _MARGIN, _LEAST, _MOST = 0.7, 0.4, 0.9, 0.2, 5.0
 @kernel
 def settle(t: Tables, m: Memory, s: Coupling, scheme: Scheme) -> tuple[int, int, int]:
     """Make inputs and outputs agree in Initialization Mode; returns as `advance`."""
-    status, c, phase = get_all(t, m)
+    status, c, phase = get_all(t, m, 0)
     if status > FMI_WARNING:
         return status, c, phase
     for i in range(s.torn.shape[0]):
@@ -62,7 +62,7 @@ def settle(t: Tables, m: Memory, s: Coupling, scheme: Scheme) -> tuple[int, int,
 def begin(t: Tables, m: Memory, s: Coupling) -> tuple[int, int, int]:
     """Get all outputs after Initialization Mode; returns as `advance`."""
     s.flags[RUNNING] = 1
-    status, c, phase = get_all(t, m)
+    status, c, phase = get_all(t, m, 0)
     wrong = find_nan(t, m)
     return (NOT_A_NUMBER, wrong, GETTING) if status <= FMI_WARNING and wrong >= 0 else (
         status, c, phase
@@ -192,7 +192,7 @@ def _step_twice(
     t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
 ) -> tuple[int, int, int]:
     """Step in one, keep the block, go back, and step in two halves."""
-    s.inputs[KEPT], s.flags[KEPT_PREVIOUS] = s.inputs[BEFORE], s.flags[PREVIOUS]
+    s.inputs[KEPT], s.flags[KEPT_PREVIOUS] = s.inputs[START], s.flags[PREVIOUS]
     status, c, phase = save(t, m, s, OUTER)
     if status == FMI_OK:
         status, c, phase = step(t, m, s, scheme, tick, count, 0)
@@ -212,7 +212,7 @@ def _step_twice(
 @kernel
 def _return(t: Tables, m: Memory, s: Coupling) -> tuple[int, int, int]:
     """Go back to the outer saved point."""
-    s.inputs[BEFORE], s.flags[PREVIOUS] = s.inputs[KEPT], s.flags[KEPT_PREVIOUS]
+    s.inputs[START], s.flags[PREVIOUS] = s.inputs[KEPT], s.flags[KEPT_PREVIOUS]
     return restore(t, m, s, OUTER)
 
 

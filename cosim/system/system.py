@@ -14,7 +14,7 @@ import numpy as np
 from cosim.base.jit import uninterrupted
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
-from cosim.fmi.fmu import FmuError, LogLevel, check_steps, function_address
+from cosim.fmi.fmu import Fmu, FmuError, LogLevel, check_steps, function_address
 from cosim.fmi.isolation import calling
 from cosim.model.config import whole_ratio
 from cosim.system.coupling import HOME, LARGEST, SIZE, WORST, Z, make_coupling, restore, save
@@ -84,7 +84,8 @@ class System:
 
     Attributes:
         time_s: that it has reached.
-        steps, rejected: communication steps accepted, and taken back in vain.
+        steps, rejected: communication steps accepted, and taken back in vain; where components have
+            steps of their own, the shortest ones count.
     """
 
     def __init__(
@@ -105,6 +106,7 @@ class System:
         inputs: Mapping[str, Given] | None = None,
         fmu_log: LogLevel = "warnings",
         solver_tolerance: float = 1e-8,
+        component_steps: Mapping[str, float] = {},
     ) -> None:
         """Make the components and initialise them.
 
@@ -136,6 +138,8 @@ class System:
                 returned a warning, and "all" to print each of their messages, too.
             solver_tolerance: relative tolerance of CVODE, which integrates FMUs for Model Exchange;
                 their states' nominal values times it are the absolute ones.
+            component_steps: communication steps in s of single components, by their names; others
+                have `step_s`. All are whole multiples of the shortest one.
 
         Raises:
             GraphError: the system cannot be; the message names component, variable, connection.
@@ -149,6 +153,17 @@ class System:
             _require_positive("tolerance", tolerance)
         fmus = load_fmus(components)
         self._fmus, self._stop_s = fmus, stop_s
+        steps_s = _steps_of(fmus, step_s, component_steps)
+        tick_s = min(step_s, *steps_s.values())
+        periods = [whole_ratio(f"step of {name}", each, "the shortest step", tick_s)
+                   for name, each in steps_s.items()]  # fmt: skip
+        self._ticks = whole_ratio("step", step_s, "the shortest step", tick_s)
+        self._common = math.lcm(self._ticks, *periods)
+        if self._common > 1 and (tolerance or algorithm == "implicit"):
+            raise GraphError(
+                "components have steps of their own, which have one length and are not taken back: "
+                "leave the tolerance out, and choose another algorithm than implicit"
+            )
         links = check_connections(fmus, connections)
         number = ALGORITHMS.index(algorithm)
         continuous = [link for link in links if is_continuous(fmus, link)]
@@ -156,11 +171,18 @@ class System:
         if loops == "solve" and number != IMPLICIT:
             looped = links_in_loops(fmus, links)
             torn = [link for link in continuous if link in looped]
+            slow = [link for link in looped if steps_s[link.target[0]] > tick_s]
+            if slow:
+                raise GraphError(
+                    f"component {slow[0].target[0]} has a step of its own and is in a loop through "
+                    f"{'.'.join(slow[0].target)}; give all of the loop the shortest step, or pass "
+                    "--loops explicit"
+                )
         for name, fmu in fmus.items():
             said = f"FMU {fmu.path.name} of component {name}"
             fmu.warn(said)
             needs = "which a tolerance needs; leave the tolerance out" if tolerance else None
-            check_steps(fmu.interface, said, ("step", step_s), needs)
+            check_steps(fmu.interface, said, ("step", steps_s[name]), needs)
             if number == IMPLICIT and not fmu.interface.canGetAndSetFMUstate:
                 raise FmuError(
                     f"{said} cannot save its state (canGetAndSetFMUState), which --algorithm "
@@ -179,7 +201,7 @@ class System:
         self._scheme = Scheme(
             number,
             start_s,
-            step_s,
+            tick_s,
             tolerance or 0.0,
             longest,
             1,
@@ -205,12 +227,12 @@ class System:
                     )  # fmt: skip
                     self._instances[component.name] = instance
                 start = sampled(self._inputs, np.array([start_s]))
-                layout = Layout(self._instances, links, self._recorded, checked, start)
-                held = layout.places_of(continuous if number >= EXTRAPOLATED else [])
+                layout = Layout(self._instances, links, self._recorded, checked, start, periods)
+                held = continuous if number >= EXTRAPOLATED else []
                 self._layout = layout
                 if any(instance.functions for instance in self._instances.values()):
                     self._scheme = self._scheme._replace(at_once=_SLOW_STEPS_AT_ONCE)
-                self._coupling = make_coupling(layout, held, layout.places_of(torn))
+                self._coupling = make_coupling(layout, held, torn)
                 self._solved = bool(tolerance or torn or number >= EXTRAPOLATED)
                 self._initialise([*layout.parts, *(link.target for link in torn)])
         except BaseException:
@@ -268,10 +290,13 @@ class System:
         """
         if every < 1:
             raise GraphError(f"every {every} steps: choose 1 or more")
+        every *= self._ticks
         scheme, layout = self._scheme._replace(every=every), self._layout
         duration_s = until_s - scheme.start_s
         _require_positive("time to run", duration_s)
-        until = whole_ratio("time to run to", duration_s, "step", scheme.tick_s)
+        whole = "step" if self._common == 1 else "a common multiple of all steps"
+        common_s = self._common * scheme.tick_s
+        until = self._common * whole_ratio("time to run to", duration_s, whole, common_s)
         if self._stop_s is not None and until_s > self._stop_s + 0.5 * scheme.tick_s:
             raise GraphError(f"stop_s = {self._stop_s:g} is before {until_s:g} s; make it later")
         if until <= self._now[TICK]:
@@ -311,7 +336,12 @@ class System:
         """
         if not self._finalizer.alive or self._over:
             raise GraphError("the system has ended, failed or been closed; make it again")
-        until = int(self._now[TICK]) + steps
+        until = int(self._now[TICK]) + steps * self._ticks
+        if until % self._common:
+            raise GraphError(
+                f"{steps} steps end within a step of a component; all steps have the common "
+                f"multiple {self._common * self._scheme.tick_s:g} s"
+            )
         scheme, room = self._scheme._replace(every=_LONGEST), self._room(2)
         while self._now[TICK] < until and not self._over:
             self._go(scheme, until, room)
@@ -471,6 +501,15 @@ def _free(instances: Mapping[str, Instance], states: np.ndarray | None) -> None:
             if state:
                 instance.free_state(int(state))
         instance.close()
+
+
+def _steps_of(fmus: Mapping[str, Fmu], step_s: float, own: Mapping[str, float]) -> dict[str, float]:
+    """Return communication steps in s by component."""
+    for name, value in own.items():
+        if name not in fmus:
+            raise GraphError(f"a step is given to '{name}'; components are {', '.join(fmus)}")
+        _require_positive(f"step of {name}", value)
+    return {name: own.get(name, step_s) for name in fmus}
 
 
 def _require_positive(name: str, value: float) -> None:

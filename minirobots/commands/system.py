@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from cosim.base.command import NamedNumber
 from cosim.base.errors import UserError, at_end
 from cosim.base.progress import Progress
 from cosim.fmi.archive import MAX_DESCRIPTION_BYTES
@@ -32,6 +33,9 @@ class SimulateSystem(IsolatedOptions):
     """Simulated time to reach, in s; by default that of the file's default experiment."""
     step: Seconds = 1e-3
     """Communication step in s; with a tolerance the shortest one."""
+    component_step: Annotated[tuple[NamedNumber, ...], tyro.conf.UseAppendAction] = ()
+    """Communication step in s of one component, as in motor=1e-4; repeat for others. All steps are
+    whole multiples of the shortest one; rows are recorded at multiples of --step."""
     algorithm: Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"] = "jacobi"
     """Inputs during a step. jacobi: outputs before it. gauss-seidel: the newest outputs, as
     components step one after the other in the order of the file. Of second order are extrapolated
@@ -123,6 +127,7 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
         inputs=inputs,
         fmu_log=options.fmu_log,
         solver_tolerance=options.solver_tolerance,
+        component_steps=dict(options.component_step),
     )
     at_end.append(lambda _: system.close())  # whatever its FMUs do in their end, results are whole
     simulated = system.run(until_s, every=options.every, progress=progress)
