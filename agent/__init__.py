@@ -68,9 +68,7 @@ def train(
         UserError: the scenario or the method is unknown, the seed is negative, or the FMU cannot be
             used.
     """
-    # numba is slow to import
-    from agent.method import ON_MOVES, best_method, method_policy  # noqa: PLC0415
-    from cosim.simulation.ahead import compiling_ahead  # noqa: PLC0415
+    from cosim.simulation.ahead import compiling_ahead  # noqa: PLC0415 - numba is slow to import
 
     motors = {
         "motor_fmu": taken("motor_fmu", motor_fmu, Path | None),
@@ -79,11 +77,13 @@ def train(
         ),
     }
     board = find_scenario(scenario)
-    method = method or best_method(board)
-    for name, value in motors.items():
-        if value and method not in ON_MOVES:
-            raise UserError(f"{name} has no effect on training by method {method}; leave it out")
     with compiling_ahead(board.robots):  # most policies are simulated next
+        from agent.method import ON_MOVES, best_method, method_policy  # noqa: PLC0415
+
+        method = method or best_method(board)
+        for name, value in motors.items():
+            if value and method not in ON_MOVES:
+                raise UserError(f"{name} has no effect on training by {method}; leave it out")
         policy, *_ = method_policy(
             method,
             board,

@@ -2,7 +2,6 @@
 
 import atexit
 import contextlib
-import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,11 +9,15 @@ from collections.abc import Iterator
 from cosim.base.command import workers
 from cosim.base.jit import is_compiled
 from cosim.coupling.master import run_periods
-from cosim.simulation.batch import DRIVERS, Batch
-from cosim.simulation.options import SimulationOptions
-from cosim.simulation.tasks import places
+from cosim.simulation.batch import DRIVERS, places_for
 
-_CALL = "import pickle, sys; f, arguments = pickle.load(sys.stdin.buffer); f(*arguments)"
+# It imports no more than it compiles. FMUs and parameters make no difference to kernels.
+_COMPILE = """
+from cosim.model.config import CoSimConfig
+from cosim.simulation.batch import Batch
+from fmus.build import cached_fmu
+Batch(cached_fmu(), CoSimConfig(), robots={robots}, places={places}, driver="{driver}").compile()
+"""
 
 
 @contextlib.contextmanager
@@ -38,26 +41,17 @@ def compiling_ahead(
     if workers(-1) < 2 or is_compiled(run_periods):
         yield None
         return
+    places = places_for(driver, robots, episodes, threads)
     child = subprocess.Popen(
-        [sys.executable, "-c", _CALL],
-        stdin=subprocess.PIPE,
+        [sys.executable, "-c", _COMPILE.format(robots=robots, places=places, driver=driver)],
+        stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # Ctrl-C is for this process
     )
     atexit.register(child.kill)
-    if child.stdin is not None:
-        with contextlib.suppress(BrokenPipeError), child.stdin:
-            pickle.dump((_compile, (robots, driver, episodes, threads)), child.stdin)
     try:
         yield child
     except BaseException:
         child.kill()
         raise
-
-
-def _compile(robots: int, driver: str, episodes: int, threads: int) -> None:
-    """Compile the kernels of batches, whose FMUs and parameters make no difference."""
-    options = SimulationOptions()
-    config, fmu = options.config(), options.fmu()
-    Batch(fmu, config, robots, places(driver, robots, episodes, threads), driver).compile()

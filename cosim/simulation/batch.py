@@ -61,6 +61,13 @@ def _driver(name: str, motors: Motors, lanes: int) -> Driver:
     return {"reference": ReferenceDriver, "adaptive": AdaptiveDriver}[name](motors)
 
 
+def places_for(driver: str, robots: int, tasks: int, threads: int) -> int:
+    """Return the places of a batch: as many as fill its vectors, if each thread has that many."""
+    if driver not in IN_LANES:
+        return 1
+    return max(1, min(ROBOTS_TOGETHER // robots, -(-tasks // threads)))
+
+
 def chosen_driver(name: str | None, motor_fmu: Path, config: CoSimConfig) -> str:
     """Return the name of a driver; by default fmpy, or compiled where fmpy cannot step the motors.
 

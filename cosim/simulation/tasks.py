@@ -23,7 +23,7 @@ from cosim.coupling.rl_step import Step, SupportsAct
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.recording.episode import EpisodeRecorder
-from cosim.simulation.batch import IN_LANES, ROBOTS_TOGETHER, Batch, shared
+from cosim.simulation.batch import Batch, places_for, shared
 from cosim.simulation.driving import DrivenEpisode, SupportsDrive, drives
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult, facts_of, result_of
@@ -251,7 +251,7 @@ def simulate_tasks(
     queues = []
     for some in together.values():
         first = some[0][1]
-        room = places(first.driver, first.scenario.robots, len(some), threads)
+        room = places_for(first.driver, first.scenario.robots, len(some), threads)
         queues.append(_Queue(some, room))
     results: queue.SimpleQueue[tuple[int, EpisodeResult] | BaseException | None]
     results, stop = queue.SimpleQueue(), threading.Event()
@@ -285,11 +285,4 @@ def simulate_tasks(
 
 def compile_kernels(task: Task, tasks: int, threads: int) -> None:
     """Compile the kernels for some tasks like this one, or load them from the cache."""
-    _new_batch(task, places(task.driver, task.scenario.robots, tasks, threads)).compile()
-
-
-def places(driver: str, robots: int, tasks: int, threads: int) -> int:
-    """Places of a batch: as many as fill its vectors, if each thread has that many tasks."""
-    if driver not in IN_LANES:
-        return 1
-    return max(1, min(ROBOTS_TOGETHER // robots, -(-tasks // threads)))
+    _new_batch(task, places_for(task.driver, task.scenario.robots, tasks, threads)).compile()

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from numba.core.errors import TypingError
+from numba.core.registry import cpu_target
 
 from cosim.base import kernel_files
 from cosim.base.jit import inlined, is_compiled, kernel
@@ -103,6 +104,19 @@ def test_inlined_functions_take_no_arrays_of_kernels(tmp_path, monkeypatch):
     with pytest.raises(TypeError, match="without_first returns an array"):
         kernel(calling(inlined(first)))(np.ones(2))
     assert rest(np.array([1.0, 2.0])).tolist() == [2.0]
+
+
+def half_of_first(array):
+    return 0.5 * array[0]
+
+
+def test_inlined_functions_have_no_machine_code_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_files, "FOLDER", tmp_path)
+    outer = kernel(calling(inlined(half_of_first)))
+    assert outer(np.array([3.0])) == 1.5
+    symbols = cpu_target.target_context.codegen()._engine._defined_symbols
+    assert any("calling" in symbol for symbol in symbols)
+    assert not any("half_of_first" in symbol and "Env" not in symbol for symbol in symbols)
 
 
 KERNEL = """
