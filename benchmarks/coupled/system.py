@@ -25,15 +25,21 @@ from minirobots.options import CommandOptions, Count
 from tests.references.masses_ssp import MASTERS, EndOfRun, write_archive
 from tests.references.masses_ssp import run as run_other
 from tests.references.two_masses import (
+    BOND,
+    BONDED,
     CONNECTIONS,
     PLACES,
+    RESIDUAL,
+    STATES,
     PythonLoop,
+    bonded_masses,
     error,
     exact,
     exact_stiff,
     places,
     simulated,
     stiff_masses,
+    stored,
     two_masses,
 )
 
@@ -74,11 +80,33 @@ def measure(rounds: int) -> dict[str, Any]:
                 calls = run.profile["first"].steps
                 row |= {"steps": system.steps, "rejected": system.rejected, "calls": calls}
                 found["adaptive"].append(row)
+        found["energy"] = list(_energy(Path(folder)))
         found["stiff"] = list(_stiff(Path(folder)))
         found["masters"] = list(_masters(Path(folder)))
         found |= _costs(components, rounds)
         found["ns_exchange"] = _exchange_ns(two_masses(Path(folder), interface="ModelExchange"))
     return found
+
+
+def _energy(folder: Path) -> Iterator[dict[str, Any]]:
+    """Energy that the coupling adds, and its difference from what is reported, by algorithm."""
+    components = bonded_masses(folder)
+    steps: list[tuple[float, dict[str, Any]]] = [(step_s, {}) for step_s in STEPS_S]
+    for tolerance in (1e-2, 1e-3):
+        options = {"tolerance": tolerance, "step_control": "energy", "longest_step_s": 0.01}
+        steps.append((SHORTEST_S, options))
+    for algorithm in get_args(MasterAlgorithm):
+        for step_s, options in steps:
+            given = {"step_s": step_s, "algorithm": algorithm, "record": STATES, **options}
+            with System(components, BONDED, power_bonds=[BOND], **given) as system:
+                run = system.run(UNTIL_S)
+            added = stored(run) - stored(run)[0]
+            yield {
+                "algorithm": algorithm, "step_s": step_s, "tolerance": options.get("tolerance"),
+                "steps": system.steps, "added_j": float(np.abs(added).max()),
+                "difference_j": float(np.abs(run.signals[RESIDUAL] - added).max()),
+                "error_m": error(run),
+            }  # fmt: skip
 
 
 def _stiff(folder: Path) -> Iterator[dict[str, Any]]:

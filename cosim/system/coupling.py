@@ -34,10 +34,13 @@ from cosim.system.kernels import (
 from cosim.system.layout import (
     END_GET,
     END_SET,
+    ENERGY,
     FIRST_GET,
     FIRST_START,
     GET_STATE,
     HANDLE,
+    INPUT,
+    OUTPUT,
     SET_STATE,
     WORD,
     Layout,
@@ -54,8 +57,9 @@ START, BEFORE, KEPT = range(3)
 # Of `Coupling.flags`: whether there is an inverse, ticks of the step before and a copy, component
 # that asked to end or -1, unknown (or word of the inputs) that is worst, whether steps are made.
 HAS_INVERSE, PREVIOUS, KEPT_PREVIOUS, ENDING, WORST, RUNNING = range(6)
-# Of `Coupling.numbers`: largest residual relative to its scale, error of the step before.
-LARGEST, LAST_ERROR = range(2)
+# Of `Coupling.numbers`: largest residual relative to its scale, error of the step before, residual
+# power of bonds relative to that which passes.
+LARGEST, LAST_ERROR, IMBALANCE = range(3)
 # Saved points: of a varied step, of an implicit one, and one that the caller goes back to.
 OUTER, INNER, HOME = range(3)
 _MOST_ITERATIONS = 50
@@ -80,8 +84,10 @@ class Coupling(NamedTuple):
         sent: (words,) int64, inputs as they were set last.
         saved: (3, words) int64, the block at saved points.
         tried: (words,) int64, the block after a step in one.
+        bonded: (3, B, 2) float64, of both ends of each bond: output before a step, input in it, and
+            the largest power that has passed.
         flags: (6,) int64 and
-        numbers: (2,) float64, see above.
+        numbers: (3,) float64, see above.
     """
 
     held: np.ndarray
@@ -94,6 +100,7 @@ class Coupling(NamedTuple):
     sent: np.ndarray
     saved: np.ndarray
     tried: np.ndarray
+    bonded: np.ndarray
     flags: np.ndarray
     numbers: np.ndarray
 
@@ -108,7 +115,8 @@ def make_coupling(layout: Layout, held: Collection[Link], torn: Collection[Link]
     return Coupling(
         held_places, periods, places, scale, np.zeros((3, len(held_places))), np.zeros((6, count)),
         np.zeros((count, 2 * count)), words, np.zeros((3, size), dtype=np.int64),
-        np.zeros(size, dtype=np.int64), flags, np.array([0.0, 1.0]),
+        np.zeros(size, dtype=np.int64), np.zeros((3, len(layout.tables.bonds), 2)), flags,
+        np.array([0.0, 1.0, 0.0]),
     )  # fmt: skip
 
 
@@ -227,7 +235,13 @@ def _step_all(
 ) -> tuple[int, int, int]:
     """Step all components, and note one that asks to end."""
     s.flags[ENDING] = -1
+    for k in range(t.bonds.shape[0]):
+        for end in range(2):
+            s.bonded[0, k, end] = m.f8[t.bonds[k, OUTPUT + end]]
     status, c, phase = advance(t, m, scheme, tick, count, final)
+    for k in range(t.bonds.shape[0]):
+        for end in range(2):
+            s.bonded[1, k, end] = m.f8[t.bonds[k, INPUT + end]]
     first = m.i8.shape[0] - s.sent.shape[0]
     s.sent[:] = m.i8[first:]
     if status == ENDED:
@@ -409,7 +423,34 @@ def step(
             status, c, phase = save(t, m, s, INNER)
             if status <= FMI_WARNING:
                 status, c, phase = solve(t, m, s, scheme, tick, count)
-        s.flags[PREVIOUS] = count
+    if status <= FMI_WARNING and t.bonds.shape[0]:
+        _balance(t, m, s, count, scheme.tick_s)
+    s.flags[PREVIOUS] = count
     if status <= FMI_WARNING and s.flags[ENDING] >= 0:
         return ENDED, s.flags[ENDING], STEPPING
     return status, c, phase
+
+
+@kernel
+def _balance(t: Tables, m: Memory, s: Coupling, count: int, tick_s: float) -> None:
+    """Add to the residual energy of bonds what the coupling has put into both ends over a step.
+
+    Of each end that is the input, which held, times the integral of the output: by the parabola
+    through its values at both ends of the step and at the begin of the step before.
+    """
+    previous, squares = s.flags[PREVIOUS], 0.0
+    for k in range(t.bonds.shape[0]):
+        place, residual = t.bonds[k, ENERGY], 0.0
+        for end in range(2):
+            first, last = s.bonded[0, k, end], m.f8[t.bonds[k, OUTPUT + end]]
+            mean = 0.5 * (first + last)
+            if previous:
+                bend = (last - first) / count - (first - m.f8[place + 1 + end]) / previous
+                mean -= count * count / (6.0 * (count + previous)) * bend
+            m.f8[place + 1 + end] = first
+            power = s.bonded[1, k, end] * mean * (-t.weights[k, 0] if end else 1.0)
+            residual += power
+            s.bonded[2, k, end] = max(s.bonded[2, k, end], abs(power))
+        m.f8[place] += residual * count * tick_s
+        squares += (residual / max(t.weights[k, 1], s.bonded[2, k].max())) ** 2
+    s.numbers[IMBALANCE] = np.sqrt(squares / t.bonds.shape[0])

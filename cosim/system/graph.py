@@ -191,6 +191,43 @@ def check_connections(fmus: Mapping[str, Fmu], connections: Iterable[Connection]
     return links
 
 
+def check_bonds(
+    fmus: Mapping[str, Fmu], links: Sequence[Link], bonds: Iterable[Sequence[str]]
+) -> list[tuple[Link, Link]]:
+    """Return the connections of power bonds: that of the effort, and that of the flow.
+
+    Args:
+        fmus: by component.
+        links: between components.
+        bonds: inputs "component.variable" that take the effort and the flow.
+
+    Raises:
+        GraphError: an input has no connection of Float64 values, or the two do not lead from one
+            component to another one and back.
+    """
+    found = []
+    for names in bonds:
+        said = f"power bond {'='.join(names)}"
+        pair = [link for name in names for link in links if link.target == find(fmus, name)]
+        if len(pair) != 2 or not all(
+            is_continuous(fmus, k) and not k.offset and k.factor and not k.source_index
+            and not k.target_index for k in pair
+        ):  # fmt: skip
+            raise GraphError(
+                f"{said}: name two inputs, of effort and of flow, with connections of scalar "
+                "continuous Float64 values without an offset"
+            )
+        effort, flow = pair
+        ends = [(k.source[0], k.target[0]) for k in pair]
+        if ends[0] != ends[1][::-1] or ends[0][0] == ends[0][1]:
+            raise GraphError(
+                f"{said}: the connections lead from {' to '.join(ends[0])} and from "
+                f"{' to '.join(ends[1])}; choose one back and one forth between two components"
+            )
+        found.append((effort, flow))
+    return found
+
+
 def _check_types(said: str, source: ModelVariable, target: ModelVariable) -> None:
     kinds = [_CLASSES.get(str(v.type), "number") for v in (source, target)]
     if kinds[0] != kinds[1] or not keeps(str(source.type), str(target.type)):

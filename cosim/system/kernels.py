@@ -68,6 +68,7 @@ class Scheme(NamedTuple):
         tick_s: duration of a tick.
         tolerance: of the error of a step of several ticks, relative to the larger of a value and
             its nominal one; 0 to make every step one tick.
+        by_energy: 1 if the error is the residual power of bonds, and no step is taken back.
         longest: ticks of a step.
         every: steps from one recorded row to the next.
         clock: address of clock_gettime to measure with, or 0.
@@ -83,6 +84,7 @@ class Scheme(NamedTuple):
     start_s: float
     tick_s: float
     tolerance: float
+    by_energy: int
     longest: int
     every: int
     clock: int

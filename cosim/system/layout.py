@@ -28,6 +28,9 @@ _FLOATS = {"Real": (FIRST_REAL, 8), "Float64": (FIRST_REAL, 8), "Float32": (FIRS
 # Columns of `Tables.exchanges`, of `Tables.copies`, and of `Tables.feeds`.
 FUNCTION, REFERENCES, COUNT, VALUES, SIZE = range(5)
 SOURCE, TARGET, SOURCE_TYPE, TARGET_TYPE, NUMBER, SCALED = range(6)
+# Of `Tables.bonds`: places of outputs and inputs of both ends, and of the residual energy, which
+# outputs of the step before follow.
+OUTPUT, INPUT, ENERGY = 0, 2, 4
 PLACE, KIND, FIRST_ROW, LAST_ROW, ROW_NOW, FED = range(6)
 
 
@@ -99,6 +102,8 @@ class Tables(NamedTuple):
         room: (10,), for what calls write.
         feeds: (J, 6), inputs that are given over time, the rows of their values, and components.
         given: (2, R) float64, times in s and values.
+        bonds: (B, 5), of power, see above; the first end takes the effort.
+        weights: (B, 2) float64, units of the first end in one of the second end, nominal power.
     """
 
     components: np.ndarray
@@ -112,6 +117,13 @@ class Tables(NamedTuple):
     room: np.ndarray
     feeds: np.ndarray
     given: np.ndarray
+    bonds: np.ndarray
+    weights: np.ndarray
+
+
+def energy_of(effort: Link) -> Node:
+    """Return what the residual energy of a power bond is called."""
+    return effort.target[0], f"{effort.target[1]} residual energy"
 
 
 class Layout:
@@ -136,6 +148,7 @@ class Layout:
         checked: Sequence[Node],
         inputs: Sequence[Input],
         periods: Sequence[int],
+        bonds: Sequence[tuple[Link, Link]],
     ) -> None:
         """Make both.
 
@@ -146,6 +159,7 @@ class Layout:
             checked: outputs of 64 bits whose errors matter, which are got, too.
             inputs: that are given over time.
             periods: ticks of a step of each instance.
+            bonds: links of effort and flow, whose residual energy is recorded.
         """
         self._instances = instances
         self.parts = [link.target for link in links if link.target_index]
@@ -154,6 +168,9 @@ class Layout:
         self._end = 0
         got = dict.fromkeys([*(link.source for link in links), *recorded, *checked])
         gets = self._groups(list(got))
+        for effort, _ in bonds:
+            self.places[energy_of(effort)] = Place(self._end, "f8", (), False)
+            self._end += 3 * WORD
         self.words = self._end // WORD
         targets = dict.fromkeys(link.target for link in links)
         fixed = [n for n in targets if instances[n[0]].fmu.variables[n[1]].causality != "input"]
@@ -206,7 +223,15 @@ class Layout:
             np.zeros((len(names), 4), dtype=np.int64),
             np.zeros(10, dtype=np.int64),
             *self._feeds(inputs),
+            np.array([self._bond(*bond) for bond in bonds], dtype=np.int64).reshape(-1, 5),
+            np.array([(e.factor / f.factor, self.nominal(e.target) * self.nominal(f.source))
+                      for e, f in bonds]).reshape(-1, 2),
         )  # fmt: skip
+
+    def _bond(self, effort: Link, flow: Link) -> list[int]:
+        """Row of `Tables.bonds`."""
+        nodes = flow.source, effort.source, effort.target, flow.target, energy_of(effort)
+        return [self.places[node].offset // WORD for node in nodes]
 
     def _groups(self, nodes: Sequence[Node]) -> dict[str, dict[str, list[str]]]:
         """Variables by component and function, with their places behind the existing ones."""

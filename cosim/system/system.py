@@ -6,7 +6,7 @@ import math
 import os
 import time
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -23,6 +23,7 @@ from cosim.system.graph import (
     Connection,
     GraphError,
     Node,
+    check_bonds,
     check_connections,
     find,
     is_continuous,
@@ -48,7 +49,7 @@ from cosim.system.kernels import (
     WARNINGS,
     Scheme,
 )
-from cosim.system.layout import Layout
+from cosim.system.layout import Layout, energy_of
 from cosim.system.loops import (
     DONE,
     REJECTED,
@@ -64,6 +65,7 @@ from cosim.system.run import Share, SystemRun
 _LOG = logging.getLogger(__name__)
 MasterAlgorithm = Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"]
 Loops = Literal["solve", "explicit"]
+StepControl = Literal["error", "energy"]
 ALGORITHMS = get_args(MasterAlgorithm)  # by their numbers
 _TOLERANCE = 1e-10  # of what is solved for
 _STEPS_AT_ONCE, _SLOW_STEPS_AT_ONCE = 200_000, 500  # where steps do not, and do call Python
@@ -107,6 +109,8 @@ class System:
         fmu_log: LogLevel = "warnings",
         solver_tolerance: float = 1e-8,
         component_steps: Mapping[str, float] = {},
+        power_bonds: Iterable[Sequence[str]] = (),
+        step_control: StepControl = "error",
     ) -> None:
         """Make the components and initialise them.
 
@@ -140,6 +144,12 @@ class System:
                 their states' nominal values times it are the absolute ones.
             component_steps: communication steps in s of single components, by their names; others
                 have `step_s`. All are whole multiples of the shortest one.
+            power_bonds: inputs of effort and of flow, whose product is a power, by two
+                connections back and forth between two components. The energy that the coupling has
+                added to both by then is recorded as "component.effort residual energy".
+            step_control: what a tolerance bounds: "error", of outputs in a step, or "energy": the
+                residual power of power bonds, relative to the larger of the most that has passed
+                and the product of nominal values; no step is taken back.
 
         Raises:
             GraphError: the system cannot be; the message names component, variable, connection.
@@ -153,18 +163,23 @@ class System:
             _require_positive("tolerance", tolerance)
         fmus = load_fmus(components)
         self._fmus, self._stop_s = fmus, stop_s
+        links = check_connections(fmus, connections)
+        bonds = check_bonds(fmus, links, power_bonds)
+        by_energy = step_control == "energy"
+        if by_energy and not (bonds and tolerance):
+            raise GraphError("step control by energy needs power bonds and a tolerance; give both")
         steps_s = _steps_of(fmus, step_s, component_steps)
         tick_s = min(step_s, *steps_s.values())
         periods = [whole_ratio(f"step of {name}", each, "the shortest step", tick_s)
                    for name, each in steps_s.items()]  # fmt: skip
         self._ticks = whole_ratio("step", step_s, "the shortest step", tick_s)
         self._common = math.lcm(self._ticks, *periods)
-        if self._common > 1 and (tolerance or algorithm == "implicit"):
+        if self._common > 1 and (tolerance or bonds or algorithm == "implicit"):
             raise GraphError(
                 "components have steps of their own, which have one length and are not taken back: "
-                "leave the tolerance out, and choose another algorithm than implicit"
+                "leave the tolerance and power bonds out, and choose another algorithm than "
+                "implicit"
             )
-        links = check_connections(fmus, connections)
         number = ALGORITHMS.index(algorithm)
         continuous = [link for link in links if is_continuous(fmus, link)]
         torn = continuous if number == IMPLICIT else []
@@ -181,8 +196,13 @@ class System:
         for name, fmu in fmus.items():
             said = f"FMU {fmu.path.name} of component {name}"
             fmu.warn(said)
-            needs = "which a tolerance needs; leave the tolerance out" if tolerance else None
-            check_steps(fmu.interface, said, ("step", steps_s[name]), needs)
+            needs = "which a tolerance needs; leave the tolerance out"
+            varied = needs if tolerance and not by_energy else None
+            check_steps(fmu.interface, said, ("step", steps_s[name]), varied)
+            if by_energy and not fmu.interface.canHandleVariableCommunicationStepSize:
+                raise FmuError(
+                    f"{said} cannot vary its step (canHandleVariableCommunicationStepSize), {needs}"
+                )
             if number == IMPLICIT and not fmu.interface.canGetAndSetFMUstate:
                 raise FmuError(
                     f"{said} cannot save its state (canGetAndSetFMUState), which --algorithm "
@@ -203,6 +223,7 @@ class System:
             start_s,
             tick_s,
             tolerance or 0.0,
+            int(by_energy),
             longest,
             1,
             _clock() if profile else 0,
@@ -227,13 +248,15 @@ class System:
                     )  # fmt: skip
                     self._instances[component.name] = instance
                 start = sampled(self._inputs, np.array([start_s]))
-                layout = Layout(self._instances, links, self._recorded, checked, start, periods)
+                layout = Layout(self._instances, links, self._recorded, checked, start, periods,
+                                bonds)  # fmt: skip
+                self._recorded += [energy_of(effort) for effort, _ in bonds]
                 held = continuous if number >= EXTRAPOLATED else []
                 self._layout = layout
                 if any(instance.functions for instance in self._instances.values()):
                     self._scheme = self._scheme._replace(at_once=_SLOW_STEPS_AT_ONCE)
                 self._coupling = make_coupling(layout, held, torn)
-                self._solved = bool(tolerance or torn or number >= EXTRAPOLATED)
+                self._solved = bool(tolerance or torn or bonds or number >= EXTRAPOLATED)
                 self._initialise([*layout.parts, *(link.target for link in torn)])
         except BaseException:
             self.close()

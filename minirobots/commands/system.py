@@ -52,6 +52,15 @@ class SimulateSystem(IsolatedOptions):
     tolerance: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None
     """Vary the step so that the error of one in Float64 outputs stays below this share of the
     larger of a value and its nominal one; FMUs must be able to save their states."""
+    power_bond: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="EFFORT=FLOW"), tyro.conf.UseAppendAction
+    ] = ()
+    """Power bond: the two inputs component.variable that take the effort (a force, a voltage) and
+    the flow (a speed, a current) of two connections back and forth; repeat for others. The energy
+    that the coupling adds is recorded and printed."""
+    step_control: Literal["error", "energy"] = "error"
+    """What a tolerance bounds: error of outputs, or residual power of power bonds as a share of
+    what passes (energy: no step is repeated, so that FMUs need not save their states)."""
     solver_tolerance: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1e-8
     """Relative tolerance of the solver (CVODE) that integrates FMUs for Model Exchange. Of an FMU
     that has both interfaces, that for Co-Simulation is used unless the file says
@@ -128,6 +137,8 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
         fmu_log=options.fmu_log,
         solver_tolerance=options.solver_tolerance,
         component_steps=dict(options.component_step),
+        power_bonds=[bond.split("=", 1) for bond in options.power_bond],
+        step_control=options.step_control,
     )
     at_end.append(lambda _: system.close())  # whatever its FMUs do in their end, results are whole
     simulated = system.run(until_s, every=options.every, progress=progress)

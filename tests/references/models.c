@@ -93,7 +93,8 @@ static int step(Instance *c, double time, double h, bool *event) {
     switch (c->model) {
     case 'o': {
         double w = sqrt((r[2] + r[3]) / r[1]), rest = (r[6] + r[3] * r[7]) / (r[2] + r[3]);
-        double x = r[4] - rest, v = r[5], co = cos(w * h), si = sin(w * h);
+        double moved = r[11] > 0 ? r[10] : 0, drift = moved * r[3] / (r[2] + r[3]);
+        double x = r[4] - rest, v = r[5] - drift, co = cos(w * h), si = sin(w * h);
         if (r[9] > 0) { /* damped by the coupling: about another place of rest, or slower */
             double a = r[9] / (2 * r[1]), b = w * w - a * a, q = sqrt(fabs(b)), e = exp(-a * h);
             rest += r[9] * r[10] / (r[2] + r[3]), x = r[4] - rest;
@@ -103,8 +104,9 @@ static int step(Instance *c, double time, double h, bool *event) {
             r[5] = v * co - (a * v + w * w * x) * si;
             break;
         }
-        r[4] = rest + x * co + v / w * si;
-        r[5] = v * co - w * x * si;
+        r[4] = rest + drift * h + x * co + v / w * si;
+        r[5] = drift + v * co - w * x * si;
+        r[7] += moved * h;
         break;
     }
     case 'd':

@@ -81,6 +81,7 @@ MODELS = {
         Variable(8, "F", unit="N", needs=(7, 10)),
         Variable(9, "c_c", causality="parameter", start="0"),
         Variable(10, "v_in", causality="input", start="0"),
+        Variable(11, "moves", causality="parameter", start="0"),  # 1: x_in is the integral of v_in
     ),
     "dahlquist": (
         Variable(1, "k", causality="parameter", start="1"),

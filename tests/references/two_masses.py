@@ -6,6 +6,7 @@ one gets that place, has the coupling spring, and tells its force. Masses of 1 k
 inputs that hold, so what is wrong is the master's.
 """
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,38 @@ def stiff_masses(folder: Path) -> tuple[list[Component], list[Connection]]:
         *CONNECTIONS,
         Connection("first.v", "second.v_in"),
     ]
+
+
+BONDED = [Connection("second.F", "first.F_in"), Connection("first.v", "second.v_in")]
+BOND = ("first.F_in", "second.v_in")
+RESIDUAL = "first.F_in residual energy"
+STATES = ["first.x", "first.v", "second.x", "second.v", "second.x_in"]
+
+
+def bonded_masses(folder: Path, able: bool = True) -> list[Component]:
+    """The oscillators, of which the second one integrates the speed of the first: a power bond.
+
+    Args:
+        folder: of their FMU.
+        able: whether it says that it can save its state; it can vary its step in any case.
+    """
+    first, second = two_masses(folder)
+    if not able:
+        path, word = folder / "unable.fmu", "canGetAndSetFMUState"
+        assert isinstance(first.fmu, Fmu)
+        with zipfile.ZipFile(first.fmu.path) as source, zipfile.ZipFile(path, "w") as target:
+            for name in source.namelist():
+                old = f'{word}="true"'.encode()
+                target.writestr(name, source.read(name).replace(old, f'{word}="false"'.encode()))
+        first, second = (each._replace(fmu=Fmu(path)) for each in (first, second))
+    return [first, second._replace(start={**second.start, "moves": 1.0, "x_in": X_0[0]})]
+
+
+def stored(run: SystemRun) -> np.ndarray:
+    """Energy (n,) of both masses and all springs in J, of a run that records `STATES`."""
+    x_1, v_1, x_2, v_2, end = (run.signals[name] for name in STATES)
+    springs = SPRINGS[0] * x_1**2 + SPRINGS[1] * x_2**2 + COUPLING * (x_2 - end) ** 2
+    return 0.5 * (springs + MASS_KG * (v_1**2 + v_2**2))
 
 
 def exact_stiff(time_s: np.ndarray) -> np.ndarray:

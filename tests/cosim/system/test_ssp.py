@@ -242,6 +242,21 @@ def test_command_writes_what_it_recorded(archive, command, tmp_path, suffix):
     assert table["first.x"][-1].as_py() == told["last"]["first.x"]
 
 
+def test_command_takes_steps_of_components_and_power_bonds(archive, command, tmp_path):
+    words = ["--component-step", "second=5e-4", "--component-step", "first=2e-3", "--json"]
+    done = command("system", archive(), "--no-isolate", *words)
+    assert done.returncode == 0, done.stderr
+    profile = json.loads(done.stdout.splitlines()[-1])["profile"]
+    assert (profile["first"]["steps"], profile["second"]["steps"]) == (50, 200)
+    words = ["--power-bond", "first.F_in=second.x_in", "--out", tmp_path / "run.rrd"]
+    done = command("system", archive(), "--no-isolate", *words)
+    assert done.returncode == 0, done.stderr
+    assert "first.F_in residual energy = " in done.stdout
+    assert (
+        read_rrd(tmp_path / "run.rrd").signals["/first/F_in\\ residual\\ energy"].values[-1] != 0.0
+    )
+
+
 PARAMETERS = """<SystemStructureDescription version="1.0" name="s"
 xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription"><System name="s"><Elements>
 <System name="box"><Connectors><Connector name="twice" kind="calculatedParameter"/></Connectors>
