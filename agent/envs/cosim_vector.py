@@ -23,7 +23,7 @@ from agent.mdp.grid import X, Y
 from agent.mdp.readings import Process, build_process
 from agent.mdp.rewards import failed, step_reward
 from cosim.base.arguments import require_one_of
-from cosim.model.outcome import RUNNING
+from cosim.model.outcome import BY_RANK, RUNNING
 from cosim.model.scenario import Scenario
 from cosim.onboard.observing import draw_starts
 
@@ -43,7 +43,6 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         UserError: the scenario or an argument cannot be used.
     """
 
-    reset_options = ("starts", "mu", "targets")
     _mutable = (*DynamicsBoards._mutable, "_processes")
 
     def __init__(
@@ -78,20 +77,20 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         cells = None if starts is None else placed_world(process, starts)[:, [X, Y]]
         return scenario, process, cells
 
-    def _placed(
+    def _begin_board(
         self,
-        rng: np.random.Generator,
+        m: int,
+        mu: float | None = None,
         scenario: Scenario | None = None,
         process: Process | None = None,
         cells: np.ndarray | None = None,
-    ) -> tuple[Any, ...]:
+    ) -> None:
+        rng, seed = self._draws(m)
         scenario, process = scenario or self.scenario, process or self._usual
         if cells is None:
             cells = np.array(draw_starts(scenario, rng))
             placed_world(process, cells)  # refuses some
-        return scenario, cells, process
-
-    def _put(self, m: int, process: Process) -> None:
+        self._begin_episode(m, scenario, cells, mu, rng, seed)
         self._processes[m] = process
 
     def step(self, actions: np.ndarray) -> None:
@@ -104,13 +103,16 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         begins = np.flatnonzero(outcomes != RUNNING).tolist()
         moved, lost = ~self._arrived, np.zeros(self.shape, dtype=bool)
         rewards = np.zeros(self.shape)
-        while True:
-            for m, step in self._advance(actions).items():
-                arrived = self._arrived[m]
+        while (running := outcomes == RUNNING).any():
+            after, episodes = outcomes.copy(), self._episodes()
+            steps = self._batch.advance({m: actions[m] for m in np.flatnonzero(running).tolist()})
+            for m, step in steps.items():
+                after[m] = BY_RANK.index(step.outcome)
+                self._arrived[m] = arrived = episodes[m].arrived
                 lost[m] = failed(step, arrived)
                 rewards[m] += np.nan_to_num(step_reward(self._processes[m], step, arrived))
-            waits = outcomes[0] != RUNNING or self._episode(0).awaiting.any()
-            if not self._until_arrival or waits:
+            self._end(running, after)
+            if not self._until_arrival or self._episodes()[0].awaiting.any():
                 break
         for m in begins:
             self._begin_board(m)
@@ -120,7 +122,7 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         self._show(rewards, moved & ~moving, moved & moving & ended)
 
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
-        episodes = [self._episode(m) for m in range(self.shape[0])]
+        episodes = self._episodes()
         rows = []
         for process, seen in zip(self._processes, (e.observation for e in episodes), strict=True):
             cells = np.clip(seen.cells, 0, (self.scenario.columns - 1, self.scenario.rows - 1))
@@ -132,12 +134,15 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         """See `agent.envs.boards.DirectionBoards.action_masks`."""
         last, robots = (self.scenario.columns, self.scenario.rows), np.arange(self.shape[1])
         found = []
-        for m, process in enumerate(self._processes):
-            x, y = (self._episode(m).observation.cells.clip(-1, last) + 1).T
+        for process, episode in zip(self._processes, self._episodes(), strict=True):
+            x, y = (episode.observation.cells.clip(-1, last) + 1).T
             found.append(free_directions(process)[robots, x, y])
         return np.array(found)
 
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `agent.envs.boards.EnvBoards.scenes`."""
-        episodes = [self._episode(m) for m in range(self.shape[0])]
-        return [(episode.scenario, episode.positions_m) for episode in episodes]
+        return [(episode.scenario, episode.positions_m) for episode in self._episodes()]
+
+    def path_length_cm(self) -> np.ndarray:
+        """See `agent.envs.boards.EnvBoards.path_length_cm`."""
+        return 100.0 * np.array([episode.measures.path_length_m for episode in self._episodes()])

@@ -8,10 +8,10 @@ share the lanes of one batch; every row is a robot, with the bits of the single 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations, starmap
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -25,14 +25,23 @@ from agent.envs.vector import RowsVectorEnv, lone
 from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.errors import shown
 from cosim.base.jit import kernel
+from cosim.coupling.signals import MOTORS
 from cosim.model.config import MAX_VALUE, CoSimConfig, whole_ratio
-from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
-from cosim.onboard.features import Observation
-from cosim.physics.body_state import X, Y, standing_state
-from cosim.simulation.driving import NO_EFFECT, DrivenEpisode, DriveObservation, in_frames, numbers
+from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
+from cosim.physics.body_state import Q_W, Q_X, Q_Y, Q_Z, X, Y, standing_state
+from cosim.physics.rotation import heading
+from cosim.simulation.driving import (
+    NO_EFFECT,
+    DriveObservation,
+    in_frames,
+    numbers,
+    velocities,
+)
+from cosim.simulation.measures import PATH_SAMPLING_S
 
 TIME_LIMIT_S = 120.0
 REACH_M = 0.2
@@ -45,50 +54,70 @@ _END_REWARD = 10.0  # of an arrival, and of a failure with its sign changed; a c
 _POSITIVE = Annotated[float, msgspec.Meta(gt=0.0, le=MAX_VALUE)]
 _PERIOD_S = TIMING.control_period_s
 ACTIONS = ("velocity", "motors")
-_UNSEEN = Observation(*[np.empty(0, dtype=np.int64)] * 5)  # nothing here chooses directions
 
 Observe = Literal["true", "estimated"]
 
 
-class FreeEpisode(DrivenEpisode):
-    """An episode from poses to targets anywhere on the board.
-
-    A robot has arrived within 5 mm of its target; `observe` "true" shows true poses whatever the
-    camera sees.
+class Rows(NamedTuple):
+    """Robots of K boards that are driven; float64, a row for each of the K · N.
 
     Attributes:
-        away_m: (N,) true distances from the targets, in m.
+        poses: (K N, 3) x, y in m and heading in rad, as the learner knows them.
+        velocities: (K N, 3) see `cosim.simulation.driving.DriveObservation`.
+        targets_m: (K N, 2).
+        away_m: (K N,) true distances from the targets.
+        path_m: (K N,) length of the path so far.
+        last_m: (K N, 2) last point of the path.
+        dither: (K N, 2) see `new_dither`.
+        worlds: (K N, 5) of the episodes: µ, motor spread, restitution, slope in deg, payload in
+            10 g.
     """
 
-    observe: Observe = "true"
-
-    def _observe(self) -> Observation:
-        return _UNSEEN
-
-    def put(self, poses: np.ndarray, targets_m: np.ndarray, observe: Observe) -> None:
-        """Set the robots down at (N, 3) x, y in m and heading in rad, for (N, 2) targets in m."""
-        self.targets_m, self.observe = targets_m, observe
-        for robot, (x, y, angle) in enumerate(poses.tolist()):
-            self._bodies[robot] = standing_state(self.config.robot, x, y, angle)
-        self._estimates[:, POSE : POSE + 3] = self._poses = poses
-        self.measures._last_m[:], self.measures._last_rad[:] = poses[:, :2], poses[:, 2]
-        self.away_m = _distances_m(self._bodies, targets_m)
-
-    def poses(self) -> np.ndarray:
-        """See `DrivenEpisode.poses`."""
-        return super().poses() if self.observe == "estimated" else self.true_poses()
-
-    def _arriving(self, completed: np.ndarray) -> np.ndarray:
-        self.away_m = _distances_m(self._bodies, self.targets_m)
-        return self.away_m <= REACHED_M
+    poses: np.ndarray
+    velocities: np.ndarray
+    targets_m: np.ndarray
+    away_m: np.ndarray
+    path_m: np.ndarray
+    last_m: np.ndarray
+    dither: np.ndarray
+    worlds: np.ndarray
 
 
 @kernel
-def _distances_m(bodies: np.ndarray, targets_m: np.ndarray) -> np.ndarray:
-    away_m = np.empty(len(bodies))
-    for i in range(len(bodies)):
-        away_m[i] = math.hypot(bodies[i, X] - targets_m[i, 0], bodies[i, Y] - targets_m[i, 1])
-    return away_m
+def _locate(
+    bodies: np.ndarray, targets_m: np.ndarray, poses: np.ndarray, away_m: np.ndarray
+) -> None:
+    """Write true poses (R, 3) and distances from targets (R,) of the first R bodies."""
+    for i in range(len(poses)):
+        poses[i, 0], poses[i, 1] = bodies[X, i], bodies[Y, i]
+        poses[i, 2] = heading((bodies[Q_W, i], bodies[Q_X, i], bodies[Q_Y, i], bodies[Q_Z, i]))
+        away_m[i] = math.hypot(bodies[X, i] - targets_m[i, 0], bodies[Y, i] - targets_m[i, 1])
+
+
+@kernel
+def _add_paths(
+    positions: np.ndarray,
+    periods: np.ndarray,
+    since: np.ndarray,
+    every: int,
+    last_m: np.ndarray,
+    path_m: np.ndarray,
+) -> None:
+    """Add to the paths of the robots of K boards, as `cosim.simulation.measures` does.
+
+    Args:
+        positions: (n, B, 3) in control periods.
+        periods: (K,) that each board was simulated.
+        since: (K,) periods since the last point of the path.
+        every: periods between two points.
+        last_m, path_m: see `Rows`, written.
+    """
+    for i in range(len(path_m)):
+        m = i // (len(path_m) // len(periods))
+        for k in range(every - 1 - since[m], periods[m], every):
+            x, y = positions[k, i, 0], positions[k, i, 1]
+            path_m[i] += math.sqrt((x - last_m[i, 0]) ** 2 + (y - last_m[i, 1]) ** 2)
+            last_m[i, 0], last_m[i, 1] = x, y
 
 
 class DrivePolicy:
@@ -123,9 +152,9 @@ class DrivePolicy:
         Raises:
             ActionError: the policy returned something else than two numbers for each robot.
         """
-        actions = checked_actions(
-            self._predict(observed([motion], context=self._context)), len(motion.poses)
-        )
+        robots = len(motion.poses)
+        worlds = np.tile(_world_of(motion.config), (robots, 1)) if self._context else None
+        actions = checked_actions(self._predict(observed(motion, robots, worlds)), robots)
         dither = motion.memory.setdefault("dither", new_dither(len(actions)))
         return set_points(actions, motion.config, dither, velocity=self._velocity)
 
@@ -150,9 +179,7 @@ class DriveBoards(DynamicsBoards):
         UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
     """
 
-    reset_options = ("starts", "targets", "mu")
-    _mutable = (*DynamicsBoards._mutable, "_dither")
-    _kind = FreeEpisode
+    _mutable = (*DynamicsBoards._mutable, "_rows")
 
     def __init__(
         self,
@@ -185,7 +212,12 @@ class DriveBoards(DynamicsBoards):
         self._velocity, self._dense = action == "velocity", reward == "dense"
         options = {"time_limit": TIME_LIMIT_S, **physics, "rl_step": control_interval}
         super().__init__(count, scenario, options, max_episode_steps)
-        self._dither = new_dither(count * self.shape[1])
+        timing, rows = self._config.timing, count * self.shape[1]
+        step_ticks = self._config.periods_per_step * self._config.ticks_per_period
+        last = -(-self._config.ticks(timing.episode_limit_s) // step_ticks)
+        self._limit = min(self._limit, last)
+        sizes = ((3,), (3,), (2,), (), (), (2,), (2,), (5,))
+        self._rows = Rows._make(np.zeros((rows, *size)) for size in sizes)
 
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         size = 13 + 2 * (self.scenario.robots > 1) + 5 * self._context
@@ -236,12 +268,14 @@ class DriveBoards(DynamicsBoards):
             f"reach = {self._reach_m:g} m; choose a larger reach, or give starts and targets"
         )
 
-    def _placed(
+    def _begin_board(
         self,
-        rng: np.random.Generator,
+        m: int,
+        mu: float | None = None,
         poses: np.ndarray | None = None,
         targets_m: np.ndarray | None = None,
-    ) -> tuple[Any, ...]:
+    ) -> None:
+        rng, seed = self._draws(m)
         if poses is None:
             headings = rng.uniform(-math.pi, math.pi, self.shape[1])
             poses = np.column_stack([self._drawn(rng, None), headings])
@@ -249,12 +283,17 @@ class DriveBoards(DynamicsBoards):
             targets_m = self._drawn(rng, poses[:, :2])
         # no robot's target cell is forbidden to the others: its centre is what counts here
         scenario = replace(self.scenario, zone_is_obstacle=False)
-        return scenario, poses[:, :2] // scenario.cell_m, poses, targets_m
-
-    def _put(self, m: int, poses: np.ndarray, targets_m: np.ndarray) -> None:
-        self._episode(m).put(poses, targets_m, self._observe)
-        robots = self.shape[1]
-        self._dither[m * robots : (m + 1) * robots] = new_dither(robots)
+        cells = poses[:, :2] // scenario.cell_m
+        config = self._begin_episode(m, scenario, cells, mu, rng, seed)
+        where = slice(m * self.shape[1], (m + 1) * self.shape[1])
+        state, rows = self._batch.state, self._rows
+        for column, (x, y, angle) in enumerate(poses.tolist(), where.start):
+            state.bodies[:, column] = standing_state(config.robot, x, y, angle)
+        state.estimates[where, POSE : POSE + 3] = poses
+        begun = poses, 0.0, targets_m, 0.0, 0.0, poses[:, :2], [0.0, 1.0], _world_of(config)
+        for array, values in zip(rows, begun, strict=True):
+            array[where] = values
+        _locate(state.bodies, rows.targets_m, np.empty_like(rows.poses), rows.away_m)
 
     def joint(self, actions: Any) -> np.ndarray:
         """See `EnvBoards.joint`."""
@@ -267,45 +306,69 @@ class DriveBoards(DynamicsBoards):
             FmuError: an FMU failed.
         """
         outcomes = self.arrays.outcomes
-        rows = actions.reshape(-1, 2)
-        speeds = set_points(rows, self._config, self._dither, velocity=self._velocity)
         running, rewards = outcomes == RUNNING, np.zeros(self.shape)
         if running.any():
-            rewards[running] = self._driven(np.flatnonzero(running), speeds)
+            rewards[running] = self._drive(actions.reshape(-1, 2), running)[running]
         for m in np.flatnonzero(~running).tolist():
             self._begin_board(m)
         cut = (outcomes == TIMEOUT)[:, None] & ~self._arrived
         self._show(rewards, (outcomes != RUNNING)[:, None] & ~cut, cut)
 
-    def _driven(self, running: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        """(R, N) float64, rewards of the R boards that run, after a control interval."""
-        episodes: list[Any] = [self._batch.episodes[m] for m in running]
-        before_m = np.array([episode.away_m for episode in episodes])
-        arrived_before = self._arrived[running]
-        steps = self._advance(speeds.reshape(*self.shape, 2))
-        events = np.array([step.events for step in steps.values()])
-        rewards = 1.0 * self._arrived[running] - 1.0 * (events != RUNNING)
+    def _drive(self, actions: np.ndarray, running: np.ndarray) -> np.ndarray:
+        """(K, N) rewards of a control interval, by (K · N, 2) actions, where boards are running."""
+        rows, batch, arrived = self._rows, self._batch, self._arrived.copy()
+        state, count = batch.state, len(actions)
+        before, before_m = rows.poses.copy(), rows.away_m.copy()
+        commands = state.commands[:count]
+        commands[:, OMEGA_D : OMEGA_E + 1] = set_points(
+            actions, self._config, rows.dither, velocity=self._velocity
+        )
+        commands[:, MODE] = np.where(arrived.ravel(), HOLD, DIRECT)
+        every = round(PATH_SAMPLING_S / _PERIOD_S)
+        done = self._steps * self._config.periods_per_step
+        for samples, _ in batch.stretches():
+            _add_paths(
+                samples.position, state.periods, done % every, every, rows.last_m, rows.path_m
+            )
+            done += len(samples.position)
+        _locate(state.bodies, rows.targets_m, rows.poses, rows.away_m)
+        if self._observe == "estimated":
+            rows.poses[:] = state.estimates[:count, POSE : POSE + 3]
+        rows.velocities[:] = velocities(before, rows.poses, self._interval_s)
+        self._arrived |= (rows.away_m <= REACHED_M).reshape(self.shape)
+        failed = state.events[:count].reshape(self.shape)
+        all_arrived = np.where(self._arrived.all(axis=1), SUCCESS, RUNNING)
+        worst = failed.max(axis=1)
+        self._end(running, np.where(worst == RUNNING, all_arrived, worst))
+        rewards = 1.0 * self._arrived - 1.0 * (failed != RUNNING)
         if self._dense:
             rest = 0.1 * self._interval_s  # assumed: a second costs as much as a millimetre
-            progress_m = before_m - np.array([episode.away_m for episode in episodes])
+            progress_m = (before_m - rows.away_m).reshape(self.shape)
             rewards = 100.0 * progress_m - rest + _END_REWARD * rewards
-        rewards[arrived_before] = 0.0
-        return rewards
-
-    def _motions(self) -> list[DriveObservation]:
-        return [self._episode(m).motion() for m in range(self.shape[0])]
+        return np.where(arrived, 0.0, rewards)
 
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
-        rows = observed(self._motions(), context=self._context)
-        return rows.reshape(*self.shape, -1), ~self._arrived
+        rows, state, robots = self._rows, self._batch.state, self.shape[1]
+        speeds = state.outputs[MOTORS : 2 * MOTORS, : len(rows.poses)].T
+        parts = rows.poses, rows.velocities, speeds, rows.targets_m
+        motion = DriveObservation(*parts, self.scenario, self._config, {})
+        seen = observed(motion, robots, rows.worlds if self._context else None)
+        return seen.reshape(*self.shape, -1), ~self._arrived
+
+    def path_length_cm(self) -> np.ndarray:
+        """See `EnvBoards.path_length_cm`."""
+        return 100.0 * self._rows.path_m.reshape(self.shape)
 
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""
+        self._episodes()  # refuses before the first
+        rows = self._rows
         found = []
-        for motion in self._motions():
-            cells = (motion.targets_m // self.scenario.cell_m).astype(int)
+        boards = (array.reshape(*self.shape, -1) for array in (rows.poses, rows.targets_m))
+        for poses, targets_m in zip(*boards, strict=True):
+            cells = (targets_m // self.scenario.cell_m).astype(int)
             scene = replace(self.scenario, targets=tuple((int(x), int(y)) for x, y in cells))
-            found.append((scene, motion.poses[:, :2]))
+            found.append((scene, poses[:, :2]))
         return found
 
 
@@ -418,38 +481,40 @@ def set_points(
     return np.clip(np.stack(pair, axis=-1), -most, most)
 
 
-def observed(motions: Sequence[DriveObservation], *, context: bool) -> np.ndarray:
-    """(rows, F) float32 of the robots of some boards, see `DriveVectorEnv`; `context` adds worlds.
+def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -> np.ndarray:
+    """(R, F) float32, observations of `DriveVectorEnv`.
 
-    The boards have as many robots each, of one calibration.
+    Args:
+        motion: of the R robots of some boards, which have the same size and one calibration.
+        robots: of each board.
+        worlds: (R, 5) of `Rows`, to observe as well; None for none.
     """
-    parts = zip(*(motion[:4] for motion in motions), strict=True)
-    poses, velocities, speeds, targets_m = map(np.concatenate, parts)
-    steering, sin, cos = motions[0].config.steering, np.sin(poses[:, 2]), np.cos(poses[:, 2])
+    poses, velocities, speeds, targets_m = motion[:4]
+    steering, sin, cos = motion.config.steering, np.sin(poses[:, 2]), np.cos(poses[:, 2])
     error_m = in_frames(targets_m - poses[:, :2], cos, sin)
     seen = [
         error_m / _LENGTH_M,
         sin[:, None],
         cos[:, None],
-        poses[:, :2] / motions[0].scenario.size_m,
+        poses[:, :2] / motion.scenario.size_m,
         velocities[:, :2] / steering.drive_speed_m_s,
         velocities[:, 2:] / steering.turn_rate_rad_s,
         speeds / steering.max_speed_rad_s,
         error_m / np.maximum(np.hypot(*error_m.T), 1e-9)[:, None],
     ]
-    if (robots := len(motions[0].poses)) > 1:
+    if robots > 1:
         places = poses[:, :2].reshape(-1, robots, 2)
         apart = places[:, None] - places[:, :, None]
         gaps = np.hypot(apart[..., 0], apart[..., 1]) + np.diag([np.inf] * robots)
         nearest = np.take_along_axis(apart, gaps.argmin(axis=2)[..., None, None], axis=2)
         seen.append(in_frames(nearest.reshape(-1, 2), cos, sin) / _LENGTH_M)
-    if context:
-        seen.append(np.repeat([_context_of(m.config) for m in motions], robots, axis=0))
+    if worlds is not None:
+        seen.append(worlds)
     return np.concatenate(seen, axis=1).clip(-_LIMIT, _LIMIT).astype(np.float32)
 
 
-def _context_of(config: CoSimConfig) -> tuple[float, ...]:
-    """Return an episode's world: µ, motor spread, restitution, slope in deg, payload in 10 g."""
+def _world_of(config: CoSimConfig) -> tuple[float, ...]:
+    """Return an episode's world, see `Rows`."""
     world = config.world
     spread, restitution = world.motor_spread or 0.0, world.restitution or 0.0
     return config.robot.mu, spread, restitution, world.floor_tilt_deg, 0.1 * world.payload_g

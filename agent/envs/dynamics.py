@@ -3,6 +3,7 @@
 The boards of the grid are in `agent.envs.boards`.
 """
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,8 +17,8 @@ from agent.envs.grid_episode import ActionError
 from agent.moves.worlds import checked_ranges, draw_world
 from cosim.base.arguments import ConfigError, taken
 from cosim.base.progress import progress_bars
-from cosim.coupling.rl_step import Step
-from cosim.model.outcome import BY_RANK, RUNNING, TIMEOUT
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import IDEAL
@@ -43,8 +44,8 @@ class DynamicsBoards(EnvBoards):
             used.
     """
 
-    _mutable = ("_batch", "_seeds", "_arrived", "arrays")
-    _kind: type[RunningEpisode] = RunningEpisode
+    reset_options = ("starts", "targets", "mu")
+    _mutable = ("_batch", "_seeds", "_arrived", "_steps", "arrays")
 
     def __init__(
         self,
@@ -54,7 +55,7 @@ class DynamicsBoards(EnvBoards):
         limit: int | None,
     ) -> None:
         count = taken("num_envs", count, Count)
-        self._limit = taken("max_episode_steps", limit, Count | None)
+        self._limit = taken("max_episode_steps", limit, Count | None) or math.inf
         given = dict(physics)
         world, worlds = given.pop("world", None), given.pop("worlds", None)
         options = options_of("an environment", given, "world", "worlds")
@@ -68,7 +69,8 @@ class DynamicsBoards(EnvBoards):
         self.shape = rows = (count, self.scenario.robots)
         self._batch = Batch(motor_fmu, self._config, self.scenario.robots, count)
         self._seeds = [np.random.SeedSequence() for _ in range(count)]
-        self._arrived = np.zeros(rows, dtype=bool)
+        self._steps = np.zeros(count, dtype=np.int64)  # of the episode
+        self._arrived: np.ndarray = np.zeros(rows, dtype=bool)
         none, shape = np.zeros(rows, dtype=bool), self.observation_space.shape or ()
         seen = np.zeros((*rows, *shape), dtype=self.observation_space.dtype)
         # none is running yet
@@ -97,39 +99,40 @@ class DynamicsBoards(EnvBoards):
         """Return what `_put` takes, from the starts and targets of a reset; raises UserError."""
 
     def _begin(self, given: dict[int, tuple[Any, ...]]) -> None:
-        for m, (mu, *places) in given.items():
-            self._begin_board(m, mu, *places)
+        for m, checked in given.items():
+            self._begin_board(m, *checked)
         none = np.zeros(self.shape, dtype=bool)
         self._show(np.zeros(self.shape), none, none)
 
-    def _begin_board(self, m: int, mu: float | None = None, *places: Any) -> None:
-        """Begin an episode on a board, with a friction; what is not given is drawn."""
-        start_seed, noise_seed = self._seeds[m].spawn(2)
-        rng = np.random.default_rng(start_seed)
-        scenario, cells, *rest = self._placed(rng, *places)
+    @abstractmethod
+    def _begin_board(self, m: int, *arguments: Any, **options: Any) -> None:
+        """Begin an episode on board m: with what `_checked` returned, or drawn without it."""
+
+    def _draws(self, m: int) -> tuple[np.random.Generator, np.random.SeedSequence]:
+        """Return what draws the places of board m's next episode, and the seed of its noise."""
+        places, noise = self._seeds[m].spawn(2)
+        return np.random.default_rng(places), noise
+
+    def _begin_episode(
+        self,
+        m: int,
+        scenario: Scenario,
+        cells: np.ndarray,
+        mu: float | None,
+        rng: np.random.Generator,
+        seed: np.random.SeedSequence,
+    ) -> CoSimConfig:
+        """Begin an episode from (N, 2) cells, in a world that `rng` draws; returns its config."""
         config = self._config
         if self._worlds is not None:  # steering keeps its calibration, as in training of `robust`
             side = max(self.scenario.columns, self.scenario.rows)
             config = config.in_world(draw_world(self._worlds, side, side // 2, rng))
         if mu is not None:
             config = config.with_overrides(mu)
-        cells = tuple((int(x), int(y)) for x, y in cells)
-        self._batch.begin(m, scenario, cells, noise_seed, config, self._kind)
-        self._put(m, *rest)
-        self.arrays.outcomes[m], self._arrived[m] = RUNNING, False
-
-    @abstractmethod
-    def _placed(self, rng: np.random.Generator, *arguments: Any, **options: Any) -> tuple[Any, ...]:
-        """Return scenario and start cells of an episode, and what `_put` takes.
-
-        Args:
-            rng: is drawn from.
-            arguments: as `_checked_places` returns them; none in the step after an end.
-        """
-
-    @abstractmethod
-    def _put(self, m: int, *arguments: Any, **options: Any) -> None:
-        """Prepare board m, whose episode has begun."""
+        starts = tuple((int(x), int(y)) for x, y in cells)
+        self._batch.begin(m, scenario, starts, seed, config)
+        self.arrays.outcomes[m], self._arrived[m], self._steps[m] = RUNNING, False, 0
+        return config
 
     @abstractmethod
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
@@ -142,32 +145,23 @@ class DynamicsBoards(EnvBoards):
             self.arrays.outcomes, observations, rewards, terminated, truncated, active
         )
 
-    def _advance(self, actions: np.ndarray) -> dict[int, Step]:
-        """Simulate an RL step of the boards that run; returns their steps.
+    def _end(self, running: np.ndarray, outcomes: np.ndarray) -> None:
+        """End boards with their (K,) outcomes after a step of those that were running, (K,) bool.
 
-        Raises:
-            FmuError: an FMU failed.
+        A board that reached the limit of steps ends as well.
         """
-        outcomes = self.arrays.outcomes
-        running = np.flatnonzero(outcomes == RUNNING).tolist()
-        steps = self._batch.advance({m: actions[m] for m in running}) if running else {}
-        for m, step in steps.items():
-            outcomes[m] = BY_RANK.index(step.outcome)
-            self._arrived[m] = self._episode(m).arrived
-            if outcomes[m] == RUNNING and step.number + 1 == self._limit:
-                outcomes[m] = TIMEOUT
-                self._batch.stop(m)
-        return steps
+        self._steps += running
+        late = (outcomes == RUNNING) & (self._steps == self._limit)
+        self.arrays.outcomes[running] = np.where(late, TIMEOUT, outcomes)[running]
+        for m in np.flatnonzero(running & (self.arrays.outcomes != RUNNING)).tolist():
+            self._batch.stop(m)
 
-    def _episode(self, m: int) -> Any:
-        if (episode := self._batch.episodes[m]) is None:
+    def _episodes(self) -> list[RunningEpisode]:
+        """Return the episode of each board, which has one."""
+        begun = [episode for episode in self._batch.episodes if episode is not None]
+        if len(begun) < self.shape[0]:
             raise ActionError("no episode has begun; call reset first")
-        return episode
-
-    def path_length_cm(self) -> np.ndarray:
-        """See `EnvBoards.path_length_cm`."""
-        boards = range(self.shape[0])
-        return 100.0 * np.array([self._episode(m).measures.path_length_m for m in boards])
+        return begun
 
     def close(self) -> None:
         """Free the FMU instances."""

@@ -7,7 +7,7 @@ of an episode depends neither on what else is in the batch nor on the number of 
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +30,7 @@ from cosim.coupling.master import CompiledDriver, Driver, NotFiniteError, Refere
 from cosim.coupling.rl_step import SAMPLED, Step
 from cosim.coupling.signals import (
     RawSamples,
+    Samples,
     State,
     columns_of,
     new_raw_samples,
@@ -118,6 +119,7 @@ class Batch:
         config: of episodes that are begun without one.
         episodes: K of them, None where none has begun.
         robots: N.
+        state: variables of all columns; another record after `begin` and `set_state`.
 
     Raises:
         ConfigError: lanes are given for a driver without, or the driver cannot do what the
@@ -166,8 +168,8 @@ class Batch:
         self._motors = Motors(fmu, config, columns, sampled=driver == "fmpy")
         self._driver = _driver(driver, self._motors, lanes)
         self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
-        self._state = new_state(places, robots, columns)
-        self._state.properties[:] = robot_properties(config)[:, None]
+        self.state = new_state(places, robots, columns)
+        self.state.properties[:] = robot_properties(config)[:, None]
         self.episodes: list[RunningEpisode | None] = [None] * places
 
     def begin(
@@ -214,7 +216,7 @@ class Batch:
             raise ConfigError(f"starts = {shown(starts)} must have a cell for each robot")
         require_size(scenario, config)
         columns = self._columns(place)
-        state = self._state
+        state = self.state
         rows = state.inputs, state.outputs, state.held, state.held_velocities, state.statistics
         for signals in rows:
             signals[:, columns] = 0.0  # nothing is left of the episode before
@@ -222,10 +224,10 @@ class Batch:
         self._make_room_for_frames(frames_in_flight(config.world.camera))
         self._put_rectangles(place, scenario, config)
         phases = motor_phases(config.world, self.robots)
-        episode = kind(scenario, config, self._state, columns, starts, seed, sampled)
+        episode = kind(scenario, config, self.state, columns, starts, seed, sampled)
         self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors, phases)
         state.outputs[: len(MOTOR_NAMES), columns] = np.nan_to_num(phases.T)
-        self._state.running[place] = 1
+        self.state.running[place] = 1
         self.episodes[place] = episode
         return episode
 
@@ -233,21 +235,21 @@ class Batch:
         walls, patches = scenario.walls * scenario.cell_m, floor_patches(scenario, config)
         closed, columns = scenario.closed * scenario.cell_m, self._columns(place)
         targets, owners = scenario.parking
-        self._state = with_room(self._state, len(walls), len(patches), closed.shape[1])
-        self._state.obstacles[place] = self._state.patches[place] = np.inf
-        self._state.obstacles[place, : len(walls)] = walls
-        self._state.forbidden[columns] = np.inf
-        self._state.forbidden[columns, : closed.shape[1]] = closed
-        self._state.targets[columns] = targets * scenario.cell_m
-        self._state.owners[columns] = columns.start + owners
-        self._state.patches[place, : len(patches)] = patches
+        self.state = with_room(self.state, len(walls), len(patches), closed.shape[1])
+        self.state.obstacles[place] = self.state.patches[place] = np.inf
+        self.state.obstacles[place, : len(walls)] = walls
+        self.state.forbidden[columns] = np.inf
+        self.state.forbidden[columns, : closed.shape[1]] = closed
+        self.state.targets[columns] = targets * scenario.cell_m
+        self.state.owners[columns] = columns.start + owners
+        self.state.patches[place, : len(patches)] = patches
 
     def _make_room_for_frames(self, frames: int) -> None:
-        columns, present, size = self._state.frames.shape
+        columns, present, size = self.state.frames.shape
         if frames > present:
             larger = np.zeros((columns, frames, size))
-            larger[:, :present] = self._state.frames
-            self._state = self._state._replace(frames=larger)
+            larger[:, :present] = self.state.frames
+            self.state = self.state._replace(frames=larger)
 
     def advance(self, actions: Mapping[int, np.ndarray]) -> dict[int, Step]:
         """Simulate one RL step of all running episodes.
@@ -263,41 +265,57 @@ class Batch:
             NotFiniteError: a signal is no finite number; names it, the robot and the time.
             UserError: no episode is running.
         """
-        state, going_on = self._state, self.going_on()
-        if not going_on:
-            raise UserError("no episode is running in this batch, or it is closed; begin one first")
-        periods, columns = self.config.periods_per_step, state.bodies.shape[1]
-        step_s = self.config.timing.rl_step_s
-        frames = [frames_within(e.config.world.camera, step_s) for e in going_on.values()]
-        sight = np.zeros((max(frames, default=0), columns, NOISE))
-        state.cameras[:, SIGHT] = 0.0
-        for (place, episode), count in zip(going_on.items(), frames, strict=True):
-            where = self._columns(place)
-            episode.begin_step(actions[place], sight[:count, where])
-        noise = self._noise(going_on, periods)
-        # Samples of many robots are taken in stretches, as long as the robots are few.
-        stretch = -(-periods // -(-self.robots // SAMPLED))
-        samples = new_samples(min(stretch, periods), columns)
-        burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
-        raw = new_raw_samples(min(burst, stretch * self.config.ticks_per_period), columns)
-        begin_s = min(episode.time_s for episode in going_on.values())
-        with calling(f"the RL step from {begin_s:g} s of simulated time"):
-            for begin in range(0, periods, stretch):
-                state.periods[:] = 0
-                part, sighted = noise[begin : begin + stretch], state._replace(sight=sight)
-                try:
-                    self._driver.advance(self._plant, sighted, part, samples, raw)
-                except NotFiniteError as error:
-                    raise self._named(error, going_on, begin_s) from None
-                for place, episode in going_on.items():
-                    if state.periods[place]:
-                        episode.take(samples, raw, int(state.periods[place]))
-                raw = RawSamples(*(signal[:0] for signal in raw))
+        going_on = self.going_on()
+        for place, episode in going_on.items():
+            episode.begin_step(actions[place])
+        for samples, raw in self.stretches():
+            for place, episode in going_on.items():
+                if periods := int(self.state.periods[place]):
+                    episode.take(samples, raw, periods)
         steps = {place: episode.end_step() for place, episode in going_on.items()}
         for place, step in steps.items():
             if step.outcome:
                 self.stop(place)
         return steps
+
+    def stretches(self) -> Iterator[tuple[Samples, RawSamples]]:
+        """Simulate one RL step of all running episodes by the commands in `state`.
+
+        The step is not judged. Errors are those of `advance`.
+
+        Yields:
+            Samples of all columns in a stretch of the step, written again in the next one. Each
+            episode did `state.periods` control periods of it. Samples of many robots are taken in
+            several stretches.
+        """
+        state, going_on = self.state, self.going_on()
+        if not going_on:
+            raise UserError("no episode is running in this batch, or it is closed; begin one first")
+        periods, columns = self.config.periods_per_step, state.bodies.shape[1]
+        step_s = self.config.timing.rl_step_s
+        frames = [frames_within(e.config.world.camera, step_s) for e in going_on.values()]
+        sight = np.zeros((max(frames), columns, NOISE))
+        state.cameras[:, SIGHT] = 0.0
+        for (place, episode), count in zip(going_on.items(), frames, strict=True):
+            episode.see(sight[:count, self._columns(place)])
+        noise, sighted = self._noise(going_on, periods), state._replace(sight=sight)
+        stretch = min(-(-periods // -(-self.robots // SAMPLED)), periods)
+        samples = new_samples(stretch, columns)
+        burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
+        raw = new_raw_samples(min(burst, stretch * self.config.ticks_per_period), columns)
+        begin_s = min(episode.time_s for episode in going_on.values())
+        for begin in range(0, periods, stretch):
+            state.periods[:] = 0
+            part = noise[begin : begin + stretch]
+            with calling(f"the RL step from {begin_s:g} s of simulated time"):
+                try:
+                    self._driver.advance(self._plant, sighted, part, samples, raw)
+                except NotFiniteError as error:
+                    raise self._named(error, going_on, begin_s) from None
+            yield samples, raw
+            for place, episode in going_on.items():
+                episode.pass_periods(int(state.periods[place]))
+            raw = RawSamples(*(signal[:0] for signal in raw))
 
     def _named(
         self, error: NotFiniteError, going_on: dict[int, RunningEpisode], begin_s: float
@@ -313,7 +331,7 @@ class Batch:
 
     def _noise(self, episodes: Mapping[int, RunningEpisode], periods: int) -> np.ndarray:
         """(periods, B, 2), speed noise over the set points of episodes, by their places."""
-        noise = np.zeros((periods, self._state.bodies.shape[1], len(MOTOR_NAMES)))
+        noise = np.zeros((periods, self.state.bodies.shape[1], len(MOTOR_NAMES)))
         generators = [one for episode in episodes.values() for one in episode.noise]
         amplitudes = [e.config.noise.relative_amplitude for e in episodes.values()]
         of_robots = np.repeat(amplitudes, self.robots)[:, None]
@@ -326,24 +344,24 @@ class Batch:
         return {
             place: episode
             for place, episode in enumerate(self.episodes)
-            if episode is not None and self._state.running[place]
+            if episode is not None and self.state.running[place]
         }
 
     def stop(self, place: int) -> None:
         """Leave an episode as it is; its robots stand still from now on."""
         columns = self._columns(place)
-        self._state.running[place] = 0
-        self._state.ended[:, columns] = self._state.bodies[:, columns]
+        self.state.running[place] = 0
+        self.state.ended[:, columns] = self.state.bodies[:, columns]
 
     def _columns(self, place: int) -> slice:
         return slice(place * self.robots, (place + 1) * self.robots)
 
     def compile(self) -> None:
         """Compile the kernels, or load them from the cache, by simulating nothing."""
-        columns = self._state.bodies.shape[1]
+        columns = self.state.bodies.shape[1]
         noise = np.zeros((0, columns, len(MOTOR_NAMES)))
         samples, raw = new_samples(0, columns), new_raw_samples(0, columns)
-        self._driver.advance(self._plant, self._state, noise, samples, raw)
+        self._driver.advance(self._plant, self.state, noise, samples, raw)
 
     def get_state(self) -> BatchState:
         """Return a copy of all that changes, for `set_state`.
@@ -354,7 +372,7 @@ class Batch:
         episodes = [episode for episode in self.episodes if episode is not None]
         constant = (x for e in episodes for x in (e.scenario, e.config, e.drawn))
         return BatchState(
-            State(*(array.copy() for array in self._state)),
+            State(*(array.copy() for array in self.state)),
             copy.deepcopy(self.episodes, {id(x): x for x in constant}),
             self._motors.get_state(),
         )
@@ -373,16 +391,16 @@ class Batch:
                 f"a state of {len(saved.episodes)} episodes does not fit {len(self.episodes)}; "
                 "restore it where as many run"
             )
-        pairs = zip(self._state, saved.state, strict=True)
+        pairs = zip(self.state, saved.state, strict=True)
         arrays = [mine if mine.shape == its.shape else its.copy() for mine, its in pairs]
         for mine, its in zip(arrays, saved.state, strict=True):
             mine[:] = its
-        self._state = State(*arrays)
+        self.state = State(*arrays)
         constant = (x for e in saved.episodes if e for x in (e.scenario, e.config, e.drawn))
         self.episodes = copy.deepcopy(saved.episodes, {id(x): x for x in constant})
         for episode in self.episodes:
             if episode is not None:
-                episode.bind(self._state)
+                episode.bind(self.state)
         self._motors.set_state(saved.motors)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -391,7 +409,7 @@ class Batch:
 
     def close(self) -> None:
         """Free the FMU instances, and give up all episodes."""
-        self._state.running[:] = 0
+        self.state.running[:] = 0
         self._motors.close()
 
 

@@ -144,10 +144,7 @@ class DrivenEpisode(RunningEpisode):
         """See `RunningEpisode.end_step`."""
         step = super().end_step()
         before, self._poses = self._poses, self.poses()
-        angle, interval_s = self._poses[:, 2], self.config.timing.rl_step_s
-        self._velocities = _velocities(
-            before, self._poses, np.cos(angle), np.sin(angle), interval_s
-        )
+        self._velocities = velocities(before, self._poses, self.config.timing.rl_step_s)
         return step
 
     def _directions(self, action: Any) -> np.ndarray:
@@ -199,11 +196,8 @@ def in_frames(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarr
     return turned
 
 
-@kernel
-def _velocities(
-    before: np.ndarray, poses: np.ndarray, cos: np.ndarray, sin: np.ndarray, interval_s: float
-) -> np.ndarray:
-    """(N, 3) ahead and to the left in m/s, yaw rate in rad/s, see `in_frames`."""
-    moved = poses - before
+def velocities(before: np.ndarray, poses: np.ndarray, interval_s: float) -> np.ndarray:
+    """(N, 3) ahead and to the left in m/s, yaw rate in rad/s, between two poses (N, 3)."""
+    moved, angle = poses - before, poses[:, 2]
     moved[:, 2] = (moved[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
-    return in_frames(moved, cos, sin) / interval_s
+    return in_frames(moved, np.cos(angle), np.sin(angle)) / interval_s

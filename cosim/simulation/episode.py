@@ -170,13 +170,12 @@ class RunningEpisode:
         """Return what a policy decides on what it sees now."""
         return decide(policy, self.observation)
 
-    def begin_step(self, action: Any, sight: np.ndarray) -> None:
-        """Adopt actions, and draw the camera's frames of the step.
+    def begin_step(self, action: Any) -> None:
+        """Adopt actions.
 
         Args:
             action: (N,) direction index of each robot, as the policy returned it; a robot under way
                 keeps its own.
-            sight: (M, N, NOISE) of `cosim.onboard.camera`, written.
 
         Raises:
             UserError: the action is anything else.
@@ -184,6 +183,9 @@ class RunningEpisode:
         self._decided = self._adopt(self._directions(action))
         self._first_tick = self._tick
         self._was_moving = ~self._at_end()
+
+    def see(self, sight: np.ndarray) -> None:
+        """Draw the camera's frames of an RL step, (M, N, NOISE) of `cosim.onboard.camera`."""
         sensor = self.config.world.camera
         if sensor.rate_hz:
             for robot, rng in enumerate(self._cameras):
@@ -212,7 +214,10 @@ class RunningEpisode:
             samples = Samples(*(signal[:, chosen] for signal in samples))
             raw = RawSamples(*(signal[:, chosen] for signal in raw))
         self._taken.append((samples, raw, poses, ends_m))
-        self._tick += ticks
+
+    def pass_periods(self, periods: int) -> None:
+        """Count control periods that were simulated."""
+        self._tick += periods * self.config.ticks_per_period
 
     def end_step(self) -> Step:
         """Judge what was simulated since the step began."""

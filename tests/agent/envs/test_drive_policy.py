@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import minirobots as mr
-from agent.envs.drive import DrivePolicy, DriveVectorEnv, FreeEpisode
+from agent.envs.drive import DrivePolicy, DriveVectorEnv
 from agent.envs.grid_episode import ActionError
 from agent.study.policies import ObjectPolicy
 from cosim.base.arguments import ConfigError
@@ -57,13 +57,12 @@ def test_its_decisions_are_those_in_the_environment(driver):
     seen, _ = env.reset(seed=3, options=with_memory)
     for _ in range(4):
         boards: Any = env._boards
-        episode = boards._episode(0)
-        assert isinstance(episode, FreeEpisode)
-        motion = episode.motion()
-        motion.memory["dither"] = boards._dither.copy()
-        wanted = driver.drive(motion)
+        rows, state = boards._rows, boards._batch.state
+        parts = rows.poses, rows.velocities, state.outputs[2:4, :1].T, rows.targets_m
+        memory = {"dither": rows.dither.copy()}
+        wanted = driver.drive(DriveObservation(*parts, boards.scenario, boards._config, memory))
         seen, *_ = env.step(towards(seen))
-        assert np.array_equal(episode._commands[:, :2], wanted)
+        assert np.array_equal(state.commands[:1, :2], wanted)
     env.close()
 
 

@@ -190,12 +190,12 @@ def test_physics_are_options_of_environments():
     boards = env._boards
     assert isinstance(boards, CoSimBoards)
     env.reset(seed=0, options={"mu": 0.3, "targets": [[3, 3]]})
-    running = boards._episode(0)
+    running = boards._episodes()[0]
     assert (running.config.robot.mu, running.scenario.targets) == (0.3, ((3, 3),))
     *_, truncated, infos = env.step({"robot_1": 0})
     assert (truncated["robot_1"], infos["robot_1"]["outcome"]) == (True, TIMEOUT)
     env.reset(seed=0)
-    assert boards._episode(0).config.robot.mu == 0.15
+    assert boards._episodes()[0].config.robot.mu == 0.15
     env.close()
     with pytest.raises(ConfigError, match=r"no option friction; choose from world, worlds, .* mu,"):
         gym.make("MiniRobots/CoSim-v0", friction=0.2)
@@ -268,7 +268,7 @@ def test_environments_are_in_the_world_of_a_scenario_file(make, name, tmp_path):
     env = make(f"MiniRobots/{name}-v0", scenario=str(path))
     env.reset(seed=0)
     boards: Any = env.unwrapped._boards
-    assert boards._episode(0).config.robot.mu == 0.2
+    assert boards._episodes()[0].config.robot.mu == 0.2
     env.close()
     with pytest.raises(UserError, match="world"):
         make("MiniRobots/SingleA-v0", scenario=str(path))

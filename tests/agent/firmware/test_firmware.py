@@ -106,7 +106,7 @@ class InPlace:
     def __init__(self, fleet: Fleet, simulation: CoSimulation) -> None:
         batch = simulation._batch
         self.fleet = fleet
-        self.inner, self.state = batch._driver, batch._state
+        self.inner, self.state = batch._driver, batch.state
         self.motors = self.inner.motors
         batch._driver = self
         where, _ = poses(self.state, len(fleet.robots))

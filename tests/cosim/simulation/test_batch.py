@@ -289,7 +289,7 @@ def test_an_error_of_an_idle_lane_says_whose_it_is(lane, array_fmu):
     batch = Batch(array_fmu, CoSimConfig(), 1, 3)
     scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
     batch.begin(0, scenario, ((15, 15),), np.random.SeedSequence(3))
-    batch._state.bodies[0, lane] = np.nan
+    batch.state.bodies[0, lane] = np.nan
     with pytest.raises(NotFiniteError, match=r"robot 1 .* nan at"):
         batch.advance({0: np.array([NORTH])})
     batch.close()
