@@ -30,17 +30,17 @@ __all__ = [
 
 parallel_env, parallel_vector_env = NavigationParallelEnv, ParallelVectorEnv
 
-for _name, _vector, _scenario, _steps in (
-    ("SingleA", "NavigationVectorEnv", "1a", 1000),
-    ("SingleB", "NavigationVectorEnv", "1b", 1000),
-    ("Pair", "RobotsVectorEnv", "2", 1000),  # alone it is refused
-    ("CoSim", "RobotsVectorEnv", "1a", 300),
-    ("CoSimPair", "RobotsVectorEnv", "2", 300),
+for _name, _scenario, _steps in (
+    ("SingleA", "1a", 1000),
+    ("SingleB", "1b", 1000),
+    ("Pair", "2", 1000),  # alone it is refused
+    ("CoSim", "1a", 300),
+    ("CoSimPair", "2", 300),
 ):
     gymnasium.register(
         f"MiniRobots/{_name}-v0",
         entry_point="agent.envs:NavigationEnv",
-        vector_entry_point=f"agent.envs.vector:{_vector}",
+        vector_entry_point="agent.envs.vector:RobotsVectorEnv",
         kwargs={"scenario": _scenario} | ({"cosim": True} if _name.startswith("CoSim") else {}),
         max_episode_steps=_steps,
     )

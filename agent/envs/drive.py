@@ -18,8 +18,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
+from agent.envs.boards import ActionError, StartsError
 from agent.envs.dynamics import DynamicsBoards
-from agent.envs.grid_episode import ActionError, StartsError
 from agent.envs.single import SingleEnv
 from agent.envs.vector import RowsVectorEnv, lone
 from cosim.base.arguments import ConfigError, require_one_of, taken
@@ -92,32 +92,6 @@ def _locate(
         poses[i, 0], poses[i, 1] = bodies[X, i], bodies[Y, i]
         poses[i, 2] = heading((bodies[Q_W, i], bodies[Q_X, i], bodies[Q_Y, i], bodies[Q_Z, i]))
         away_m[i] = math.hypot(bodies[X, i] - targets_m[i, 0], bodies[Y, i] - targets_m[i, 1])
-
-
-@kernel
-def _add_paths(
-    positions: np.ndarray,
-    periods: np.ndarray,
-    since: np.ndarray,
-    every: int,
-    last_m: np.ndarray,
-    path_m: np.ndarray,
-) -> None:
-    """Add to the paths of the robots of K boards, as `cosim.simulation.measures` does.
-
-    Args:
-        positions: (n, B, 3) in control periods.
-        periods: (K,) that each board was simulated.
-        since: (K,) periods since the last point of the path.
-        every: periods between two points.
-        last_m, path_m: see `Rows`, written.
-    """
-    for i in range(len(path_m)):
-        m = i // (len(path_m) // len(periods))
-        for k in range(every - 1 - since[m], periods[m], every):
-            x, y = positions[k, i, 0], positions[k, i, 1]
-            path_m[i] += math.sqrt((x - last_m[i, 0]) ** 2 + (y - last_m[i, 1]) ** 2)
-            last_m[i, 0], last_m[i, 1] = x, y
 
 
 class DrivePolicy:
@@ -324,12 +298,9 @@ class DriveBoards(DynamicsBoards):
             actions, self._config, rows.dither, velocity=self._velocity
         )
         commands[:, MODE] = np.where(arrived.ravel(), HOLD, DIRECT)
-        every = round(PATH_SAMPLING_S / _PERIOD_S)
         done = self._steps * self._config.periods_per_step
         for samples, _ in batch.stretches():
-            _add_paths(
-                samples.position, state.periods, done % every, every, rows.last_m, rows.path_m
-            )
+            self._add_paths(samples.position, done)
             done += len(samples.position)
         _locate(state.bodies, rows.targets_m, rows.poses, rows.away_m)
         if self._observe == "estimated":
@@ -339,13 +310,30 @@ class DriveBoards(DynamicsBoards):
         failed = state.events[:count].reshape(self.shape)
         all_arrived = np.where(self._arrived.all(axis=1), SUCCESS, RUNNING)
         worst = failed.max(axis=1)
-        self._end(running, np.where(worst == RUNNING, all_arrived, worst))
+        self.arrays.outcomes[running] = np.where(worst == RUNNING, all_arrived, worst)[running]
+        self._count_step(running)
         rewards = 1.0 * self._arrived - 1.0 * (failed != RUNNING)
         if self._dense:
             rest = 0.1 * self._interval_s  # assumed: a second costs as much as a millimetre
             progress_m = (before_m - rows.away_m).reshape(self.shape)
             rewards = 100.0 * progress_m - rest + _END_REWARD * rewards
         return np.where(arrived, 0.0, rewards)
+
+    def _add_paths(self, positions: np.ndarray, done: np.ndarray) -> None:
+        """Add to the paths as `cosim.simulation.measures` does.
+
+        Args:
+            positions: (n, B, 3) of all columns in control periods.
+            done: (K,) control periods before these.
+        """
+        rows, every = self._rows, round(PATH_SAMPLING_S / _PERIOD_S)
+        for first in range(every, len(positions) + every, every):
+            last = first - 1 - done % every  # period of the next point
+            at = np.repeat(np.where(last < self._batch.state.periods, last, -1), self.shape[1])
+            on = np.flatnonzero(at >= 0)
+            points_m = positions[at[on], on, :2]
+            rows.path_m[on] += np.sqrt(((points_m - rows.last_m[on]) ** 2).sum(axis=1))
+            rows.last_m[on] = points_m
 
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
         rows, state, robots = self._rows, self._batch.state, self.shape[1]
@@ -409,7 +397,7 @@ class DriveVectorEnv(RowsVectorEnv):
             UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
         """
         boards = DriveBoards(num_envs, scenario, **options)
-        super().__init__(boards, render_mode, outcome_names=outcome_names)
+        super().__init__(boards, render_mode, outcome_names)
 
 
 class DriveEnv(SingleEnv):

@@ -1,27 +1,45 @@
 """Boards in the full co-simulation, in the places of one batch: motors and contacts.
 
-The boards of the grid are in `agent.envs.boards`.
+Boards with one robot have the same bits in environments of one and of many boards. The boards of
+the grid are in `agent.envs.boards`, those whose motors are commanded in `agent.envs.drive`.
 """
 
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from agent.envs.boards import Count, EnvBoards, Results
-from agent.envs.grid_episode import ActionError
+from agent.envs.boards import (
+    ActionError,
+    Count,
+    DirectionBoards,
+    EnvBoards,
+    Results,
+    direction_spaces,
+    free_directions,
+    observed_columns,
+    placed_world,
+    whole_cells,
+)
+from agent.mdp.acting import on_grid
+from agent.mdp.config import ProcessConfig, refuse_without_effect
+from agent.mdp.grid import X, Y
+from agent.mdp.readings import Process, build_process
+from agent.mdp.rewards import failed, step_reward
 from agent.moves.worlds import checked_ranges, draw_world
-from cosim.base.arguments import ConfigError, taken
+from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.progress import progress_bars
 from cosim.model.config import CoSimConfig
-from cosim.model.outcome import RUNNING, TIMEOUT
+from cosim.model.outcome import BY_RANK, RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import IDEAL
+from cosim.onboard.observing import draw_starts
 from cosim.simulation.batch import Batch
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import options_of, resolve
@@ -96,7 +114,7 @@ class DynamicsBoards(EnvBoards):
 
     @abstractmethod
     def _checked_places(self, *arguments: Any, **options: Any) -> tuple[Any, ...]:
-        """Return what `_put` takes, from the starts and targets of a reset; raises UserError."""
+        """Return what `_begin_board` takes of starts and targets; raises UserError."""
 
     def _begin(self, given: dict[int, tuple[Any, ...]]) -> None:
         for m, checked in given.items():
@@ -145,15 +163,12 @@ class DynamicsBoards(EnvBoards):
             self.arrays.outcomes, observations, rewards, terminated, truncated, active
         )
 
-    def _end(self, running: np.ndarray, outcomes: np.ndarray) -> None:
-        """End boards with their (K,) outcomes after a step of those that were running, (K,) bool.
-
-        A board that reached the limit of steps ends as well.
-        """
+    def _count_step(self, running: np.ndarray) -> None:
+        """Count a step of the boards that were running, (K,) bool, and stop those that ended."""
+        outcomes = self.arrays.outcomes
         self._steps += running
-        late = (outcomes == RUNNING) & (self._steps == self._limit)
-        self.arrays.outcomes[running] = np.where(late, TIMEOUT, outcomes)[running]
-        for m in np.flatnonzero(running & (self.arrays.outcomes != RUNNING)).tolist():
+        outcomes[running & (outcomes == RUNNING) & (self._steps >= self._limit)] = TIMEOUT
+        for m in np.flatnonzero(running & (outcomes != RUNNING)).tolist():
             self._batch.stop(m)
 
     def _episodes(self) -> list[RunningEpisode]:
@@ -167,3 +182,121 @@ class DynamicsBoards(EnvBoards):
         """Free the FMU instances."""
         self._batch.close()
         self.arrays.outcomes[:] = TIMEOUT
+
+
+class CoSimBoards(DynamicsBoards, DirectionBoards):
+    """K boards whose robots adopt directions when they wait for one.
+
+    Args:
+        count, limit: as of `DynamicsBoards`.
+        scenario: name, scenario file or record.
+        config: readings of the decision process.
+        physics: as of `DynamicsBoards`; and `decision`, when a step ends: after every
+            "period" of 2 s, or, of one board, on "arrival", when a robot waits for an action; its
+            rewards cover the time that passed.
+
+    Raises:
+        UserError: the scenario or an argument cannot be used.
+    """
+
+    _mutable = (*DynamicsBoards._mutable, "_processes")
+
+    def __init__(
+        self,
+        count: int,
+        scenario: str | Scenario,
+        config: ProcessConfig,
+        physics: Mapping[str, Any],
+        limit: int | None = None,
+    ) -> None:
+        options = {"decision": "arrival", **physics}
+        require_one_of("decision", decision := options.pop("decision"), ("arrival", "period"))
+        refuse_without_effect(config, "the co-simulation")
+        self._until_arrival, self._process = decision == "arrival", config
+        super().__init__(count, scenario, options, limit)
+        self._features = np.array(observed_columns(self.scenario, config))
+        self._usual = build_process(self.scenario, config)
+        self._processes = [self._usual] * count
+
+    def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
+        return direction_spaces(self.scenario, self._process)
+
+    def _checked_places(
+        self, starts: Any = None, targets: Any = None
+    ) -> tuple[Scenario, Process, np.ndarray | None]:
+        """Scenario, process and (N, 2) int64 start cells (None to draw them) of an episode."""
+        scenario, process = self.scenario, self._usual
+        if targets is not None:
+            aims = whole_cells("targets", targets, (scenario.robots, 2))
+            scenario = replace(scenario, targets=tuple((int(x), int(y)) for x, y in aims))
+            process = build_process(scenario, self._process)
+        cells = None if starts is None else placed_world(process, starts)[:, [X, Y]]
+        return scenario, process, cells
+
+    def _begin_board(
+        self,
+        m: int,
+        mu: float | None = None,
+        scenario: Scenario | None = None,
+        process: Process | None = None,
+        cells: np.ndarray | None = None,
+    ) -> None:
+        rng, seed = self._draws(m)
+        scenario, process = scenario or self.scenario, process or self._usual
+        if cells is None:
+            cells = np.array(draw_starts(scenario, rng))
+            placed_world(process, cells)  # refuses some
+        self._begin_episode(m, scenario, cells, mu, rng, seed)
+        self._processes[m] = process
+
+    def step(self, actions: np.ndarray) -> None:
+        """Simulate an RL step, or until a robot waits for an action; see `EnvBoards.step`.
+
+        Raises:
+            FmuError: an FMU failed.
+        """
+        outcomes = self.arrays.outcomes
+        running = outcomes == RUNNING
+        moved, lost = ~self._arrived & running[:, None], np.zeros(self.shape, dtype=bool)
+        rewards = np.zeros(self.shape)
+        while going_on := np.flatnonzero(outcomes == RUNNING).tolist():
+            episodes = self._episodes()
+            for m, step in self._batch.advance({m: actions[m] for m in going_on}).items():
+                outcomes[m] = BY_RANK.index(step.outcome)
+                self._arrived[m] = arrived = episodes[m].arrived
+                lost[m] = failed(step, arrived)
+                rewards[m] += np.nan_to_num(step_reward(self._processes[m], step, arrived))
+            if not self._until_arrival or episodes[0].awaiting.any():
+                break
+        self._count_step(running)
+        for m in np.flatnonzero(~running).tolist():
+            self._begin_board(m)
+        moving = ~(self._arrived | lost)
+        ended = (outcomes != RUNNING)[:, None]
+        self._show(rewards, moved & ~moving, moved & moving & ended)
+
+    def _looked(self) -> tuple[np.ndarray, np.ndarray]:
+        episodes = self._episodes()
+        rows = []
+        for process, seen in zip(self._processes, (e.observation for e in episodes), strict=True):
+            cells = np.clip(seen.cells, 0, (self.scenario.columns - 1, self.scenario.rows - 1))
+            world, _ = on_grid(process, seen._replace(cells=cells))
+            rows.append(world[:, self._features[:, 0]] + self._features[:, 1])
+        return np.array(rows), np.array([episode.awaiting for episode in episodes])
+
+    def action_masks(self) -> np.ndarray:
+        """See `DirectionBoards.action_masks`."""
+        last, robots = (self.scenario.columns, self.scenario.rows), np.arange(self.shape[1])
+        found = []
+        for process, episode in zip(self._processes, self._episodes(), strict=True):
+            x, y = (episode.observation.cells.clip(-1, last) + 1).T
+            found.append(free_directions(process)[robots, x, y])
+        return np.array(found)
+
+    def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
+        """See `EnvBoards.scenes`."""
+        return [(episode.scenario, episode.positions_m) for episode in self._episodes()]
+
+    def path_length_cm(self) -> np.ndarray:
+        """See `EnvBoards.path_length_cm`."""
+        return 100.0 * np.array([episode.measures.path_length_m for episode in self._episodes()])

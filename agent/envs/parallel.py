@@ -14,10 +14,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from pettingzoo import ParallelEnv
 
-from agent.envs.boards import Count, DirectionBoards, board_seeds
-from agent.envs.grid_episode import ActionError, whole_numbers
-from agent.envs.rendering import RENDER_MODES, RenderMode, render_first
-from agent.envs.state import Restorable
+from agent.envs.boards import ActionError, Count, DirectionBoards, board_seeds, whole_numbers
+from agent.envs.rendering import View
 from agent.envs.vector import direction_boards
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import taken
@@ -31,28 +29,28 @@ AgentResults = tuple[
 ]
 
 
-class AgentsView(Restorable):
+class AgentsView(View):
     """Robots of boards as agents by name: `robot_1`, `robot_2`, ….
 
     Args:
-        boards: what is stepped.
-        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+        boards, render_mode, outcome_names: as of `View`.
         observation_space, action_space: of an agent.
         shape: of an agent's action: of one board (), of many (boards,).
     """
 
-    _mutable: Any = ("_boards",)
     agents: Any
 
     def __init__(
         self,
         boards: DirectionBoards,
+        render_mode: str | None,
         outcome_names: bool,
         observation_space: spaces.Space,
         action_space: spaces.Space,
         shape: tuple[int, ...],
     ) -> None:
-        self._boards, self._outcome_names, self._shape = boards, outcome_names, shape
+        super().__init__(boards, render_mode, outcome_names)
+        self._shape = shape
         boards.seed(board_seeds(np.random.SeedSequence().entropy, boards.shape[0]))
         self.possible_agents = [f"robot_{k + 1}" for k in range(boards.shape[1])]
         self.observation_spaces: dict[str, spaces.Space] = dict.fromkeys(
@@ -124,11 +122,6 @@ class AgentsView(Restorable):
             for agent in by_name[0]
         }
 
-    def close(self) -> None:
-        """Free the simulation; `reset` opens the environment again."""
-        self._boards.close()
-        self.closed = True
-
 
 class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
     """Robots that learn to reach their targets without touching each other.
@@ -140,47 +133,41 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
     was never seeded comes from entropy.
     """
 
-    _mutable = ("_boards", "agents", "_cycles")
-    metadata = {  # noqa: RUF012
-        "name": "minirobots_v0",
-        "render_modes": RENDER_MODES,
-        "render_fps": 10,
-        "is_parallelizable": True,
-    }
+    _mutable = ("_boards", "agents")
+    metadata = View.metadata | {"name": "minirobots_v0", "is_parallelizable": True}
 
     def __init__(
         self,
         scenario: str | Scenario = "2",
         process: ProcessConfig | None = None,
         *,
-        cosim: bool = False,
         render_mode: str | None = None,
         outcome_names: bool = False,
         max_cycles: int | None = None,
         one_hot: bool = False,
-        **physics: Any,
+        **options: Any,
     ) -> None:
         """Make an environment.
 
         Args:
-            scenario, process, cosim, render_mode, outcome_names, physics: as of
-                `agent.envs.NavigationEnv`; of several robots a step ends when any of them waits for
-                an action, and `active` says whose counts.
+            scenario, process, options: see `agent.envs.vector.direction_boards`; of several robots
+                in the dynamics a step ends when any of them waits for an action, and `active` says
+                whose counts.
+            render_mode, outcome_names: as of `View`.
             max_cycles: limit of steps, after which robots still on their move are truncated.
             one_hot: observe a Box with a 0 or 1 for each value of each feature.
 
         Raises:
             UserError: the scenario or an option cannot be used.
         """
-        boards = direction_boards(1, scenario, process, physics, cosim=cosim)
-        self.render_mode = taken("render_mode", render_mode, RenderMode | None)
-        self._max_cycles = taken("max_cycles", max_cycles, Count | None)
-        self._cycles, self.agents = 0, []
+        limit = taken("max_cycles", max_cycles, Count | None)
+        boards = direction_boards(1, scenario, process, **{"max_episode_steps": limit} | options)
+        self.agents = []
         self._features = features = boards.observation_space
         assert isinstance(features, spaces.MultiDiscrete)
         self._one_hot = taken("one_hot", one_hot, bool)
         seen = spaces.flatten_space(features) if self._one_hot else features
-        super().__init__(boards, outcome_names, seen, boards.action_space, ())
+        super().__init__(boards, render_mode, outcome_names, seen, boards.action_space, ())
         self.state_space = spaces.MultiDiscrete([*features.nvec] * len(self.possible_agents))
 
     def reset(
@@ -197,7 +184,7 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
         known = self._boards.reset_options
         given = {name: [value] for name, value in (options or {}).items() if name in known}
         self._boards.reset(given, seed)
-        self.closed, self._cycles = False, 0
+        self.closed = False
         self.agents = list(self.possible_agents)
         return self._observations(), self._infos()
 
@@ -207,12 +194,10 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
         if not self.agents:
             gym.logger.warn("step() does nothing after the end of an episode")
             return {}, {}, {}, {}, {}
-        observations, rewards, terminations, truncations, infos = super().step(actions)
-        self._cycles += 1
-        if self._cycles == self._max_cycles:
-            truncations = {agent: not ended for agent, ended in terminations.items()}
+        results = super().step(actions)
+        _, _, terminations, truncations, _ = results
         self.agents = [a for a in self.agents if not (terminations[a] or truncations[a])]
-        return observations, rewards, terminations, truncations, infos
+        return results
 
     def _by_agent(self, array: np.ndarray) -> dict[str, Any]:
         """Numbers, or rows of observations, of the agents that have not ended."""
@@ -240,13 +225,8 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
         self._require_open()
         return self._boards.arrays.observations[0].flatten()
 
-    def render(self) -> Any:
-        """The board as text or pixels."""
-        self._require_open()
-        return render_first(self._boards, self.render_mode)
-
-    def close(self) -> None:
-        """See `AgentsView.close`."""
+    def close(self, **_: Any) -> None:
+        """See `View.close`."""
         super().close()
         self.agents = []
 
@@ -278,13 +258,13 @@ class ParallelVectorEnv(AgentsView):
         outcome_names: bool = False,
     ) -> None:
         """Make `num_envs` boards; arguments as of `NavigationParallelEnv`."""
-        boards = direction_boards(num_envs, scenario, process, {}, cosim=False)
+        boards = direction_boards(num_envs, scenario, process)
         self.num_envs = num_envs
         seen, chosen = (
             batch_space(space, num_envs)
             for space in (boards.observation_space, boards.action_space)
         )
-        super().__init__(boards, outcome_names, seen, chosen, (num_envs,))
+        super().__init__(boards, None, outcome_names, seen, chosen, (num_envs,))
 
     @property
     def agents(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Pictures of an episode as environments show them: text, or an array of pixels."""
+"""Boards as environments show them: text, or an array of pixels."""
 
 from typing import Any, Literal, get_args
 
@@ -6,6 +6,8 @@ import gymnasium as gym
 import numpy as np
 
 from agent.envs.boards import EnvBoards
+from agent.envs.state import Restorable
+from cosim.base.arguments import taken
 from cosim.model.scenario import Scenario
 
 PIXELS_PER_CELL = 12
@@ -19,17 +21,43 @@ ROBOT_COLOURS = np.array(
 _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
 
 
+class View(Restorable):
+    """What a learner sees of boards, and how it steps them.
+
+    Args:
+        boards: what is stepped.
+        render_mode: "ansi", "rgb_array" or None.
+        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+
+    Raises:
+        UserError: it is another render mode.
+    """
+
+    metadata: Any = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012
+    _mutable: Any = ("_boards",)
+    _boards: Any
+
+    def __init__(self, boards: EnvBoards, render_mode: str | None, outcome_names: bool) -> None:
+        self._boards, self._outcome_names = boards, outcome_names
+        self.render_mode = taken("render_mode", render_mode, RenderMode | None)
+
+    def render(self) -> Any:
+        """The first board as text ("ansi") or pixels ("rgb_array")."""
+        self._require_open()
+        if self.render_mode is None:
+            gym.logger.warn("render() does nothing without a render_mode")
+            return None
+        return picture(self.render_mode, *self._boards.scenes()[0])
+
+    def close(self, **_: Any) -> None:
+        """Free the simulation; `reset` opens the environment again."""
+        self._boards.close()
+        self.closed = True
+
+
 def picture(mode: str, scenario: Scenario, positions_m: np.ndarray) -> str | np.ndarray:
     """The board as the text or the pixels of a render mode, with robots at (N, 2) m."""
     return (board_text if mode == "ansi" else board_pixels)(scenario, positions_m)
-
-
-def render_first(boards: EnvBoards, mode: str | None) -> Any:
-    """The first board as text ("ansi"), pixels ("rgb_array"), or nothing but a warning."""
-    if mode is None:
-        gym.logger.warn("render() does nothing without a render_mode")
-        return None
-    return picture(mode, *boards.scenes()[0])
 
 
 def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:

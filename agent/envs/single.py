@@ -9,40 +9,25 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
-from agent.envs.boards import DirectionBoards, EnvBoards
-from agent.envs.grid_episode import ActionError, known_options
-from agent.envs.rendering import RENDER_MODES, RenderMode, render_first
-from agent.envs.state import Restorable
+from agent.envs.boards import ActionError, EnvBoards, known_options
+from agent.envs.rendering import View
 from agent.envs.vector import direction_boards, lone
 from agent.mdp.config import ProcessConfig
-from cosim.base.arguments import taken
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
 
 
-class SingleEnv(Restorable, gym.Env[np.ndarray, Any]):
+class SingleEnv(View, gym.Env[np.ndarray, Any]):
     """One board with one robot.
 
     An episode that reaches a limit is truncated, every other end terminates it. `info` has
     `outcome` (a rank of `cosim.model.outcome`), `is_success`, `path_length` in cm, and `active`:
     whether the next action counts. What is random in an environment that was never seeded comes
-    from entropy, which `np_random_seed` tells.
-
-    Args:
-        boards: one with one robot.
-        render_mode: "ansi", "rgb_array" or None.
-        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
-
-    Raises:
-        UserError: it is another render mode.
+    from entropy, which `np_random_seed` tells. Arguments are those of `View`.
     """
 
-    metadata = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012
-    _mutable = ("_boards",)
-
     def __init__(self, boards: EnvBoards, render_mode: str | None, outcome_names: bool) -> None:
-        self._boards, self._outcome_names = boards, outcome_names
-        self.render_mode = taken("render_mode", render_mode, RenderMode | None)
+        super().__init__(boards, render_mode, outcome_names)
         self.observation_space, self.action_space = boards.observation_space, boards.action_space
         boards.seed([self.np_random_seed])
 
@@ -86,16 +71,6 @@ class SingleEnv(Restorable, gym.Env[np.ndarray, Any]):
         infos = self._boards.infos(names=self._outcome_names)
         return {name: values.item(0) for name, values in infos.items()}
 
-    def render(self) -> Any:
-        """The board as text or pixels."""
-        self._require_open()
-        return render_first(self._boards, self.render_mode)
-
-    def close(self) -> None:
-        """Free the simulation; `reset` opens the environment again."""
-        self._boards.close()
-        self.closed = True
-
 
 class NavigationEnv(SingleEnv):
     """One robot that learns to reach its target.
@@ -104,33 +79,25 @@ class NavigationEnv(SingleEnv):
     actions the eight directions, rewards Eq. (8).
     """
 
-    _boards: DirectionBoards
-
     def __init__(
         self,
         scenario: str | Scenario = "1a",
         process: ProcessConfig | None = None,
         *,
-        cosim: bool = False,
         render_mode: str | None = None,
         outcome_names: bool = False,
-        **physics: Any,
+        **options: Any,
     ) -> None:
         """Make an environment.
 
         Args:
-            scenario: name of a built-in scenario, a scenario file, or a scenario, of one robot.
-            process: readings of the decision process.
-            cosim: simulate motors and contacts instead of moving on the grid.
-            render_mode, outcome_names: as of `SingleEnv`.
-            physics: of the co-simulation, see `agent.envs.dynamics.DynamicsBoards`; and `decision`,
-                when a step ends: on "arrival", when the robot waits for its next action, or after
-                every "period" of 2 s, in which a robot under way ignores its action.
+            scenario, process, options: see `agent.envs.vector.direction_boards`; of one robot.
+            render_mode, outcome_names: as of `View`.
 
         Raises:
             UserError: the scenario or an option cannot be used, or it has more than one robot.
         """
-        boards = direction_boards(1, lone(scenario), process, physics, cosim=cosim)
+        boards = direction_boards(1, lone(scenario), process, **options)
         super().__init__(boards, render_mode, outcome_names)
 
     def action_masks(self) -> np.ndarray:

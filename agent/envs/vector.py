@@ -7,7 +7,7 @@ Boards with one robot have the same bits as a `SyncVectorEnv` of `agent.envs.Nav
 same seeds, boards with several those of as many `agent.envs.parallel_env`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -16,8 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from agent.envs.boards import Boards, Count, DirectionBoards, EnvBoards, board_seeds
-from agent.envs.rendering import RENDER_MODES, RenderMode, picture
-from agent.envs.state import Restorable
+from agent.envs.rendering import View, picture
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.errors import UserError, shown
@@ -28,7 +27,7 @@ from cosim.model.scenario_file import find_scenario
 Ends = Literal["together", "own"]
 
 
-class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Rows are the robots of `boards` boards, those of one board one after the other.
 
     A board whose episode has ended begins again with its next step. A row has one end per episode:
@@ -37,10 +36,8 @@ class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     in its row until the board begins again.
 
     Args:
-        boards: what is stepped.
-        render_mode: "ansi", "rgb_array" or None; a picture per row, that of its board.
+        boards, render_mode, outcome_names: as of `View`; there is a picture per row.
         ends: "together" or "own".
-        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
         copy: whether observations are arrays of their own; or else memory that the next step may
             overwrite.
 
@@ -48,28 +45,22 @@ class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         UserError: an argument is invalid.
     """
 
-    metadata = {  # noqa: RUF012
-        "render_modes": RENDER_MODES,
-        "render_fps": 10,
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
-    _mutable = ("_boards",)
+    metadata = View.metadata | {"autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
         self,
         boards: EnvBoards,
         render_mode: str | None,
+        outcome_names: bool,
         *,
         ends: Ends = "together",
-        outcome_names: bool = False,
         copy: bool = True,
     ) -> None:
+        super().__init__(boards, render_mode, outcome_names)
         require_one_of("ends", ends, ("together", "own"))
-        self._together, self._outcome_names = ends == "together", outcome_names
-        self._boards, self.scenario = boards, boards.scenario
+        self._together, self.scenario = ends == "together", boards.scenario
         self.boards, self._robots = boards.shape
         self.num_envs = self.boards * self._robots
-        self.render_mode = taken("render_mode", render_mode, RenderMode | None)
         self.single_observation_space = boards.observation_space
         self.single_action_space = boards.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -137,10 +128,6 @@ class RowsVectorEnv(Restorable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         pictures = [picture(self.render_mode, *scene) for scene in self._boards.scenes()]
         return tuple(one for one in pictures for _ in range(self._robots))
 
-    def close_extras(self, **_: Any) -> None:
-        """Free the simulation; `reset` opens the environment again."""
-        self._boards.close()
-
 
 class RobotsVectorEnv(RowsVectorEnv):
     """Robots that choose directions and share a policy: every robot is a sub-environment.
@@ -157,46 +144,36 @@ class RobotsVectorEnv(RowsVectorEnv):
     `{"targets": (boards, robots, 2)}` target cells of these episodes.
     """
 
-    _boards: DirectionBoards
-
     def __init__(
         self,
         num_envs: int = 1,
         scenario: str | Scenario = "2",
         process: ProcessConfig | None = None,
         *,
-        cosim: bool = False,
         render_mode: str | None = None,
-        copy: bool = True,
-        ends: Ends = "together",
         outcome_names: bool = False,
-        max_episode_steps: int | None = None,
-        **physics: Any,
+        ends: Ends = "together",
+        copy: bool = True,
+        **options: Any,
     ) -> None:
         """Make the boards.
 
         Args:
             num_envs: boards.
-            scenario: name of a built-in scenario, a scenario file, or a scenario.
-            process: readings of the decision process.
-            cosim: simulate motors and contacts instead of moving on the grid.
-            render_mode, copy, ends, outcome_names: as of `RowsVectorEnv`.
-            max_episode_steps: limit of steps, next to the process's own `step_limit`, and in the
-                co-simulation to the physics' `time_limit`.
-            physics: of the co-simulation, see `agent.envs.dynamics.DynamicsBoards`.
+            scenario, process, options: see `direction_boards`.
+            render_mode, outcome_names, ends, copy: as of `RowsVectorEnv`.
 
         Raises:
             UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
         """
-        if cosim and physics.setdefault("decision", "period") != "period":
+        if options.get("cosim") and options.setdefault("decision", "period") != "period":
             raise ConfigError(
-                f"decision = {physics['decision']} is not possible for boards that advance "
+                f"decision = {options['decision']} is not possible for boards that advance "
                 'together; leave it out and look at infos["active"], or make_vec with '
                 'vectorization_mode="sync"'
             )
-        limit = taken("max_episode_steps", max_episode_steps, Count | None)
-        boards = direction_boards(num_envs, scenario, process, physics, limit, cosim=cosim)
-        super().__init__(boards, render_mode, ends=ends, outcome_names=outcome_names, copy=copy)
+        boards = direction_boards(num_envs, scenario, process, **options)
+        super().__init__(boards, render_mode, outcome_names, ends=ends, copy=copy)
 
     def action_masks(self) -> np.ndarray:
         """Return (rows, 8) bool, which directions lead to a free cell."""
@@ -204,49 +181,36 @@ class RobotsVectorEnv(RowsVectorEnv):
         return self._boards.action_masks().astype(bool).reshape(self.num_envs, -1)
 
 
-class NavigationVectorEnv(RobotsVectorEnv):
-    """Boards with one robot each, see `agent.envs.NavigationEnv`; infos are that one's."""
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        scenario: str | Scenario = "1a",
-        process: ProcessConfig | None = None,
-        **options: Any,
-    ) -> None:
-        """Make the environments; arguments as of `RobotsVectorEnv`.
-
-        Raises:
-            UserError: the scenario cannot be used, or has more than one robot.
-        """
-        super().__init__(num_envs, lone(scenario), process, **options)
-
-
 def direction_boards(
     count: int,
     scenario: str | Scenario,
-    process: ProcessConfig | None,
-    physics: Mapping[str, Any],
-    limit: int | None = None,
+    process: ProcessConfig | None = None,
     *,
-    cosim: bool,
+    cosim: bool = False,
+    max_episode_steps: int | None = None,
+    **physics: Any,
 ) -> DirectionBoards:
     """Boards of an environment: on the grid, or in the full co-simulation.
 
     Args:
         count: boards.
-        scenario, process, physics, cosim: as of `agent.envs.NavigationEnv`.
-        limit: of steps.
+        scenario: name of a built-in scenario, a scenario file, or a scenario.
+        process: readings of the decision process.
+        cosim: simulate motors and contacts instead of moving on the grid.
+        max_episode_steps: limit of steps, next to the process's own `step_limit`, and in the
+            co-simulation to the physics' `time_limit`.
+        physics: of the co-simulation, see `agent.envs.dynamics.CoSimBoards`.
 
     Raises:
         UserError: the scenario or an option cannot be used.
     """
+    limit = taken("max_episode_steps", max_episode_steps, Count | None)
     config: ProcessConfig = (
         ProcessConfig() if process is None else taken("process", process, ProcessConfig)
     )
     if cosim:
         # here, because the grid needs no FMUs
-        from agent.envs.cosim_vector import CoSimBoards  # noqa: PLC0415
+        from agent.envs.dynamics import CoSimBoards  # noqa: PLC0415
 
         return CoSimBoards(count, scenario, config, physics, limit)
     for name in physics:

@@ -12,16 +12,12 @@ import numpy as np
 
 from cosim.base.arguments import ConfigError, taken
 from cosim.base.errors import UserError, shown
-from cosim.base.jit import kernel
 from cosim.coupling.rl_step import Decision, Step
 from cosim.coupling.signals import MOTORS, State
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.estimation import POSE
-from cosim.onboard.observing import cells_of
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
-from cosim.physics.body_state import Q_W, Q_X, Q_Y, Q_Z, X, Y
-from cosim.physics.rotation import heading
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import SimulationOptions
 
@@ -109,7 +105,8 @@ class DrivenEpisode(RunningEpisode):
         super().__init__(*arguments)
         self.memory: dict[str, Any] = {}
         self.targets_m = np.array([self.scenario.centre_m(cell) for cell in self.scenario.targets])
-        self._poses, self._velocities = self.poses(), np.zeros((self.scenario.robots, 3))
+        self._poses = self._estimates[:, POSE : POSE + 3].copy()
+        self._velocities = np.zeros((self.scenario.robots, 3))
 
     def bind(self, state: State) -> None:
         """See `RunningEpisode.bind`; also the motors' speeds."""
@@ -119,14 +116,6 @@ class DrivenEpisode(RunningEpisode):
     def __getstate__(self) -> dict[str, Any]:
         """See `RunningEpisode`."""
         return {k: v for k, v in super().__getstate__().items() if k != "_speeds"}
-
-    def poses(self) -> np.ndarray:
-        """(N, 3) x, y in m and heading in rad, as the policy knows them."""
-        return self._estimates[:, POSE : POSE + 3].copy()
-
-    def true_poses(self) -> np.ndarray:
-        """(N, 3) x, y in m and heading in rad."""
-        return _poses_of(self._bodies)
 
     def motion(self) -> DriveObservation:
         """Return what the policy sees now."""
@@ -143,7 +132,7 @@ class DrivenEpisode(RunningEpisode):
     def end_step(self) -> Step:
         """See `RunningEpisode.end_step`."""
         step = super().end_step()
-        before, self._poses = self._poses, self.poses()
+        before, self._poses = self._poses, self._estimates[:, POSE : POSE + 3].copy()
         self._velocities = velocities(before, self._poses, self.config.timing.rl_step_s)
         return step
 
@@ -163,18 +152,7 @@ class DrivenEpisode(RunningEpisode):
         return np.zeros(len(action), dtype=bool)  # none of them decided on a move
 
     def _arriving(self, completed: np.ndarray) -> np.ndarray:
-        return (cells_of(self.true_poses()[:, :2].copy(), self._board.cell_m) == self._targets).all(
-            axis=1
-        )
-
-
-@kernel
-def _poses_of(bodies: np.ndarray) -> np.ndarray:
-    poses = np.empty((len(bodies), 3))
-    for i in range(len(bodies)):
-        poses[i, 0], poses[i, 1] = bodies[i, X], bodies[i, Y]
-        poses[i, 2] = heading((bodies[i, Q_W], bodies[i, Q_X], bodies[i, Q_Y], bodies[i, Q_Z]))
-    return poses
+        return super()._arriving(np.ones_like(completed))
 
 
 def numbers(values: Any) -> np.ndarray:
@@ -186,13 +164,11 @@ def numbers(values: Any) -> np.ndarray:
     return array.astype(np.float64) if array.dtype.kind in "fiu" else np.empty(0)
 
 
-@kernel
 def in_frames(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
     """(N, 2 or 3) vectors of the board in the frames of robots, by their headings' cosine, sine."""
     turned = vectors.copy()
-    for i in range(len(vectors)):
-        turned[i, 0] = cos[i] * vectors[i, 0] + sin[i] * vectors[i, 1]
-        turned[i, 1] = cos[i] * vectors[i, 1] - sin[i] * vectors[i, 0]
+    turned[:, 0] = cos * vectors[:, 0] + sin * vectors[:, 1]
+    turned[:, 1] = cos * vectors[:, 1] - sin * vectors[:, 0]
     return turned
 
 

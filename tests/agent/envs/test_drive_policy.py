@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import minirobots as mr
+from agent.envs.boards import ActionError
 from agent.envs.drive import DrivePolicy, DriveVectorEnv
-from agent.envs.grid_episode import ActionError
 from agent.study.policies import ObjectPolicy
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError

@@ -8,9 +8,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from agent import envs
-from agent.envs.grid_episode import ActionError, StartsError
+from agent.envs.boards import ActionError, StartsError
 from agent.envs.parallel import NavigationParallelEnv
-from agent.envs.vector import NavigationVectorEnv, RobotsVectorEnv
+from agent.envs.vector import RobotsVectorEnv
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
@@ -154,7 +154,7 @@ def test_partner_of_a_failed_robot_is_truncated():
 def test_native_vector_environment_is_the_synchronous_one_bit_for_bit(slip):
     config = ProcessConfig(slip_probability=slip, step_limit=20)
     native = gym.make_vec("MiniRobots/SingleB-v0", num_envs=6, process=config)
-    assert isinstance(native.unwrapped, NavigationVectorEnv)
+    assert isinstance(native.unwrapped, RobotsVectorEnv)
     plain = SyncVectorEnv(
         [lambda: envs.NavigationEnv("1b", config)] * 6, autoreset_mode=AutoresetMode.NEXT_STEP
     )
@@ -318,7 +318,7 @@ def test_a_reset_of_some_seeds_them_alone():
 
     single = [lambda: envs.NavigationEnv("1a", slippery)] * 2
     theirs = SyncVectorEnv(single, autoreset_mode=AutoresetMode.NEXT_STEP)
-    assert paths(NavigationVectorEnv(2, "1a", slippery)) == paths(theirs)
+    assert paths(RobotsVectorEnv(2, "1a", slippery)) == paths(theirs)
 
 
 def test_an_ended_episode_is_not_stepped():
@@ -330,14 +330,14 @@ def test_an_ended_episode_is_not_stepped():
 
 
 def test_vector_environment_restarts_some_and_takes_starts():
-    env = NavigationVectorEnv(3, "1a")
+    env = RobotsVectorEnv(3, "1a")
     cells = np.array([[[4, 4]], [[5, 5]], [[6, 6]]])
     seen, _ = env.reset(options={"starts": cells})
     assert seen.tolist() == [[4, 4], [5, 5], [6, 6]]
     env.step(np.array([0, 0, 0]))
     seen, _ = env.reset(options={"starts": cells, "reset_mask": np.array([True, False, False])})
     assert seen.tolist() == [[4, 4], [6, 5], [7, 6]]
-    wrapped = gym.wrappers.vector.RecordEpisodeStatistics(NavigationVectorEnv(2, "1a"))
+    wrapped = gym.wrappers.vector.RecordEpisodeStatistics(RobotsVectorEnv(2, "1a"))
     wrapped.reset(seed=0)
     wrapped.action_space.seed(0)
     for _ in range(200):
@@ -356,7 +356,7 @@ def test_environments_never_seeded_differ():
     first, second = beginnings(gym.make(IDS[0])), beginnings(gym.make(IDS[0]))
     assert first != second
     assert len({tuple(cell) for cell in first}) > 1
-    rows = np.stack([NavigationVectorEnv(8, "1b").reset()[0] for _ in range(4)])
+    rows = np.stack([RobotsVectorEnv(8, "1b").reset()[0] for _ in range(4)])
     assert len(np.unique(rows.reshape(-1, 2), axis=0)) > 4
     several = gym.make_vec(IDS[1], num_envs=8, vectorization_mode="sync")
     assert len({tuple(cell) for cell in several.reset()[0].tolist()}) > 1
@@ -369,14 +369,14 @@ def test_entropy_of_an_environment_can_be_given_to_another():
     first = env.reset()[0].tolist()
     assert again.reset(seed=env.np_random_seed)[0].tolist() == first
     assert beginnings(env) == beginnings(again)
-    many, same = NavigationVectorEnv(5, "1b"), NavigationVectorEnv(5, "1b")
+    many, same = RobotsVectorEnv(5, "1b"), RobotsVectorEnv(5, "1b")
     seen = many.reset()[0]
     assert np.array_equal(same.reset(seed=many.np_random_seed)[0], seen)
     assert same.np_random_seed == many.np_random_seed
 
 
 @pytest.mark.parametrize(
-    "make", [lambda: envs.NavigationEnv("1b"), lambda: NavigationVectorEnv(3, "1b")]
+    "make", [lambda: envs.NavigationEnv("1b"), lambda: RobotsVectorEnv(3, "1b")]
 )
 def test_a_reset_without_seed_goes_on_with_the_stream(make):
     first, second = make(), make()
@@ -406,7 +406,7 @@ def test_actions_that_are_no_directions_are_refused(action):
     ],
 )
 def test_vector_environment_names_the_one_with_a_wrong_action(actions, message):
-    env = NavigationVectorEnv(2, "1a")
+    env = RobotsVectorEnv(2, "1a")
     env.reset(seed=0)
     with pytest.raises(ActionError, match=message):
         env.step(np.array(actions))
@@ -481,8 +481,6 @@ def test_unusable_starts_are_refused(starts, message):
 def test_pairs_are_no_gymnasium_environment():
     with pytest.raises(UserError, match="parallel_env"):
         envs.NavigationEnv("2")
-    with pytest.raises(UserError, match="not one"):
-        NavigationVectorEnv(2, "2")
 
 
 def test_pictures_show_robots_targets_and_zone():

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from agent import envs
-from agent.envs.grid_episode import ActionError, StartsError
+from agent.envs.boards import ActionError, StartsError
 from agent.envs.vector import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from benchmarks import __main__ as benchmarks

@@ -14,9 +14,9 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import agent.envs
 from agent import envs
-from agent.envs.cosim_vector import CoSimBoards
+from agent.envs.boards import StartsError
 from agent.envs.drive import DriveEnv, DriveVectorEnv
-from agent.envs.grid_episode import StartsError
+from agent.envs.dynamics import CoSimBoards
 from agent.envs.state import ClosedError, StateError
 from agent.envs.vector import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
