@@ -66,6 +66,7 @@ class EnvBoards(Restorable, ABC):
         scenario: board, targets and start cells.
         shape: (K, N).
         arrays: what the last step gave, with the fields of `Results`.
+        made: shape, scenario and options without which a state means something else.
         observation_space, action_space: of one robot.
         reset_options: names of what `reset` takes of each board.
     """
@@ -73,6 +74,7 @@ class EnvBoards(Restorable, ABC):
     scenario: Scenario
     shape: tuple[int, int]
     arrays: Any
+    made: tuple[Any, ...]
     observation_space: spaces.Space
     action_space: spaces.Space
     reset_options: ClassVar[tuple[str, ...]] = ("starts",)
@@ -106,9 +108,9 @@ class EnvBoards(Restorable, ABC):
         self.seed([seed if begins else None for seed, begins in zip(seeds, which, strict=True)])
         self._begin(given)
 
-    @abstractmethod
     def _begun(self) -> np.ndarray:
-        """(K,) bool, boards that have begun an episode before."""
+        """(K,) bool, boards that have begun an episode, or need none."""
+        return np.ones(self.shape[0], dtype=bool)
 
     @abstractmethod
     def _checked(self, *arguments: Any, **options: Any) -> Any:
@@ -156,14 +158,20 @@ class EnvBoards(Restorable, ABC):
     def close(self) -> None:
         """Free what simulates."""
 
+    def get_state(self) -> dict[str, Any]:
+        """See `Restorable.get_state`."""
+        return super().get_state() | {"made": self.made}
+
     def set_state(self, state: dict[str, Any]) -> None:
-        """See `Restorable.set_state`; also refuses states of another number of boards or robots."""
-        its = state.get("arrays", ()) if isinstance(state, dict) else ()
-        if its and [array.shape for array in its] != [array.shape for array in self.arrays]:
-            raise StateError(
-                f"a state of {len(its.outcomes)} boards of {its.rewards.shape[1]} robots does not "
-                f"fit {self.shape[0]} of {self.shape[1]}; restore it where as many are stepped"
-            )
+        """See `Restorable.set_state`; also refuses states of boards that were made differently."""
+        if isinstance(state, dict) and (made := state.get("made")) is not None:
+            if made != self.made:
+                raise StateError(
+                    f"a state of {made[0][0]} boards of {made[0][1]} robots does not fit "
+                    f"{self.shape[0]} of {self.shape[1]} with this scenario and these options; "
+                    "restore it where the same arguments were given"
+                )
+            state = {name: part for name, part in state.items() if name != "made"}
         super().set_state(state)
 
 
@@ -321,6 +329,7 @@ class Boards(DirectionBoards):
         self.observation_space, self.action_space = direction_spaces(scenario, config)
         self._features = np.array(observed_columns(scenario, config))
         self.shape = rows = (taken("num_envs", count, Count), scenario.robots)
+        self.made = rows, scenario, config
         self.arrays: Arrays = Arrays(
             worlds=np.zeros((*rows, COLUMN_COUNT), dtype=np.int64),
             random=np.zeros((count, 1), dtype=np.uint64),
@@ -336,9 +345,6 @@ class Boards(DirectionBoards):
 
     def _seed(self, m: int, seed: int | np.random.SeedSequence) -> None:
         self.arrays.random[m] = seeded_state(seed)
-
-    def _begun(self) -> np.ndarray:
-        return np.ones(self.shape[0], dtype=bool)
 
     def _checked(self, starts: Any = None) -> np.ndarray | None:
         """World of robots on their (N, 2) start cells; None to draw them."""

@@ -22,7 +22,7 @@ from agent.envs.boards import ActionError, StartsError
 from agent.envs.dynamics import DynamicsBoards
 from agent.envs.single import SingleEnv
 from agent.envs.vector import RowsVectorEnv, lone
-from cosim.base.arguments import ConfigError, require_one_of, taken
+from cosim.base.arguments import require_one_of, taken
 from cosim.base.errors import shown
 from cosim.base.jit import kernel
 from cosim.coupling.signals import MOTORS
@@ -35,10 +35,10 @@ from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import Q_W, Q_X, Q_Y, Q_Z, X, Y, standing_state
 from cosim.physics.rotation import heading
 from cosim.simulation.driving import (
-    NO_EFFECT,
     DriveObservation,
     in_frames,
     numbers,
+    refuse_without_effect,
     velocities,
 )
 from cosim.simulation.measures import PATH_SAMPLING_S
@@ -176,16 +176,12 @@ class DriveBoards(DynamicsBoards):
         self._interval_s = taken("control_interval", control_interval, _POSITIVE)
         self._reach_m = taken("reach", reach, _POSITIVE)
         whole_ratio("control_interval", control_interval, "control_period_s", _PERIOD_S)
-        for name in NO_EFFECT:
-            if name in physics:
-                raise ConfigError(
-                    f"{name} has no effect where a learner drives; leave it out, or choose "
-                    "control_interval"
-                )
+        refuse_without_effect(physics, "where a learner drives")
         self._observe: Observe = observe
         self._velocity, self._dense = action == "velocity", reward == "dense"
         options = {"time_limit": TIME_LIMIT_S, **physics, "rl_step": control_interval}
         super().__init__(count, scenario, options, max_episode_steps)
+        self.made = (*self.made, observe)
         timing, rows = self._config.timing, count * self.shape[1]
         step_ticks = self._config.periods_per_step * self._config.ticks_per_period
         last = -(-self._config.ticks(timing.episode_limit_s) // step_ticks)

@@ -40,7 +40,7 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import IDEAL
 from cosim.onboard.observing import draw_starts
-from cosim.simulation.batch import Batch
+from cosim.simulation.batch import Batch, shared
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import options_of, resolve
 
@@ -85,6 +85,7 @@ class DynamicsBoards(EnvBoards):
         self._worlds = None if worlds is None else checked_ranges(worlds, self._config)
         self.observation_space, self.action_space = self._spaces()
         self.shape = rows = (count, self.scenario.robots)
+        self.made = rows, self.scenario, shared(self._config), self.observation_space
         self._batch = Batch(motor_fmu, self._config, self.scenario.robots, count)
         self._seeds = [np.random.SeedSequence() for _ in range(count)]
         self._steps = np.zeros(count, dtype=np.int64)  # of the episode

@@ -5,6 +5,7 @@ Such a policy has `drive(motion)`, which returns set points (N, 2) of motors D a
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
@@ -20,8 +21,6 @@ from cosim.onboard.estimation import POSE
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import SimulationOptions
-
-NO_EFFECT = ("rl_step", "through", "shield")  # options of decisions between directions
 
 
 class DriveObservation(NamedTuple):
@@ -84,15 +83,22 @@ def options_for(policy: Any, options: SimulationOptions) -> SimulationOptions:
     """
     if not drives(policy):
         return options
-    given = [name for name in NO_EFFECT if getattr(options, name)]
-    if "heading" in options.open_loop:
-        given.append("open_loop = heading")
-    if given:
-        raise ConfigError(
-            f"{', '.join(given)} has no effect on a policy that commands motors; leave it out"
-        )
+    refuse_without_effect(vars(options), "on a policy that commands motors")
     interval_s = taken("interval_s of the policy", getattr(policy, "interval_s", None), float)
     return replace(options, rl_step=interval_s)
+
+
+def refuse_without_effect(options: Mapping[str, Any], where: str) -> None:
+    """Refuse options of the co-simulation that only matter where directions are chosen.
+
+    Raises:
+        ConfigError: one of them is given.
+    """
+    given = [name for name in ("rl_step", "through", "shield") if options.get(name)]
+    if "heading" in (options.get("open_loop") or ()):
+        given.append("open_loop = heading")
+    if given:
+        raise ConfigError(f"{', '.join(given)} has no effect {where}; leave it out")
 
 
 class DrivenEpisode(RunningEpisode):

@@ -128,6 +128,7 @@ def test_a_controller_plans_with_saved_states():
         ({"context": "yes"}, "context = 'yes' is invalid: expected bool"),
         ({"max_episode_steps": 0}, "max_episode_steps = 0 is invalid: expected int >= 1"),
         ({"shield": True}, "shield has no effect where a learner drives"),
+        ({"open_loop": ("heading",)}, "open_loop = heading has no effect where a learner drives"),
     ],
 )
 def test_unusable_options_are_refused(options, said):

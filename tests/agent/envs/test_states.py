@@ -4,6 +4,7 @@ import copy
 import multiprocessing
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -106,6 +107,28 @@ def test_states_of_another_number_of_boards_are_refused():
             StateError, match=r"a state of \d boards of \d robots does not fit 2 of 2"
         ):
             pairs.set_state(other.get_state())
+
+
+@pytest.mark.parametrize(
+    ("make", "other"),
+    [
+        (envs.NavigationEnv, {"scenario": "1b"}),
+        (envs.NavigationEnv, {"process": ProcessConfig(slip_probability=0.3)}),
+        (partial(envs.NavigationEnv, cosim=True), {"speed": 2.0}),
+        (DriveEnv, {"observe": "estimated"}),
+        (DriveEnv, {"control_interval": 0.2}),
+    ],
+)
+def test_states_of_environments_with_other_options_are_refused(make, other):
+    env, different = make(), make(**other)
+    different.reset(seed=0)
+    env.reset(seed=0)
+    before = env._seen()
+    with pytest.raises(StateError, match="with this scenario and these options"):
+        env.set_state(different.get_state())
+    assert np.array_equal(env._seen(), before)
+    env.close()
+    different.close()
 
 
 def test_an_fmu_that_cannot_save_its_state_is_named(monkeypatch):
