@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from agent.envs.boards import ActionError, StartsError
 from agent.envs.dynamics import DynamicsBoards
 from agent.envs.single import SingleEnv
-from agent.envs.vector import RowsVectorEnv, lone
+from agent.envs.vector import RowsVectorEnv
 from cosim.base.arguments import require_one_of, taken
 from cosim.base.errors import shown
 from cosim.base.jit import kernel
@@ -357,7 +357,7 @@ class DriveBoards(DynamicsBoards):
 
 
 class DriveVectorEnv(RowsVectorEnv):
-    """Robots that learn to drive; every robot of `num_envs` boards is a row.
+    """Robots that learn to drive; every robot of `num_envs` boards is a row; see `DriveBoards`.
 
     Observations of a robot, as float32: target ahead and to the left (0.1 m), sine and cosine of
     the heading, position over the board's size, velocity ahead and to the left and yaw rate (of the
@@ -372,44 +372,16 @@ class DriveVectorEnv(RowsVectorEnv):
     starts by default; "mu" of the floor; "reset_mask" (boards,) bool, boards to begin.
     """
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        scenario: str | Scenario = "1a",
-        *,
-        render_mode: str | None = None,
-        outcome_names: bool = False,
-        **options: Any,
-    ) -> None:
-        """Make the boards.
-
-        Args:
-            num_envs: boards.
-            scenario: board and number of robots; starts and targets are drawn anywhere on it.
-            render_mode, outcome_names: as of `agent.envs.vector.RowsVectorEnv`.
-            options: see `DriveBoards`.
-
-        Raises:
-            UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
-        """
-        boards = DriveBoards(num_envs, scenario, **options)
-        super().__init__(boards, render_mode, outcome_names)
+    _boards_of = DriveBoards
 
 
 class DriveEnv(SingleEnv):
-    """One robot that learns to drive: a row of `DriveVectorEnv`; arguments and spaces as there.
+    """One robot that learns to drive: a row of `DriveVectorEnv`; options and spaces as there.
 
     `starts` (1, 3), `targets` (1, 2) and `mu` can be given as options of `reset`.
     """
 
-    def __init__(
-        self,
-        scenario: str | Scenario = "1a",
-        render_mode: str | None = None,
-        outcome_names: bool = False,
-        **options: Any,
-    ) -> None:
-        super().__init__(DriveBoards(1, lone(scenario), **options), render_mode, outcome_names)
+    _boards_of = DriveBoards
 
 
 def checked_actions(actions: Any, rows: int) -> np.ndarray:

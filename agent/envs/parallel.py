@@ -108,19 +108,20 @@ class AgentsView(View):
         return self._boards.joint((joint * active).ravel())
 
     def _by_agent(self, array: np.ndarray) -> dict[str, Any]:
-        """Return (K, …) of each agent, of (K, N, …)."""
-        return {agent: array[:, i].copy() for i, agent in enumerate(self.possible_agents)}
+        """Return what each agent has of (K, N, …): (K, …); of one board what is still there."""
+        if self._shape:
+            return {agent: array[:, i].copy() for i, agent in enumerate(self.possible_agents)}
+        row = array[0].tolist() if array.ndim == 2 else array[0].copy()
+        rows = zip(self.possible_agents, row, strict=True)
+        return {agent: one for agent, one in rows if agent in self.agents}
 
     def _observations(self) -> dict[str, Any]:
         return self._by_agent(self._boards.arrays.observations)
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         infos = self._boards.infos(names=self._outcome_names)
-        by_name = [self._by_agent(values) for values in infos.values()]
-        return {
-            agent: dict(zip(infos, [values[agent] for values in by_name], strict=True))
-            for agent in by_name[0]
-        }
+        rows = {name: self._by_agent(values) for name, values in infos.items()}
+        return {agent: {name: row[agent] for name, row in rows.items()} for agent in rows["active"]}
 
 
 class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
@@ -199,12 +200,6 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
         self.agents = [a for a in self.agents if not (terminations[a] or truncations[a])]
         return results
 
-    def _by_agent(self, array: np.ndarray) -> dict[str, Any]:
-        """Numbers, or rows of observations, of the agents that have not ended."""
-        row = array[0].tolist() if array.ndim == 2 else array[0].copy()
-        rows = zip(self.possible_agents, row, strict=True)
-        return {agent: one for agent, one in rows if agent in self.agents}
-
     def _observations(self) -> dict[str, np.ndarray]:
         seen = super()._observations()
         if not self._one_hot:
@@ -212,13 +207,11 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
         return {k: np.asarray(spaces.flatten(self._features, row)) for k, row in seen.items()}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        infos, masks = self._boards.infos(names=self._outcome_names), self._boards.action_masks()[0]
-        rows = {name: values[0].tolist() for name, values in infos.items()} | {"action_mask": masks}
-        return {
-            agent: {name: row[i] for name, row in rows.items()}
-            for i, agent in enumerate(self.possible_agents)
-            if agent in self.agents
-        }
+        infos, masks = super()._infos(), self._boards.action_masks()[0]
+        for agent, mask in zip(self.possible_agents, masks, strict=True):
+            if agent in infos:
+                infos[agent]["action_mask"] = mask
+        return infos
 
     def state(self) -> np.ndarray:
         """Return the global state, shape (robots · features,): the observations of all robots."""
@@ -244,10 +237,7 @@ class ParallelVectorEnv(AgentsView):
     ignored. `agents` are those that are active on any board, and need actions.
     """
 
-    metadata = {  # noqa: RUF012
-        "name": "minirobots_vector_v0",
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
+    metadata = {"name": "minirobots_vector_v0", "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,

@@ -9,10 +9,9 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
-from agent.envs.boards import ActionError, EnvBoards, known_options
+from agent.envs.boards import ActionError, known_options
 from agent.envs.rendering import View
 from agent.envs.vector import direction_boards, lone
-from agent.mdp.config import ProcessConfig
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
 
@@ -23,10 +22,30 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
     An episode that reaches a limit is truncated, every other end terminates it. `info` has
     `outcome` (a rank of `cosim.model.outcome`), `is_success`, `path_length` in cm, and `active`:
     whether the next action counts. What is random in an environment that was never seeded comes
-    from entropy, which `np_random_seed` tells. Arguments are those of `View`.
+    from entropy, which `np_random_seed` tells.
     """
 
-    def __init__(self, boards: EnvBoards, render_mode: str | None, outcome_names: bool) -> None:
+    _boards_of: Any
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "1a",
+        *arguments: Any,
+        render_mode: str | None = None,
+        outcome_names: bool = False,
+        **options: Any,
+    ) -> None:
+        """Make an environment.
+
+        Args:
+            scenario: of one robot.
+            arguments, options: of the boards, see the class.
+            render_mode, outcome_names: as of `View`.
+
+        Raises:
+            UserError: the scenario or an option cannot be used, or it has more than one robot.
+        """
+        boards = self._boards_of(1, lone(scenario), *arguments, **options)
         super().__init__(boards, render_mode, outcome_names)
         self.observation_space, self.action_space = boards.observation_space, boards.action_space
         boards.seed([self.np_random_seed])
@@ -73,32 +92,13 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
 
 
 class NavigationEnv(SingleEnv):
-    """One robot that learns to reach its target.
+    """One robot that learns to reach its target; options are `agent.envs.vector.direction_boards`'.
 
     Observations are the features of Section III as MultiDiscrete (a lone robot: column and row),
     actions the eight directions, rewards Eq. (8).
     """
 
-    def __init__(
-        self,
-        scenario: str | Scenario = "1a",
-        process: ProcessConfig | None = None,
-        *,
-        render_mode: str | None = None,
-        outcome_names: bool = False,
-        **options: Any,
-    ) -> None:
-        """Make an environment.
-
-        Args:
-            scenario, process, options: see `agent.envs.vector.direction_boards`; of one robot.
-            render_mode, outcome_names: as of `View`.
-
-        Raises:
-            UserError: the scenario or an option cannot be used, or it has more than one robot.
-        """
-        boards = direction_boards(1, lone(scenario), process, **options)
-        super().__init__(boards, render_mode, outcome_names)
+    _boards_of = staticmethod(direction_boards)
 
     def action_masks(self) -> np.ndarray:
         """Return (8,) bool, which directions lead to a free cell."""

@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from agent.envs.boards import Boards, Count, DirectionBoards, EnvBoards, board_seeds
+from agent.envs.boards import Boards, Count, DirectionBoards, board_seeds
 from agent.envs.rendering import View, picture
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError, require_one_of, taken
@@ -34,30 +34,39 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     with `ends="together"` that of its board, until which a robot that has arrived stays where it
     is, with rewards of 0; with `ends="own"` the robot's own, after which `infos["active"]` is false
     in its row until the board begins again.
-
-    Args:
-        boards, render_mode, outcome_names: as of `View`; there is a picture per row.
-        ends: "together" or "own".
-        copy: whether observations are arrays of their own; or else memory that the next step may
-            overwrite.
-
-    Raises:
-        UserError: an argument is invalid.
     """
 
     metadata = View.metadata | {"autoreset_mode": AutoresetMode.NEXT_STEP}
+    _boards_of: Any
 
     def __init__(
         self,
-        boards: EnvBoards,
-        render_mode: str | None,
-        outcome_names: bool,
-        *,
+        num_envs: int = 1,
+        scenario: str | Scenario = "1a",
+        *arguments: Any,
+        render_mode: str | None = None,
+        outcome_names: bool = False,
         ends: Ends = "together",
         copy: bool = True,
+        **options: Any,
     ) -> None:
-        super().__init__(boards, render_mode, outcome_names)
+        """Make the boards.
+
+        Args:
+            num_envs: boards.
+            scenario: of any number of robots.
+            arguments, options: of the boards, see the class.
+            render_mode, outcome_names: as of `View`; there is a picture per row.
+            ends: "together" or "own".
+            copy: whether observations are arrays of their own; or else memory that the next step
+                may overwrite.
+
+        Raises:
+            UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
+        """
         require_one_of("ends", ends, ("together", "own"))
+        boards = self._boards_of(num_envs, scenario, *arguments, **options)
+        super().__init__(boards, render_mode, outcome_names)
         self._together, self.scenario = ends == "together", boards.scenario
         self.boards, self._robots = boards.shape
         self.num_envs = self.boards * self._robots
@@ -129,58 +138,6 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return tuple(one for one in pictures for _ in range(self._robots))
 
 
-class RobotsVectorEnv(RowsVectorEnv):
-    """Robots that choose directions and share a policy: every robot is a sub-environment.
-
-    `make_vec("MiniRobots/Pair-v0", num_envs=K)` has K boards and so K·N rows, which is what
-    `env.num_envs` says, as learners that share parameters expect it; the robots of a board are
-    consecutive rows. Observations and rewards of a robot are those of `agent.envs.parallel_env`;
-    of ends see `RowsVectorEnv`. Actions (any direction) of a robot that has arrived are
-    ignored, and so are those of the step after a board's end, with which all its robots begin again
-    (next-step autoreset). `infos["active"]` says whose next action counts.
-
-    In the co-simulation boards advance together, 2 s of simulated time a step, in which robots
-    under way ignore their actions. `reset(options={"mu": (boards,)})` gives friction coefficients,
-    `{"targets": (boards, robots, 2)}` target cells of these episodes.
-    """
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        scenario: str | Scenario = "2",
-        process: ProcessConfig | None = None,
-        *,
-        render_mode: str | None = None,
-        outcome_names: bool = False,
-        ends: Ends = "together",
-        copy: bool = True,
-        **options: Any,
-    ) -> None:
-        """Make the boards.
-
-        Args:
-            num_envs: boards.
-            scenario, process, options: see `direction_boards`.
-            render_mode, outcome_names, ends, copy: as of `RowsVectorEnv`.
-
-        Raises:
-            UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
-        """
-        if options.get("cosim") and options.setdefault("decision", "period") != "period":
-            raise ConfigError(
-                f"decision = {options['decision']} is not possible for boards that advance "
-                'together; leave it out and look at infos["active"], or make_vec with '
-                'vectorization_mode="sync"'
-            )
-        boards = direction_boards(num_envs, scenario, process, **options)
-        super().__init__(boards, render_mode, outcome_names, ends=ends, copy=copy)
-
-    def action_masks(self) -> np.ndarray:
-        """Return (rows, 8) bool, which directions lead to a free cell."""
-        self._require_open()
-        return self._boards.action_masks().astype(bool).reshape(self.num_envs, -1)
-
-
 def direction_boards(
     count: int,
     scenario: str | Scenario,
@@ -218,6 +175,47 @@ def direction_boards(
     if limit is not None:
         config = replace(config, step_limit=min(config.step_limit, limit))
     return Boards(count, find_scenario(scenario, ideal=True), config)
+
+
+def _together(
+    count: int,
+    scenario: str | Scenario,
+    process: ProcessConfig | None = None,
+    *,
+    cosim: bool = False,
+    **options: Any,
+) -> DirectionBoards:
+    """`direction_boards` that advance together."""
+    if cosim and options.setdefault("decision", "period") != "period":
+        raise ConfigError(
+            f"decision = {options['decision']} is not possible for boards that advance "
+            'together; leave it out and look at infos["active"], or make_vec with '
+            'vectorization_mode="sync"'
+        )
+    return direction_boards(count, scenario, process, cosim=cosim, **options)
+
+
+class RobotsVectorEnv(RowsVectorEnv):
+    """Robots that choose directions and share a policy: every robot is a sub-environment.
+
+    `make_vec("MiniRobots/Pair-v0", num_envs=K)` has K boards and so K·N rows, which is what
+    `env.num_envs` says, as learners that share parameters expect it; the robots of a board are
+    consecutive rows. Observations and rewards of a robot are those of `agent.envs.parallel_env`;
+    of ends see `RowsVectorEnv`. Actions (any direction) of a robot that has arrived are
+    ignored, and so are those of the step after a board's end, with which all its robots begin again
+    (next-step autoreset). `infos["active"]` says whose next action counts.
+
+    In the co-simulation boards advance together, 2 s of simulated time a step, in which robots
+    under way ignore their actions. `reset(options={"mu": (boards,)})` gives friction coefficients,
+    `{"targets": (boards, robots, 2)}` target cells of these episodes.
+    """
+
+    _boards_of = staticmethod(_together)
+
+    def action_masks(self) -> np.ndarray:
+        """Return (rows, 8) bool, which directions lead to a free cell."""
+        self._require_open()
+        return self._boards.action_masks().astype(bool).reshape(self.num_envs, -1)
 
 
 def lone(scenario: str | Scenario) -> str | Scenario:

@@ -9,7 +9,7 @@ import copy
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -102,14 +102,6 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
         config.shield,
         config.open_loop,
     )
-
-
-class BatchState(NamedTuple):
-    """State of a batch for `Batch.set_state`; it can be pickled."""
-
-    state: State
-    episodes: list[RunningEpisode | None]
-    motors: tuple[Any, ...]
 
 
 class Batch:
@@ -363,21 +355,16 @@ class Batch:
         samples, raw = new_samples(0, columns), new_raw_samples(0, columns)
         self._driver.advance(self._plant, self.state, noise, samples, raw)
 
-    def get_state(self) -> BatchState:
-        """Return a copy of all that changes, for `set_state`.
+    def get_state(self) -> tuple[Any, ...]:
+        """Return a copy of all that changes, for `set_state`; it can be pickled.
 
         Raises:
             FmuError: the motor FMU cannot save its state.
         """
-        episodes = [episode for episode in self.episodes if episode is not None]
-        constant = (x for e in episodes for x in (e.scenario, e.config, e.drawn))
-        return BatchState(
-            State(*(array.copy() for array in self.state)),
-            copy.deepcopy(self.episodes, {id(x): x for x in constant}),
-            self._motors.get_state(),
-        )
+        state = State(*(array.copy() for array in self.state))
+        return state, _copies(self.episodes), self._motors.get_state()
 
-    def set_state(self, saved: BatchState) -> None:
+    def set_state(self, saved: tuple[Any, ...]) -> None:
         """Go back to a state of this batch, or of one made with the same arguments.
 
         What follows has the bits that followed then.
@@ -386,22 +373,21 @@ class Batch:
             ConfigError: the state is that of another number of episodes.
             FmuError: the motor FMU refuses its state.
         """
-        if len(saved.episodes) != len(self.episodes):
+        state, episodes, motors = saved
+        if len(episodes) != len(self.episodes):
             raise ConfigError(
-                f"a state of {len(saved.episodes)} episodes does not fit {len(self.episodes)}; "
+                f"a state of {len(episodes)} episodes does not fit {len(self.episodes)}; "
                 "restore it where as many run"
             )
-        pairs = zip(self.state, saved.state, strict=True)
-        arrays = [mine if mine.shape == its.shape else its.copy() for mine, its in pairs]
-        for mine, its in zip(arrays, saved.state, strict=True):
+        pairs = zip(self.state, state, strict=True)
+        self.state = State(*(m if m.shape == its.shape else its.copy() for m, its in pairs))
+        for mine, its in zip(self.state, state, strict=True):
             mine[:] = its
-        self.state = State(*arrays)
-        constant = (x for e in saved.episodes if e for x in (e.scenario, e.config, e.drawn))
-        self.episodes = copy.deepcopy(saved.episodes, {id(x): x for x in constant})
+        self.episodes = _copies(episodes)
         for episode in self.episodes:
             if episode is not None:
                 episode.bind(self.state)
-        self._motors.set_state(saved.motors)
+        self._motors.set_state(motors)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles have FMU instances of their own, in the same state."""
@@ -413,7 +399,13 @@ class Batch:
         self._motors.close()
 
 
-def _restored(arguments: tuple[Any, ...], saved: BatchState) -> Batch:
+def _copies(episodes: list[RunningEpisode | None]) -> list[RunningEpisode | None]:
+    """Copies of episodes, but for what never changes."""
+    constant = [x for e in episodes if e is not None for x in (e.scenario, e.config, e.drawn)]
+    return copy.deepcopy(episodes, {id(x): x for x in constant})
+
+
+def _restored(arguments: tuple[Any, ...], saved: tuple[Any, ...]) -> Batch:
     batch = Batch(*arguments)
     batch.set_state(saved)
     return batch

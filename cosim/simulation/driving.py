@@ -14,7 +14,6 @@ import numpy as np
 from cosim.base.arguments import ConfigError, taken
 from cosim.base.errors import UserError, shown
 from cosim.coupling.rl_step import Decision, Step
-from cosim.coupling.signals import MOTORS, State
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.estimation import POSE
@@ -113,15 +112,6 @@ class DrivenEpisode(RunningEpisode):
         self.targets_m = np.array([self.scenario.centre_m(cell) for cell in self.scenario.targets])
         self._poses = self._estimates[:, POSE : POSE + 3].copy()
         self._velocities = np.zeros((self.scenario.robots, 3))
-
-    def bind(self, state: State) -> None:
-        """See `RunningEpisode.bind`; also the motors' speeds."""
-        super().bind(state)
-        self._speeds = state.outputs[MOTORS : 2 * MOTORS, self._columns].T
-
-    def __getstate__(self) -> dict[str, Any]:
-        """See `RunningEpisode`."""
-        return {k: v for k, v in super().__getstate__().items() if k != "_speeds"}
 
     def motion(self) -> DriveObservation:
         """Return what the policy sees now."""

@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.errors import UserError, shown
 from cosim.coupling.assembly import noise_generators, robot_properties
 from cosim.coupling.rl_step import POSES_S, SAMPLED, Decision, Step, decide, sampled_of
-from cosim.coupling.signals import RawSamples, Samples, State
+from cosim.coupling.signals import MOTORS, RawSamples, Samples, State
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK, RUNNING, Outcome
 from cosim.model.scenario import Cell, Scenario
@@ -133,10 +133,11 @@ class RunningEpisode:
         self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
         self._estimates, self._shields = state.estimates[columns], state.shields[columns]
         self._events = state.events[columns]
+        self._speeds = state.outputs[MOTORS : 2 * MOTORS, columns].T
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the columns, which `bind` gives to a copy."""
-        views = ("_bodies", "_commands", "_estimates", "_shields", "_events")
+        views = ("_bodies", "_commands", "_estimates", "_shields", "_events", "_speeds")
         return {name: value for name, value in vars(self).items() if name not in views}
 
     def draw_from(self, seed: np.random.SeedSequence) -> None:
