@@ -406,7 +406,8 @@ def board_options(
     for name, values in known_options(options, *names, "reset_mask").items():
         if values is None:
             continue
-        if not isinstance(values, list | tuple | np.ndarray) or len(values) != len(begun):
+        given = isinstance(values, list | tuple) or (isinstance(values, np.ndarray) and values.ndim)
+        if not given or len(values) != len(begun):
             raise StartsError(
                 f"{name} = {shown(values)}; give one to each of the {len(begun)} boards"
             )

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations, starmap
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -54,8 +54,6 @@ _END_REWARD = 10.0  # of an arrival, and of a failure with its sign changed; a c
 _POSITIVE = Annotated[float, msgspec.Meta(gt=0.0, le=MAX_VALUE)]
 _PERIOD_S = TIMING.control_period_s
 ACTIONS = ("velocity", "motors")
-
-Observe = Literal["true", "estimated"]
 
 
 class Rows(NamedTuple):
@@ -162,7 +160,7 @@ class DriveBoards(DynamicsBoards):
         *,
         action: str = "velocity",
         reward: str = "dense",
-        observe: Observe = "true",
+        observe: str = "true",
         context: bool = False,
         control_interval: float = 0.1,
         reach: float = REACH_M,
@@ -177,7 +175,7 @@ class DriveBoards(DynamicsBoards):
         self._reach_m = taken("reach", reach, _POSITIVE)
         whole_ratio("control_interval", control_interval, "control_period_s", _PERIOD_S)
         refuse_without_effect(physics, "where a learner drives")
-        self._observe: Observe = observe
+        self._estimated = observe == "estimated"
         self._velocity, self._dense = action == "velocity", reward == "dense"
         options = {"time_limit": TIME_LIMIT_S, **physics, "rl_step": control_interval}
         super().__init__(count, scenario, options, max_episode_steps)
@@ -299,7 +297,7 @@ class DriveBoards(DynamicsBoards):
             self._add_paths(samples.position, done)
             done += len(samples.position)
         _locate(state.bodies, rows.targets_m, rows.poses, rows.away_m)
-        if self._observe == "estimated":
+        if self._estimated:
             rows.poses[:] = state.estimates[:count, POSE : POSE + 3]
         rows.velocities[:] = velocities(before, rows.poses, self._interval_s)
         self._arrived |= (rows.away_m <= REACHED_M).reshape(self.shape)
@@ -346,14 +344,11 @@ class DriveBoards(DynamicsBoards):
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""
         self._episodes()  # refuses before the first
-        rows = self._rows
-        found = []
-        boards = (array.reshape(*self.shape, -1) for array in (rows.poses, rows.targets_m))
-        for poses, targets_m in zip(*boards, strict=True):
-            cells = (targets_m // self.scenario.cell_m).astype(int)
-            scene = replace(self.scenario, targets=tuple((int(x), int(y)) for x, y in cells))
-            found.append((scene, poses[:, :2]))
-        return found
+        places = self._rows.poses[:, :2].reshape(*self.shape, 2)
+        cells = (self._rows.targets_m // self.scenario.cell_m).astype(int).reshape(*self.shape, 2)
+        targets = [tuple((x, y) for x, y in board) for board in cells.tolist()]
+        scenes = (replace(self.scenario, targets=of_board) for of_board in targets)
+        return list(zip(scenes, places, strict=True))
 
 
 class DriveVectorEnv(RowsVectorEnv):

@@ -162,7 +162,7 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
             UserError: the scenario or an option cannot be used.
         """
         limit = taken("max_cycles", max_cycles, Count | None)
-        boards = direction_boards(1, scenario, process, **{"max_episode_steps": limit} | options)
+        boards = direction_boards(1, scenario, process, max_episode_steps=limit, **options)
         self.agents = []
         self._features = features = boards.observation_space
         assert isinstance(features, spaces.MultiDiscrete)

@@ -38,7 +38,8 @@ class View(Restorable):
     _boards: Any
 
     def __init__(self, boards: EnvBoards, render_mode: str | None, outcome_names: bool) -> None:
-        self._boards, self._outcome_names = boards, outcome_names
+        self._boards = boards
+        self._outcome_names = taken("outcome_names", outcome_names, bool)
         self.render_mode = taken("render_mode", render_mode, RenderMode | None)
 
     def render(self) -> Any:

@@ -11,9 +11,11 @@ from gymnasium.utils import RecordConstructorArgs
 
 from agent.envs.boards import ActionError, known_options
 from agent.envs.rendering import View
-from agent.envs.vector import direction_boards, lone
+from agent.envs.vector import direction_boards
+from cosim.base.errors import UserError, shown
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
 
 
 class SingleEnv(View, gym.Env[np.ndarray, Any]):
@@ -45,7 +47,12 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
         Raises:
             UserError: the scenario or an option cannot be used, or it has more than one robot.
         """
-        boards = self._boards_of(1, lone(scenario), *arguments, **options)
+        if (robots := find_scenario(scenario).robots) != 1:
+            raise UserError(
+                f"scenario {shown(scenario)} has {robots} robots, not one; use agent.envs."
+                "parallel_env, or gymnasium.make_vec with MiniRobots/Pair-v0 or CoSimPair-v0"
+            )
+        boards = self._boards_of(1, scenario, *arguments, **options)
         super().__init__(boards, render_mode, outcome_names)
         self.observation_space, self.action_space = boards.observation_space, boards.action_space
         boards.seed([self.np_random_seed])

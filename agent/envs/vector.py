@@ -74,7 +74,7 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = boards.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._copy, self._view = copy, np.empty(0)
+        self._copy, self._view = taken("copy", copy, bool), np.empty(0)
         boards.seed(board_seeds(int(self.np_random_seed or 0), self.boards))
 
     def reset(

@@ -241,6 +241,7 @@ def test_readings_without_effect_are_refused(reading, cosim, said):
             {"options": {"reset_mask": np.ones(2, dtype=int)}},
             "reset_mask = .* is invalid: expected bool",
         ),
+        ({"options": {"reset_mask": np.array(True)}}, "reset_mask = .*; give one to each of the 2"),
         (
             {"options": {"starts": [[[4, 4], [9, 9]]]}},
             r"starts = .*; give one to each of the 2 boards",
