@@ -43,6 +43,7 @@ from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 
 Count = Annotated[int, msgspec.Meta(ge=1)]
+_Seed = Annotated[int, msgspec.Meta(ge=0)]
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
 _NAMES = np.array(BY_RANK, dtype=object)
 
@@ -427,14 +428,11 @@ def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int
     Raises:
         StartsError: there is not one for each, or one is negative or no whole number.
     """
-    seeds = taken("seed", seed, int | list[int | None] | None, StartsError)
+    seeds = taken("seed", seed, _Seed | list[_Seed | None] | None, StartsError)
     if not isinstance(seeds, list):
         seeds = [seeds if seeds is None else seeds + m for m in range(count)]
     if len(seeds) != count:
         raise StartsError(f"{len(seeds)} seeds; give one to each of the {count} boards")
-    for one in seeds:
-        if one is not None and one < 0:
-            raise StartsError(f"seed {one} is negative; give a whole number from 0 on")
     return seeds
 
 
