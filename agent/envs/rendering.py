@@ -1,4 +1,4 @@
-"""Boards as environments show them: text, or an array of pixels."""
+"""Base of the environments, and their pictures: text, or an array of pixels."""
 
 from typing import Any, Literal, get_args
 
@@ -22,7 +22,7 @@ _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
 
 
 class View(Restorable):
-    """What a learner sees of boards, and how it steps them.
+    """Base of the environments: boards that are stepped, shown and closed.
 
     Args:
         boards: what is stepped.
