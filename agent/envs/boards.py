@@ -35,7 +35,7 @@ from agent.mdp.grid import (
 )
 from agent.mdp.readings import FREE, GOAL, Process, build_process, feature_sizes
 from agent.mdp.rng import seeded_state
-from cosim.base.arguments import taken
+from cosim.base.arguments import numbers, taken
 from cosim.base.errors import UserError, shown
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
@@ -182,7 +182,7 @@ class DirectionBoards(EnvBoards):
     def joint(self, actions: Any) -> np.ndarray:
         """See `EnvBoards.joint`; (K, N) int64."""
         boards, robots = self.shape
-        rows = whole_numbers(actions, (boards * robots,))
+        rows = numbers(actions, (boards * robots,), "iu")
         if rows is None:
             raise ActionError(
                 f"actions = {shown(actions)} are no directions; choose one whole number from 0 to "
@@ -476,19 +476,9 @@ def placed_world(process: Process, starts: Any) -> np.ndarray:
     return world
 
 
-def whole_numbers(values: Any, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Return what a user gave as int64; None if it has another shape or no whole numbers."""
-    try:
-        array = np.asarray(values)
-    except ValueError:  # rows of several lengths
-        return None
-    fits = array.shape == shape and array.dtype.kind in "iu"
-    return array.astype(np.int64, copy=False) if fits else None
-
-
 def whole_cells(name: str, cells: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Start or target cells that a user gave, int64 of a shape; raises StartsError."""
-    found = whole_numbers(cells, shape)
+    found = numbers(cells, shape, "iu")
     if found is None:
         raise StartsError(
             f"{name} = {shown(cells)} are no cells; give whole numbers [x, y] of shape {shape}"

@@ -22,7 +22,7 @@ from agent.envs.boards import ActionError, StartsError
 from agent.envs.dynamics import DynamicsBoards
 from agent.envs.single import SingleEnv
 from agent.envs.vector import RowsVectorEnv
-from cosim.base.arguments import require_one_of, taken
+from cosim.base.arguments import numbers, require_one_of, taken
 from cosim.base.errors import shown
 from cosim.base.jit import kernel
 from cosim.coupling.signals import MOTORS
@@ -37,7 +37,6 @@ from cosim.physics.rotation import heading
 from cosim.simulation.driving import (
     DriveObservation,
     in_frames,
-    numbers,
     refuse_without_effect,
     velocities,
 )
@@ -200,8 +199,8 @@ class DriveBoards(DynamicsBoards):
     def _places(self, name: str, values: Any, size: int) -> np.ndarray | None:
         if values is None:
             return None
-        array, shape = numbers(values), (self.shape[1], size)
-        if array.shape != shape or not np.isfinite(array).all() or not self._free(array[:, :2]):
+        array = numbers(values, shape := (self.shape[1], size))
+        if array is None or not self._free(array[:, :2]):
             raise StartsError(
                 f"{name} = {shown(values)} must be of shape {shape}, in m on the board, off "
                 "obstacles and further apart than a diameter"
@@ -385,8 +384,7 @@ def checked_actions(actions: Any, rows: int) -> np.ndarray:
     Raises:
         ActionError: it is something else than two finite numbers per row.
     """
-    wanted = numbers(actions)
-    if wanted.shape != (rows, 2) or not np.isfinite(wanted).all():
+    if (wanted := numbers(actions, (rows, 2))) is None:
         raise ActionError(
             f"actions = {shown(actions)}: give two finite numbers from -1 to 1 to each of the "
             f"{rows} robots"

@@ -14,11 +14,11 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from pettingzoo import ParallelEnv
 
-from agent.envs.boards import ActionError, Count, DirectionBoards, board_seeds, whole_numbers
+from agent.envs.boards import ActionError, Count, DirectionBoards, board_seeds
 from agent.envs.rendering import View
 from agent.envs.vector import direction_boards
 from agent.mdp.config import ProcessConfig
-from cosim.base.arguments import taken
+from cosim.base.arguments import numbers, taken
 from cosim.base.errors import shown
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
@@ -97,7 +97,7 @@ class AgentsView(View):
                 continue
             if agent not in actions:
                 raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
-            chosen = whole_numbers(actions[agent], self._shape)
+            chosen = numbers(actions[agent], self._shape, "iu")
             if chosen is None:
                 each = f" for each of the {len(active)} boards" if self._shape else ""
                 raise ActionError(

@@ -108,3 +108,19 @@ def _choices(kind: Any) -> tuple[str, ...]:
     if get_origin(kind) is Literal:
         return get_args(kind)
     return next((found for part in get_args(kind) if (found := _choices(part))), ())
+
+
+def numbers(values: Any, shape: tuple[int, ...], kinds: str = "fiu") -> np.ndarray | None:
+    """Return what a user gave as float64, or whole numbers as int64; None if it is anything else.
+
+    Args:
+        values: an array, or anything that makes one.
+        shape: that it must have.
+        kinds: of numbers (`numpy.dtype.kind`) that are allowed; "iu" for whole ones alone.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of several lengths
+        return None
+    fits = array.shape == shape and array.dtype.kind in kinds and np.isfinite(array).all()
+    return array.astype(np.int64 if kinds == "iu" else np.float64, copy=False) if fits else None

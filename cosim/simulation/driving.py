@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from cosim.base.arguments import ConfigError, taken
+from cosim.base.arguments import ConfigError, numbers, taken
 from cosim.base.errors import UserError, shown
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.config import CoSimConfig
@@ -134,8 +134,7 @@ class DrivenEpisode(RunningEpisode):
 
     def _directions(self, action: Any) -> np.ndarray:
         n = self.scenario.robots
-        set_points = numbers(action)
-        if set_points.shape != (n, 2) or not np.isfinite(set_points).all():
+        if (set_points := numbers(action, (n, 2))) is None:
             raise UserError(
                 f"the policy returned {shown(action)}; expected {n} x 2 finite numbers, the set "
                 "points of motors D and E of each robot in rad/s"
@@ -149,15 +148,6 @@ class DrivenEpisode(RunningEpisode):
 
     def _arriving(self, completed: np.ndarray) -> np.ndarray:
         return super()._arriving(np.ones_like(completed))
-
-
-def numbers(values: Any) -> np.ndarray:
-    """float64 of what a user gave; of no shape that anything has if it is not an array."""
-    try:
-        array = np.asarray(values)
-    except ValueError:  # rows of several lengths
-        return np.empty(0)
-    return array.astype(np.float64) if array.dtype.kind in "fiu" else np.empty(0)
 
 
 def in_frames(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:

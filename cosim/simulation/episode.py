@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.base.arguments import numbers
 from cosim.base.errors import UserError, shown
 from cosim.coupling.assembly import noise_generators, robot_properties
 from cosim.coupling.rl_step import POSES_S, SAMPLED, Decision, Step, decide, sampled_of
@@ -266,15 +267,8 @@ class RunningEpisode:
 
     def _directions(self, action: Any) -> np.ndarray:
         n = self.scenario.robots
-        try:
-            directions = np.asarray(action)
-        except ValueError:  # lists of unequal lengths
-            directions = np.empty(0)
-        if (
-            directions.shape != (n,)
-            or directions.dtype.kind not in "iu"
-            or not 0 <= directions.min() <= directions.max() < DIRECTION_COUNT
-        ):
+        directions = numbers(action, (n,), "iu")
+        if directions is None or not 0 <= directions.min() <= directions.max() < DIRECTION_COUNT:
             raise UserError(
                 f"the policy returned {shown(action)}; expected {n} integers from 0 to "
                 f"{DIRECTION_COUNT - 1}, the direction of each robot"
