@@ -162,22 +162,22 @@ class NetworkPolicy(GreedyPolicy):
         exact = replace(self.config.process, slip_probability=0.0)
         boards = Boards(len(starts), self.config.scenario, exact)
         boards.reset({"starts": starts})
-        arrays = boards.arrays
+        grid, arrays = boards.grid, boards.arrays
         outcome = np.zeros(len(starts), dtype=np.int8)
         path_cells, steps = np.zeros(starts.shape[:2]), np.zeros(starts.shape[:2], dtype=np.int64)
         actions = np.zeros(starts.shape[:2], dtype=np.int64)
         step, kept, ends = 0, 0, np.full(len(starts), self.config.process.step_limit)
-        where, paths = arrays.worlds[:, :, _WHERE], path_cells.copy()  # at step `kept`
+        where, paths = grid.worlds[:, :, _WHERE], path_cells.copy()  # at step `kept`
         counted = path_cells.copy()  # of the rounds that are not driven
         while (going := np.flatnonzero(outcome == RUNNING)).size:
-            cells = arrays.worlds[going][:, :, [X, Y]]
+            cells = grid.worlds[going][:, :, [X, Y]]
             actions[going] = self._values(cells).argmax(axis=2)
             steps[going] += arrays.active[going]
             boards.step(actions)
             step += 1
             outcome[going] = arrays.outcomes[going]
-            path_cells[going] = arrays.path_cells[going]
-            now = arrays.worlds[:, :, _WHERE]
+            path_cells[going] = grid.path_cells[going]
+            now = grid.worlds[:, :, _WHERE]
             circling = (outcome == RUNNING) & (now == where).all(axis=(1, 2))
             rounds = np.where(circling, (ends - step) // (step - kept), 0)[:, None]
             steps += rounds * (step - kept) * arrays.active

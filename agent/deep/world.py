@@ -145,7 +145,7 @@ class LearningGrid:
 
     def _look(self) -> None:
         # a robot that left the board has ended, and is taken to be at its edge
-        cells = np.clip(self._boards.arrays.worlds[:, :, [X, Y]], 0, self._limits)
+        cells = np.clip(self._boards.grid.worlds[:, :, [X, Y]], 0, self._limits)
         rows = int(self._limits[1]) + 1
         look_at_boards(self.inputs, cells, self._rows, self._possible, rows)
         self._cells = cells

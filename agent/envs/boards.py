@@ -56,6 +56,27 @@ class ActionError(UserError, ValueError):
     """An action that cannot be taken; the message says whose."""
 
 
+class Results(NamedTuple):
+    """Result of the last step of K boards of N robots with F features.
+
+    Attributes:
+        outcomes: (K,) int64, ranks of `cosim.model.outcome`.
+        observations: (K, N, F); on the grid int64 features counted from 0, where a robot that left
+            the board seems to be at its edge.
+        rewards: (K, N) float64.
+        terminated: (K, N) bool, robots that arrived or failed in the step.
+        truncated: (K, N) bool, robots still on their move when the episode ended in the step.
+        active: (K, N) bool, robots whose next action counts.
+    """
+
+    outcomes: np.ndarray
+    observations: np.ndarray
+    rewards: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    active: np.ndarray
+
+
 class EnvBoards(Restorable, ABC):
     """K boards of N robots each, as the environments step them.
 
@@ -66,19 +87,30 @@ class EnvBoards(Restorable, ABC):
     Attributes:
         scenario: board, targets and start cells.
         shape: (K, N).
-        arrays: what the last step gave, with the fields of `Results`.
+        arrays: what the last step gave.
         made: shape, scenario and options without which a state means something else.
         observation_space, action_space: of one robot.
         reset_options: names of what `reset` takes of each board.
     """
 
-    scenario: Scenario
-    shape: tuple[int, int]
-    arrays: Any
-    made: tuple[Any, ...]
-    observation_space: spaces.Space
-    action_space: spaces.Space
     reset_options: ClassVar[tuple[str, ...]] = ("starts",)
+
+    def __init__(
+        self,
+        count: int,
+        scenario: Scenario,
+        observation_space: spaces.Space,
+        action_space: spaces.Space,
+        *made: Any,
+    ) -> None:
+        self.scenario = scenario
+        self.shape = rows = (taken("num_envs", count, Count), scenario.robots)
+        self.observation_space, self.action_space = observation_space, action_space
+        self.made = rows, scenario, observation_space, *made
+        flags = [np.zeros(rows, dtype=bool) for _ in range(3)]
+        seen = np.zeros((*rows, *(observation_space.shape or ())), dtype=observation_space.dtype)
+        # none is running yet
+        self.arrays: Results = Results(np.full(count, TIMEOUT), seen, np.zeros(rows), *flags)
 
     def seed(self, seeds: Sequence[Any]) -> None:
         """Seed the K boards; None leaves one as it is."""
@@ -202,87 +234,65 @@ class DirectionBoards(EnvBoards):
         """(K, N, 8) int8, which directions lead to a free cell, see `free_directions`."""
 
 
-class Results(NamedTuple):
-    """Result of the last step of K boards of N robots with F features.
-
-    Attributes:
-        outcomes: (K,) int64, ranks of `cosim.model.outcome`.
-        observations: (K, N, F).
-        rewards: (K, N) float64.
-        terminated: (K, N) bool, robots that arrived or failed in the step.
-        truncated: (K, N) bool, robots still on their move when the episode ended in the step.
-        active: (K, N) bool, robots whose next action counts.
-    """
-
-    outcomes: np.ndarray
-    observations: np.ndarray
-    rewards: np.ndarray
-    terminated: np.ndarray
-    truncated: np.ndarray
-    active: np.ndarray
-
-
-class Arrays(NamedTuple):
-    """State of K boards with N robots each, and what their last step gave.
+class Grid(NamedTuple):
+    """State of K boards with N robots each on the grid.
 
     Attributes:
         worlds: (K, N, COLUMN_COUNT) int64, see `agent.mdp.grid`.
         random: (K, 1) uint64, generator states.
         steps: (K,) int64, of the episode.
         path_cells: (K, N) float64, path since the start in cells.
-        outcomes, rewards, terminated, truncated, active: see `Results`.
-        observations: (K, N, F) int64, features counted from 0; a robot that left the board seems to
-            be at its edge.
     """
 
     worlds: np.ndarray
     random: np.ndarray
     steps: np.ndarray
-    outcomes: np.ndarray
     path_cells: np.ndarray
-    observations: np.ndarray
-    rewards: np.ndarray
-    terminated: np.ndarray
-    truncated: np.ndarray
-    active: np.ndarray
 
 
 @inlined
-def _observe(features: np.ndarray, arrays: Arrays, m: int) -> None:
-    for i in range(arrays.worlds.shape[1]):
+def _observe(features: np.ndarray, grid: Grid, results: Results, m: int) -> None:
+    for i in range(grid.worlds.shape[1]):
         for k in range(features.shape[0]):
-            value = arrays.worlds[m, i, features[k, 0]] + features[k, 1]
-            arrays.observations[m, i, k] = min(max(value, 0), features[k, 2])
+            value = grid.worlds[m, i, features[k, 0]] + features[k, 1]
+            results.observations[m, i, k] = min(max(value, 0), features[k, 2])
 
 
 @inlined
-def _begin(features: np.ndarray, arrays: Arrays, m: int) -> None:
+def _begin(features: np.ndarray, grid: Grid, results: Results, m: int) -> None:
     """Begin an episode on board m, whose robots have been placed."""
-    arrays.steps[m] = 0
-    arrays.outcomes[m] = RUNNING
-    arrays.path_cells[m] = 0.0
-    arrays.rewards[m] = 0.0
-    arrays.terminated[m] = False
-    arrays.truncated[m] = False
-    arrays.active[m] = True
-    _observe(features, arrays, m)
+    grid.steps[m] = 0
+    results.outcomes[m] = RUNNING
+    grid.path_cells[m] = 0.0
+    results.rewards[m] = 0.0
+    results.terminated[m] = False
+    results.truncated[m] = False
+    results.active[m] = True
+    _observe(features, grid, results, m)
 
 
 @kernel
 def _begin_some(
-    process: Process, features: np.ndarray, arrays: Arrays, which: np.ndarray, draws: np.ndarray
+    process: Process,
+    features: np.ndarray,
+    grid: Grid,
+    results: Results,
+    which: np.ndarray,
+    draws: np.ndarray,
 ) -> None:
     """Begin episodes on (B,) boards, from drawn start cells or as placed."""
-    cells = np.empty((arrays.worlds.shape[1], 2), dtype=np.int64)
+    cells = np.empty((grid.worlds.shape[1], 2), dtype=np.int64)
     for k in range(len(which)):
         m = which[k]
         if draws[k]:
-            place_randomly(process, arrays.worlds[m], cells, arrays.random[m])
-        _begin(features, arrays, m)
+            place_randomly(process, grid.worlds[m], cells, grid.random[m])
+        _begin(features, grid, results, m)
 
 
 @kernel
-def _step(process: Process, features: np.ndarray, arrays: Arrays, actions: np.ndarray) -> None:
+def _step(
+    process: Process, features: np.ndarray, grid: Grid, results: Results, actions: np.ndarray
+) -> None:
     """Step every board by (K, N) int64 actions; one that has ended begins again instead."""
     n = len(process.start_offsets) - 1
     cells = np.empty((n, 2), dtype=np.int64)
@@ -290,28 +300,28 @@ def _step(process: Process, features: np.ndarray, arrays: Arrays, actions: np.nd
     rewards = np.empty(n, dtype=np.float32)
     slips = process.slip_threshold > np.uint64(0)
     for m in range(len(actions)):
-        world = arrays.worlds[m]
-        if arrays.outcomes[m] != RUNNING:
-            place_randomly(process, world, cells, arrays.random[m])
-            _begin(features, arrays, m)
+        world = grid.worlds[m]
+        if results.outcomes[m] != RUNNING:
+            place_randomly(process, world, cells, grid.random[m])
+            _begin(features, grid, results, m)
             continue
         for i in range(n):
             executed[i] = actions[m, i]
-            if slips and arrays.active[m, i]:
-                executed[i] = slipped(process, executed[i], arrays.random[m])
+            if slips and results.active[m, i]:
+                executed[i] = slipped(process, executed[i], grid.random[m])
         outcome = move(process, world, executed, rewards)
-        arrays.steps[m] += 1
-        if outcome == RUNNING and arrays.steps[m] == process.step_limit:
+        grid.steps[m] += 1
+        if outcome == RUNNING and grid.steps[m] == process.step_limit:
             outcome = TIMEOUT
-        arrays.outcomes[m] = outcome
+        results.outcomes[m] = outcome
         for i in range(n):
-            moved, moving = arrays.active[m, i], world[i, STATUS] == MOVING
-            arrays.path_cells[m, i] += np.sqrt(float(world[i, VX] ** 2 + world[i, VY] ** 2))
-            arrays.rewards[m, i] = rewards[i]
-            arrays.terminated[m, i] = moved and not moving
-            arrays.truncated[m, i] = moved and moving and outcome != RUNNING
-            arrays.active[m, i] = moving and outcome == RUNNING
-        _observe(features, arrays, m)
+            moved, moving = results.active[m, i], world[i, STATUS] == MOVING
+            grid.path_cells[m, i] += np.sqrt(float(world[i, VX] ** 2 + world[i, VY] ** 2))
+            results.rewards[m, i] = rewards[i]
+            results.terminated[m, i] = moved and not moving
+            results.truncated[m, i] = moved and moving and outcome != RUNNING
+            results.active[m, i] = moving and outcome == RUNNING
+        _observe(features, grid, results, m)
 
 
 class Boards(DirectionBoards):
@@ -321,31 +331,22 @@ class Boards(DirectionBoards):
         ScenarioError: the scenario cannot be used with these readings.
     """
 
-    _mutable = ("arrays",)
+    _mutable = ("grid", "arrays")
 
     def __init__(self, count: int, scenario: Scenario, config: ProcessConfig) -> None:
         refuse_without_effect(config, "environments on the grid")
-        self.scenario = scenario
         self.process = build_process(scenario, config)
-        self.observation_space, self.action_space = direction_spaces(scenario, config)
+        super().__init__(count, scenario, *direction_spaces(scenario, config), config)
         self._features = np.array(observed_columns(scenario, config))
-        self.shape = rows = (taken("num_envs", count, Count), scenario.robots)
-        self.made = rows, scenario, config
-        self.arrays: Arrays = Arrays(
-            worlds=np.zeros((*rows, COLUMN_COUNT), dtype=np.int64),
+        self.grid: Grid = Grid(
+            worlds=np.zeros((*self.shape, COLUMN_COUNT), dtype=np.int64),
             random=np.zeros((count, 1), dtype=np.uint64),
             steps=np.zeros(count, dtype=np.int64),
-            outcomes=np.full(count, TIMEOUT),
-            path_cells=np.zeros(rows),
-            observations=np.zeros((*rows, len(self._features)), dtype=np.int64),
-            rewards=np.zeros(rows),
-            terminated=np.zeros(rows, dtype=bool),
-            truncated=np.zeros(rows, dtype=bool),
-            active=np.zeros(rows, dtype=bool),
+            path_cells=np.zeros(self.shape),
         )
 
     def _seed(self, m: int, seed: int | np.random.SeedSequence) -> None:
-        self.arrays.random[m] = seeded_state(seed)
+        self.grid.random[m] = seeded_state(seed)
 
     def _checked(self, starts: Any = None) -> np.ndarray | None:
         """World of robots on their (N, 2) start cells; None to draw them."""
@@ -354,26 +355,27 @@ class Boards(DirectionBoards):
     def _begin(self, given: dict[int, np.ndarray | None]) -> None:
         for m, world in given.items():
             if world is not None:
-                self.arrays.worlds[m] = world
+                self.grid.worlds[m] = world
         which, draws = np.array([*given], dtype=np.int64), [w is None for w in given.values()]
-        _begin_some(self.process, self._features, self.arrays, which, np.array(draws, dtype=bool))
+        begun = which, np.array(draws, dtype=bool)
+        _begin_some(self.process, self._features, self.grid, self.arrays, *begun)
 
     def step(self, actions: np.ndarray) -> None:
         """See `EnvBoards.step`."""
-        _step(self.process, self._features, self.arrays, actions)
+        _step(self.process, self._features, self.grid, self.arrays, actions)
 
     def path_length_cm(self) -> np.ndarray:
         """See `EnvBoards.path_length_cm`."""
-        return 100.0 * self.scenario.cell_m * self.arrays.path_cells
+        return 100.0 * self.scenario.cell_m * self.grid.path_cells
 
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""
-        centres_m = (self.arrays.worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
+        centres_m = (self.grid.worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
         return [(self.scenario, places) for places in centres_m]
 
     def action_masks(self) -> np.ndarray:
         """See `DirectionBoards.action_masks`."""
-        x, y = self.arrays.worlds[..., X], self.arrays.worlds[..., Y]
+        x, y = self.grid.worlds[..., X], self.grid.worlds[..., Y]
         return self._free[np.arange(self.shape[1]), x + 1, y + 1]
 
     @cached_property

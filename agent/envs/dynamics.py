@@ -72,7 +72,7 @@ class DynamicsBoards(EnvBoards):
         physics: Mapping[str, Any],
         limit: int | None,
     ) -> None:
-        count = taken("num_envs", count, Count)
+        taken("num_envs", count, Count)  # before anything is measured
         self._limit = taken("max_episode_steps", limit, Count | None) or math.inf
         given = dict(physics)
         world, worlds = given.pop("world", None), given.pop("worlds", None)
@@ -82,19 +82,12 @@ class DynamicsBoards(EnvBoards):
         with progress_bars() as progress:
             setup = resolve(options, scenario, progress, world=world)
         self.scenario, self._config, motor_fmu = setup
+        super().__init__(count, self.scenario, *self._spaces(), shared(self._config))
         self._worlds = None if worlds is None else checked_ranges(worlds, self._config)
-        self.observation_space, self.action_space = self._spaces()
-        self.shape = rows = (count, self.scenario.robots)
-        self.made = rows, self.scenario, shared(self._config), self.observation_space
         self._batch = Batch(motor_fmu, self._config, self.scenario.robots, count)
         self._seeds = [np.random.SeedSequence() for _ in range(count)]
         self._steps = np.zeros(count, dtype=np.int64)  # of the episode
-        self._arrived: np.ndarray = np.zeros(rows, dtype=bool)
-        none, shape = np.zeros(rows, dtype=bool), self.observation_space.shape or ()
-        seen = np.zeros((*rows, *shape), dtype=self.observation_space.dtype)
-        # none is running yet
-        outcomes = np.full(count, TIMEOUT)
-        self.arrays = Results(outcomes, seen, np.zeros(rows), none, none, none)
+        self._arrived: np.ndarray = np.zeros(self.shape, dtype=bool)
 
     @abstractmethod
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
@@ -160,9 +153,8 @@ class DynamicsBoards(EnvBoards):
     def _show(self, rewards: np.ndarray, terminated: np.ndarray, truncated: np.ndarray) -> None:
         observations, active = self._looked()
         active &= (self.arrays.outcomes == RUNNING)[:, None]
-        self.arrays = Results(
-            self.arrays.outcomes, observations, rewards, terminated, truncated, active
-        )
+        ends = terminated, truncated
+        self.arrays = Results(self.arrays.outcomes, observations, rewards, *ends, active)
 
     def _count_step(self, running: np.ndarray) -> None:
         """Count a step of the boards that were running, (K,) bool, and stop those that ended."""
