@@ -34,8 +34,7 @@ class AgentsView(View):
 
     Args:
         boards, render_mode, outcome_names: as of `View`.
-        observation_space, action_space: of an agent.
-        shape: of an agent's action: of one board (), of many (boards,).
+        observation_space, action_space: of an agent; of many boards an action is (boards,).
     """
 
     agents: Any
@@ -47,10 +46,9 @@ class AgentsView(View):
         outcome_names: bool,
         observation_space: spaces.Space,
         action_space: spaces.Space,
-        shape: tuple[int, ...],
     ) -> None:
         super().__init__(boards, render_mode, outcome_names)
-        self._shape = shape
+        self._shape = action_space.shape or ()
         boards.seed(board_seeds(np.random.SeedSequence().entropy, boards.shape[0]))
         self.possible_agents = [f"robot_{k + 1}" for k in range(boards.shape[1])]
         self.observation_spaces: dict[str, spaces.Space] = dict.fromkeys(
@@ -168,7 +166,7 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
         assert isinstance(features, spaces.MultiDiscrete)
         self._one_hot = taken("one_hot", one_hot, bool)
         seen = spaces.flatten_space(features) if self._one_hot else features
-        super().__init__(boards, render_mode, outcome_names, seen, boards.action_space, ())
+        super().__init__(boards, render_mode, outcome_names, seen, boards.action_space)
         self.state_space = spaces.MultiDiscrete([*features.nvec] * len(self.possible_agents))
 
     def reset(
@@ -254,7 +252,7 @@ class ParallelVectorEnv(AgentsView):
             batch_space(space, num_envs)
             for space in (boards.observation_space, boards.action_space)
         )
-        super().__init__(boards, None, outcome_names, seen, chosen, (num_envs,))
+        super().__init__(boards, None, outcome_names, seen, chosen)
 
     @property
     def agents(self) -> list[str]:
