@@ -234,7 +234,7 @@ class DirectionBoards(EnvBoards):
         """(K, N, 8) int8, which directions lead to a free cell, see `free_directions`."""
 
 
-class Grid(NamedTuple):
+class GridState(NamedTuple):
     """State of K boards with N robots each on the grid.
 
     Attributes:
@@ -251,7 +251,7 @@ class Grid(NamedTuple):
 
 
 @inlined
-def _observe(features: np.ndarray, grid: Grid, results: Results, m: int) -> None:
+def _observe(features: np.ndarray, grid: GridState, results: Results, m: int) -> None:
     for i in range(grid.worlds.shape[1]):
         for k in range(features.shape[0]):
             value = grid.worlds[m, i, features[k, 0]] + features[k, 1]
@@ -259,7 +259,7 @@ def _observe(features: np.ndarray, grid: Grid, results: Results, m: int) -> None
 
 
 @inlined
-def _begin(features: np.ndarray, grid: Grid, results: Results, m: int) -> None:
+def _begin(features: np.ndarray, grid: GridState, results: Results, m: int) -> None:
     """Begin an episode on board m, whose robots have been placed."""
     grid.steps[m] = 0
     results.outcomes[m] = RUNNING
@@ -275,7 +275,7 @@ def _begin(features: np.ndarray, grid: Grid, results: Results, m: int) -> None:
 def _begin_some(
     process: Process,
     features: np.ndarray,
-    grid: Grid,
+    grid: GridState,
     results: Results,
     which: np.ndarray,
     draws: np.ndarray,
@@ -291,7 +291,7 @@ def _begin_some(
 
 @kernel
 def _step(
-    process: Process, features: np.ndarray, grid: Grid, results: Results, actions: np.ndarray
+    process: Process, features: np.ndarray, grid: GridState, results: Results, actions: np.ndarray
 ) -> None:
     """Step every board by (K, N) int64 actions; one that has ended begins again instead."""
     n = len(process.start_offsets) - 1
@@ -338,7 +338,7 @@ class Boards(DirectionBoards):
         self.process = build_process(scenario, config)
         super().__init__(count, scenario, *direction_spaces(scenario, config), config)
         self._features = np.array(observed_columns(scenario, config))
-        self.grid: Grid = Grid(
+        self.grid: GridState = GridState(
             worlds=np.zeros((*self.shape, COLUMN_COUNT), dtype=np.int64),
             random=np.zeros((count, 1), dtype=np.uint64),
             steps=np.zeros(count, dtype=np.int64),

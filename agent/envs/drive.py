@@ -52,6 +52,7 @@ _ROOT = 0.25  # a robot's speed grows with about the fourth power of its motors'
 _END_REWARD = 10.0  # of an arrival, and of a failure with its sign changed; a cm of progress has 1
 _POSITIVE = Annotated[float, msgspec.Meta(gt=0.0, le=MAX_VALUE)]
 _PERIOD_S = TIMING.control_period_s
+_NEW_DITHER = (0.0, 1.0)
 ACTIONS = ("velocity", "motors")
 
 
@@ -65,7 +66,7 @@ class Rows(NamedTuple):
         away_m: (K N,) true distances from the targets.
         path_m: (K N,) length of the path so far.
         last_m: (K N, 2) last point of the path.
-        dither: (K N, 2) see `new_dither`.
+        dither: (K N, 2) see `set_points`.
         worlds: (K N, 5) of the episodes: µ, motor spread, restitution, slope in deg, payload in
             10 g.
     """
@@ -126,7 +127,7 @@ class DrivePolicy:
         robots = len(motion.poses)
         worlds = np.tile(_world_of(motion.config), (robots, 1)) if self._context else None
         actions = checked_actions(self._predict(observed(motion, robots, worlds)), robots)
-        dither = motion.memory.setdefault("dither", new_dither(len(actions)))
+        dither = motion.memory.setdefault("dither", np.tile(_NEW_DITHER, (robots, 1)))
         return set_points(actions, motion.config, dither, velocity=self._velocity)
 
 
@@ -257,7 +258,7 @@ class DriveBoards(DynamicsBoards):
         for column, (x, y, angle) in enumerate(poses.tolist(), where.start):
             state.bodies[:, column] = standing_state(config.robot, x, y, angle)
         state.estimates[where, POSE : POSE + 3] = poses
-        begun = poses, 0.0, targets_m, 0.0, 0.0, poses[:, :2], [0.0, 1.0], _world_of(config)
+        begun = poses, 0.0, targets_m, 0.0, 0.0, poses[:, :2], _NEW_DITHER, _world_of(config)
         for array, values in zip(rows, begun, strict=True):
             array[where] = values
         _locate(state.bodies, rows.targets_m, np.empty_like(rows.poses), rows.away_m)
@@ -392,11 +393,6 @@ def checked_actions(actions: Any, rows: int) -> np.ndarray:
     return np.clip(wanted, -1.0, 1.0)
 
 
-def new_dither(robots: int) -> np.ndarray:
-    """(N, 2) state of the dither: the phase that it has added, in rad, and its sign."""
-    return np.tile([0.0, 1.0], (robots, 1))
-
-
 def set_points(
     actions: np.ndarray, config: CoSimConfig, dither: np.ndarray, *, velocity: bool
 ) -> np.ndarray:
@@ -408,7 +404,8 @@ def set_points(
     Args:
         actions: (N, 2) from -1 to 1.
         config: calibrated; an RL step is a control interval.
-        dither: (N, 2) of `new_dither`, written.
+        dither: (N, 2) phase in rad that the dither has added, and its sign, at first 0 and 1;
+            written.
         velocity: whether actions are velocity and yaw rate, else set points.
     """
     steering = config.steering
