@@ -117,7 +117,10 @@ class _Files(IndexDataCacheFile):
             file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
 
     def _load_index(self) -> dict[Any, str]:
-        return super()._load_index() if _intact(Path(self._index_path)) else {}
+        # a record that is named in the index may have another name now
+        with contextlib.suppress(AttributeError, ImportError):
+            return super()._load_index() if _intact(Path(self._index_path)) else {}
+        return {}
 
     def _load_data(self, name: str) -> Any:
         if not _intact(Path(self._data_path(name))):

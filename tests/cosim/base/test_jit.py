@@ -4,6 +4,7 @@ import gc
 import importlib
 import subprocess
 import sys
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -62,6 +63,26 @@ def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
     file.mkdir()
     with pytest.raises(StorageError, match=f"{file}: a folder is where"):
         run()
+
+
+class Former(NamedTuple):
+    value: float
+
+
+class Present(NamedTuple):
+    value: float
+
+
+def doubled(record):
+    return 2.0 * record.value
+
+
+def test_kernels_of_a_renamed_record_are_compiled_again(tmp_path, monkeypatch):
+    """The code of a kernel does not say what the class of an argument is called."""
+    monkeypatch.setattr(kernel_files, "FOLDER", tmp_path)
+    assert kernel(doubled)(Former(1.5)) == 3.0
+    monkeypatch.delattr(sys.modules[__name__], "Former")
+    assert [kernel(doubled)(Present(1.5)) for _ in range(2)] == [3.0, 3.0]
 
 
 def itself(array):
