@@ -274,24 +274,32 @@ class DriveBoards(DynamicsBoards):
             FmuError: an FMU failed.
         """
         outcomes = self.arrays.outcomes
-        running, rewards = outcomes == RUNNING, np.zeros(self.shape)
+        running = outcomes == RUNNING
+        moved, rewards = running[:, None] & ~self._arrived, np.zeros(self.shape)
         if running.any():
-            rewards[running] = self._drive(actions.reshape(-1, 2), running)[running]
+            rewards = self._drive(actions.reshape(-1, 2), running, moved)
         for m in np.flatnonzero(~running).tolist():
             self._begin_board(m)
-        cut = (outcomes == TIMEOUT)[:, None] & ~self._arrived
-        self._show(rewards, (outcomes != RUNNING)[:, None] & ~cut, cut)
+        cut = moved & (outcomes == TIMEOUT)[:, None] & ~self._arrived
+        ended = self._arrived | (outcomes != RUNNING)[:, None]
+        self._show(rewards, moved & ended & ~cut, cut)
 
-    def _drive(self, actions: np.ndarray, running: np.ndarray) -> np.ndarray:
-        """(K, N) rewards of a control interval, by (K · N, 2) actions, where boards are running."""
-        rows, batch, arrived = self._rows, self._batch, self._arrived.copy()
+    def _drive(self, actions: np.ndarray, running: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        """(K, N) rewards of a control interval by (K · N, 2) actions.
+
+        Args:
+            actions: see `set_points`.
+            running: (K,) bool, which boards are.
+            moved: (K, N) bool, robots that are still to arrive there.
+        """
+        rows, batch = self._rows, self._batch
         state, count = batch.state, len(actions)
         before, before_m = rows.poses.copy(), rows.away_m.copy()
         commands = state.commands[:count]
         commands[:, OMEGA_D : OMEGA_E + 1] = set_points(
             actions, self._config, rows.dither, velocity=self._velocity
         )
-        commands[:, MODE] = np.where(arrived.ravel(), HOLD, DIRECT)
+        commands[:, MODE] = np.where(moved.ravel(), DIRECT, HOLD)
         done = self._steps * self._config.periods_per_step
         for samples, _ in batch.stretches():
             self._add_paths(samples.position, done)
@@ -311,7 +319,7 @@ class DriveBoards(DynamicsBoards):
             rest = 0.1 * self._interval_s  # assumed: a second costs as much as a millimetre
             progress_m = (before_m - rows.away_m).reshape(self.shape)
             rewards = 100.0 * progress_m - rest + _END_REWARD * rewards
-        return np.where(arrived, 0.0, rewards)
+        return np.where(moved, rewards, 0.0)
 
     def _add_paths(self, positions: np.ndarray, done: np.ndarray) -> None:
         """Add to the paths as `cosim.simulation.measures` does.

@@ -98,6 +98,20 @@ def test_pairs_see_each_other_and_worlds_are_observed():
     env.close()
 
 
+@pytest.mark.parametrize("ends", ["together", "own"])
+def test_a_row_of_a_pair_ends_once(ends):
+    env = DriveVectorEnv(1, "2", ends=ends, max_episode_steps=3)
+    starts, targets = [[[0.1, 0.1, 0.0], [0.2, 0.2, 0.0]]], [[[0.1, 0.1], [0.25, 0.2]]]
+    env.reset(seed=0, options={"starts": starts, "targets": targets})
+    steps = [env.step(np.zeros((2, 2))) for _ in range(4)]
+    terminated, truncated = ([row[k].tolist() for row in steps] for k in (2, 3))
+    nothing, first, second = [False, False], [True, False], [False, True]
+    assert truncated == [nothing, nothing, second, nothing]
+    at_last = [nothing, nothing, first, nothing]
+    assert terminated == ([first, nothing, nothing, nothing] if ends == "own" else at_last)
+    env.close()
+
+
 def test_a_controller_plans_with_saved_states():
     """Random shooting: of some short plans, the one that gets closest is begun."""
     env = DriveEnv(control_interval=0.5)
