@@ -13,40 +13,10 @@ import numpy as np
 
 from cosim.base.jit import inlined, kernel
 from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING, exchange_state
-from cosim.system.exchange import copy, exchange_values, feed, meets
+from cosim.system.exchange import copy, exchange_values, feed, get_outputs, meets
 from cosim.system.graph import Link
-from cosim.system.kernels import (
-    ENDED,
-    EXTRAPOLATED,
-    GAUSS_SEIDEL,
-    GETTING,
-    NO_SOLUTION,
-    NOT_A_NUMBER,
-    RESTORING,
-    SAVING,
-    SETTING,
-    STEPPING,
-    UNSETTLED,
-    Scheme,
-    advance,
-    set_inputs,
-)
-from cosim.system.layout import (
-    END_GET,
-    END_SET,
-    ENERGY,
-    FIRST_GET,
-    FIRST_START,
-    GET_STATE,
-    HANDLE,
-    INPUT,
-    OUTPUT,
-    SET_STATE,
-    WORD,
-    Layout,
-    Memory,
-    Tables,
-)
+from cosim.system.kernels import ALGORITHM, PHASE, STATUS, Scheme, advance, find_nan, set_inputs
+from cosim.system.layout import BOND, COLUMN, WORD, Layout, Memory, Tables
 
 # Rows of `Coupling.unknowns`: present values, residual, both before an update, the update, and the
 # size to which residuals are compared.
@@ -104,6 +74,12 @@ class Coupling(NamedTuple):
     flags: np.ndarray
     numbers: np.ndarray
 
+    def worst(self) -> tuple[int, float, float]:
+        """Return the number of the worst unknown (or word of inputs), its residual, its value."""
+        k = int(self.flags[WORST])
+        size, value = (self.unknowns[row, k] for row in (SIZE, Z)) if k < len(self.torn) else (0, 0)
+        return k, self.numbers[LARGEST] * size, value
+
 
 def make_coupling(layout: Layout, held: Collection[Link], torn: Collection[Link]) -> Coupling:
     """Return room for the inputs of some links, which are float64."""
@@ -126,10 +102,12 @@ def save(t: Tables, m: Memory, s: Coupling, point: int) -> tuple[int, int, int]:
     s.saved[point] = m.i8
     for c in range(t.components.shape[0]):
         place = t.states.ctypes.data + WORD * (point * t.components.shape[0] + c)
-        status = exchange_state(t.components[c, GET_STATE], (t.components[c, HANDLE], place))
+        status = exchange_state(
+            t.components[c, COLUMN.get_state], (t.components[c, COLUMN.handle], place)
+        )
         if status > FMI_WARNING:
-            return status, c, SAVING
-    return FMI_OK, 0, SAVING
+            return status, c, PHASE.saving
+    return FMI_OK, 0, PHASE.saving
 
 
 @kernel
@@ -137,11 +115,11 @@ def restore(t: Tables, m: Memory, s: Coupling, point: int) -> tuple[int, int, in
     """Go back to a saved point."""
     m.i8[:] = s.saved[point]
     for c in range(t.components.shape[0]):
-        arguments = (t.components[c, HANDLE], t.states[point, c])
-        status = exchange_state(t.components[c, SET_STATE], arguments)
+        arguments = (t.components[c, COLUMN.handle], t.states[point, c])
+        status = exchange_state(t.components[c, COLUMN.set_state], arguments)
         if status > FMI_WARNING:
-            return status, c, RESTORING
-    return FMI_OK, 0, RESTORING
+            return status, c, PHASE.restoring
+    return FMI_OK, 0, PHASE.restoring
 
 
 @kernel
@@ -150,10 +128,10 @@ def get_all(t: Tables, m: Memory, tick: int) -> tuple[int, int, int]:
     for c in range(t.components.shape[0]):
         if not meets(t, c, tick):
             continue
-        status = exchange_values(t, c, t.components[c, FIRST_GET], t.components[c, END_GET])
+        status = get_outputs(t, c)
         if status > FMI_WARNING:
-            return status, c, GETTING
-    return FMI_OK, 0, GETTING
+            return status, c, PHASE.getting
+    return FMI_OK, 0, PHASE.getting
 
 
 @inlined
@@ -186,23 +164,23 @@ def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> t
                 s.sent[word] = m.i8[first + word]
                 s.flags[WORST] = word
         if same:
-            return FMI_OK, 0, GETTING
+            return FMI_OK, 0, PHASE.getting
         for c in range(t.components.shape[0]):
             if not meets(t, c, tick):
                 continue
             if s.flags[RUNNING]:
                 status = set_inputs(t, c)
             else:
-                first_set = t.components[c, FIRST_START]
-                status = exchange_values(t, c, first_set, t.components[c, END_SET])
-            if status == ENDED:
+                first_set = t.components[c, COLUMN.first_start]
+                status = exchange_values(t, c, first_set, t.components[c, COLUMN.end_set])
+            if status == STATUS.ended:
                 s.flags[ENDING] = c
             elif status > FMI_WARNING:
-                return status, c, SETTING
+                return status, c, PHASE.setting
         status, c, phase = get_all(t, m, tick)
         if status > FMI_WARNING:
             return status, c, phase
-    return UNSETTLED if scheme.solves else FMI_OK, 0, GETTING
+    return STATUS.unsettled if scheme.solves else FMI_OK, 0, PHASE.getting
 
 
 @kernel
@@ -237,14 +215,14 @@ def _step_all(
     s.flags[ENDING] = -1
     for k in range(t.bonds.shape[0]):
         for end in range(2):
-            s.bonded[0, k, end] = m.f8[t.bonds[k, OUTPUT + end]]
+            s.bonded[0, k, end] = m.f8[t.bonds[k, BOND.output + end]]
     status, c, phase = advance(t, m, scheme, tick, count, final)
     for k in range(t.bonds.shape[0]):
         for end in range(2):
-            s.bonded[1, k, end] = m.f8[t.bonds[k, INPUT + end]]
+            s.bonded[1, k, end] = m.f8[t.bonds[k, BOND.input + end]]
     first = m.i8.shape[0] - s.sent.shape[0]
     s.sent[:] = m.i8[first:]
-    if status == ENDED:
+    if status == STATUS.ended:
         s.flags[ENDING] = c
         return FMI_OK, c, phase
     return status, c, phase
@@ -256,16 +234,8 @@ def solve(
 ) -> tuple[int, int, int]:
     """Solve for the unknowns, which begin at what they are.
 
-    Args:
-        t: tables.
-        m: the block of values.
-        s: unknowns.
-        scheme: how to step.
-        tick: point of time, or beginning of a step whose state is saved at the inner point.
-        count: ticks of the step, 0 for a point of time.
-
-    Returns:
-        As `advance`; NO_SOLUTION if it does not converge.
+    At a tick if `count` is 0, else over a step of `count` ticks from there, from the inner saved
+    point. Returns as `advance`; STATUS.no_solution if it does not converge.
     """
     n = s.torn.shape[0]
     for i in range(n):
@@ -274,16 +244,16 @@ def solve(
     if n == 0 or status > FMI_WARNING:
         return status, c, phase
     if not s.numbers[LARGEST] < np.inf:
-        return NOT_A_NUMBER, c, GETTING
+        return STATUS.not_a_number, c, PHASE.getting
     tolerance = scheme.step_tolerance if count else scheme.loop_tolerance
     slow, fresh = False, False
     for _ in range(_MOST_ITERATIONS):
         size = s.numbers[LARGEST]
         if s.flags[HAS_INVERSE]:
             if _update(s) <= tolerance:
-                return FMI_OK, 0, GETTING
+                return FMI_OK, 0, PHASE.getting
         elif size == 0.0:
-            return FMI_OK, 0, GETTING
+            return FMI_OK, 0, PHASE.getting
         s.unknowns[OLD_Z], s.unknowns[OLD_RESIDUAL] = s.unknowns[Z], s.unknowns[RESIDUAL]
         worst = s.flags[WORST]
         if not s.flags[HAS_INVERSE] or (slow and not fresh):
@@ -297,7 +267,7 @@ def solve(
         for k in range(_MOST_HALVINGS):
             s.unknowns[Z] = s.unknowns[OLD_Z] + share * s.unknowns[UPDATE]
             status, c, phase = _try(t, m, s, scheme, tick, count)
-            refused = status in (FMI_DISCARD, UNSETTLED, NOT_A_NUMBER)
+            refused = status in (FMI_DISCARD, STATUS.unsettled, STATUS.not_a_number)
             if status > FMI_WARNING and not refused:
                 return status, c, phase
             if (not refused and s.numbers[LARGEST] < size) or k == _MOST_HALVINGS - 1:
@@ -314,9 +284,10 @@ def solve(
             return status, c, phase
         if fresh:
             enough = _ROUGH if count else tolerance
-            return FMI_OK if size <= max(enough, tolerance) else NO_SOLUTION, 0, GETTING
+            found = size <= max(enough, tolerance)
+            return FMI_OK if found else STATUS.no_solution, 0, PHASE.getting
         slow = True
-    return NO_SOLUTION, 0, GETTING
+    return STATUS.no_solution, 0, PHASE.getting
 
 
 @kernel
@@ -369,7 +340,7 @@ def _differentiate(
         s.inverse[:, j] = change / (s.unknowns[Z, j] - s.unknowns[OLD_Z, j])
     s.unknowns[Z], s.unknowns[RESIDUAL] = s.unknowns[OLD_Z], s.unknowns[OLD_RESIDUAL]
     s.flags[HAS_INVERSE] = _inverted(s.inverse)
-    return FMI_OK if s.flags[HAS_INVERSE] else NO_SOLUTION, 0, GETTING
+    return FMI_OK if s.flags[HAS_INVERSE] else STATUS.no_solution, 0, PHASE.getting
 
 
 @kernel
@@ -402,7 +373,7 @@ def step(
     """
     for i in range(s.torn.shape[0]):
         s.unknowns[Z, i] = m.f8[s.torn[i]]
-    if scheme.algorithm <= GAUSS_SEIDEL:
+    if scheme.algorithm <= ALGORITHM.gauss_seidel:
         status, c, phase = _step_all(t, m, s, scheme, tick, count, final)
         if status <= FMI_WARNING and (s.torn.shape[0] or scheme.tolerance):
             status, c, phase = solve(t, m, s, scheme, tick + count, 0)
@@ -410,7 +381,7 @@ def step(
         for i in range(s.held.shape[0]):
             if tick % s.periods[0, i] == 0:
                 s.inputs[BEFORE, i], s.inputs[START, i] = s.inputs[START, i], m.f8[s.held[i]]
-        if scheme.algorithm == EXTRAPOLATED:
+        if scheme.algorithm == ALGORITHM.extrapolated:
             copy(t, m, 0, t.copies.shape[0])
             for i in range(s.held.shape[0]):
                 m.f8[s.held[i]] = _continued(s, i, tick, 0.5 * s.periods[1, i] * count)
@@ -427,7 +398,7 @@ def step(
         _balance(t, m, s, count, scheme.tick_s)
     s.flags[PREVIOUS] = count
     if status <= FMI_WARNING and s.flags[ENDING] >= 0:
-        return ENDED, s.flags[ENDING], STEPPING
+        return STATUS.ended, s.flags[ENDING], PHASE.stepping
     return status, c, phase
 
 
@@ -440,9 +411,9 @@ def _balance(t: Tables, m: Memory, s: Coupling, count: int, tick_s: float) -> No
     """
     previous, squares = s.flags[PREVIOUS], 0.0
     for k in range(t.bonds.shape[0]):
-        place, residual = t.bonds[k, ENERGY], 0.0
+        place, residual = t.bonds[k, BOND.energy], 0.0
         for end in range(2):
-            first, last = s.bonded[0, k, end], m.f8[t.bonds[k, OUTPUT + end]]
+            first, last = s.bonded[0, k, end], m.f8[t.bonds[k, BOND.output + end]]
             mean = 0.5 * (first + last)
             if previous:
                 bend = (last - first) / count - (first - m.f8[place + 1 + end]) / previous
@@ -454,3 +425,57 @@ def _balance(t: Tables, m: Memory, s: Coupling, count: int, tick_s: float) -> No
         m.f8[place] += residual * count * tick_s
         squares += (residual / max(t.weights[k, 1], s.bonded[2, k].max())) ** 2
     s.numbers[IMBALANCE] = np.sqrt(squares / t.bonds.shape[0])
+
+
+@kernel
+def step_twice(
+    t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
+) -> tuple[int, int, int]:
+    """Step in one, keep the block, go back, and step in two halves."""
+    s.inputs[KEPT], s.flags[KEPT_PREVIOUS] = s.inputs[START], s.flags[PREVIOUS]
+    status, c, phase = save(t, m, s, OUTER)
+    if status == FMI_OK:
+        status, c, phase = step(t, m, s, scheme, tick, count, 0)
+    if status == FMI_OK:
+        s.tried[:] = m.i8
+        status, c, phase = undo(t, m, s)
+    half = count // 2
+    for k in range(2):
+        if status == FMI_OK:
+            status, c, phase = step(t, m, s, scheme, tick + k * half, half, 0)
+            wrong = find_nan(t, m)
+            if status == FMI_OK and wrong >= 0:
+                return STATUS.not_a_number, wrong, PHASE.getting
+    return status, c, phase
+
+
+@kernel
+def undo(t: Tables, m: Memory, s: Coupling) -> tuple[int, int, int]:
+    """Go back to the outer saved point."""
+    s.inputs[START], s.flags[PREVIOUS] = s.inputs[KEPT], s.flags[KEPT_PREVIOUS]
+    return restore(t, m, s, OUTER)
+
+
+@kernel
+def error_of(t: Tables, m: Memory, s: Coupling, tolerance: float) -> float:
+    """Largest difference of checked outputs to what they were, by what is tolerated."""
+    worst = 0.0
+    values = s.tried.view(np.float64)
+    for k in range(t.checked.shape[0]):
+        for i in range(t.checked[k, 0], t.checked[k, 0] + t.checked[k, 1]):
+            size = max(abs(m.f8[i]), t.nominal[k])
+            share = abs(m.f8[i] - values[i]) / (tolerance * size)
+            if not share <= worst:  # keeps what is no number
+                worst = share
+    return worst
+
+
+@kernel
+def begin(t: Tables, m: Memory, s: Coupling) -> tuple[int, int, int]:
+    """Get all outputs after Initialization Mode; returns as `advance`."""
+    s.flags[RUNNING] = 1
+    status, c, phase = get_all(t, m, 0)
+    wrong = find_nan(t, m)
+    if status <= FMI_WARNING and wrong >= 0:
+        return STATUS.not_a_number, wrong, PHASE.getting
+    return status, c, phase

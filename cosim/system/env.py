@@ -112,13 +112,14 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             duration = stop_s - start_s
         if duration is not None:
             self._limit = whole_ratio("duration", duration, "step", step)
-        self._reward, self._terminated = reward, terminated
+        self._reward = reward if callable(reward) else lambda *_: self._read_reward()[0]
+        self._terminated = terminated
         self._seen = list(observations)
         names = [target.target for targets in self._wiring for target in targets]
         inputs = {name: ([start_s], [_start(self._fmus, self._components, name)]) for name in names}
         self._whole = [not _variable(self._fmus, name).type.startswith(_FLOATS) for name in names]
-        rewards = [reward] if isinstance(reward, str) else []
-        recorded = list(dict.fromkeys([*self._seen, *rewards]))
+        self._rewards = [reward] if isinstance(reward, str) else []
+        recorded = list(dict.fromkeys([*self._seen, *self._rewards]))
         self._made_of = connections, options | {
             "step_s": step_s, "start_s": start_s, "record": recorded, "inputs": inputs,
             "stop_s": None if duration is None else start_s + duration,
@@ -142,8 +143,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
         connections, options = self._made_of
         self._system = System(components, connections, **options)
         self._read = self._system.reader(self._seen)
-        named = [self._reward] if isinstance(self._reward, str) else []
-        self._read_reward = self._system.reader(named)
+        self._read_reward = self._system.reader(self._rewards)
         if self._system.can_go_back:
             self._system.keep()
         self._drawn, self._fresh, self._running = drawn, True, False
@@ -211,10 +211,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             raise
         before, self._observation = self._observation, self._observed()
         self._steps += 1
-        if isinstance(self._reward, str):
-            reward = self._read_reward()[0]
-        else:
-            reward = float(self._reward(before, cut, self._observation))
+        reward = float(self._reward(before, cut, self._observation))
         ended = not going_on or bool(self._terminated(self._observation))
         late = not ended and self._steps >= self._limit
         self._running = not (ended or late)

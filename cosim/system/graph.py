@@ -19,6 +19,10 @@ from cosim.fmi.units import UnitUse, conversion, unit_use
 
 Node = tuple[str, str]  # component and variable
 _CLASSES = {name: name for name in ("Boolean", "Enumeration", "String")}  # others are numbers
+# Numbers in memory, by their types of FMI 3.0 and 2.0, as numpy names them.
+DTYPES = {f"{sign}Int{8 * size}": f"{sign[:1].lower() or 'i'}{size}"
+          for sign in ("", "U") for size in (1, 2, 4, 8)}  # fmt: skip
+DTYPES |= {"Float64": "f8", "Float32": "f4", "Real": "f8", "Integer": "i4"}
 # What a connection may set, by the causality of its source; parameters at initialisation only.
 _TARGETS = {"output": ("input",), "calculatedParameter": ("input", "parameter")}
 
@@ -63,13 +67,7 @@ class Connection(NamedTuple):
 
 
 class Link(NamedTuple):
-    """A checked connection.
-
-    Attributes:
-        source, target: component and variable.
-        factor, offset: with the conversion of units in them.
-        source_index, target_index: as those of a `Connection`.
-    """
+    """A checked `Connection`, with the conversion of units in factor and offset."""
 
     source: Node
     target: Node
@@ -209,21 +207,17 @@ def check_bonds(
     for names in bonds:
         said = f"power bond {'='.join(names)}"
         pair = [link for name in names for link in links if link.target == find(fmus, name)]
-        if len(pair) != 2 or not all(
-            is_continuous(fmus, k) and not k.offset and k.factor and not k.source_index
-            and not k.target_index for k in pair
-        ):  # fmt: skip
+        plain = [
+            link.factor and not (link.offset or link.source_index or link.target_index)
+            and is_continuous(fmus, link) for link in pair
+        ]  # fmt: skip
+        ends = [(link.source[0], link.target[0]) for link in pair]
+        if len(pair) != 2 or not all(plain) or ends[0] != ends[1][::-1] or len({*ends[0]}) < 2:
             raise GraphError(
-                f"{said}: name two inputs, of effort and of flow, with connections of scalar "
-                "continuous Float64 values without an offset"
+                f"{said}: name the inputs of effort and of flow, of two connections back and forth "
+                "between two components, of scalar continuous Float64 values without an offset"
             )
         effort, flow = pair
-        ends = [(k.source[0], k.target[0]) for k in pair]
-        if ends[0] != ends[1][::-1] or ends[0][0] == ends[0][1]:
-            raise GraphError(
-                f"{said}: the connections lead from {' to '.join(ends[0])} and from "
-                f"{' to '.join(ends[1])}; choose one back and one forth between two components"
-            )
         found.append((effort, flow))
     return found
 
@@ -241,20 +235,12 @@ def _check_types(said: str, source: ModelVariable, target: ModelVariable) -> Non
 
 def keeps(source: str, target: str) -> bool:
     """Return whether every value of an FMI type is one of another, of any standard."""
-    source, target = (_OF_FMI_3.get(name, name) for name in (source, target))
     if source == target:
         return source not in ("Binary", "Clock")
-    if target.startswith("Float"):
-        exact_bits = 53 if target == "Float64" else 24
-        return source == "Float32" or (source in _BITS and _BITS[source] <= exact_bits)
-    if source not in _BITS or target not in _BITS:
+    if source not in DTYPES or target not in DTYPES:
         return False
-    signs = source.startswith("U"), target.startswith("U")
-    return signs in ((True, False), (signs[0], signs[0])) and _BITS[source] < _BITS[target]
-
-
-_OF_FMI_3 = {"Real": "Float64", "Integer": "Int32"}
-_BITS = {f"{sign}Int{bits}": bits for sign in ("", "U") for bits in (8, 16, 32, 64)}
+    rounded = source.endswith("Int64") and target.startswith(("Real", "Float"))
+    return np.can_cast(DTYPES[source], DTYPES[target], "safe") and not rounded
 
 
 def convert(said: str, source: UnitUse | None, target: UnitUse | None) -> tuple[float, float]:

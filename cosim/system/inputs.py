@@ -10,7 +10,7 @@ from pyarrow import ArrowInvalid, ArrowNotImplementedError, csv, parquet
 from cosim.base.reading import Kind, parsing, require_file
 from cosim.fmi.fmu import Fmu
 from cosim.fmi.units import UnitUse, base_unit, unit_use
-from cosim.system.graph import Connection, GraphError, Link, Node, convert, find
+from cosim.system.graph import DTYPES, Connection, GraphError, Link, Node, convert, find
 
 _TABLE = Kind(
     "input table", "write it as .csv or .parquet, times in s in the column time", GraphError
@@ -75,11 +75,10 @@ def check_values(node: Node, kind: str, times: object, values: object) -> Input:
     ):
         raise GraphError(f"{said} needs finite values, and finite times that do not decrease")
     if not kind.startswith(("Real", "Float")):
-        bits = {"Boolean": 1, "Integer": 31, "Enumeration": 31}.get(kind) or int(
-            kind.removeprefix("U").removeprefix("Int")
-        ) - (not kind.startswith("U"))
-        most = min(2**bits - 1, _EXACT)
-        least = 0 if kind == "Boolean" or kind.startswith("U") else -most - (bits < 53)
+        range_ = np.iinfo(DTYPES.get(kind, "i4"))
+        least, most = max(range_.min, -_EXACT), min(range_.max, _EXACT)
+        if kind == "Boolean":
+            least, most = 0, 1
         if not ((found == np.rint(found)) & (least <= found) & (found <= most)).all():
             raise GraphError(f"{said} of type {kind} takes whole numbers from {least} to {most}")
     return Input(node, time_s, found)

@@ -22,7 +22,7 @@ from cosim.fmi.fmu import (
     function_address,
     status_of,
 )
-from cosim.system.graph import Component, GraphError
+from cosim.system.graph import DTYPES, Component, GraphError, find
 from cosim.system.integration import Integration, c_function, settled
 from cosim.system.texts import TextTable
 
@@ -42,8 +42,6 @@ class Exchange(NamedTuple):
     dtype: str
 
 
-_INTEGERS = {f"{sign}Int{8 * size}": f"{sign[:1].lower() or 'i'}{size}"
-             for sign in ("", "U") for size in (1, 2, 4, 8)}  # fmt: skip
 _KINDS = {
     2: {
         "Real": Exchange("Real", "f8"),
@@ -53,12 +51,10 @@ _KINDS = {
         "String": Exchange("String", "i8"),  # by their numbers
     },
     3: {
-        "Float64": Exchange("Float64", "f8"),
-        "Float32": Exchange("Float32", "f4"),
+        **{name: Exchange(name, dtype) for name, dtype in DTYPES.items()},
         "Boolean": Exchange("Boolean", "u1"),
         "Enumeration": Exchange("Int64", "i8"),
         "String": Exchange("String", "i8"),
-        **{name: Exchange(name, dtype) for name, dtype in _INTEGERS.items()},
     },
 }
 
@@ -171,12 +167,7 @@ class Instance:
 
     def _checked(self, name: str) -> ModelVariable:
         """A variable that may get a start value."""
-        variable = self.fmu.variables.get(name)
-        if variable is None:
-            raise GraphError(
-                f"component {self.name} has no variable '{name}' for a start value; its "
-                "modelDescription.xml names those it has"
-            )
+        variable = self.fmu.variables[find({self.name: self.fmu}, f"{self.name}.{name}")[1]]
         free_to_start = variable.causality in _ABLE or variable.initial in ("exact", "approx")
         if not free_to_start or variable.variability == "constant":
             raise GraphError(

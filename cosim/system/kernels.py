@@ -6,6 +6,7 @@ already. Time is an integer number of ticks.
 """
 
 import math
+from collections import namedtuple
 from typing import NamedTuple
 
 from cosim.base.jit import inlined
@@ -20,40 +21,16 @@ from cosim.fmi.abi import (
     read_clock,
     update_discrete_states,
 )
-from cosim.system.exchange import copy, exchange_values, feed, meets
-from cosim.system.layout import (
-    ASK,
-    DISCRETE,
-    DO_STEP,
-    END_COPY,
-    END_GET,
-    END_REAL,
-    END_SET,
-    END_SINGLE,
-    ENDS,
-    ENTER_EVENTS,
-    ENTER_STEPS,
-    EVENTS,
-    FIRST_COPY,
-    FIRST_GET,
-    FIRST_REAL,
-    FIRST_SET,
-    FIRST_SINGLE,
-    HANDLE,
-    PERIOD,
-    STEPS_AS,
-    UPDATE,
-    Memory,
-    Tables,
-)
+from cosim.system.exchange import copy, exchange_values, feed, get_outputs, meets
+from cosim.system.layout import COLUMN, Memory, Tables
 
 # Beyond every status: asks to end, returns early without an end, puts out NaN; equations of inputs
 # that are not solved, values that never stay.
-ENDED, STUCK, NOT_A_NUMBER, NO_SOLUTION, UNSETTLED = range(100, 105)
-JACOBI, GAUSS_SEIDEL, EXTRAPOLATED, IMPLICIT = range(4)  # algorithms
+STATUS = namedtuple("STATUS", "ended stuck not_a_number no_solution unsettled")(*range(100, 105))
+ALGORITHM = namedtuple("ALGORITHM", "jacobi gauss_seidel extrapolated implicit")(*range(4))
 # What was going on when a call failed.
-SETTING, STEPPING, GETTING, SAVING, RESTORING = range(5)
-STEPS, ROLLBACKS, NANOSECONDS, WARNINGS = range(4)  # columns of `Tables.counts`
+PHASE = namedtuple("PHASE", "setting stepping getting saving restoring")(*range(5))
+COUNT = namedtuple("COUNT", "steps rollbacks nanoseconds warnings")(*range(4))  # of `Tables.counts`
 MOST_RETURNS = 100_000  # of an FMU in one step
 _LEAST = 1e-12  # share of a step that is no step
 _FMI_2_TERMINATED = 3  # of fmi2StatusKind
@@ -99,28 +76,28 @@ class Scheme(NamedTuple):
 @inlined
 def _handle_events(t: Tables, c: int) -> int:
     """Update the discrete states of a component in Event Mode, and go back to Step Mode."""
-    room, handle = t.room.ctypes.data, t.components[c, HANDLE]
+    room, handle = t.room.ctypes.data, t.components[c, COLUMN.handle]
     ends = 0
     for _ in range(MOST_RETURNS):
         t.room[0] = 0
         places = (room, room + 1, room + 2, room + 3, room + 4, room + 8)
-        status = update_discrete_states(t.components[c, UPDATE], (handle, *places))
+        status = update_discrete_states(t.components[c, COLUMN.update], (handle, *places))
         if status > FMI_WARNING:
             return status
         ends |= (t.room[0] >> 8) & 0xFF
         if t.room[0] & 0xFF == 0:
             break
-    status = change_mode(t.components[c, ENTER_STEPS], (handle,))
-    return ENDED if ends and status <= FMI_WARNING else status
+    status = change_mode(t.components[c, COLUMN.enter_steps], (handle,))
+    return STATUS.ended if ends and status <= FMI_WARNING else status
 
 
 @inlined
 def set_inputs(t: Tables, c: int) -> int:
     """Set the inputs of a component; discrete ones are an event where it leaves those to us."""
-    first, end = t.components[c, FIRST_SET], t.components[c, END_SET]
-    if not (t.components[c, EVENTS] and t.components[c, DISCRETE]):
+    first, end = t.components[c, COLUMN.first_set], t.components[c, COLUMN.end_set]
+    if not (t.components[c, COLUMN.events] and t.components[c, COLUMN.discrete]):
         return exchange_values(t, c, first, end)
-    status = change_mode(t.components[c, ENTER_EVENTS], (t.components[c, HANDLE],))
+    status = change_mode(t.components[c, COLUMN.enter_events], (t.components[c, COLUMN.handle],))
     if status <= FMI_WARNING:
         status = exchange_values(t, c, first, end)
     return _handle_events(t, c) if status <= FMI_WARNING else status
@@ -129,43 +106,41 @@ def set_inputs(t: Tables, c: int) -> int:
 @inlined
 def _step(t: Tables, c: int, begin_s: float, step_s: float, final: int) -> int:
     """Step a component, over its events too where it leaves them to us."""
-    handle = t.components[c, HANDLE]
-    function = t.components[c, DO_STEP]
-    if t.components[c, STEPS_AS] == 2:
-        t.counts[c, STEPS] += 1
-        status = do_step_2(function, (handle, begin_s, step_s, final))
-        if status == FMI_WARNING:
-            t.counts[c, WARNINGS] += 1
-        if status == FMI_DISCARD:
-            t.room[0] = 0
-            place = t.room.ctypes.data
-            told = ask_status_2(t.components[c, ASK], (handle, _FMI_2_TERMINATED, place))
-            if told <= FMI_WARNING and t.room[0]:
-                return ENDED
-        return status
+    handle, function = t.components[c, COLUMN.handle], t.components[c, COLUMN.do_step]
     end_s = begin_s + step_s
     time_s, left_s = begin_s, step_s
     for _ in range(MOST_RETURNS):
-        t.counts[c, STEPS] += 1
-        status, event, ends, early, reached_s = do_step_3(function, handle, time_s, left_s, final)
+        t.counts[c, COUNT.steps] += 1
+        event, ends, early, reached_s = 0, 0, 0, end_s
+        if t.components[c, COLUMN.steps_as] == 3:
+            status, event, ends, early, reached_s = do_step_3(
+                function, handle, time_s, left_s, final
+            )
+        else:
+            status = do_step_2(function, (handle, begin_s, step_s, final))
+            if status == FMI_DISCARD:
+                t.room[0], place = 0, t.room.ctypes.data
+                told = ask_status_2(t.components[c, COLUMN.ask], (handle, _FMI_2_TERMINATED, place))
+                if told <= FMI_WARNING and t.room[0]:
+                    return STATUS.ended
         if status == FMI_WARNING:
-            t.counts[c, WARNINGS] += 1
+            t.counts[c, COUNT.warnings] += 1
         if status > FMI_WARNING:
             return status
-        if event and t.components[c, EVENTS]:
-            status = change_mode(t.components[c, ENTER_EVENTS], (handle,))
+        if event and t.components[c, COLUMN.events]:
+            status = change_mode(t.components[c, COLUMN.enter_events], (handle,))
             if status <= FMI_WARNING:
                 status = _handle_events(t, c)
             if status > FMI_WARNING:
                 return status
         if ends:
-            return ENDED
+            return STATUS.ended
         if not early or end_s - reached_s <= _LEAST * step_s:
             return status
         if not reached_s > time_s and not event:
-            return STUCK
+            return STATUS.stuck
         time_s, left_s = reached_s, end_s - reached_s
-    return STUCK
+    return STATUS.stuck
 
 
 @inlined
@@ -180,10 +155,10 @@ def _nanoseconds(t: Tables, scheme: Scheme) -> int:
 def find_nan(t: Tables, m: Memory) -> int:
     """Number of the first component with an output that is NaN, -1 if there is none."""
     for c in range(t.components.shape[0]):
-        for k in range(t.components[c, FIRST_REAL], t.components[c, END_REAL]):
+        for k in range(t.components[c, COLUMN.first_real], t.components[c, COLUMN.end_real]):
             if math.isnan(m.f8[k]):
                 return c
-        for k in range(t.components[c, FIRST_SINGLE], t.components[c, END_SINGLE]):
+        for k in range(t.components[c, COLUMN.first_single], t.components[c, COLUMN.end_single]):
             if math.isnan(m.f4[k]):
                 return c
     return -1
@@ -199,36 +174,36 @@ def advance(
     end.
 
     Returns:
-        A status, its component, and what was going on. ENDED stands for a whole step.
+        A status, its component, and what was going on. STATUS.ended stands for a whole step.
     """
     dt = scheme.tick_s
     ended = -1
-    if scheme.algorithm == JACOBI and copy(t, m, 0, t.copies.shape[0]):
-        return NOT_A_NUMBER, 0, GETTING
+    if scheme.algorithm == ALGORITHM.jacobi and copy(t, m, 0, t.copies.shape[0]):
+        return STATUS.not_a_number, find_nan(t, m), PHASE.getting
     if t.feeds.shape[0]:
-        middle = 0.5 * count if scheme.algorithm >= EXTRAPOLATED else 0.0
+        middle = 0.5 * count if scheme.algorithm >= ALGORITHM.extrapolated else 0.0
         feed(t, m, scheme.start_s, tick, middle, dt)
     begin = _nanoseconds(t, scheme)
     for c in range(t.components.shape[0]):
         if meets(t, c, tick):
-            if scheme.algorithm == GAUSS_SEIDEL:
-                copy(t, m, t.components[c, FIRST_COPY], t.components[c, END_COPY])
+            if scheme.algorithm == ALGORITHM.gauss_seidel:
+                copy(t, m, t.components[c, COLUMN.first_copy], t.components[c, COLUMN.end_copy])
             status = set_inputs(t, c)
             if status > FMI_WARNING:
-                return status, c, SETTING
-            step_s = t.components[c, PERIOD] * count * dt
+                return status, c, PHASE.setting
+            step_s = t.components[c, COLUMN.period] * count * dt
             status = _step(t, c, scheme.start_s + tick * dt, step_s, final)
-            t.components[c, ENDS] = status == ENDED
-            if status > FMI_WARNING and status != ENDED:
-                return status, c, STEPPING
+            t.components[c, COLUMN.ends] = status == STATUS.ended
+            if status > FMI_WARNING and status != STATUS.ended:
+                return status, c, PHASE.stepping
         if meets(t, c, tick + count):
-            status = exchange_values(t, c, t.components[c, FIRST_GET], t.components[c, END_GET])
+            status = get_outputs(t, c)
             if status > FMI_WARNING:
-                return status, c, GETTING
-            if t.components[c, ENDS]:
+                return status, c, PHASE.getting
+            if t.components[c, COLUMN.ends]:
                 ended = c
         if scheme.clock:
             end = _nanoseconds(t, scheme)
-            t.counts[c, NANOSECONDS] += end - begin
+            t.counts[c, COUNT.nanoseconds] += end - begin
             begin = end
-    return (ENDED, ended, STEPPING) if ended >= 0 else (FMI_OK, 0, STEPPING)
+    return (STATUS.ended, ended, PHASE.stepping) if ended >= 0 else (FMI_OK, 0, PHASE.stepping)

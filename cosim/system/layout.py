@@ -4,6 +4,7 @@ The block begins with what is got from components (outputs that are connected or
 that are set follow. A getter or setter takes all variables of one type of a component in one call.
 """
 
+from collections import namedtuple
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
@@ -18,20 +19,21 @@ WORD = 8  # bytes; what every variable begins at a multiple of
 MOST_BYTES = 2**28  # of all values: far above what systems exchange, far below what fills a machine
 TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")  # of values, by their number
 # Columns of `Tables.components`: addresses, then first and last + 1 rows of the other tables.
-(
-    STANDARD, HANDLE, DO_STEP, GET_STATE, SET_STATE, ASK, ENTER_EVENTS, UPDATE, ENTER_STEPS,
-    EVENTS, DISCRETE, FIRST_SET, END_SET, FIRST_GET, END_GET, FIRST_COPY, END_COPY,
-    FIRST_REAL, END_REAL, FIRST_SINGLE, END_SINGLE, STEPS_AS, FIRST_START, PERIOD, ENDS, COLUMNS,
-) = range(26)  # fmt: skip
+COLUMN = namedtuple(
+    "COLUMN",
+    "standard handle do_step get_state set_state ask enter_events update enter_steps events"
+    " discrete first_set end_set first_get end_get first_copy end_copy first_real end_real"
+    " first_single end_single steps_as first_start period ends",
+)(*range(25))
+# Columns of the other tables; in that of bonds outputs and inputs of both ends, and the residual
+# energy, which outputs of the step before follow.
+CALL = namedtuple("CALL", "function references count values size")(*range(5))
+COPY = namedtuple("COPY", "source target source_type target_type number scaled")(*range(6))
+FEED = namedtuple("FEED", "place kind first_row last_row row_now fed")(*range(6))
+BOND = namedtuple("BOND", "output input energy")(0, 2, 4)
 # Columns of the places of floats that are got, and bytes of one, by the function that gets them.
-_FLOATS = {"Real": (FIRST_REAL, 8), "Float64": (FIRST_REAL, 8), "Float32": (FIRST_SINGLE, 4)}
-# Columns of `Tables.exchanges`, of `Tables.copies`, and of `Tables.feeds`.
-FUNCTION, REFERENCES, COUNT, VALUES, SIZE = range(5)
-SOURCE, TARGET, SOURCE_TYPE, TARGET_TYPE, NUMBER, SCALED = range(6)
-# Of `Tables.bonds`: places of outputs and inputs of both ends, and of the residual energy, which
-# outputs of the step before follow.
-OUTPUT, INPUT, ENERGY = 0, 2, 4
-PLACE, KIND, FIRST_ROW, LAST_ROW, ROW_NOW, FED = range(6)
+_DOUBLES = COLUMN.first_real, 8
+_FLOATS = {"Real": _DOUBLES, "Float64": _DOUBLES, "Float32": (COLUMN.first_single, 4)}
 
 
 class Place(NamedTuple):
@@ -71,27 +73,21 @@ class Place(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The block as arrays of every type of `TYPES`, and of words."""
+    """The block as arrays of floats, bytes, and words."""
 
     f8: np.ndarray
     f4: np.ndarray
-    i1: np.ndarray
     u1: np.ndarray
-    i2: np.ndarray
-    u2: np.ndarray
-    i4: np.ndarray
-    u4: np.ndarray
     i8: np.ndarray
-    u8: np.ndarray
 
 
 class Tables(NamedTuple):
     """Tables of a system for compiled code; int64 unless said otherwise.
 
     Attributes:
-        components: (C, COLUMNS); floats that are got are values FIRST_REAL to END_REAL - 1 of the
-            block as float64, FIRST_SINGLE to END_SINGLE - 1 as float32; PERIOD are ticks of a step,
-            ENDS is whether the last one asked to end.
+        components: (C, columns); floats that are got are values first_real to end_real - 1 of the
+            block as float64, first_single to end_single - 1 as float32; period is ticks of a step,
+            ends is whether the last one asked to end.
         exchanges: (E, 5), getters and setters to call.
         copies: (K, 6), from outputs to inputs; places in multiples of the values' sizes.
         scales: (K, 2) float64, factor and offset.
@@ -183,25 +179,26 @@ class Layout:
                 f"{MOST_BYTES >> 20}; choose smaller dimensions, or fewer variables to record"
             )
         block = np.zeros(max(self._end, WORD), dtype=np.uint8)
-        self.memory = Memory(*(block.view(dtype) for dtype in TYPES))
+        self.memory = Memory(*(block.view(dtype) for dtype in Memory._fields))
         self._references: list[np.ndarray] = []  # keeps what tables have addresses of
         names = list(instances)
-        components = np.zeros((len(names), COLUMNS), dtype=np.int64)
-        components[:, PERIOD] = periods
+        components = np.zeros((len(names), len(COLUMN)), dtype=np.int64)
+        components[:, COLUMN.period] = periods
         exchanges: list[tuple[int, ...]] = []
         by_target = sorted(links, key=lambda link: names.index(link.target[0]))
         self.links = by_target
+        at = COLUMN
         for row, (name, instance) in zip(components, instances.items(), strict=True):
             self._fill(row, instance)
-            row[FIRST_START] = len(exchanges)
+            row[at.first_start] = len(exchanges)
             exchanges += [self._call("Set", name, *group) for group in starts.get(name, {}).items()]
-            row[FIRST_SET] = len(exchanges)
+            row[at.first_set] = len(exchanges)
             exchanges += [self._call("Set", name, *group) for group in sets.get(name, {}).items()]
-            row[END_SET] = row[FIRST_GET] = len(exchanges)
+            row[at.end_set] = row[at.first_get] = len(exchanges)
             exchanges += [self._call("Get", name, *group) for group in gets.get(name, {}).items()]
-            row[END_GET] = len(exchanges)
+            row[at.end_get] = len(exchanges)
             mine = [k for k, link in enumerate(by_target) if link.target[0] == name]
-            row[FIRST_COPY], row[END_COPY] = (mine[0], mine[-1] + 1) if mine else (0, 0)
+            row[at.first_copy], row[at.end_copy] = (mine[0], mine[-1] + 1) if mine else (0, 0)
             mine = [v for group in sets.get(name, {}).values() for v in group]
             if instance.integration and mine:
                 block = slice(*self._span(name, mine))
@@ -210,7 +207,9 @@ class Layout:
                 if function in _FLOATS:
                     first, width = _FLOATS[function]
                     row[first : first + 2] = np.array(self._span(name, names_got)) // width
-            row[DISCRETE] = any(instance.fmu.variables[v].variability == "discrete" for v in mine)
+            row[at.discrete] = any(
+                instance.fmu.variables[v].variability == "discrete" for v in mine
+            )
         self.tables = Tables(
             components,
             np.array(exchanges, dtype=np.int64).reshape(-1, 5),
@@ -267,21 +266,25 @@ class Layout:
         return first.offset, last.offset + last.size
 
     def _fill(self, row: np.ndarray, instance: Instance) -> None:
-        exchange, standard = bool(instance.integration), instance.fmu.standard
+        at, exchange, standard = COLUMN, bool(instance.integration), instance.fmu.standard
         third = exchange or standard == 3
-        row[STANDARD], row[HANDLE], row[EVENTS] = standard, instance.handle, instance.events
-        row[STEPS_AS] = 2 + third
-        row[DO_STEP] = instance.address("DoStep")
-        row[GET_STATE] = instance.address("GetFMUState" if third else "GetFMUstate")
-        row[SET_STATE] = instance.address("SetFMUState" if third else "SetFMUstate")
+        row[at.standard], row[at.handle], row[at.events] = (
+            standard,
+            instance.handle,
+            instance.events,
+        )
+        row[at.steps_as] = 2 + third
+        row[at.do_step] = instance.address("DoStep")
+        row[at.get_state] = instance.address("GetFMUState" if third else "GetFMUstate")
+        row[at.set_state] = instance.address("SetFMUState" if third else "SetFMUstate")
         if third:
-            row[ENTER_EVENTS] = instance.address("EnterEventMode")
-            row[UPDATE] = instance.address("UpdateDiscreteStates")
-            row[ENTER_STEPS] = instance.address(
+            row[at.enter_events] = instance.address("EnterEventMode")
+            row[at.update] = instance.address("UpdateDiscreteStates")
+            row[at.enter_steps] = instance.address(
                 "EnterContinuousTimeMode" if exchange else "EnterStepMode"
             )
         else:
-            row[ASK] = instance.address("GetBooleanStatus")
+            row[at.ask] = instance.address("GetBooleanStatus")
 
     def _call(self, verb: str, component: str, function: str, names: list[str]) -> tuple[int, ...]:
         """Row of `Tables.exchanges`."""
@@ -334,7 +337,7 @@ class Layout:
             place = self.places[node]
             if place.shape or place.texts:
                 raise GraphError(f"{'.'.join(node)} is an array or text; choose numbers")
-            array: np.ndarray = getattr(self.memory, place.dtype)
+            array = self.memory.u1.view(place.dtype)
             where.append((array, place.offset // array.itemsize))
         return lambda: [float(array[k]) for array, k in where]
 
@@ -344,12 +347,12 @@ class Layout:
         And ticks (2, H) from one of their values to the next one that they are extrapolated by, and
         of a step of their components.
         """
-        periods = dict(zip(self._instances, self.tables.components[:, PERIOD], strict=True))
+        periods = dict(zip(self._instances, self.tables.components[:, COLUMN.period], strict=True))
         found = []
         for k, link in enumerate(self.links):
             own, put_out = (periods[end[0]] for end in (link.target, link.source))
-            first = self.tables.copies[k, TARGET]
-            places = range(first, first + self.tables.copies[k, NUMBER] * (link in links))
+            first = self.tables.copies[k, COPY.target]
+            places = range(first, first + self.tables.copies[k, COPY.number] * (link in links))
             found += [(place, put_out if own % put_out else own, own) for place in places]
         rows = np.array(found, dtype=np.int64).reshape(-1, 3).T.copy()
         return rows[0], rows[1:]

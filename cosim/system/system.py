@@ -17,7 +17,7 @@ from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.fmu import Fmu, FmuError, LogLevel, check_steps, function_address
 from cosim.fmi.isolation import calling
 from cosim.model.config import whole_ratio
-from cosim.system.coupling import HOME, LARGEST, SIZE, WORST, Z, make_coupling, restore, save
+from cosim.system.coupling import HOME, Z, begin, get_all, make_coupling, restore, save, solve
 from cosim.system.graph import (
     Component,
     Connection,
@@ -33,33 +33,9 @@ from cosim.system.graph import (
 )
 from cosim.system.inputs import Given, check_inputs, check_values, sampled
 from cosim.system.instance import Instance
-from cosim.system.kernels import (
-    ENDED,
-    EXTRAPOLATED,
-    GETTING,
-    IMPLICIT,
-    NO_SOLUTION,
-    NOT_A_NUMBER,
-    RESTORING,
-    SAVING,
-    SETTING,
-    STEPPING,
-    STUCK,
-    UNSETTLED,
-    WARNINGS,
-    Scheme,
-)
+from cosim.system.kernels import ALGORITHM, COUNT, PHASE, STATUS, Scheme
 from cosim.system.layout import Layout, energy_of
-from cosim.system.loops import (
-    DONE,
-    REJECTED,
-    ROW,
-    TICK,
-    begin,
-    run_fixed,
-    run_solved,
-    settle,
-)
+from cosim.system.loops import DONE, REJECTED, ROW, TICK, run_steps
 from cosim.system.run import Share, SystemRun
 
 _LOG = logging.getLogger(__name__)
@@ -72,13 +48,10 @@ _STEPS_AT_ONCE, _SLOW_STEPS_AT_ONCE = 200_000, 500  # where steps do not, and do
 _MOST_EXCHANGES = 1000  # of values at one point of time
 ROWS_AT_ONCE = 4096
 _LONGEST = 1 << 40  # ticks of a step, by default: any
-_WHAT = {
-    SETTING: "refuses its inputs",
-    STEPPING: "failed",
-    GETTING: "has no outputs",
-    SAVING: "cannot save its state",
-    RESTORING: "cannot restore its state",
-}
+_WHAT = PHASE._replace(
+    setting="refuses its inputs", stepping="failed", getting="has no outputs",
+    saving="cannot save its state", restoring="cannot restore its state",
+)  # fmt: skip
 
 
 class System:
@@ -182,8 +155,8 @@ class System:
             )
         number = ALGORITHMS.index(algorithm)
         continuous = [link for link in links if is_continuous(fmus, link)]
-        torn = continuous if number == IMPLICIT else []
-        if loops == "solve" and number != IMPLICIT:
+        torn = continuous if number == ALGORITHM.implicit else []
+        if loops == "solve" and number != ALGORITHM.implicit:
             looped = links_in_loops(fmus, links)
             torn = [link for link in continuous if link in looped]
             slow = [link for link in looped if steps_s[link.target[0]] > tick_s]
@@ -203,7 +176,7 @@ class System:
                 raise FmuError(
                     f"{said} cannot vary its step (canHandleVariableCommunicationStepSize), {needs}"
                 )
-            if number == IMPLICIT and not fmu.interface.canGetAndSetFMUstate:
+            if number == ALGORITHM.implicit and not fmu.interface.canGetAndSetFMUstate:
                 raise FmuError(
                     f"{said} cannot save its state (canGetAndSetFMUState), which --algorithm "
                     "implicit needs; choose extrapolated"
@@ -219,21 +192,11 @@ class System:
             _require_positive("longest step", longest_step_s)
             longest = whole_ratio("longest step", longest_step_s, "step", step_s)
         self._scheme = Scheme(
-            number,
-            start_s,
-            tick_s,
-            tolerance or 0.0,
-            int(by_energy),
-            longest,
-            1,
-            _clock() if profile else 0,
-            getattr(time, "CLOCK_MONOTONIC", 0),
-            int(loops == "solve"),
-            _MOST_EXCHANGES if loops == "solve" else len(links) + 1,
-            _STEPS_AT_ONCE,
-            _TOLERANCE,
+            number, start_s, tick_s, tolerance or 0.0, int(by_energy), longest, 1,
+            _clock() if profile else 0, getattr(time, "CLOCK_MONOTONIC", 0), int(loops == "solve"),
+            _MOST_EXCHANGES if loops == "solve" else len(links) + 1, _STEPS_AT_ONCE, _TOLERANCE,
             min(1e-2 * tolerance, 1e-6) if tolerance else _TOLERANCE,
-        )
+        )  # fmt: skip
         self._inputs = check_inputs(fmus, links, inputs or {})
         self._now = np.array([0, 1, 0, 0, 0], dtype=np.int64)
         self._over = False
@@ -251,12 +214,11 @@ class System:
                 layout = Layout(self._instances, links, self._recorded, checked, start, periods,
                                 bonds)  # fmt: skip
                 self._recorded += [energy_of(effort) for effort, _ in bonds]
-                held = continuous if number >= EXTRAPOLATED else []
+                held = continuous if number >= ALGORITHM.extrapolated else []
                 self._layout = layout
                 if any(instance.functions for instance in self._instances.values()):
                     self._scheme = self._scheme._replace(at_once=_SLOW_STEPS_AT_ONCE)
                 self._coupling = make_coupling(layout, held, torn)
-                self._solved = bool(tolerance or torn or bonds or number >= EXTRAPOLATED)
                 self._initialise([*layout.parts, *(link.target for link in torn)])
         except BaseException:
             self.close()
@@ -274,7 +236,9 @@ class System:
             end = place.offset + place.size
             layout.memory.u1[place.offset : end] = values.view(np.uint8)
         block = layout.tables, layout.memory, self._coupling
-        self._check(*settle(*block, self._scheme))
+        self._check(*get_all(*block[:2], 0))
+        self._coupling.unknowns[Z] = layout.memory.f8[self._coupling.torn]
+        self._check(*solve(*block, self._scheme, 0, 0))
         for instance in self._instances.values():
             instance.end_initialization()
         self._check(*begin(*block))
@@ -341,7 +305,7 @@ class System:
             rows.append(room[1][: self._now[ROW]])
             (progress or silent)("simulating", self.time_s - scheme.start_s, duration_s)
         ended = None
-        if status == ENDED:
+        if status == STATUS.ended:
             ended = f"{list(self._instances)[component]} asked to end at {self.time_s:g} s"
         return self._result(np.concatenate(ticks), np.concatenate(rows), ended)
 
@@ -382,15 +346,11 @@ class System:
             FmuError, GraphError: as `run`.
         """
         self._now[ROW] = 0
-        block = self._layout.tables, self._layout.memory
+        block = self._layout.tables, self._layout.memory, self._coupling
         slow = scheme.at_once == _SLOW_STEPS_AT_ONCE  # Python called by compiled code loses signals
         with calling(f"what begins at {self.time_s:g} s of simulated time"):
-            given = scheme, self._now, until, *room
-            if self._solved:
-                run = uninterrupted(run_solved) if slow else run_solved
-                found = run(*block, self._coupling, *given)
-            else:
-                found = (uninterrupted(run_fixed) if slow else run_fixed)(*block, *given)
+            run = uninterrupted(run_steps) if slow else run_steps
+            found = run(*block, scheme, self._now, until, *room)
         self._over = found[0] != FMI_OK
         self._check(*found)
         return found[:2]
@@ -446,7 +406,7 @@ class System:
                 said = "; the last one: " + log.warning if log.warning else ""
                 _LOG.warning("component %s: %d of its steps gave a warning%s", name, number, said)
                 log.warning = ""
-        counts[:, WARNINGS] = 0
+        counts[:, COUNT.warnings] = 0
         time_s = self._scheme.start_s + ticks * self._scheme.tick_s
         return SystemRun(time_s, signals, ended, profile)
 
@@ -462,44 +422,40 @@ class System:
 
     def _check(self, status: int, component: int, phase: int) -> None:
         """Raise the error of a failed call."""
-        if status in (FMI_OK, ENDED):
+        if status in (FMI_OK, STATUS.ended):
             return
-        if status in (NO_SOLUTION, UNSETTLED):
+        if status in (STATUS.no_solution, STATUS.unsettled):
             raise self._not_solved(status)
         instance = list(self._instances.values())[component]
         said = f"{_WHAT[phase]} (fmi{instance.fmu.standard}Status {status})"
-        if status == STUCK:
+        if status == STATUS.stuck:
             said = "returned early for ever"
-        elif status == NOT_A_NUMBER:
+        elif status == STATUS.not_a_number:
             block = self._layout.memory.u1[None, : 8 * self._layout.words]
             wrong = [
-                node
-                for node, place in self._layout.places.items()
-                if "f" in place.dtype and place.offset < block.shape[1]
+                name for (c, name), place in self._layout.places.items()
+                if c == instance.name and "f" in place.dtype and place.offset < block.shape[1]
                 and np.isnan(place.read(block)).any()
             ]  # fmt: skip
-            first = min(wrong, key=lambda node: list(self._instances).index(node[0]))[0]
-            instance = self._instances[first]
-            said = f"puts out nan ({', '.join(v for component, v in wrong if component == first)})"
+            said = f"puts out nan ({', '.join(wrong)})"
         raise instance.failure(self.time_s, said, status if status <= FMI_FATAL else FMI_ERROR)
 
     def _not_solved(self, status: int) -> GraphError:
         """Return the error of inputs and outputs that do not come to agree."""
         s, layout = self._coupling, self._layout
-        worst = int(s.flags[WORST])
-        byte = 8 * int(s.torn[worst] if status == NO_SOLUTION else layout.words + worst)
+        worst, residual, value = s.worst()
+        byte = 8 * int(s.torn[worst] if status == STATUS.no_solution else layout.words + worst)
         node = layout.node_at(byte)
         sources = {link.target: ".".join(link.source) for link in layout.links}
         said = f"at {self.time_s:.5f} s the loop through {sources.get(node)} -> {'.'.join(node)}"
-        if status == UNSETTLED:
+        if status == STATUS.unsettled:
             return GraphError(
                 f"{said} does not settle after {self._scheme.exchanges} exchanges; pass --loops "
                 "explicit to accept a delay of one step in it"
             )
-        residual = s.numbers[LARGEST] * s.unknowns[SIZE, worst]
         return GraphError(
             f"{said} has no solution that is found: the residual is {residual:.3g} where its value "
-            f"is {s.unknowns[Z, worst]:.6g}; pass --loops explicit to accept a delay of one step "
+            f"is {value:.6g}; pass --loops explicit to accept a delay of one step "
             "in loops, another start value, or a shorter step"
         )
 

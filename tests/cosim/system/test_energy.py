@@ -87,17 +87,17 @@ def test_taken_back_steps_take_their_energy_back(folder):
 @pytest.mark.parametrize(
     ("links", "options", "words"),
     [
-        (BONDED, {"power_bonds": [("first.F_in", "second.x_in")]}, "name two inputs"),
-        (BONDED, {"power_bonds": [("first.F_in",)]}, "power bond first.F_in: name two inputs"),
+        (BONDED, {"power_bonds": [("first.F_in", "second.x_in")]}, "name the inputs of effort"),
+        (BONDED, {"power_bonds": [("first.F_in",)]}, "power bond first.F_in: name the inputs"),
         (
             [BONDED[0], BONDED[1]._replace(offset=1.0)],
             {"power_bonds": [BOND]},
-            "power bond first.F_in=second.v_in: name two inputs",
+            "power bond first.F_in=second.v_in: name the",
         ),
         (
             [*BONDED, Connection("first.F", "third.F_in")],
             {"power_bonds": [("first.F_in", "third.F_in")]},
-            "lead from second to first and from first to third",
+            "back and forth between two components",
         ),
         (
             BONDED,

@@ -112,7 +112,7 @@ def test_arrays_have_one_shape(refused, small):
 @pytest.mark.parametrize(
     ("start", "words"),
     [
-        ({"z": 1}, "component s has no variable 'z' for a start value"),
+        ({"z": 1}, "component s has no variable 'z'; its modelDescription.xml names"),
         ({"Float64_output": 1}, "'Float64_output' of causality output takes no start value"),
         ({"Float64_input": "fast"}, "start value 'fast' of 'Float64_input' is no Float64"),
         ({"Int32_input": 1.5}, "start value 1.5 of 'Int32_input' is no Int32"),
