@@ -44,15 +44,8 @@ def run_steps(
     the halves are taken back too, and a shorter step is tried. The error of a step of one tick is
     not known. By energy, no step is taken back, and its residual power is its error.
 
-    Args:
-        t: tables.
-        m: the block of values.
-        s: unknowns.
-        scheme: how to step.
-        now: (5,), where the run is; changed.
-        until: tick to reach.
-        ticks: (R,) room for the ticks of recorded rows.
-        rows: (R, words) room for what was got by then.
+    `now` (5,) is where the run is, and changes; `ticks` (R,) and `rows` (R, words) are room for the
+    ticks of recorded rows and for what was got by then.
     """
     exponent = 3.0 if scheme.algorithm >= ALGORITHM.extrapolated else 2.0
     if scheme.by_energy:

@@ -55,13 +55,7 @@ _WHAT = PHASE._replace(
 
 
 class System:
-    """A system of FMUs, initialised at its start time; free it by `close` or as a context.
-
-    Attributes:
-        time_s: that it has reached.
-        steps, rejected: communication steps accepted, and taken back in vain; where components have
-            steps of their own, the shortest ones count.
-    """
+    """A system of FMUs, initialised at its start time; free it by `close` or as a context."""
 
     def __init__(
         self,
@@ -251,7 +245,7 @@ class System:
 
     @property
     def steps(self) -> int:
-        """Communication steps accepted."""
+        """Communication steps accepted, of the shortest if components have steps of their own."""
         return int(self._now[DONE])
 
     @property
