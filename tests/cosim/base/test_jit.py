@@ -4,7 +4,7 @@ import gc
 import importlib
 import subprocess
 import sys
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -135,13 +135,14 @@ def test_inlined_functions_have_no_machine_code_of_their_own(tmp_path, monkeypat
     monkeypatch.setattr(kernel_files, "FOLDER", tmp_path)
     outer = kernel(calling(inlined(half_of_first)))
     assert outer(np.array([3.0])) == 1.5
-    symbols = cpu_target.target_context.codegen()._engine._defined_symbols
+    context: Any = cpu_target.target_context
+    symbols = context.codegen()._engine._defined_symbols
     assert any("calling" in symbol for symbol in symbols)
     assert not any("half_of_first" in symbol and "Env" not in symbol for symbol in symbols)
 
 
 KERNEL = """
-from typing import NamedTuple
+from typing import Any, NamedTuple
 import numpy as np
 from cosim.base.jit import inlined, is_compiled, kernel
 
