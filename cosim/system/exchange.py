@@ -56,6 +56,11 @@ def copy(t: Tables, m: Memory, first: int, end: int) -> bool:
         source, target = t.copies[k, COPY.source], t.copies[k, COPY.target]
         kind, to = t.copies[k, COPY.source_type], t.copies[k, COPY.target_type]
         scaled = t.copies[k, COPY.scaled]
+        if kind == to == 0 and not scaled:
+            for i in range(t.copies[k, COPY.number]):
+                m.f8[target + i] = m.f8[source + i]
+                wrong |= math.isnan(m.f8[source + i])
+            continue
         for i in range(t.copies[k, COPY.number]):
             if to > 1:
                 _put_integer(m, to, target + i, _integer(m, kind, source + i))
