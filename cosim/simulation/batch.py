@@ -47,6 +47,7 @@ from cosim.onboard.camera import NOISE, SIGHT, frames_in_flight, frames_within
 from cosim.physics.contact import NO_FLOOR
 from cosim.physics.lanes import host_lanes
 from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.measures import PATH_SAMPLING_S, Measures
 
 DRIVERS = ("fmpy", "compiled", "reference", "adaptive")
 IN_LANES = ("fmpy", "compiled")
@@ -354,6 +355,8 @@ class Batch:
         noise = np.zeros((0, columns, len(MOTOR_NAMES)))
         samples, raw = new_samples(0, columns), new_raw_samples(0, columns)
         self._driver.advance(self._plant, self.state, noise, samples, raw)
+        still = Measures(np.zeros((columns, 2)), np.zeros(columns), PATH_SAMPLING_S)
+        still.add(new_samples(2, columns))
 
     def get_state(self) -> tuple[Any, ...]:
         """Return a copy of all that changes, for `set_state`; it can be pickled.
