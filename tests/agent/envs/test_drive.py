@@ -104,7 +104,7 @@ def test_a_row_of_a_pair_ends_once(ends):
     starts, targets = [[[0.1, 0.1, 0.0], [0.2, 0.2, 0.0]]], [[[0.1, 0.1], [0.25, 0.2]]]
     env.reset(seed=0, options={"starts": starts, "targets": targets})
     steps = [env.step(np.zeros((2, 2))) for _ in range(4)]
-    terminated, truncated = ([row[k].tolist() for row in steps] for k in (2, 3))
+    terminated, truncated = ([np.asarray(row[k]).tolist() for row in steps] for k in (2, 3))
     nothing, first, second = [False, False], [True, False], [False, True]
     assert truncated == [nothing, nothing, second, nothing]
     at_last = [nothing, nothing, first, nothing]
