@@ -83,7 +83,9 @@ def train(
         method = method or best_method(board)
         for name, value in motors.items():
             if value and method not in ON_MOVES:
-                raise UserError(f"{name} has no effect on training by {method}; leave it out")
+                raise UserError(
+                    f"{name} has no effect on training by method {method}; leave it out"
+                )
         policy, *_ = method_policy(
             method,
             board,
