@@ -19,7 +19,7 @@ import numpy as np
 from cosim.fmi.fmu import FmuError
 from cosim.system.env import SystemEnv, SystemVectorEnv
 from cosim.system.graph import Component, Connection
-from cosim.system.ssp import read_system
+from cosim.system.ssp.reader import read_system
 from cosim.system.system import MasterAlgorithm, System
 from minirobots.options import CommandOptions, Count
 from tests.references.masses_ssp import MASTERS, EndOfRun, write_archive
@@ -80,12 +80,27 @@ def measure(rounds: int) -> dict[str, Any]:
                 calls = run.profile["first"].steps
                 row |= {"steps": system.steps, "rejected": system.rejected, "calls": calls}
                 found["adaptive"].append(row)
+        found["rates"] = list(_rates(components))
         found["energy"] = list(_energy(Path(folder)))
         found["stiff"] = list(_stiff(Path(folder)))
         found["masters"] = list(_masters(Path(folder)))
         found |= _costs(components, rounds)
         found["ns_exchange"] = _exchange_ns(two_masses(Path(folder), interface="ModelExchange"))
     return found
+
+
+def _rates(components: list[Component]) -> Iterator[dict[str, Any]]:
+    """Errors where the second oscillator makes ten steps in one of the first."""
+    for algorithm in ("jacobi", "gauss-seidel", "extrapolated"):
+        for step_s in STEPS_S:
+            own = {"second": 0.1 * step_s}
+            options = {"step_s": step_s, "component_steps": own, "algorithm": algorithm}
+            with System(components, CONNECTIONS, **options) as system:
+                yield {
+                    "algorithm": algorithm,
+                    "step_s": step_s,
+                    "error_m": error(system.run(UNTIL_S)),
+                }
 
 
 def _energy(folder: Path) -> Iterator[dict[str, Any]]:

@@ -11,7 +11,7 @@ from cosim.base.jit import is_compiled
 from cosim.coupling.master import run_periods
 from cosim.simulation.batch import DRIVERS, places_for
 
-# It imports no more than it compiles. FMUs and parameters make no difference to kernels.
+# Only what is compiled is imported. FMUs and parameters make no difference to kernels.
 _COMPILE = """
 from cosim.model.config import CoSimConfig
 from cosim.simulation.batch import Batch

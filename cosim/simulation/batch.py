@@ -64,7 +64,7 @@ def _driver(name: str, motors: Motors, lanes: int) -> Driver:
 
 
 def places_for(driver: str, robots: int, tasks: int, threads: int) -> int:
-    """Return the places of a batch: as many as fill its vectors, if each thread has that many."""
+    """Return the places of a batch: as many as fill its vectors, at most a thread's tasks."""
     if driver not in IN_LANES:
         return 1
     return max(1, min(ROBOTS_TOGETHER // robots, -(-tasks // threads)))
@@ -355,6 +355,7 @@ class Batch:
         noise = np.zeros((0, columns, len(MOTOR_NAMES)))
         samples, raw = new_samples(0, columns), new_raw_samples(0, columns)
         self._driver.advance(self._plant, self.state, noise, samples, raw)
+        # Arrays without rows would be contiguous, and compile another version.
         still = Measures(np.zeros((columns, 2)), np.zeros(columns), PATH_SAMPLING_S)
         still.add(new_samples(2, columns))
 

@@ -15,8 +15,8 @@ from cosim.base.jit import inlined, kernel
 from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING, exchange_state
 from cosim.system.exchange import copy, exchange_values, feed, get_outputs, meets
 from cosim.system.graph import Link
-from cosim.system.kernels import ALGORITHM, PHASE, STATUS, Scheme, advance, find_nan, set_inputs
 from cosim.system.layout import BOND, COLUMN, WORD, Layout, Memory, Tables
+from cosim.system.step import ALGORITHM, PHASE, STATUS, Scheme, advance, find_nan, set_inputs
 
 # Rows of `Coupling.unknowns`: present values, residual, both before an update, the update, and the
 # size to which residuals are compared.

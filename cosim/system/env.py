@@ -24,7 +24,7 @@ from cosim.base.errors import shown
 from cosim.fmi.fmu import Fmu
 from cosim.model.config import whole_ratio
 from cosim.system.graph import Component, Connection, GraphError, find, load_fmus
-from cosim.system.ssp import read_system
+from cosim.system.ssp.reader import read_system
 from cosim.system.system import System
 
 Reward = Callable[[np.ndarray, np.ndarray, np.ndarray], float]

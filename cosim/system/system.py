@@ -33,10 +33,10 @@ from cosim.system.graph import (
 )
 from cosim.system.inputs import Given, check_inputs, check_values, sampled
 from cosim.system.instance import Instance
-from cosim.system.kernels import ALGORITHM, COUNT, PHASE, STATUS, Scheme
 from cosim.system.layout import Layout, energy_of
-from cosim.system.loops import DONE, REJECTED, ROW, TICK, run_steps
 from cosim.system.run import Share, SystemRun
+from cosim.system.step import ALGORITHM, COUNT, PHASE, STATUS, Scheme
+from cosim.system.stepping import DONE, REJECTED, ROW, TICK, run_steps
 
 _LOG = logging.getLogger(__name__)
 MasterAlgorithm = Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"]

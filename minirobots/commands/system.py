@@ -103,12 +103,13 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
     from cosim.system.graph import load_fmus
     from cosim.system.inputs import read_inputs
     from cosim.system.run import write_run
-    from cosim.system.ssp import read_system
+    from cosim.system.ssp.reader import read_system
     from cosim.system.system import System
 
     most_bytes = options.max_description << 20
-    reading = {"lenient": options.lenient, "most_bytes": most_bytes, "variant": options.variant}
-    found = read_system(options.file, **reading)
+    found = read_system(
+        options.file, lenient=options.lenient, most_bytes=most_bytes, variant=options.variant
+    )
     until_s = found.stop_s if options.until is None else options.until
     if until_s is None:
         raise UserError(f"{options.file} has no default experiment; pass --until")
@@ -116,18 +117,26 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
     if options.input is not None:
         fmus = load_fmus(found.components)
         inputs = read_inputs(options.input, fmus, found.entries)
-    same = (
-        "algorithm", "tolerance", "event_mode", "profile", "loops", "fmu_log", "solver_tolerance",
-        "step_control",
-    )  # fmt: skip
     system = System(
-        found.components, found.connections,
-        step_s=options.step, longest_step_s=options.longest_step,
-        start_s=found.start_s or 0.0, stop_s=until_s, inputs=inputs, record=options.record or None,
+        found.components,
+        found.connections,
+        algorithm=options.algorithm,
+        step_s=options.step,
+        tolerance=options.tolerance,
+        longest_step_s=options.longest_step,
+        start_s=found.start_s or 0.0,
+        stop_s=until_s,
+        record=options.record or None,
+        event_mode=options.event_mode,
+        profile=options.profile,
+        loops=options.loops,
+        inputs=inputs,
+        fmu_log=options.fmu_log,
+        solver_tolerance=options.solver_tolerance,
         component_steps=dict(options.component_step),
         power_bonds=[bond.split("=", 1) for bond in options.power_bond],
-        **{name: getattr(options, name) for name in same},
-    )  # fmt: skip
+        step_control=options.step_control,
+    )
     at_end.append(lambda _: system.close())  # whatever its FMUs do in their end, results are whole
     simulated = system.run(until_s, every=options.every, progress=progress)
     if options.out is not None:

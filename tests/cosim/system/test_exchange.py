@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import minirobots as mr
 from cosim.fmi.fmu import Fmu, FmuError
 from cosim.system.graph import Component, Connection, GraphError
-from cosim.system.ssp import read_system
+from cosim.system.ssp.reader import read_system
 from cosim.system.system import System
 from tests.cosim.system.test_refusals import changed
 from tests.references.small import small_fmu

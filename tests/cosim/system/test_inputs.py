@@ -11,7 +11,7 @@ from pyarrow import csv, parquet
 from cosim.recording.rrd import read_rrd
 from cosim.system.graph import Component, GraphError, load_fmus
 from cosim.system.inputs import read_inputs
-from cosim.system.ssp import read_system
+from cosim.system.ssp.reader import read_system
 from cosim.system.system import System
 from minirobots.runner import run_named
 

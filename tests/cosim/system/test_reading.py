@@ -10,8 +10,8 @@ import pytest
 
 from cosim.fmi.fmu import Fmu
 from cosim.system.graph import Component, GraphError
-from cosim.system.schema import KNOWN, NO_EFFECT, NOTES, check
-from cosim.system.ssp import DESCRIPTION, read_system
+from cosim.system.ssp.reader import DESCRIPTION, read_system
+from cosim.system.ssp.schema import KNOWN, NO_EFFECT, NOTES, check
 from cosim.system.system import System
 
 _XS = "{http://www.w3.org/2001/XMLSchema}"

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.recording.rrd import read_rrd
 from cosim.system.graph import Connection, GraphError
-from cosim.system.ssp import DESCRIPTION, read_system
+from cosim.system.ssp.reader import DESCRIPTION, read_system
 from cosim.system.system import System
 from tests.references.two_masses import simulated, two_masses
 

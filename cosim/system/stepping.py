@@ -9,8 +9,8 @@ import numpy as np
 from cosim.base.jit import inlined, kernel
 from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING
 from cosim.system.coupling import IMBALANCE, LAST_ERROR, Coupling, error_of, step, step_twice, undo
-from cosim.system.kernels import ALGORITHM, COUNT, PHASE, STATUS, Scheme, advance, find_nan
 from cosim.system.layout import Memory, Tables
+from cosim.system.step import ALGORITHM, COUNT, PHASE, STATUS, Scheme, advance, find_nan
 
 # Of a run, in an array: ticks reached, ticks of the next step, steps accepted, rows recorded,
 # steps rejected.

@@ -17,7 +17,7 @@ from cosim.fmi.archive import MAX_DESCRIPTION_BYTES, require_plain, unpack
 from cosim.fmi.fmu import Fmu, FmuError
 from cosim.fmi.units import UnitUse, base_unit, unit_use
 from cosim.system.graph import Component, Connection, GraphError, convert
-from cosim.system.parameters import (
+from cosim.system.ssp.parameters import (
     Value,
     bound_values,
     children,
@@ -26,7 +26,7 @@ from cosim.system.parameters import (
     start_value,
     units_of,
 )
-from cosim.system.schema import check, local_name
+from cosim.system.ssp.schema import check, local_name
 
 DESCRIPTION = "SystemStructure.ssd"
 _FMU = "application/x-fmu-sharedlibrary"

@@ -9,7 +9,7 @@ from fmpy.model_description import BaseUnit, ModelDescription, ModelVariable
 
 from cosim.fmi.units import EXPONENTS, UnitUse, base_unit, unit_use
 from cosim.system.graph import GraphError, convert
-from cosim.system.schema import local_name
+from cosim.system.ssp.schema import local_name
 
 _SET = "application/x-ssp-parameter-set"
 _MAPPING = "application/x-ssp-parameter-mapping"
