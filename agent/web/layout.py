@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 MOST_ROBOTS = 8
+MOST_HIDDEN = 1024  # of a layer of a network
 
 
 class Field(NamedTuple):
@@ -40,6 +41,7 @@ SETUP = _fields(
     medium_squared=1,
     strides=7,
     states=1,
+    hidden=1,
     walls=1,
     forbidden=1,
     dt_s=1,
@@ -117,6 +119,8 @@ TABLES = {
     "widths": ("double", "<f8"),  # of the layers that normal numbers are drawn by
     "bearings": ("uint8_t", "u1"),  # direction of another robot by its distance in x and y
     "best": ("uint8_t", "u1"),  # of each robot and state a bit for each direction of largest value
+    "network": ("float", "<f4"),  # of `agent.deep.policy.Network`, one array after the other
+    "possible": ("uint8_t", "u1"),  # of each robot and cell a bit for each move of `Inputs`
     "after": ("int32_t", "<i4"),  # see `agent.moves.pair.PairTimes`
     "seconds": ("double", "<f8"),
     "alone": ("double", "<f8"),
@@ -132,7 +136,7 @@ def render_header() -> str:
         "#ifndef LAYOUT_H",
         "#define LAYOUT_H",
         "#include <stdint.h>",
-        f"enum {{ MOST_ROBOTS = {MOST_ROBOTS} }};",
+        f"enum {{ MOST_ROBOTS = {MOST_ROBOTS}, MOST_HIDDEN = {MOST_HIDDEN} }};",
     ]
     for name, record in (("Setup", SETUP), ("View", VIEW)):
         parts = (f"{k}[{f.size}]" if f.size > 1 else k for k, f in record.items())

@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.deep.policy import NetworkPolicy
 from agent.firmware.tables import STEERING, bearings_by_offset, best_directions, directions
 from agent.mdp.greedy import PolicyError
 from agent.policies import load_policy, method_name
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy
-from agent.web.layout import MOST_ROBOTS, SETUP, TABLES
+from agent.web.layout import MOST_HIDDEN, MOST_ROBOTS, SETUP, TABLES
 from cosim.coupling.assembly import new_plant
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import SHIELD
@@ -36,6 +37,7 @@ PLAYED = {  # fields of worlds that a page has
     *("restitution", "mu", "mu_patches", "motor_speed_noise", "motor_spread", "obstacles"),
     *("payload_g", "payload_offset_mm", "motor_phases_deg", "sensor", "edge"),
 }
+PagePolicy = Policy | PairPolicy | NetworkPolicy
 _PCG64_FACTOR = 0x2360ED051FC65DA44385DF649FCCF645
 
 
@@ -51,17 +53,22 @@ class Packed(NamedTuple):
     tables: dict[str, np.ndarray]
 
 
-def load_page_policy(path: Path, scenario: Scenario) -> Policy | PairPolicy:
+def load_page_policy(path: Path, scenario: Scenario) -> PagePolicy:
     """Read a policy that a page can play.
 
     Raises:
-        PolicyError: the file cannot be read, is of another scenario, or holds a network.
+        PolicyError: the file cannot be read, is of another scenario, or of a method that plans.
     """
     policy = load_policy(path, scenario)
-    if not isinstance(policy, Policy | PairPolicy):
+    if isinstance(policy, NetworkPolicy) and (width := len(policy.network.b1)) > MOST_HIDDEN:
         raise PolicyError(
-            f"{path}: a policy by {method_name(policy)}, and a page plays tables; train one with "
-            f"`python -m cosim.run --scenario {scenario.name}`"
+            f"{path}: a network with layers of {width}, and a page plays up to {MOST_HIDDEN}; "
+            "train one with `python -m agent.deep`"
+        )
+    if not isinstance(policy, PagePolicy):
+        raise PolicyError(
+            f"{path}: a policy by {method_name(policy)}, and a page plays tables and networks; "
+            f"train one with `python -m cosim.run --scenario {scenario.name}`"
         )
     return policy
 
@@ -93,7 +100,7 @@ def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
         )
 
 
-def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
+def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
     """Return what a page needs to play the episodes of `cosim.simulate(..., portable=True)`.
 
     Args:
@@ -129,6 +136,7 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         "medium_squared": thresholds.medium,
         "strides": process.strides,
         "states": process.state_count,
+        "hidden": len(policy.network.b1) if isinstance(policy, NetworkPolicy) else 0,
         "walls": len(scenario.walls),
         "forbidden": forbidden.shape[1],
         "dt_s": timing.dt_s,
@@ -195,6 +203,9 @@ def pack(policy: Policy | PairPolicy, scenario: Scenario, config: CoSimConfig) -
         kept = policy.arrays()
         first = kept.get("first", np.zeros(policy.times.alone.shape, np.uint16))
         tables |= policy.times._asdict() | {"delay": kept["delay"], "first": first}
+    elif isinstance(policy, NetworkPolicy):
+        tables["network"] = np.concatenate([part.ravel() for part in policy.network])
+        tables["possible"] = np.packbits(policy.inputs.possible, axis=-1, bitorder="little")
     else:
         tables["best"] = best_directions(policy.values)
     packed = {

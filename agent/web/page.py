@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from agent.training.pair_policy import PairPolicy
-from agent.training.policy import Policy
 from agent.web.layout import SETUP, TABLES, VIEW
-from agent.web.packing import pack
+from agent.web.packing import PagePolicy, pack
 from cosim.base.storage import replacing
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
@@ -27,7 +25,7 @@ SCRIPTS = ("board.js", "plot.js", "main.js")
 
 
 def render_page(
-    policy: Policy | PairPolicy,
+    policy: PagePolicy,
     scenario: Scenario,
     config: CoSimConfig,
     wasm: bytes,
@@ -122,7 +120,7 @@ def _kept_sparse(table: np.ndarray) -> list[str]:
     return [_kept(np.packbits(mask).tobytes()), _kept(halves.tobytes())]
 
 
-def _maps(policy: Policy | PairPolicy) -> list[dict[str, Any]]:
+def _maps(policy: PagePolicy) -> list[dict[str, Any]]:
     """Value and best direction of every cell by robot; None where nothing is known."""
     return [
         {

@@ -13,13 +13,14 @@ from minirobots.options import File, ScenarioName, Seed, Simulating
 class Web(Simulating):
     """Write one HTML file that plays the episodes of a policy in a browser, without network.
 
-    Motors, bodies, steering and tables run in it as C, compiled to WebAssembly (docs/web.md says
+    Motors, bodies, steering and policies run in it as C, compiled to WebAssembly (docs/web.md says
     what is the same as in the co-simulation and what is refused). The file opens from disk.
     """
 
     scenario: ScenarioName = "4"
     policy: File
-    """Policy that acts by tables (policy.npz), as `minirobots run` writes it."""
+    """Policy (policy.npz) that `minirobots run` or `minirobots deep` writes, but for the method
+    planned."""
     out: File
     """Page to write (.html)."""
     worlds: tuple[str, ...] = ()

@@ -6,9 +6,26 @@
 
 #include "arctangent.c"
 
-#include "pair.h"
-
 int32_t present_robot;
+
+static Cell target_of(int32_t robot) {
+    return (Cell){(int32_t)setup.targets[2 * robot], (int32_t)setup.targets[2 * robot + 1]};
+}
+
+static float largest_of(const float values[DIRECTIONS]) {
+    float largest = values[0];
+    for (int k = 1; k < DIRECTIONS; k++)
+        largest = values[k] > largest ? values[k] : largest;
+    return largest;
+}
+
+static double between(double x, double low, double high) {
+    const double raised = x > low ? x : low;
+    return raised < high ? raised : high;
+}
+
+#include "network.h"
+#include "pair.h"
 
 static Robot robot_of[MOST_ROBOTS];
 static bool was_moving[MOST_ROBOTS];
@@ -44,10 +61,8 @@ void onboard_start(const Known *known, Random random) {
 
 static bool has_ended(const Robot *robot) { return robot->mode == HOLD || robot->mode == PAST; }
 
-/* Bits of the best directions of both robots of a pair. */
-static void ask_pair(const Cell cells[2], const int32_t towards[2], uint8_t chosen[2]) {
+static void ask_pair(const Cell cells[2], const int32_t towards[2], float values[][DIRECTIONS]) {
     int32_t at[2], goals[2], axes[2];
-    float values[2][DIRECTIONS];
     for (int i = 0; i < 2; i++) {
         const Robot *robot = &robot_of[i];
         at[i] = goals[i] = cells[i].x * ROWS + cells[i].y;
@@ -57,26 +72,32 @@ static void ask_pair(const Cell cells[2], const int32_t towards[2], uint8_t chos
         axes[i] = towards[i] % AXES;
     }
     pair_values(at, goals, axes, values);
-    for (int i = 0; i < 2; i++) {
-        float largest = values[i][0];
-        chosen[i] = 0;
-        for (int k = 1; k < DIRECTIONS; k++)
-            largest = values[i][k] > largest ? values[i][k] : largest;
-        for (int k = 0; k < DIRECTIONS; k++)
-            chosen[i] |= (uint8_t)((values[i][k] == largest) << k);
-    }
+}
+
+/* A bit for each direction that a robot's table, the network or a look ahead has as the best. */
+static uint8_t best_of(const Cell cells[], int32_t squared, int32_t before, int32_t other,
+                       int32_t towards, float values[DIRECTIONS]) {
+    if (table.best)
+        return table.best[(ROBOT - 1) * STATES + state_of(cells, squared, before, other, towards)];
+    if (table.network)
+        network_values(cells, values);
+    const float largest = largest_of(values);
+    uint8_t bits = 0;
+    for (int k = 0; k < DIRECTIONS; k++)
+        bits |= (uint8_t)((values[k] == largest) << k);
+    return bits;
 }
 
 void onboard_decide(const Known *known) {
     Position seen[ROBOTS];
     Cell cells[ROBOTS];
     int32_t towards[ROBOTS];
-    uint8_t chosen[MOST_ROBOTS];
+    float values[MOST_ROBOTS][DIRECTIONS];
     see(known->positions, seen, cells);
     for (int32_t i = 0; i < ROBOTS; i++)
         towards[i] = facing(known->headings[i]);
     if (table.delay)
-        ask_pair(cells, towards, chosen);
+        ask_pair(cells, towards, values);
     for (int32_t i = 0; i < ROBOTS; i++) {
         Robot *robot = &robot_of[i];
         int32_t other;
@@ -84,10 +105,8 @@ void onboard_decide(const Known *known) {
         const bool late = robot->period - robot->moving_since >= MOVE_LIMIT_PERIODS;
         if (!robot->arrived && (has_ended(robot) || late)) {
             const int32_t squared = nearest(cells, &other);
-            best = table.best + (size_t)i * STATES;
-            if (!table.delay)
-                chosen[i] = best[state_of(cells, squared, robot->squared, other, towards[i])];
-            int32_t direction = choose(chosen[i], towards[i]);
+            const uint8_t best = best_of(cells, squared, robot->squared, other, towards[i], values[i]);
+            int32_t direction = choose(best, towards[i]);
             if (setup.shielded != 0.0)
                 direction = yielded(seen, known->variances, i, direction);
             if (direction == WAIT) {

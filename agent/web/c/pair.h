@@ -117,10 +117,7 @@ static void pair_values(const int32_t at[2], const int32_t goals[2], const int32
     for (int i = 0; i < 2; i++) {
         float *mine = values[i];
         if (best_moves[0] >= 0) {
-            float largest = mine[0];
-            for (int k = 1; k < DIRECTIONS; k++)
-                raise_to(&largest, mine[k]);
-            mine[best_moves[i]] = largest + (float)GRAIN_S;
+            mine[best_moves[i]] = largest_of(mine) + (float)GRAIN_S;
         }
         for (int k = 1; driven[i] && k < DIRECTIONS; k++)
             mine[k] = mine[0];

@@ -34,11 +34,6 @@ typedef struct {
 static Kept kept_of[MOST_ROBOTS];
 static Random detours;
 
-static double between(double x, double low, double high) {
-    const double raised = x > low ? x : low;
-    return raised < high ? raised : high;
-}
-
 static Position away_from(const double edge[4], Position at) {
     return (Position){at.x - between(at.x, edge[0], edge[2]), at.y - between(at.y, edge[1], edge[3])};
 }

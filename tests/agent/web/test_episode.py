@@ -13,6 +13,7 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions, resolve
+from tests.agent.deep.test_deep import network
 from tests.agent.firmware.test_firmware import random_policy
 from tests.references.web_episode import NativeEpisode, steps_of
 
@@ -82,6 +83,12 @@ def test_unequal_motors_seen_by_a_camera_have_the_bits_of_the_kernels(library, s
     policy = random_policy(find_scenario("4-ring"), "xydgb", np.random.default_rng(3))
     world = "cosim/model/worlds/rough.toml"
     compare(library, policy, [1], world=world, shield=shield, time_limit=30.0)
+
+
+@pytest.mark.parametrize("name", ["1a", "4-ring"])
+def test_networks_have_the_bits_of_the_kernels(library, name):
+    policy = network(find_scenario(name), 3)
+    compare(library, policy, [1], shield=True, time_limit=16.0, on_collision="continue")
 
 
 def test_loads_and_phases_have_the_bits_of_the_kernels(library):
@@ -154,7 +161,7 @@ def test_worlds_that_a_page_lacks_are_refused_by_name(world):
         require_playable(find_scenario("2"), SimulationOptions().config(World(**world)))
 
 
-def test_foreign_policies_are_refused(tmp_path):
+def test_foreign_policies_are_refused(tmp_path, monkeypatch):
     damaged = tmp_path / "policy.npz"
     damaged.write_bytes(b"PK nothing")
     with pytest.raises(UserError, match=r"policy\.npz"):
@@ -162,3 +169,7 @@ def test_foreign_policies_are_refused(tmp_path):
     agent.train("1a", method="shortest").save(tmp_path / "other.npz")
     with pytest.raises(PolicyError, match="1a"):
         load_page_policy(tmp_path / "other.npz", find_scenario("2"))
+    network(find_scenario("2")).save(tmp_path / "wide.npz")
+    monkeypatch.setattr("agent.web.packing.MOST_HIDDEN", 15)
+    with pytest.raises(PolicyError, match="layers of 16, and a page plays up to 15"):
+        load_page_policy(tmp_path / "wide.npz", find_scenario("2"))

@@ -101,6 +101,8 @@ def test_page_is_played_by_keys_on_a_phone(browser, tmp_path, scheme):
     page.keyboard.press(" ")
     page.wait_for_function("parseFloat(document.getElementById('time').textContent) > 3")
     assert page.inner_text("#play") == "Pause"
+    assert not page.is_visible("#world")  # there is one, without a shield
+    assert not page.is_visible("#shielded")
     page.keyboard.press(" ")
     page.wait_for_timeout(300)
     assert page.inner_text("#play") == "Play"
