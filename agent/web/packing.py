@@ -17,7 +17,7 @@ from cosim.coupling.assembly import new_plant
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.scenario import Scenario
-from cosim.model.world import IDEAL, motor_phases
+from cosim.model.world import Drawn, motor_phases
 from cosim.onboard.camera import (
     DELAY,
     HEADING_VARIANCE,
@@ -28,15 +28,11 @@ from cosim.onboard.camera import (
     frames_within,
 )
 from cosim.onboard.features import distance_thresholds
-from cosim.physics.properties import body_params
+from cosim.physics.properties import body_params, gravity
 from cosim.simulation.batch import floor_patches
 from cosim.simulation.measures import PATH_SAMPLING_S
 from fmus.variables import load_table
 
-PLAYED = {  # fields of worlds that a page has
-    *("restitution", "mu", "mu_patches", "motor_speed_noise", "motor_spread", "obstacles"),
-    *("payload_g", "payload_offset_mm", "motor_phases_deg", "sensor", "edge"),
-}
 PagePolicy = Policy | PairPolicy | NetworkPolicy
 _PCG64_FACTOR = 0x2360ED051FC65DA44385DF649FCCF645
 
@@ -87,9 +83,6 @@ def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
         "--motor-fmu": bool(config.motor_fmu),
         "--motor-parameter": bool(config.motor_parameters),
     }
-    for field in config.world.__struct_fields__:
-        if field not in PLAYED:
-            lacking[f"{field} in --world"] = getattr(config.world, field) != getattr(IDEAL, field)
     found = [name for name, asked in lacking.items() if asked]
     if found:
         raise ConfigError(f"a page has nothing for {', '.join(found)}; leave it out")
@@ -114,7 +107,8 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
     require_playable(scenario, config)
     plant = new_plant(config, scenario.robots, end_on_collision=config.on_collision == "end")
     process, thresholds, timing = policy.process, distance_thresholds(scenario), config.timing
-    body = body_params(config.robot, config.motor, timing.dt_s, world=config.world)
+    down = gravity(config.world, Drawn((), 0.0), config.motor.g, portable=True)
+    body = body_params(config.robot, config.motor, timing.dt_s, gravity=down, world=config.world)
     contact, ticks = body.contact, config.ticks_per_period
     steering = config.steering._asdict()
     forbidden, closed = scenario.forbidden * scenario.cell_m, scenario.closed * scenario.cell_m
@@ -140,6 +134,7 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         "walls": len(scenario.walls),
         "forbidden": forbidden.shape[1],
         "dt_s": timing.dt_s,
+        "inverse_dt": body.inverse_dt,
         "control_period_s": ticks * timing.dt_s,
         "ticks_per_period": ticks,
         "decision_periods": config.periods_per_step,
@@ -164,7 +159,7 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         "start_quaternion": (math.cos(facing), math.sin(facing)),
         "com_height_m": config.robot.com_height_m,
         "diameter_m": plant.pair.diameter,
-        "mu": contact.mu[0],
+        "mu": contact.mu,
         "mu_robots": plant.pair.mu,
         "inverse_mass": body.inverse_mass,
         "inertia": body.inertia,
@@ -172,7 +167,7 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         "products": (body.product, body.inverse_product),
         "phases": np.nan_to_num(motor_phases(config.world, scenario.robots)),
         "centre": body.centre,
-        "gravity": body.gravity[2],
+        "gravity": body.gravity,
         "restitution": config.world.restitution or 0.0,
         "feet": (*contact.a, *contact.b, *contact.c),
         "step_normal": contact.step_normal,
@@ -197,7 +192,7 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         "patches": patches,
         "bearings": bearings_by_offset(process),
     }
-    if config.world.motor_spread or config.world.camera.rate_hz:
+    if config.world.draws or config.world.camera.rate_hz:
         tables["widths"] = _normal_widths()
     if isinstance(policy, PairPolicy):
         kept = policy.arrays()

@@ -14,8 +14,9 @@ from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.trial import Trial
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.world import draw_world, gravity
+from cosim.model.world import draw_world
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
+from cosim.physics.properties import gravity
 
 ROBOTS, TRIALS, ROUNDS = 64, 4, 8  # 2048 stops
 EXCEEDED, CONFIDENCE = 1e-5, 0.99  # share of the stops that come further, and how sure that is
@@ -60,7 +61,7 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
     period_s, steering = config.timing.control_period_s, config.steering
     largest = steering.max_speed_rad_s + steering.dither_rad_s
     drawn = draw_world(config.world, config.motor, robots, sequence)
-    slope = gravity(config.world, drawn, config.motor.g)
+    slope = gravity(config.world, drawn, config.motor.g, config.portable)
     headings = rng.uniform(-np.pi, np.pi, robots)
     periods_of_ticks, slower = round(_TICKS_S / period_s), _slower(config)
     with Trial(fmu, config, headings, sequence, motors=drawn.motors, gravity=slope) as trial:

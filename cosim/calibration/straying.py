@@ -19,7 +19,7 @@ from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import ESTIMATOR, EstimatorParams
-from cosim.model.world import CAMERA_CHILD, draw_world, generator, gravity
+from cosim.model.world import CAMERA_CHILD, draw_world, generator
 from cosim.onboard.camera import (
     FRAME_SIZE,
     NOISE,
@@ -32,6 +32,7 @@ from cosim.onboard.camera import (
 from cosim.onboard.estimation import ESTIMATE_SIZE, ODOMETRY, POSE
 from cosim.onboard.shield import variance_of
 from cosim.onboard.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START, THROUGH
+from cosim.physics.properties import gravity
 
 ROBOTS, LENGTH_S = 48, 12.0
 RESERVE = 1.25  # assumed: over the largest bias that was measured
@@ -64,7 +65,7 @@ def drive_about(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> T
     rng, sequence = np.random.default_rng(seed), np.random.SeedSequence(seed)
     period_s, sensor = config.timing.control_period_s, config.world.camera
     drawn = draw_world(config.world, config.motor, robots, sequence)
-    slope = gravity(config.world, drawn, config.motor.g)
+    slope = gravity(config.world, drawn, config.motor.g, config.portable)
     headings = rng.uniform(-np.pi, np.pi, robots)
     frames = frames_within(sensor, LENGTH_S)
     of_each = [generator(sequence, CAMERA_CHILD + robot) for robot in range(robots)]

@@ -4,7 +4,6 @@ A `World` is what the table `[world]` of a file declares; the default is the pap
 from episode to episode is drawn from it with the episode's seed.
 """
 
-import math
 from typing import Annotated
 
 import msgspec
@@ -237,19 +236,6 @@ def draw_world(
         return motor._replace(K_T=motor.K_T * k_t, R=motor.R * r, J=motor.J * j, r=motor.r * mr)
 
     return Drawn(tuple((own(d), own(e)) for d, e in factors), direction_deg)
-
-
-def gravity(world: World, drawn: Drawn, g: float) -> tuple[float, float, float]:
-    """Gravitational acceleration in m/s² in the frame of the floor, z away from it.
-
-    Args:
-        world: with the slope.
-        drawn: with its direction.
-        g: its amount.
-    """
-    slope, direction = math.radians(world.floor_tilt_deg), math.radians(drawn.tilt_direction_deg)
-    along = g * math.sin(slope)
-    return along * math.cos(direction), along * math.sin(direction), -g * math.cos(slope)
 
 
 def motor_phases(world: World, robots: int) -> np.ndarray:

@@ -3,18 +3,20 @@
 Robots of one batch may live in different worlds: everything that a world changes has a row here.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.model.params import MotorParams, RobotParams
-from cosim.model.world import IDEAL, World
+from cosim.model.world import IDEAL, Drawn, World
 from cosim.physics.contact import CONTACT_TOLERANCE, ContactParams, contact_params
 from cosim.physics.forces import MotorMount
 from cosim.physics.lanes import Width, any_lane, load
 from cosim.physics.mass import mass_of
 from cosim.physics.rotation import Vector, dot, rotation_matrix
+from cosim.physics.trig import sine_and_cosine
 
 # Rows of the properties, in SI units; of vectors the first one. Names are those of `BodyParams`,
 # `ContactParams` and `MotorMount`.
@@ -113,6 +115,23 @@ def properties_of(params: BodyParams, *mounts: MotorMount) -> np.ndarray:
             *(value for mount in mounts for value in (mount.r, mount.J)),
         ]
     )
+
+
+def gravity(
+    world: World, drawn: Drawn, g: float, portable: bool = False
+) -> tuple[float, float, float]:
+    """Return the gravitational acceleration in m/s² in the frame of the floor, z away from it.
+
+    Args:
+        world: with the slope.
+        drawn: with its direction.
+        g: its amount.
+        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
+    """
+    sine, down = sine_and_cosine(math.radians(world.floor_tilt_deg), portable)
+    aside, ahead = sine_and_cosine(math.radians(drawn.tilt_direction_deg), portable)
+    along = g * sine
+    return along * ahead, along * aside, -g * down
 
 
 @inlined

@@ -20,7 +20,7 @@ from cosim.coupling.signals import MOTORS, RawSamples, Samples, State
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK, RUNNING, Outcome
 from cosim.model.scenario import Cell, Scenario
-from cosim.model.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator, gravity
+from cosim.model.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator
 from cosim.onboard.camera import camera_of, draw_sight
 from cosim.onboard.estimation import POSE
 from cosim.onboard.features import (
@@ -44,6 +44,7 @@ from cosim.onboard.steering import (
 )
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics.body_state import POSITION, standing_state
+from cosim.physics.properties import gravity
 from cosim.simulation.measures import Measures
 
 
@@ -92,7 +93,7 @@ class RunningEpisode:
         ] = []
         self.scenario, self.config = scenario, config
         self.drawn = draw_world(config.world, config.motor, n, seed)
-        down = gravity(config.world, self.drawn, config.motor.g)
+        down = gravity(config.world, self.drawn, config.motor.g, config.portable)
         for column, motors in enumerate(self.drawn.motors, columns.start):
             state.properties[:, column] = robot_properties(config, down, motors)
         self._board = board_of(scenario)

@@ -11,7 +11,9 @@ typedef struct {
     Vector inertia, inverse_inertia; /* about the centre of mass, body frame */
     double product, inverse_product; /* elements xy of both tensors, 0 unless off the axis */
     double centre_x, centre_y;       /* of mass, from the robot's axis */
-    double gravity, mu[FOOT_COUNT], restitution; /* mu under feet A, B, C */
+    Vector gravity;                  /* world frame */
+    double mu[FOOT_COUNT];           /* under feet A, B, C */
+    double restitution;
     double dt, inverse_dt;
     Contact contact;
 } BodyConstants;
@@ -124,11 +126,10 @@ INLINE double least_speed(Vector foot, const Body *body, Vector normal, double m
  * contacts. */
 static Body body_stepped(Body body, const BodyConstants *p, Wrench applied) {
     const double dt = p->dt;
-    const Vector gravity = {0.0, 0.0, p->gravity};
     const Matrix world_from_body = rotation_matrix(body.orientation);
     /* Eq. (2), before contacts and seen from the body */
     const Vector free_velocity =
-        plus(to_body(world_from_body, plus(body.velocity, dt, gravity)), dt * p->inverse_mass,
+        plus(to_body(world_from_body, plus(body.velocity, dt, p->gravity)), dt * p->inverse_mass,
              applied.force);
     const Vector spun = body_spun(body.omega, p);
     const Vector free_omega =
@@ -158,7 +159,7 @@ static Body body_stepped(Body body, const BodyConstants *p, Wrench applied) {
     }
 
     const Vector push = to_world(world_from_body, plus(now.total, dt, applied.force));
-    body.velocity = plus(plus(body.velocity, dt, gravity), p->inverse_mass, push);
+    body.velocity = plus(plus(body.velocity, dt, p->gravity), p->inverse_mass, push);
     body.position = plus(body.position, dt, body.velocity);
     body.orientation = rotated(body.orientation, scaled(dt, plus(now.omega, 0.5, half_spin)));
     body.omega = now.omega;

@@ -95,7 +95,7 @@ static BodyConstants design_body(double mass, double diameter, double height, do
         .inverse_mass = 1.0 / mass,
         .inertia = {i_xx, i_xx, i_zz},
         .inverse_inertia = {1.0 / i_xx, 1.0 / i_xx, 1.0 / i_zz},
-        .gravity = -g,
+        .gravity = {0.0, 0.0, -g},
         .contact.foot = {{x, y, -com_height}, {-foot_radius, 0.0, -com_height},
                          {x, -y, -com_height}},
         .contact.spin_inertia = i_zz / foot_radius,

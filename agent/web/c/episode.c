@@ -4,6 +4,7 @@
  * A page or a test writes `episode_setup` and the tables, begins an episode by its seed, advances it by
  * control periods and reads `episode_view`. */
 #include <stdlib.h>
+#include <string.h>
 
 #include "body.h"
 #include "camera.h"
@@ -13,6 +14,7 @@
 #include "onboard.h"
 
 #define EXPORT __attribute__((visibility("default")))
+#define PI 0x1.921fb54442d18p+1
 #define NEAR_M 2e-3 /* of contact: what is nearer is looked at in every tick */
 
 enum { MOTORS = 2, DRAWS = 20000 };
@@ -69,37 +71,6 @@ static double between(double x, double low, double high) {
 
 static int robot_count(void) { return (int)setup.robots; }
 
-static Vector vector(const double values[3]) { return (Vector){values[0], values[1], values[2]}; }
-
-static Mount mount(const double v[7]) { return (Mount){v[0], v[1], v[2], v[3], v[4], v[5], v[6]}; }
-
-static void derive(void) {
-    const BodyConstants constants = {
-        .inverse_mass = setup.inverse_mass,
-        .inertia = vector(setup.inertia),
-        .inverse_inertia = vector(setup.inverse_inertia),
-        .product = setup.products[0],
-        .inverse_product = setup.products[1],
-        .centre_x = setup.centre[0],
-        .centre_y = setup.centre[1],
-        .gravity = setup.gravity,
-        .mu = {setup.mu, setup.mu, setup.mu},
-        .restitution = setup.restitution,
-        .dt = setup.dt_s,
-        .inverse_dt = 1.0 / setup.dt_s,
-        .contact = {.foot = {vector(setup.feet), vector(setup.feet + 3), vector(setup.feet + 6)},
-                    .step_normal = setup.step_normal,
-                    .step_tangential = setup.step_tangential,
-                    .spin_inertia = setup.spin_inertia,
-                    .tolerance = setup.tolerance},
-    };
-    for (int i = 0; i < MOST_ROBOTS; i++) {
-        constants_of[i] = constants;
-        for (int k = 0; k < MOTORS; k++)
-            mounts[i][k] = mount(setup.mounts + 7 * k);
-    }
-}
-
 static double from_angle(Quaternion q) {
     return onboard_angle(2.0 * (q.x * q.y + q.w * q.z), 1.0 - 2.0 * (q.y * q.y + q.z * q.z));
 }
@@ -138,6 +109,17 @@ static void spread_motor(int i, int k, Random *random) {
     mounts[i][k].J = p->J;
 }
 
+/* Let the floor fall in a drawn direction, in deg rounded to 6 digits. */
+static void tilt_floor(Random *random) {
+    const Wide scaled = (Wide)(360.0 * next_double(random) * 0x1p64) * 1000000;
+    const double direction_deg = (double)(int64_t)((scaled + ((Wide)1 << 63)) >> 64) / 1e6;
+    const Trig t = sine_cosine(direction_deg * (PI / 180.0));
+    for (int i = 0; i < robot_count(); i++) {
+        constants_of[i].gravity.x = setup.gravity[0] * t.cosine;
+        constants_of[i].gravity.y = setup.gravity[0] * t.sine;
+    }
+}
+
 /* The friction coefficients that are under a robot's feet: `feel_patches` of
  * cosim/physics/properties.py in C. */
 static void feel_patches(int i) {
@@ -148,10 +130,10 @@ static void feel_patches(int i) {
         const Vector arm = {foot.x - p->centre_x, foot.y - p->centre_y, foot.z};
         const double x = bodies[i].position.x + dot(axes.x, arm);
         const double y = bodies[i].position.y + dot(axes.y, arm);
-        p->mu[k] = setup.mu;
+        p->mu[k] = setup.mu[0];
         for (const double *e = table.patches; e < table.patches + 5 * (int)setup.patches; e += 5)
             if (e[0] <= x && x < e[2] && e[1] <= y && y < e[3])
-                p->mu[k] = e[4] == e[4] ? e[4] : setup.mu;
+                p->mu[k] = e[4] == e[4] ? e[4] : setup.mu[0];
     }
 }
 
@@ -187,7 +169,8 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     int32_t starts[MOST_ROBOTS][2];
     Random random = random_of((uint64_t)seed, start_keys, 2);
     Random world = random_of((uint64_t)seed, world_keys, 3);
-    derive();
+    BodyConstants body;
+    memcpy(&body, &setup.inverse_mass, sizeof body);
     view = (View){0};
     tick = period_of_step = periods_since_point = 0;
     pair_count = 0;
@@ -196,6 +179,8 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     for (int i = 0; i < robot_count(); i++) {
         const double x = (starts[i][0] + 0.5) * setup.cell_m, y = (starts[i][1] + 0.5) * setup.cell_m;
         const bool up = setup.size[1] / 2.0 - y >= 0.0;
+        constants_of[i] = body;
+        memcpy(mounts[i], setup.mounts, sizeof mounts[i]);
         bodies[i] = (Body){.position = {x, y, setup.com_height_m},
                            .orientation = {setup.start_quaternion[0], 0.0, 0.0,
                                            up ? setup.start_quaternion[1]
@@ -213,12 +198,14 @@ EXPORT int episode_begin(double seed, uint32_t number) {
                 motor->constants.value[j] = setup.motor[j];
             motor->constants.closed_loop = true;
             motor->constants.theta_start = setup.phases[MOTORS * i + k];
-            if (setup.spread > 0.0)
+            if (setup.spread > 0.0 || setup.gravity[0] > 0.0)
                 spread_motor(i, k, &world);
             motor_derive(&motor->constants);
             motor->x = motor_start(&motor->constants);
         }
     }
+    if (setup.gravity[0] > 0.0)
+        tilt_floor(&world);
     onboard_start(&known, random_of((uint64_t)seed, detour_keys, 3));
     outcome = RUNNING;
     show();
