@@ -4,7 +4,6 @@
 leaves open, into the arrays that the kernels of `agent.mdp.grid` walk on. No dynamics here.
 """
 
-import itertools
 import math
 from typing import NamedTuple
 
@@ -88,7 +87,12 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
             contact, D is larger than any board, or the tables are too large.
     """
     thresholds = distance_thresholds(scenario)
-    terrain = np.stack([_terrain(scenario, config, thresholds, i) for i in range(scenario.robots)])
+    terrain = np.stack(
+        [
+            _terrain(scenario, config, thresholds, robot, rectangles)
+            for robot, rectangles in enumerate(scenario.forbidden)
+        ]
+    )
     near = ", or too near another's target" if config.target_obstacle == "disk" else ""
     for robot, cells in enumerate(scenario.starts):
         for x, y in cells:
@@ -162,13 +166,19 @@ def _disk(centre: Cell, squared_radius: int, scenario: Scenario) -> list[Cell]:
 
 
 def _terrain(
-    scenario: Scenario, config: ProcessConfig, thresholds: DistanceThresholds, robot: int
+    scenario: Scenario,
+    config: ProcessConfig,
+    thresholds: DistanceThresholds,
+    robot: int,
+    rectangles: np.ndarray,
 ) -> np.ndarray:
-    """Terrain as one robot sees it, uint8 of shape (columns + 2, rows + 2)."""
+    """Terrain as one robot sees it, uint8 of shape (columns + 2, rows + 2).
+
+    `rectangles` are the robot's of `Scenario.forbidden`, which takes long for many robots.
+    """
     terrain = np.full((scenario.columns + 2, scenario.rows + 2), OUTSIDE, dtype=np.uint8)
     terrain[1:-1, 1:-1] = FREE
     terrain[1:-1, 1:-1][_blocked(scenario, 1)] = OBSTACLE
-    rectangles = scenario.forbidden[robot]
     for left, bottom, right, top in rectangles[np.isfinite(rectangles[:, 0])].astype(int):
         terrain[left + 1 : right + 1, bottom + 1 : top + 1] = FORBIDDEN
     others = [t for other, t in enumerate(scenario.targets) if other != robot]
@@ -184,9 +194,11 @@ def _has_free_starts(scenario: Scenario, contact: int) -> bool:
     """Return whether some of many draws of an episode's start cells have no contact."""
     rng = np.random.default_rng(0)
     drawn = [np.array(cells)[rng.integers(len(cells), size=DRAWS)] for cells in scenario.starts]
+    low, high = (np.array([edge(cells, axis=0) for cells in drawn]) for edge in (np.min, np.max))
+    gap = np.maximum(low[:, None] - high, low - high[:, None]).clip(0)  # between any two robots
     free = np.full(DRAWS, fill_value=True)
-    for a, b in itertools.combinations(drawn, 2):
-        free &= ((a - b) ** 2).sum(axis=1) > contact
+    for a, b in np.argwhere(np.triu((gap**2).sum(axis=2) <= contact, 1)).tolist():
+        free &= ((drawn[a] - drawn[b]) ** 2).sum(axis=1) > contact
     return bool(free.any())
 
 

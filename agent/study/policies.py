@@ -44,8 +44,8 @@ class ObjectPolicy:
 
     @cached_property
     def process(self) -> Process:
-        """The paper's process in the scenario, for the starts."""
-        return build_process(self.config.scenario, ProcessConfig())
+        """The process in the scenario, for the starts; one feature will do, as it has no tables."""
+        return build_process(self.config.scenario, ProcessConfig(features=("x",)))
 
     def _ask(self, method: str, seen: Any) -> Any:
         try:

@@ -76,8 +76,9 @@ class _Joined:
         self._steps, self._rows = steps, rows
 
     def __getattr__(self, name: str) -> np.ndarray:
-        joined = np.concatenate([getattr(step.samples, name) for step in self._steps])
-        setattr(self, name, joined[self._rows])
+        parts = [getattr(step.samples, name).swapaxes(0, 1) for step in self._steps]
+        joined = np.concatenate(parts, axis=1)  # a robot's rows are together, as Arrow wants them
+        setattr(self, name, joined.swapaxes(0, 1)[self._rows])
         return getattr(self, name)
 
 
@@ -270,7 +271,11 @@ class EpisodeRecorder:
         dt, ticks = self._config.timing.dt_s, self._config.ticks_per_period
         times = [s.first_tick + ticks * np.arange(1, len(s.samples.omega) + 1) for s in steps]
         time_s = dt * np.concatenate(times)
+        end_s = self._end_s(steps[-1])
+        whole = self._live or end_s > self._next_flush_s - _ROUNDING_S
         self._write_signals(steps, samples, time_s)
+        if whole or end_s < _SHORT_S:
+            self._file.send_rows(_MANY_ROWS)  # Rerun encodes them while the rest is made
         self._write_bursts([step for step in steps if self._burst_is_due(step)])
         for robot, (name, scene) in enumerate(zip(self._names, self._scenes, strict=True)):
             scene.write(steps, samples, time_s)
@@ -279,12 +284,11 @@ class EpisodeRecorder:
         if not self._all_sampled:
             self._write_swarm(steps)
         self._write_log(stretch)
-        time_s = self._end_s(steps[-1])
-        if self._live or time_s > self._next_flush_s - _ROUNDING_S:
+        if whole:
             self._next_flush_s += _MINUTE_S
             self._file.flush()
-        elif time_s < _SHORT_S:
-            self._file.flush(_MANY_ROWS)
+        elif end_s < _SHORT_S:
+            self._file.send_rows(_MANY_ROWS)
 
     def _send(
         self, entity: str, time_s: np.ndarray, values: np.ndarray, rl_step: Any = None

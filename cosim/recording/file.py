@@ -87,15 +87,19 @@ class Sink(ABC):
         self.send([Chunk.from_property(name, properties(values))])
 
     def columns(self, entity: str, times: list[rr.TimeColumn], columns: Any) -> None:
-        """Take rows of one entity, one per time; `flush` makes a chunk of them."""
+        """Take rows of one entity, one per time; `send_rows` makes a chunk of them."""
         self._gathered.setdefault(entity, []).append(_Rows(times, list(columns)))
 
-    def flush(self, least_rows: int = 0) -> None:
+    def send_rows(self, least_rows: int = 0) -> None:
         """Send rows taken so far, of entities that have at least a number of them."""
         for entity, parts in list(self._gathered.items()):
             if sum(len(rows.times[0].as_arrow_array()) for rows in parts) >= least_rows:
                 del self._gathered[entity]
                 self.send([_chunk(entity, parts)])
+
+    def flush(self) -> None:
+        """Write out what was taken so far."""
+        self.send_rows()
 
     @abstractmethod
     def check_space(self) -> None:
@@ -213,20 +217,19 @@ class Recording(Sink):
         """Write chunks."""
         self.stream.send_chunks(chunks)
 
-    def flush(self, least_rows: int = 0) -> None:
-        """Write out what was taken so far, except rows of entities that have fewer of them.
+    def flush(self) -> None:
+        """Write out what was taken so far.
 
         Raises:
             RecordingError: it did not reach the disk, or not in time.
         """
-        super().flush(least_rows)
+        super().flush()
         self._write_through()
         try:
             self._file.settle()
         except OSError as error:
             raise self._incomplete(error) from error
-        if not least_rows:
-            _give_back_memory()
+        _give_back_memory()
 
     def _write_through(self) -> None:
         try:
@@ -267,7 +270,7 @@ class Recording(Sink):
         """
         if not self._open:
             return
-        super().flush()
+        self.send_rows()
         self._write_through()
         self._open = False
         self.stream.disconnect()

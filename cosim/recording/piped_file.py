@@ -11,10 +11,14 @@ import contextlib
 import errno
 import os
 import selectors
+import sys
 import threading
 from pathlib import Path
 
-_CHUNK_BYTES = 1 << 18
+if sys.platform == "linux":
+    import fcntl
+
+_CHUNK_BYTES = 1 << 20
 
 
 class PipedFile:
@@ -39,6 +43,9 @@ class PipedFile:
         self._file = path.open("wb", buffering=0)
         self._reader, self._writer = os.pipe()
         os.set_blocking(self._reader, False)
+        if sys.platform == "linux":  # elsewhere a pipe holds 64 kB, and is emptied more often
+            with contextlib.suppress(PermissionError):  # to a user with many pipes
+                fcntl.fcntl(self._writer, fcntl.F_SETPIPE_SZ, _CHUNK_BYTES)
         self.address = f"/dev/fd/{self._writer}"
         self._buffer = memoryview(bytearray(_CHUNK_BYTES))
         self._lock = threading.Lock()

@@ -13,6 +13,7 @@ from agent.study.policies import ObjectPolicy, policy_of
 from agent.study.store import EpisodeStore
 from agent.study.user import StudyTable, evaluate, read_study, study
 from cosim.base.errors import UserError
+from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
 from tests.agent.conftest import NEAR
 
@@ -94,6 +95,11 @@ def test_the_identity_of_an_object_is_its_code_and_its_state():
 
     assert ObjectPolicy(Stubborn(), NEAR).recognizable
     assert not ObjectPolicy(Local(), NEAR).recognizable
+
+
+def test_an_object_acts_where_no_table_would_have_room():
+    process = ObjectPolicy(Stubborn(), find_scenario("swarm-256")).process
+    assert len(process.start_offsets) == 256 + 1
 
 
 def test_an_object_without_identity_is_kept_in_memory_only(tmp_path, caplog):

@@ -425,7 +425,7 @@ def test_what_a_killed_episode_wrote_can_be_read(tmp_path):
     omega, position = (episode.signals[f"r1/{name}"] for name in ("motors/omega", "position"))
     assert len(omega.time_s) % 20_000 == 0
     assert omega.time_s[-1] == pytest.approx(1e-3 * len(omega.time_s))
-    assert position.time_s[-1] > omega.time_s[-1] - 60.0
+    assert position.time_s[-1] > omega.time_s[-1] - 60.001  # a minute is lost at most
 
 
 def test_rows_between_two_flushes_are_one_chunk(tmp_path):
