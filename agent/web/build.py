@@ -23,7 +23,6 @@ C = Path(__file__).with_name("c")
 FIRMWARE = ROOT.parent / "agent/firmware/c"
 # Firmware first: constants.h of this folder stands for the generated one.
 FOLDERS = (C, FIRMWARE, *(ROOT / name for name in ("mini_robot", "vibration_motor", "fmi")))
-UNITS = ("episode.c", "onboard.c")
 FLAGS = ("-std=c11", "-O3", "-g0", "-s", "-fno-math-errno", "-fvisibility=hidden", SAME_BITS,
          "-Wall", "-Wextra", "-Wno-unused-function", "-Wno-unused-const-variable",
          "-Wno-unused-parameter")  # fmt: skip
@@ -89,5 +88,5 @@ def _compile(flags: Sequence[str], out: Path) -> None:
         (work / "variables.h").write_text(_variables())
         command = [*compiler_command(), *FLAGS, *flags, f"-I{work}"]
         command += [f"-I{folder}" for folder in FOLDERS]
-        command += [*(str(C / unit) for unit in UNITS), "-o", str(out.absolute())]
+        command += [str(C / "episode.c"), "-o", str(out.absolute())]
         run_compiler(command, work, "the page")

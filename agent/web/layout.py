@@ -2,6 +2,9 @@
 
 from typing import NamedTuple
 
+from agent.firmware.tables import STEERING
+from cosim.model.params import EstimatorParams, ShieldParams
+
 MOST_ROBOTS = 8
 MOST_HIDDEN = 1024  # of a layer of a network
 
@@ -26,6 +29,19 @@ def _fields(**sizes: int) -> dict[str, Field]:
     return found
 
 
+# Names of the parts of some fields, which the C writes in capitals.
+PARTS = {
+    "strides": tuple(f"stride_{feature}" for feature in "xydgbhp"),
+    "steering": STEERING,
+    "motion": ("drive_speed_m_s", "turn_rate_rad_s", "yaw_gain"),
+    "shield": ShieldParams._fields,
+    "camera": (
+        *("interval", "delay", "position_noise_m", "heading_noise_rad", "dropout"),
+        *("position_variance", "heading_variance", "flying", "sights"),
+    ),
+    "filter": EstimatorParams._fields,
+}
+
 # What determines an episode besides policy, starts and seed; units are SI, of lengths cells where
 # nothing is said.
 SETUP = _fields(
@@ -39,11 +55,10 @@ SETUP = _fields(
     contact_squared=1,
     near_squared=1,
     medium_squared=1,
-    strides=7,
+    strides=len(PARTS["strides"]),
     states=1,
     hidden=1,
     walls=1,
-    forbidden=1,
     control_period_s=1,
     ticks_per_period=1,
     decision_periods=1,
@@ -54,18 +69,19 @@ SETUP = _fields(
     ends_on_collision=1,
     noise=1,
     noise_hold_periods=1,
-    steering=11,
+    steering=len(PARTS["steering"]),
     direction_rad=8 + MOST_ROBOTS,  # behind those of moves those of retreats
     direction_x=8 + MOST_ROBOTS,
     direction_y=8 + MOST_ROBOTS,
     shielded=1,
-    shield=7,
+    shield=len(PARTS["shield"]),
     closed=1,
+    closed_zone=4,
     patches=1,
     spread=1,
-    motion=3,
-    camera=9,
-    filter=3,
+    motion=len(PARTS["motion"]),
+    camera=len(PARTS["camera"]),
+    filter=len(PARTS["filter"]),
     within=2,
     start_quaternion=2,
     com_height_m=1,
@@ -113,10 +129,7 @@ VIEW = _fields(
 TABLES = {
     "starts": ("int32_t", "<i4"),  # cells of each robot, one robot after the other
     "walls": ("double", "<f8"),  # left, bottom, right, top in m
-    "forbidden": ("double", "<f8"),  # likewise, as many for each robot
-    "closed": ("double", "<f8"),  # those of them that are known from the start, for the shield
-    "parking": ("double", "<f8"),  # the rest of them, and whose robot may enter each
-    "owners": ("int32_t", "<i4"),
+    "closed": ("double", "<f8"),  # likewise, as many for each robot: of a zone that is closed
     "patches": ("double", "<f8"),  # left, bottom, right, top in m, and mu, NaN: the floor's
     "widths": ("double", "<f8"),  # of the layers that normal numbers are drawn by
     "bearings": ("uint8_t", "u1"),  # direction of another robot by its distance in x and y
@@ -143,6 +156,8 @@ def render_header() -> str:
     for name, record in (("Setup", SETUP), ("View", VIEW)):
         parts = (f"{k}[{f.size}]" if f.size > 1 else k for k, f in record.items())
         lines.append(f"typedef struct {{ double {', '.join(parts)}; }} {name};")
+    for name, names in PARTS.items():
+        lines += [f"#define {part.upper()} setup.{name}[{k}]" for k, part in enumerate(names)]
     pointers = " ".join(f"{kind} *{name};" for name, (kind, _) in TABLES.items())
     lines += [
         f"typedef struct {{ {pointers} }} Tables;",

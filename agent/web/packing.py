@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.deep.policy import NetworkPolicy
-from agent.firmware.tables import STEERING, bearings_by_offset, best_directions, directions
+from agent.firmware.tables import bearings_by_offset, best_directions, directions
 from agent.mdp.greedy import PolicyError
 from agent.policies import load_policy, method_name
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy
-from agent.web.layout import MOST_HIDDEN, MOST_ROBOTS, SETUP, TABLES
+from agent.web.layout import MOST_HIDDEN, MOST_ROBOTS, PARTS, SETUP, TABLES
 from cosim.coupling.assembly import new_plant
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import SHIELD
@@ -111,8 +111,7 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
     body = body_params(config.robot, config.motor, timing.dt_s, gravity=down, world=config.world)
     contact, ticks = body.contact, config.ticks_per_period
     steering = config.steering._asdict()
-    forbidden, closed = scenario.forbidden * scenario.cell_m, scenario.closed * scenario.cell_m
-    (parking, owners), patches = scenario.parking, floor_patches(scenario, config)
+    closed, patches = scenario.closed * scenario.cell_m, floor_patches(scenario, config)
     patches[1 : 2 * config.world.edge, 4] = np.nan  # the board itself, whose mu the page may change
     facing = math.pi / 2.0 / 2.0  # of robots at their start, halved
     motor = config.motor._asdict() | {"step_size": timing.dt_s}
@@ -132,7 +131,6 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         "states": process.state_count,
         "hidden": len(policy.network.b1) if isinstance(policy, NetworkPolicy) else 0,
         "walls": len(scenario.walls),
-        "forbidden": forbidden.shape[1],
         "dt_s": timing.dt_s,
         "inverse_dt": body.inverse_dt,
         "control_period_s": ticks * timing.dt_s,
@@ -145,14 +143,15 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         "ends_on_collision": config.on_collision == "end",
         "noise": config.noise.relative_amplitude,
         "noise_hold_periods": config.periods_per_noise_value,
-        "steering": [steering[name] for name in STEERING],
+        "steering": [steering[name] for name in PARTS["steering"]],
         **directions(),
         "shielded": config.shield is not None,
         "shield": config.shield or SHIELD,
         "closed": closed.shape[1],
+        "closed_zone": scenario.zone if scenario.zone_is_obstacle else (0, 0, -1, -1),
         "patches": len(patches),
         "spread": config.world.motor_spread or 0.0,
-        "motion": [steering[n] for n in ("drive_speed_m_s", "turn_rate_rad_s", "yaw_gain")],
+        "motion": [steering[name] for name in PARTS["motion"]],
         "camera": _camera(config),
         "filter": config.estimator,
         "within": np.nextafter(scenario.size_m, 0.0),
@@ -185,10 +184,7 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
     tables: dict[str, np.ndarray] = {
         "starts": np.array([cell for cells in scenario.starts for cell in cells]),
         "walls": scenario.walls * scenario.cell_m,
-        "forbidden": forbidden,
         "closed": closed,
-        "parking": parking * scenario.cell_m,
-        "owners": owners,
         "patches": patches,
         "bearings": bearings_by_offset(process),
     }

@@ -66,7 +66,7 @@ double speed_loop(SpeedLoop *loop, double set_point, double speed);
 double arctangent(double x);
 
 /* Largest whole number that is not above x, which must fit into 32 bits. */
-static inline int32_t whole(double x) {
+static inline int32_t rounded_down(double x) {
     const int32_t towards_zero = (int32_t)x;
     return towards_zero > x ? towards_zero - 1 : towards_zero;
 }

@@ -32,7 +32,8 @@ static int32_t nearest(const Cell cells[ROBOTS], int32_t *which) {
 static bool cells_of(const Position positions[ROBOTS], Cell cells[ROBOTS]) {
     bool allowed = true;
     for (int32_t i = 0; i < ROBOTS; i++) {
-        cells[i] = (Cell){whole(positions[i].x / CELL_M), whole(positions[i].y / CELL_M)};
+        cells[i] = (Cell){rounded_down(positions[i].x / CELL_M),
+                          rounded_down(positions[i].y / CELL_M)};
         allowed &= 0 <= cells[i].x && cells[i].x < COLUMNS;
         allowed &= 0 <= cells[i].y && cells[i].y < ROWS;
         for (int32_t k = 0; k < FORBIDDEN; k++) {
@@ -48,7 +49,7 @@ static bool cells_of(const Position positions[ROBOTS], Cell cells[ROBOTS]) {
 static int32_t facing(double heading) {
     const double rounding = 0x1.8p52;
     const double eighths = (heading / EIGHTH_RAD + rounding) - rounding;
-    return (whole(eighths) % DIRECTIONS + DIRECTIONS) % DIRECTIONS;
+    return (rounded_down(eighths) % DIRECTIONS + DIRECTIONS) % DIRECTIONS;
 }
 
 /* Row of the table for what is seen; features that the table does not have are multiplied by 0. */

@@ -15,7 +15,7 @@ static double least(double a, double b) { return b < a ? b : a; }
 
 /* The angle brought into [-pi, pi). */
 static double wrapped(double angle) {
-    return angle - 2.0 * PI * whole(angle / (2.0 * PI) + 0.5);
+    return angle - 2.0 * PI * rounded_down(angle / (2.0 * PI) + 0.5);
 }
 
 /* Speed for one motor and against the other, whose sign changes whenever the phase between them has

@@ -5,23 +5,7 @@
 
 #include <stdlib.h>
 
-#include "layout.h"
-#include "noise.h"
-#include "trig.h"
-
-#define INTERVAL setup.camera[0]
-#define DELAY setup.camera[1]
-#define POSITION_NOISE_M setup.camera[2]
-#define HEADING_NOISE_RAD setup.camera[3]
-#define DROPOUT setup.camera[4]
-#define POSITION_VARIANCE setup.camera[5]
-#define HEADING_VARIANCE setup.camera[6]
-#define FLYING ((size_t)setup.camera[7]) /* most frames under way */
-#define SIGHTS ((size_t)setup.camera[8]) /* most frames in an RL step */
-#define POSITION_DRIFT setup.filter[0]
-#define HEADING_DRIFT setup.filter[1]
-#define SETTLE_S setup.filter[2]
-#define TURN 0x1.921fb54442d18p+2 /* 2 pi */
+#include "onboard.h"
 
 typedef struct {
     double x, y, heading;
@@ -55,26 +39,24 @@ typedef struct {
     double *sights; /* x, y, heading, and whether the robot is found */
 } Watched;
 
-static double wrapped_angle(double angle) { return angle - TURN * whole(angle / TURN + 0.5); }
-
 static void watch(Watched *w, Random random) {
     free(w->frames);
     free(w->sights);
     *w = (Watched){.random = random};
     if (INTERVAL > 0.0) {
-        w->frames = calloc(FLYING, sizeof *w->frames);
-        w->sights = calloc(4 * SIGHTS, sizeof *w->sights);
+        w->frames = calloc((size_t)FLYING, sizeof *w->frames);
+        w->sights = calloc((size_t)(4 * SIGHTS), sizeof *w->sights);
     }
 }
 
 /* Draw the noise of the frames of an RL step. */
 static void draw_sights(Watched *w) {
     w->sighted = 0;
-    for (size_t k = 0; k < SIGHTS; k++)
+    for (int k = 0; k < SIGHTS; k++)
         for (int j = 0; j < 4; j++)
             w->sights[4 * k + j] =
                 next_normal(&w->random) * (j < 2 ? POSITION_NOISE_M : HEADING_NOISE_RAD);
-    for (size_t k = 0; k < SIGHTS; k++)
+    for (int k = 0; k < SIGHTS; k++)
         w->sights[4 * k + 3] = next_double(&w->random) >= DROPOUT;
 }
 
@@ -92,7 +74,7 @@ static Belief predicted(Belief b, Commanded motion) {
     const double dx = t.cosine * motion.pose.x - t.sine * motion.pose.y;
     const double dy = t.sine * motion.pose.x + t.cosine * motion.pose.y;
     /* Eq. (K1), (K2) */
-    b.pose = (Pose){b.pose.x + dx, b.pose.y + dy, wrapped_angle(b.pose.heading + motion.pose.heading)};
+    b.pose = (Pose){b.pose.x + dx, b.pose.y + dy, wrapped(b.pose.heading + motion.pose.heading)};
     for (int k = 0; k < 3; k++) {
         b.sigma[k] -= dy * b.sigma[6 + k];
         b.sigma[3 + k] += dx * b.sigma[6 + k];
@@ -101,9 +83,9 @@ static Belief predicted(Belief b, Commanded motion) {
         b.sigma[k] -= dy * b.sigma[k + 2];
         b.sigma[k + 1] += dx * b.sigma[k + 2];
     }
-    b.sigma[0] += POSITION_DRIFT * motion.seconds;
-    b.sigma[4] += POSITION_DRIFT * motion.seconds;
-    b.sigma[8] += HEADING_DRIFT * motion.seconds;
+    b.sigma[0] += POSITION_DRIFT_M2_S * motion.seconds;
+    b.sigma[4] += POSITION_DRIFT_M2_S * motion.seconds;
+    b.sigma[8] += HEADING_DRIFT_RAD2_S * motion.seconds;
     return b;
 }
 
@@ -118,7 +100,7 @@ static void correct(Watched *w, const Frame *frame) {
             continue;
         double innovation = seen[row] - *state[row], gain[3], ahead[3];
         if (row == 2)
-            innovation = wrapped_angle(innovation);
+            innovation = wrapped(innovation);
         for (int k = 0; k < 3; k++) {
             gain[k] = b.sigma[3 * k + row] / spread; /* Eq. (K3) */
             ahead[k] = b.sigma[3 * row + k];
@@ -129,7 +111,7 @@ static void correct(Watched *w, const Frame *frame) {
                 b.sigma[3 * k + j] -= gain[k] * ahead[j]; /* Eq. (K5) */
         }
     }
-    b.pose.heading = wrapped_angle(b.pose.heading);
+    b.pose.heading = wrapped(b.pose.heading);
     w->then = b;
 }
 
@@ -142,12 +124,12 @@ static void take_look(Watched *w, Pose pose) {
     }
     if (w->period >= INTERVAL * w->taken) {
         const double *noise = w->sights + 4 * w->sighted++;
-        w->frames[w->taken++ % FLYING] = (Frame){
+        w->frames[w->taken++ % (uint32_t)FLYING] = (Frame){
             w->period, noise[3] > 0.0,
             {pose.x + noise[0], pose.y + noise[1], pose.heading + noise[2]}, w->odometry};
     }
     for (; w->used < w->taken; w->used++) {
-        const Frame *frame = &w->frames[w->used % FLYING];
+        const Frame *frame = &w->frames[w->used % (uint32_t)FLYING];
         if (frame->at + DELAY > w->period)
             break;
         if (frame->found)

@@ -8,16 +8,12 @@
 
 #include "body.h"
 #include "camera.h"
-#include "layout.h"
 #include "motor.h"
-#include "noise.h"
-#include "onboard.h"
 
 #define EXPORT __attribute__((visibility("default")))
-#define PI 0x1.921fb54442d18p+1
 #define NEAR_M 2e-3 /* of contact: what is nearer is looked at in every tick */
 
-enum { MOTORS = 2, DRAWS = 20000 };
+enum { DRAWS = 20000 };
 enum { RUNNING, TIMEOUT, SUCCESS, COLLISION, OUT_OF_BOARD, NO_STARTS = -1 };
 
 /* Children of a seed: of an episode's starts and noise. */
@@ -45,9 +41,8 @@ static Watched watched[MOST_ROBOTS];
 static Body bodies[MOST_ROBOTS];
 static Shaken motors[MOST_ROBOTS][MOTORS];
 static Known known;
-static double last_points[MOST_ROBOTS][2]; /* of the paths */
-static bool touched[MOST_ROBOTS];
-static double touching[MOST_ROBOTS]; /* ticks of the period */
+static Position last_points[MOST_ROBOTS]; /* of the paths */
+static bool touched[MOST_ROBOTS];         /* in the period */
 static double pressed[MOST_ROBOTS][FOOT_COUNT]; /* sum of the normal impulses of the period */
 static int pairs[MOST_ROBOTS * MOST_ROBOTS][2], pair_count;
 static int64_t tick, period_of_step, periods_since_point;
@@ -64,27 +59,21 @@ EXPORT void *episode_table(int which, size_t size) {
     return *place = size ? malloc(size) : NULL;
 }
 
-static double between(double x, double low, double high) {
-    const double raised = x > low ? x : low;
-    return raised < high ? raised : high;
+static double heading_of(Quaternion q) {
+    return angle_of(2.0 * (q.x * q.y + q.w * q.z), 1.0 - 2.0 * (q.y * q.y + q.z * q.z));
 }
 
-static int robot_count(void) { return (int)setup.robots; }
-
-static double from_angle(Quaternion q) {
-    return onboard_angle(2.0 * (q.x * q.y + q.w * q.z), 1.0 - 2.0 * (q.y * q.y + q.z * q.z));
+static bool is_within(const double *edges, double x, double y) {
+    return edges[0] <= x && x < edges[2] && edges[1] <= y && y < edges[3];
 }
 
-void turn_of(double angle, double turned[2]) {
-    const Trig trig = sine_cosine(angle);
-    turned[0] = trig.cosine;
-    turned[1] = trig.sine;
+static Position place_of(const Body *body) {
+    return (Position){body->position.x, body->position.y};
 }
 
 static void look(int i) {
-    known.positions[i][0] = bodies[i].position.x;
-    known.positions[i][1] = bodies[i].position.y;
-    known.headings[i] = from_angle(bodies[i].orientation);
+    known.at[i] = place_of(&bodies[i]);
+    known.headings[i] = heading_of(bodies[i].orientation);
     known.variances[i] = 0.0;
 }
 
@@ -92,9 +81,8 @@ static void look(int i) {
 static void look_through(int i) {
     Watched *w = &watched[i];
     look(i);
-    take_look(w, (Pose){known.positions[i][0], known.positions[i][1], known.headings[i]});
-    known.positions[i][0] = w->now.pose.x;
-    known.positions[i][1] = w->now.pose.y;
+    take_look(w, (Pose){known.at[i].x, known.at[i].y, known.headings[i]});
+    known.at[i] = (Position){w->now.pose.x, w->now.pose.y};
     known.headings[i] = w->now.pose.heading;
     known.variances[i] = variance_of(&w->now);
 }
@@ -114,7 +102,7 @@ static void tilt_floor(Random *random) {
     const Wide scaled = (Wide)(360.0 * next_double(random) * 0x1p64) * 1000000;
     const double direction_deg = (double)(int64_t)((scaled + ((Wide)1 << 63)) >> 64) / 1e6;
     const Trig t = sine_cosine(direction_deg * (PI / 180.0));
-    for (int i = 0; i < robot_count(); i++) {
+    for (int i = 0; i < ROBOTS; i++) {
         constants_of[i].gravity.x = setup.gravity[0] * t.cosine;
         constants_of[i].gravity.y = setup.gravity[0] * t.sine;
     }
@@ -132,7 +120,7 @@ static void feel_patches(int i) {
         const double y = bodies[i].position.y + dot(axes.y, arm);
         p->mu[k] = setup.mu[0];
         for (const double *e = table.patches; e < table.patches + 5 * (int)setup.patches; e += 5)
-            if (e[0] <= x && x < e[2] && e[1] <= y && y < e[3])
+            if (is_within(e, x, y))
                 p->mu[k] = e[4] == e[4] ? e[4] : setup.mu[0];
     }
 }
@@ -142,7 +130,7 @@ static bool draw_starts(Random *random, int32_t starts[][2]) {
     for (int draw = 0; draw < DRAWS; draw++) {
         const int32_t *of_robot = table.starts;
         bool apart = true;
-        for (int i = 0; i < robot_count(); i++) {
+        for (int i = 0; i < ROBOTS; i++) {
             const uint32_t count = (uint32_t)setup.start_counts[i];
             const int32_t *cell = of_robot + 2 * next_index(random, count);
             of_robot += 2 * count;
@@ -176,7 +164,7 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     pair_count = 0;
     if (!draw_starts(&random, starts))
         return outcome = NO_STARTS;
-    for (int i = 0; i < robot_count(); i++) {
+    for (int i = 0; i < ROBOTS; i++) {
         const double x = (starts[i][0] + 0.5) * setup.cell_m, y = (starts[i][1] + 0.5) * setup.cell_m;
         const bool up = setup.size[1] / 2.0 - y >= 0.0;
         constants_of[i] = body;
@@ -188,8 +176,7 @@ EXPORT int episode_begin(double seed, uint32_t number) {
         look(i);
         const uint32_t camera_keys[] = {number, NOISE_CHILD, CAMERA_CHILD + (uint32_t)i};
         watch(&watched[i], random_of((uint64_t)seed, camera_keys, 3));
-        last_points[i][0] = x;
-        last_points[i][1] = y;
+        last_points[i] = known.at[i];
         for (int k = 0; k < MOTORS; k++) {
             const uint32_t keys[] = {number, NOISE_CHILD, (uint32_t)(MOTORS * i + k)};
             Shaken *motor = &motors[i][k];
@@ -206,7 +193,8 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     }
     if (setup.gravity[0] > 0.0)
         tilt_floor(&world);
-    onboard_start(&known, random_of((uint64_t)seed, detour_keys, 3));
+    order_targets();
+    start_robots(&known, random_of((uint64_t)seed, detour_keys, 3));
     outcome = RUNNING;
     show();
     return outcome;
@@ -216,13 +204,13 @@ EXPORT int episode_begin(double seed, uint32_t number) {
 EXPORT bool episode_place(int i, double x, double y) {
     const double radius = 0.5 * setup.diameter_m;
     bool free = 0.0 < x && x < setup.size[0] && 0.0 < y && y < setup.size[1];
-    for (int j = 0; j < robot_count(); j++) {
+    for (int j = 0; j < ROBOTS; j++) {
         const double dx = bodies[j].position.x - x, dy = bodies[j].position.y - y;
         free &= j == i || dx * dx + dy * dy > setup.diameter_m * setup.diameter_m;
     }
     for (const double *e = table.walls; e < table.walls + 4 * (int)setup.walls; e += 4) {
-        const double dx = x - between(x, e[0], e[2]), dy = y - between(y, e[1], e[3]);
-        free &= dx * dx + dy * dy > radius * radius;
+        const Position out = away_from(e, (Position){x, y});
+        free &= out.x * out.x + out.y * out.y > radius * radius;
     }
     if (!free || outcome != RUNNING)
         return false;
@@ -230,9 +218,8 @@ EXPORT bool episode_place(int i, double x, double y) {
     const double norm = square_root(q.w * q.w + q.z * q.z);
     bodies[i] = (Body){.position = {x, y, setup.com_height_m},
                        .orientation = {q.w / norm, 0.0, 0.0, q.z / norm}};
-    last_points[i][0] = x;
-    last_points[i][1] = y;
     look(i);
+    last_points[i] = (Position){x, y};
     show();
     return true;
 }
@@ -249,16 +236,18 @@ static MotorDrive drive_of(const Shaken *motor) {
 static void begin_period(void) {
     const double reach = setup.diameter_m + NEAR_M;
     pair_count = 0;
-    for (int i = 0; i < robot_count() && INTERVAL > 0.0; i++)
+    for (int i = 0; i < ROBOTS && INTERVAL > 0.0; i++)
         look_through(i);
-    onboard_guard(&known);
-    for (int i = 0; i < robot_count(); i++) {
-        double set_points[MOTORS], motion[2];
-        onboard_steer(i, &known, set_points, motion);
-        take_command(&watched[i], motion[0], motion[1], set_points[0] != 0.0 || set_points[1] != 0.0,
-                     setup.control_period_s);
+    if (setup.shielded != 0.0)
+        guard(&known);
+    for (int i = 0; i < ROBOTS; i++) {
+        double set_points[MOTORS];
+        noted_motion[0] = noted_motion[1] = 0.0;
+        robot_steer(&robot_of[i], known.at[i].x, known.at[i].y, known.headings[i], set_points);
+        take_command(&watched[i], noted_motion[0], noted_motion[1],
+                     set_points[0] != 0.0 || set_points[1] != 0.0, setup.control_period_s);
         feel_patches(i);
-        touching[i] = 0.0;
+        touched[i] = false;
         for (int k = 0; k < FOOT_COUNT; k++)
             pressed[i][k] = 0.0;
         for (int k = 0; k < MOTORS; k++) {
@@ -289,64 +278,51 @@ static Shaft turn(Shaken *motor) {
     return (Shaft){motor->x.theta, motor->x.omega, motor_acceleration(p, torque, direction)};
 }
 
-/* The contact impulse between two robots: `push_apart` of cosim/physics/collision.py in C. */
-static void push_apart(int i, int j) {
-    Body *a = &bodies[i], *b = &bodies[j];
+/* The contact impulse on a body of another, or of a wall that has no inverse mass, at a distance of
+ * their contact; whether there is one: `push_apart` and `push_off` of cosim/physics/collision.py in C. */
+static bool push(Body *a, double mass_a, double spin_a, Body *b, double contact_m) {
     const double dx = b->position.x - a->position.x, dy = b->position.y - a->position.y;
-    const double distance = square_root(dx * dx + dy * dy);
+    const double distance = norm(dx, dy);
     const double nx = dx / distance, ny = dy / distance;
     const double radius = 0.5 * setup.diameter_m;
     const double vx = b->velocity.x - a->velocity.x, vy = b->velocity.y - a->velocity.y;
-    const double approach = vx * nx + vy * ny;
-    const double excess =
-        approach - allowed_approach(distance - setup.diameter_m, 1.0 / setup.dt_s);
+    const double excess = vx * nx + vy * ny - allowed_approach(distance - contact_m, setup.inverse_dt);
     if (excess >= 0.0)
-        return;
+        return false;
     const double mass = setup.inverse_mass, spin = radius * setup.inverse_inertia[2];
-    const double impulse = -excess / (mass + mass);
+    const double impulse = -excess / (mass_a + mass);
     const double slip = vy * nx - vx * ny - radius * (a->omega.z + b->omega.z);
-    const double stopping = -slip / (mass + mass + radius * (spin + spin));
+    const double stopping = -slip / (mass_a + mass + radius * (spin_a + spin));
     const double limit = setup.mu_robots * impulse;
     const double friction = between(stopping, -limit, limit);
     const double jx = impulse * nx - friction * ny, jy = impulse * ny + friction * nx;
-    a->velocity.x -= jx * mass;
-    a->velocity.y -= jy * mass;
+    a->velocity.x -= jx * mass_a;
+    a->velocity.y -= jy * mass_a;
     b->velocity.x += jx * mass;
     b->velocity.y += jy * mass;
-    a->omega.z -= spin * friction;
+    a->omega.z -= spin_a * friction;
     b->omega.z -= spin * friction;
-    touched[i] |= impulse > 0.0;
-    touched[j] |= impulse > 0.0;
+    return impulse > 0.0;
 }
 
-/* The contact impulse of an obstacle on a robot: `push_off`, likewise. */
+static void push_apart(int i, int j) {
+    const double spin = 0.5 * setup.diameter_m * setup.inverse_inertia[2];
+    if (push(&bodies[i], setup.inverse_mass, spin, &bodies[j], setup.diameter_m))
+        touched[i] = touched[j] = true;
+}
+
 static void push_off(int i, const double wall[4]) {
     Body *body = &bodies[i];
-    const double dx = body->position.x - between(body->position.x, wall[0], wall[2]);
-    const double dy = body->position.y - between(body->position.y, wall[1], wall[3]);
     const double radius = 0.5 * setup.diameter_m, reach = radius + NEAR_M;
-    if (!(dx * dx + dy * dy < reach * reach))
-        return;
-    const double distance = square_root(dx * dx + dy * dy);
-    const double nx = dx / distance, ny = dy / distance;
-    const double vx = body->velocity.x, vy = body->velocity.y;
-    const double excess =
-        vx * nx + vy * ny - allowed_approach(distance - radius, 1.0 / setup.dt_s);
-    if (excess >= 0.0)
-        return;
-    const double mass = setup.inverse_mass, spin = radius * setup.inverse_inertia[2];
-    const double impulse = -excess / mass;
-    const double slip = vy * nx - vx * ny - radius * body->omega.z;
-    const double limit = setup.mu_robots * impulse;
-    const double friction = between(-slip / (mass + radius * spin), -limit, limit);
-    body->velocity.x += mass * (impulse * nx - friction * ny);
-    body->velocity.y += mass * (impulse * ny + friction * nx);
-    body->omega.z -= spin * friction;
-    touched[i] |= impulse > 0.0;
+    const Position out = away_from(wall, place_of(body));
+    Body still = {.position = {between(body->position.x, wall[0], wall[2]),
+                               between(body->position.y, wall[1], wall[3]), 0.0}};
+    if (out.x * out.x + out.y * out.y < reach * reach)
+        touched[i] |= push(&still, 0.0, 0.0, body, radius);
 }
 
 static void step_tick(void) {
-    for (int i = 0; i < robot_count(); i++) {
+    for (int i = 0; i < ROBOTS; i++) {
         const Wrench d = motor_wrench(mounts[i][0], turn(&motors[i][0]));
         const Wrench e = motor_wrench(mounts[i][1], turn(&motors[i][1]));
         /* Forces of motors have no part along y. */
@@ -359,20 +335,19 @@ static void step_tick(void) {
     }
     for (int k = 0; k < pair_count; k++)
         push_apart(pairs[k][0], pairs[k][1]);
-    for (int i = 0; i < robot_count(); i++) {
+    for (int i = 0; i < ROBOTS; i++)
         for (int k = 0; k < (int)setup.walls; k++)
             push_off(i, table.walls + 4 * k);
-        touching[i] += touched[i];
-        touched[i] = false;
-    }
 }
 
+/* Whether a robot is where it may not be. */
 static bool is_forbidden(int i, double x, double y) {
-    const double *edge = table.forbidden + 4 * i * (int)setup.forbidden;
-    for (int k = 0; k < (int)setup.forbidden; k++, edge += 4)
-        if (edge[0] <= x && x < edge[2] && edge[1] <= y && y < edge[3])
-            return true;
-    return false;
+    bool found = false;
+    for (int k = 0; k < (int)setup.closed; k++)
+        found |= is_within(table.closed + 4 * (i * (int)setup.closed + k), x, y);
+    for (int k = 0; k < ROBOTS; k++)
+        found |= is_parking(i, k) && is_within(square_of(k).edges, x, y);
+    return found;
 }
 
 /* What has become of a robot. */
@@ -382,7 +357,7 @@ static int event_of(int i) {
         return OUT_OF_BOARD;
     if (bodies[i].position.z < 0.0)
         return OUT_OF_BOARD;
-    if (setup.ends_on_collision != 0.0 && (touching[i] > 0.0 || is_forbidden(i, x, y)))
+    if (setup.ends_on_collision != 0.0 && (touched[i] || is_forbidden(i, x, y)))
         return COLLISION;
     return RUNNING;
 }
@@ -391,27 +366,24 @@ static void add_to_path(void) {
     if (++periods_since_point < (int64_t)setup.path_periods)
         return;
     periods_since_point = 0;
-    for (int i = 0; i < robot_count(); i++) {
-        const double dx = bodies[i].position.x - last_points[i][0];
-        const double dy = bodies[i].position.y - last_points[i][1];
-        view.path_m[i] += square_root(dx * dx + dy * dy);
-        last_points[i][0] = bodies[i].position.x;
-        last_points[i][1] = bodies[i].position.y;
+    for (int i = 0; i < ROBOTS; i++) {
+        const Position now = place_of(&bodies[i]), last = last_points[i];
+        view.path_m[i] += norm(now.x - last.x, now.y - last.y);
+        last_points[i] = now;
     }
 }
 
 static void show(void) {
     view.time_s = tick * setup.dt_s;
     view.outcome = outcome;
-    for (int i = 0; i < robot_count(); i++) {
-        view.position[3 * i] = bodies[i].position.x;
-        view.position[3 * i + 1] = bodies[i].position.y;
-        view.position[3 * i + 2] = bodies[i].position.z;
-        view.heading[i] = from_angle(bodies[i].orientation);
-        onboard_show(i, view.goal + 2 * i, &view.mode[i], &view.arrived[i]);
-        const double period_s = setup.control_period_s;
+    for (int i = 0; i < ROBOTS; i++) {
+        memcpy(view.position + 3 * i, &bodies[i].position, sizeof bodies[i].position);
+        view.heading[i] = heading_of(bodies[i].orientation);
+        memcpy(view.goal + 2 * i, &robot_of[i].goal, sizeof robot_of[i].goal);
+        view.mode[i] = robot_of[i].mode;
+        view.arrived[i] = robot_of[i].arrived;
         for (int k = 0; k < FOOT_COUNT; k++)
-            view.force[FOOT_COUNT * i + k] = pressed[i][k] / period_s;
+            view.force[FOOT_COUNT * i + k] = pressed[i][k] / setup.control_period_s;
         for (int k = 0; k < MOTORS; k++) {
             const Shaken *motor = &motors[i][k];
             const double u = motor_command(&motor->constants, &motor->in, motor->x.omega,
@@ -426,21 +398,19 @@ static void show(void) {
 /* No robot that is asked estimates itself off the board. */
 static void begin_step(void) {
     Known asked = known;
-    for (int i = 0; i < robot_count() && INTERVAL > 0.0; i++) {
+    for (int i = 0; i < ROBOTS && INTERVAL > 0.0; i++) {
         draw_sights(&watched[i]);
-        for (int k = 0; k < 2; k++)
-            asked.positions[i][k] = between(asked.positions[i][k], 0.0, setup.within[k]);
+        asked.at[i].x = between(asked.at[i].x, 0.0, setup.within[0]);
+        asked.at[i].y = between(asked.at[i].y, 0.0, setup.within[1]);
     }
-    onboard_decide(&asked);
+    decide(&asked);
 }
 
 static void end_step(int event) {
-    double positions[MOST_ROBOTS][2];
-    for (int i = 0; i < robot_count(); i++) {
-        positions[i][0] = bodies[i].position.x;
-        positions[i][1] = bodies[i].position.y;
-    }
-    const bool all = onboard_arrive(positions);
+    Position at[MOST_ROBOTS];
+    for (int i = 0; i < ROBOTS; i++)
+        at[i] = place_of(&bodies[i]);
+    const bool all = arrive(at);
     period_of_step = 0;
     view.steps++;
     if (event != RUNNING)
@@ -461,7 +431,7 @@ EXPORT int episode_advance(int periods) {
         for (int k = 0; k < (int)setup.ticks_per_period; k++)
             step_tick();
         tick += (int64_t)setup.ticks_per_period;
-        for (int i = 0; i < robot_count(); i++) {
+        for (int i = 0; i < ROBOTS; i++) {
             const int its = event_of(i);
             event = its > event ? its : event;
             if (!(INTERVAL > 0.0)) /* what decides next knows the pose of now */

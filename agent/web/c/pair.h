@@ -7,7 +7,6 @@ enum { AXES = DIRECTIONS / 2, BLOCKED = -1, UNREACHABLE = UINT16_MAX, FAR_CELLS 
 #define KEPT_CELLS 34.0
 #define GRAIN_S 0.0625
 #define IMPOSSIBLE -1.0e6
-#define INFINITE __builtin_inf()
 
 /* Column and row of the way from one cell to another. */
 static Cell way(int32_t from, int32_t to) {
@@ -59,7 +58,7 @@ static double time_of(int32_t p, int32_t axis, int32_t q, int32_t other) {
     const size_t first = (size_t)p * AXES + axis, second = (size_t)q * AXES + other;
     const uint16_t delay = (uint16_t)(table.delay[first * cells * AXES + second] +
                                       table.first[first] + table.first[cells * AXES + second]);
-    return delay == UNREACHABLE ? INFINITE : alone(0, p, axis) + alone(1, q, other) + GRAIN_S * delay;
+    return delay == UNREACHABLE ? INFINITY : alone(0, p, axis) + alone(1, q, other) + GRAIN_S * delay;
 }
 
 static void raise_to(float *value, float to) { *value = to > *value ? to : *value; }
@@ -70,7 +69,7 @@ static void pair_values(const int32_t at[2], const int32_t goals[2], const int32
                         float values[2][DIRECTIONS]) {
     bool driven[2], stays[2];
     int choices[2], best_moves[2] = {-1, -1};
-    double least = INFINITE;
+    double least = INFINITY;
     int32_t farthest = -1;
     for (int i = 0; i < 2; i++) {
         driven[i] = goals[i] != at[i];
@@ -101,7 +100,7 @@ static void pair_values(const int32_t at[2], const int32_t goals[2], const int32
             const double time = (stays[0] ? 0.0 : table.seconds[a * AXES + axes[0]]) +
                                 (stays[1] ? 0.0 : table.seconds[b * AXES + axes[1]]) +
                                 time_of(p_after, p_axis, q_after, q_axis);
-            if (time == INFINITE)
+            if (time == INFINITY)
                 continue;
             raise_to(&values[0][a], (float)-time);
             raise_to(&values[1][b], (float)-time);

@@ -3,19 +3,9 @@
 #ifndef SHIELD_H
 #define SHIELD_H
 
-#include "exact.h"
-#include "noise.h"
-
 enum { WAIT = -1, TURNS = 7 };
 
 #define ROUNDING_M 1e-9
-#define STOPPING_M setup.shield[0]
-#define ROOM_M setup.shield[1]
-#define LOSS_M setup.shield[2]
-#define STRAY_M setup.shield[3]
-#define RETREAT_M setup.shield[4]
-#define DEVIATIONS setup.shield[5]
-#define JITTER setup.shield[6]
 
 typedef struct {
     double reference; /* room when the retreat began, without the error of estimates, m */
@@ -33,12 +23,25 @@ typedef struct {
 
 static Kept kept_of[MOST_ROBOTS];
 static Random detours;
+static int by_target[MOST_ROBOTS]; /* robots in the order of their targets */
+
+static void order_targets(void) {
+    for (int i = 0; i < ROBOTS; i++) {
+        int k = i;
+        const Cell c = target_of(i);
+        for (; k > 0; k--) {
+            const Cell before = target_of(by_target[k - 1]);
+            if (before.x < c.x || (before.x == c.x && before.y < c.y))
+                break;
+            by_target[k] = by_target[k - 1];
+        }
+        by_target[k] = i;
+    }
+}
 
 static Position away_from(const double edge[4], Position at) {
     return (Position){at.x - between(at.x, edge[0], edge[2]), at.y - between(at.y, edge[1], edge[3])};
 }
-
-static double norm(double x, double y) { return square_root(x * x + y * y); }
 
 static double stopping_gap(double deviation) {
     const double error = (DEVIATIONS + JITTER) * deviation;
@@ -64,8 +67,25 @@ static void narrow_by(Room *least, const double *edges, int count, Position at, 
     }
 }
 
-static Room room_of(int i, const Position at[], const double variances[]) {
-    const double x = at[i].x, y = at[i].y, deviation = square_root(variances[i]);
+/* Whether a robot may not enter another's target, unless it is in a zone that no robot may enter. */
+static bool is_parking(int robot, int owner) {
+    const Cell c = target_of(owner);
+    const double *zone = setup.closed_zone;
+    return owner != robot && !(zone[0] <= c.x && c.x <= zone[2] && zone[1] <= c.y && c.y <= zone[3]);
+}
+
+typedef struct {
+    double edges[4]; /* left, bottom, right, top, m */
+} Square;
+
+static Square square_of(int robot) {
+    const Cell c = target_of(robot);
+    return (Square){{c.x * CELL_M, c.y * CELL_M, (c.x + 1) * CELL_M, (c.y + 1) * CELL_M}};
+}
+
+static Room room_of(int i, const Known *known) {
+    const Position *at = known->at;
+    const double x = at[i].x, y = at[i].y, deviation = square_root(known->variances[i]);
     const double alone = STOPPING_M + DEVIATIONS * deviation;
     const int closed = (int)setup.closed;
     Room least = {x - alone, deviation, {1.0, 0.0}};
@@ -75,13 +95,13 @@ static Room room_of(int i, const Position at[], const double variances[]) {
     narrow_by(&least, table.walls, (int)setup.walls, at[i], 0.5 * setup.diameter_m, alone);
     narrow_by(&least, table.closed + 4 * i * closed, closed, at[i], 0.0, alone);
     for (int k = 0; k < ROBOTS; k++)
-        if (table.owners[k] != i)
-            narrow_by(&least, table.parking + 4 * k, 1, at[i], 0.0, alone);
+        if (is_parking(i, by_target[k]))
+            narrow_by(&least, square_of(by_target[k]).edges, 1, at[i], 0.0, alone);
     for (int j = 0; j < ROBOTS; j++) {
         if (j == i)
             continue;
         const Position out = {x - at[j].x, y - at[j].y};
-        const double of_both = square_root(variances[i] + variances[j]);
+        const double of_both = square_root(known->variances[i] + known->variances[j]);
         const double kept = setup.diameter_m + 2.0 * STOPPING_M + DEVIATIONS * of_both;
         const double room = norm(out.x, out.y) - kept;
         if (room < least.room)
@@ -94,28 +114,27 @@ static Room room_of(int i, const Position at[], const double variances[]) {
 
 static void retreat(int i, Position at, double heading, double sense) {
     Robot *robot = &robot_of[i];
-    double turned[2];
-    turn_of(heading, turned);
+    const Trig ahead = sine_cosine(heading);
+    const int32_t direction = robot->direction = DIRECTIONS + i;
     robot->mode = RETREAT;
     robot->sense = sense;
-    robot->direction = DIRECTIONS + i;
-    robot->goal.x = at.x + sense * RETREAT_M * turned[0];
-    robot->goal.y = at.y + sense * RETREAT_M * turned[1];
-    direction_rad[robot->direction] = sense > 0.0 ? heading : heading + PI;
-    turn_of(direction_rad[robot->direction], turned);
-    direction_x[robot->direction] = turned[0];
-    direction_y[robot->direction] = turned[1];
+    robot->goal.x = at.x + sense * RETREAT_M * ahead.cosine;
+    robot->goal.y = at.y + sense * RETREAT_M * ahead.sine;
+    direction_rad[direction] = sense > 0.0 ? heading : heading + PI;
+    const Trig line = sine_cosine(direction_rad[direction]);
+    direction_x[direction] = line.cosine;
+    direction_y[direction] = line.sine;
 }
 
-/* Stop robots that lack room, and let one of them retreat. */
-static void guard(const Position at[], const double headings[], const double variances[]) {
+/* Stop robots that lack room, and let one of them retreat. Once in every control period. */
+static void guard(const Known *known) {
     bool retreating = false;
     int chosen = -1;
     double best = -INFINITY, along = 0.0;
     for (int i = 0; i < ROBOTS; i++) {
         Robot *robot = &robot_of[i];
         Kept *kept = &kept_of[i];
-        const Room found = room_of(i, at, variances);
+        const Room found = room_of(i, known);
         const double jitter = JITTER * found.deviation;
         const double clear = found.room + DEVIATIONS * found.deviation;
         if (found.room >= ROOM_M + jitter) {
@@ -134,9 +153,8 @@ static void guard(const Position at[], const double headings[], const double var
         robot->mode = HOLD;
         if (found.room < 0.0 || robot->arrived)
             continue;
-        double turned[2];
-        turn_of(headings[i], turned);
-        const double cosine = turned[0] * found.out.x + turned[1] * found.out.y;
+        const Trig ahead = sine_cosine(known->headings[i]);
+        const double cosine = ahead.cosine * found.out.x + ahead.sine * found.out.y;
         const double merit = size(cosine) - 2.0 * kept->failures;
         if (merit >= best) {
             chosen = i;
@@ -148,7 +166,7 @@ static void guard(const Position at[], const double headings[], const double var
     if (chosen >= 0 && !retreating) {
         const double sense = along >= 0.0 ? 1.0 : -1.0;
         const bool other = kept_of[chosen].failures % 2 == 1;
-        retreat(chosen, at[chosen], headings[chosen], other ? -sense : sense);
+        retreat(chosen, known->at[chosen], known->headings[chosen], other ? -sense : sense);
     }
 }
 
@@ -210,7 +228,7 @@ static bool is_open(int robot, Line plan, double margin) {
         meets(table.closed + 4 * robot * closed, closed, plan, margin))
         return false;
     for (int k = 0; k < ROBOTS; k++)
-        if (table.owners[k] != robot && meets(table.parking + 4 * k, 1, plan, margin))
+        if (is_parking(robot, k) && meets(square_of(k).edges, 1, plan, margin))
             return false;
     return true;
 }
@@ -220,8 +238,8 @@ static int32_t permitted(const Position at[], int robot, int32_t wanted, double 
                          const int32_t turns[TURNS]) {
     for (int k = 0; k <= TURNS; k++) {
         const int32_t direction = (wanted + (k ? turns[k - 1] : 0) + DIRECTIONS) % DIRECTIONS;
-        const int32_t column = whole(at[robot].x / CELL_M) + step[direction][0];
-        const int32_t row = whole(at[robot].y / CELL_M) + step[direction][1];
+        const int32_t column = rounded_down(at[robot].x / CELL_M) + step[direction][0];
+        const int32_t row = rounded_down(at[robot].y / CELL_M) + step[direction][1];
         const Line plan = {at[robot], {(column + 0.5) * CELL_M, (row + 0.5) * CELL_M}};
         bool free = true, by_moving = false;
         if (column < 0 || column >= COLUMNS || row < 0 || row >= ROWS ||
@@ -247,16 +265,16 @@ static int32_t permitted(const Position at[], int robot, int32_t wanted, double 
 }
 
 /* The direction that the shield permits in place of one; WAIT to stand. */
-static int32_t yielded(const Position at[], const double variances[], int robot, int32_t wanted) {
+static int32_t yielded(const Known *known, int robot, int32_t wanted) {
     int32_t turns[TURNS] = {1, -1, 2, -2, 3, -3, 4};
     double largest = 0.0, second = 0.0;
     for (int i = 0; i < ROBOTS; i++) {
-        const double smaller = least(largest, variances[i]);
+        const double smaller = least(largest, known->variances[i]);
         second = smaller > second ? smaller : second;
-        largest = variances[i] > largest ? variances[i] : largest;
+        largest = known->variances[i] > largest ? known->variances[i] : largest;
     }
     const double margin = stopping_gap(square_root(largest + second)) + STRAY_M;
-    const int32_t allowed = permitted(at, robot, wanted, margin, turns);
+    const int32_t allowed = permitted(known->at, robot, wanted, margin, turns);
     if (allowed == wanted || allowed == WAIT || next_double(&detours) >= 0.5)
         return allowed;
     for (int k = TURNS - 1; k > 0; k--) { /* as numpy shuffles */
@@ -268,7 +286,7 @@ static int32_t yielded(const Position at[], const double variances[], int robot,
         turns[k] = turns[other];
         turns[other] = turn;
     }
-    return permitted(at, robot, wanted, margin, turns);
+    return permitted(known->at, robot, wanted, margin, turns);
 }
 
 #endif
