@@ -46,9 +46,7 @@ def load_policy(
         planned = config.get("objective") == "planned"
         return (GroupPolicy if planned else PairPolicy if pair else Policy).load(path, scenario)
     policy = NetworkPolicy.load(path)
-    if scenario is not None:
-        policy.require_scenario(scenario, f"{path}: the policy")
-    return policy
+    return policy if scenario is None else policy.in_scenario(scenario, f"{path}: the policy")
 
 
 def method_name(policy: GreedyPolicy) -> str:

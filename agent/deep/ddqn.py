@@ -15,7 +15,7 @@ import optax
 from agent.deep.inputs import GROUPS
 from agent.deep.models import network_of, values_of_moves
 from agent.deep.policy import Network
-from agent.deep.world import SHAPING, WIDTH, Gained, LearningGrid
+from agent.deep.world import SHAPING, WIDTH, Gained, World
 
 _CAPACITY = 1 << 18  # moves that are kept
 _BATCH, _UPDATES = 512, 8  # moves of an update, and updates after a step of all boards
@@ -72,7 +72,7 @@ def _updated(width: int, state: Any, batches: Any, rate: jax.Array) -> Any:
 class DoubleQ:
     """The learner, and the moves that it keeps."""
 
-    def __init__(self, world: LearningGrid, seed: int, steps: int) -> None:
+    def __init__(self, world: World, seed: int, steps: int) -> None:
         self._width = int(world.inputs.first[-1])
         self._steps, self._random = steps, np.random.default_rng(seed)
         params = _Values(self._width).init(jax.random.key(seed), world.observations()[:1])
@@ -84,7 +84,7 @@ class DoubleQ:
         self._rewards, self._goes_on = np.zeros((2, _CAPACITY), dtype=np.float32)
         self._kept = self._done = 0
 
-    def advance(self, world: LearningGrid) -> int:
+    def advance(self, world: World) -> int:
         """One step of all boards and what is learnt after it; the moves of robots in it."""
         moving, observations = world.moving(), world.observations()
         actions = np.array(_greedy(self._width, self._state[0], observations))

@@ -103,7 +103,12 @@ def _values(inputs: Inputs, network: Network, cells: np.ndarray, rows: int) -> n
 
 
 class NetworkConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings that a network was trained with, kept in its file."""
+    """Settings that a network was trained with, kept in its file.
+
+    Attributes:
+        any_target: whether targets were drawn in training, so that it finds others than those of
+            `scenario`, too.
+    """
 
     scenario: Scenario
     process: ProcessConfig
@@ -111,6 +116,7 @@ class NetworkConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     steps: int
     seed: Seed
     network: int = SCHEMA_VERSION
+    any_target: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -134,6 +140,23 @@ class NetworkPolicy(GreedyPolicy):
     def inputs(self) -> Inputs:
         """Return how its inputs are numbered."""
         return Inputs.of(self.config.scenario, self.process)
+
+    def in_scenario(self, scenario: Scenario, name: str = "the policy") -> "NetworkPolicy":
+        """Return it in a scenario, which has other starts and targets only if it finds any.
+
+        Args:
+            scenario: like that of training.
+            name: of the policy, in the error.
+
+        Raises:
+            PolicyError: the scenario differs in anything else.
+        """
+        own = self.config.scenario
+        like = replace(own, targets=scenario.targets, starts=scenario.starts)
+        if self.config.any_target and like.digest() == scenario.digest():
+            return replace(self, config=msgspec.structs.replace(self.config, scenario=scenario))
+        self.require_scenario(scenario, name)
+        return self
 
     def _values(self, cells: np.ndarray) -> np.ndarray:
         cells = np.ascontiguousarray(cells)  # the kernel is compiled again for every layout

@@ -19,7 +19,7 @@ from skrl.utils import set_seed
 from agent.deep.inputs import GROUPS, NOTHING
 from agent.deep.models import Actor, Critic, network_of
 from agent.deep.policy import Network
-from agent.deep.world import SHAPING, WIDTH, LearningGrid
+from agent.deep.world import SHAPING, WIDTH, World
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
 
@@ -76,7 +76,7 @@ class Ppo:
         central: whether the critic sees the cells of all robots.
     """
 
-    def __init__(self, world: LearningGrid, scenario: Scenario, seed: int, central: bool) -> None:
+    def __init__(self, world: World, scenario: Scenario, seed: int, central: bool) -> None:
         skrl.logger.setLevel("ERROR")
         set_seed(seed)
         high = np.ones(WIDTH, dtype=np.float32)
@@ -100,10 +100,10 @@ class Ppo:
         self._agent.init()
         self._agent.enable_training_mode(True)
 
-    def _states(self, world: LearningGrid) -> Any:
+    def _states(self, world: World) -> Any:
         return jnp.asarray(world.cells()) if self._central else None
 
-    def advance(self, world: LearningGrid) -> int:
+    def advance(self, world: World) -> int:
         """One step of all boards and what is made of it; the moves of robots in it."""
         moves, observations = len(world.moving()), jnp.asarray(world.observations())
         states, when = self._states(world), {"timestep": self._step, "timesteps": 0}

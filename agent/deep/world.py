@@ -1,5 +1,6 @@
 """The grid as learners see it: robots are rows, rewards are shaped, episodes begin anywhere."""
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,11 +14,12 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.grid import X, Y
 from agent.mdp.optimum import distances_alone, steps_alone
 from agent.mdp.readings import FREE, Process, build_process
-from cosim.model.scenario import Scenario
+from cosim.model.scenario import Scenario, ScenarioError
 from cosim.onboard.features import DIRECTION_COUNT
 
 WIDTH = GROUPS + DIRECTION_COUNT  # of an observation: rows of the first layer, possible moves
 _SCALE = 0.1  # of rewards
+_GRIDS = 15  # of different targets at a time
 _STEP_LIMIT = 150  # moves after which an episode is cut, and still has a value
 
 
@@ -111,7 +113,7 @@ class LearningGrid:
 
     def observations(self) -> np.ndarray:
         """(R, WIDTH) float32; nothing, and every move possible, for robots that have ended."""
-        return np.where(self._active()[:, None], self._seen, _ENDED)
+        return np.where(self.active()[:, None], self._seen, _ENDED)
 
     def cells(self) -> np.ndarray:
         """(R, 2N) float32, cells of a row's robot and of the others of its board."""
@@ -121,11 +123,11 @@ class LearningGrid:
 
     def moving(self) -> np.ndarray:
         """(M,) int64, rows of the robots that take the next step."""
-        return np.flatnonzero(self._active())
+        return np.flatnonzero(self.active())
 
     def step(self, actions: np.ndarray) -> Gained:
         """Let robots take their (R,) actions."""
-        active, before = self._active().copy(), self._height
+        active, before = self.active().copy(), self._height
         self._boards.step(actions.reshape(self._cells.shape[:2]).astype(np.int64))
         self._look()
         arrays = self._boards.arrays
@@ -140,7 +142,8 @@ class LearningGrid:
             arrays.truncated.ravel().copy(),
         )
 
-    def _active(self) -> np.ndarray:
+    def active(self) -> np.ndarray:
+        """(R,) bool, rows of the robots that take the next step."""
         return self._boards.arrays.active.ravel()
 
     def _look(self) -> None:
@@ -154,6 +157,55 @@ class LearningGrid:
         self._height = self._potential[robots, cells[..., 0] * rows + cells[..., 1]].ravel()
 
 
+class DrawnTargets:
+    """Learning grids with targets that are drawn, again and again.
+
+    Attributes:
+        inputs: see `LearningGrid`; but for the targets those of all grids.
+    """
+
+    def __init__(self, scenario: Scenario, boards: int, seed: int, shaping: Shaping) -> None:
+        self._rng, self._steps, self._ended = np.random.default_rng(seed), 0, 0
+        self._made = scenario, boards // _GRIDS, shaping
+        self._grids = [self._drawn() for _ in range(_GRIDS)]
+        self.inputs = self._grids[0].inputs
+
+    @property
+    def episodes(self) -> int:
+        """Episodes ended so far."""
+        return self._ended + sum(grid.episodes for grid in self._grids)
+
+    def observations(self) -> np.ndarray:
+        """(R, WIDTH) float32, see `LearningGrid`."""
+        return np.concatenate([grid.observations() for grid in self._grids])
+
+    def cells(self) -> np.ndarray:
+        """(R, 2N) float32, see `LearningGrid`."""
+        return np.concatenate([grid.cells() for grid in self._grids])
+
+    def moving(self) -> np.ndarray:
+        """(M,) int64, see `LearningGrid`."""
+        return np.flatnonzero(np.concatenate([grid.active() for grid in self._grids]))
+
+    def step(self, actions: np.ndarray) -> Gained:
+        """Let robots take their (R,) actions; in turn, one grid begins with other targets."""
+        parts = zip(self._grids, np.split(actions, len(self._grids)), strict=True)
+        gained = [grid.step(taken) for grid, taken in parts]
+        self._steps += 1
+        turn, rest = divmod(self._steps, _STEP_LIMIT // _GRIDS)
+        if not rest:
+            gained[turn % _GRIDS].truncated[:] = True
+            self._ended += self._grids[turn % _GRIDS].episodes
+            self._grids[turn % _GRIDS] = self._drawn()
+        return Gained(*map(np.concatenate, zip(*gained, strict=True)))
+
+    def _drawn(self) -> LearningGrid:
+        scenario, boards, shaping = self._made
+        drawn = with_drawn_targets(scenario, shaping.process, self._rng)
+        return LearningGrid(drawn, boards, int(self._rng.integers(2**32)), shaping)
+
+
+World = LearningGrid | DrawnTargets
 _ENDED = np.array([NOTHING] * GROUPS + [1] * DIRECTION_COUNT, dtype=np.float32)
 
 
@@ -164,3 +216,16 @@ def exploring(scenario: Scenario, process: Process) -> Scenario:
         for terrain in process.terrain
     )
     return replace(scenario, starts=starts)
+
+
+def with_drawn_targets(
+    scenario: Scenario, config: ProcessConfig, rng: np.random.Generator
+) -> Scenario:
+    """Return a scenario with drawn targets, and every other free cell as a start cell."""
+    own = exploring(scenario, build_process(scenario, config))
+    free = [{*cells, own.targets[robot]} for robot, cells in enumerate(own.starts)]
+    while True:
+        targets = tuple(sorted(cells)[rng.integers(len(cells))] for cells in free)
+        starts = tuple(tuple(sorted(cells - {*targets})) for cells in free)
+        with contextlib.suppress(ScenarioError):  # targets that touch
+            return replace(scenario, targets=targets, starts=starts)

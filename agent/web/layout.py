@@ -58,6 +58,7 @@ SETUP = _fields(
     strides=len(PARTS["strides"]),
     states=1,
     hidden=1,
+    any_target=1,
     walls=1,
     control_period_s=1,
     ticks_per_period=1,

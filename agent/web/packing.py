@@ -6,9 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.deep.policy import NetworkPolicy
+from agent.deep.inputs import Inputs
+from agent.deep.policy import NetworkConfig, NetworkPolicy
 from agent.firmware.tables import bearings_by_offset, best_directions, directions
 from agent.mdp.greedy import PolicyError
+from agent.mdp.readings import FORBIDDEN, FREE, GOAL
 from agent.policies import load_policy, method_name
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy
@@ -67,6 +69,17 @@ def load_page_policy(path: Path, scenario: Scenario) -> PagePolicy:
             f"train one with `python -m cosim.run --scenario {scenario.name}`"
         )
     return policy
+
+
+def finds_any_target(policy: PagePolicy) -> bool:
+    """Return whether a page may set a policy's targets."""
+    config = policy.config
+    return (
+        isinstance(config, NetworkConfig)
+        and config.any_target
+        and config.process.target_obstacle == "cell"
+        and not config.scenario.zone_is_obstacle
+    )
 
 
 def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
@@ -130,6 +143,7 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         "strides": process.strides,
         "states": process.state_count,
         "hidden": len(policy.network.b1) if isinstance(policy, NetworkPolicy) else 0,
+        "any_target": finds_any_target(policy),
         "walls": len(scenario.walls),
         "dt_s": timing.dt_s,
         "inverse_dt": body.inverse_dt,
@@ -196,7 +210,11 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         tables |= policy.times._asdict() | {"delay": kept["delay"], "first": first}
     elif isinstance(policy, NetworkPolicy):
         tables["network"] = np.concatenate([part.ravel() for part in policy.network])
-        tables["possible"] = np.packbits(policy.inputs.possible, axis=-1, bitorder="little")
+        terrain = process.terrain
+        if finds_any_target(policy):  # the C knows them
+            terrain = np.where(np.isin(terrain, (FORBIDDEN, GOAL)), FREE, terrain)
+        possible = Inputs.of(scenario, process._replace(terrain=terrain)).possible
+        tables["possible"] = np.packbits(possible, axis=-1, bitorder="little")
     else:
         tables["best"] = best_directions(policy.values)
     packed = {

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from agent.web.layout import SETUP, TABLES, VIEW
-from agent.web.packing import PagePolicy, pack
+from agent.web.packing import PagePolicy, finds_any_target, pack
 from cosim.base.storage import replacing
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
@@ -60,6 +60,7 @@ def render_page(
             "targets": scenario.targets,
             "walls": (scenario.walls * scenario.cell_m).tolist(),
             "maps": _maps(policy),
+            "any_target": finds_any_target(policy),
         },
         "layout": {"setup": SETUP, "view": VIEW},
         "seed": seed,

@@ -31,6 +31,9 @@ class Deep(NewFolder):
     algorithm: NetworkAlgorithm = "ippo"
     """Learner: PPO of skrl, whose critic sees what the robot sees (ippo) or the cells of all robots
     too (mappo), or double Q-learning with a network (ddqn)."""
+    any_target: bool = False
+    """Whether targets are drawn in training, so that one network drives to any: in scenarios that
+    differ in targets and starts only, and in pages, where a click sets them."""
     steps: Count = 1_500_000
     """Moves of all robots together to train on."""
     seed: Seed = 0
@@ -80,7 +83,8 @@ def run(options: Deep, progress: Progress) -> DeepReport:
     from agent.training.policy import Seed
 
     process, seed = SHAPING[options.algorithm].process, Seed(options.seed)
-    config = NetworkConfig(scenario, process, options.algorithm, options.steps, seed)
+    made = options.algorithm, options.steps, seed
+    config = NetworkConfig(scenario, process, *made, any_target=options.any_target)
 
     out = options.folder
     out.mkdir(parents=True, exist_ok=True)

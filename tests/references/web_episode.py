@@ -49,6 +49,10 @@ class NativeEpisode:
         assert outcome >= 0, "no starts"
         return BY_RANK[outcome]
 
+    def aim(self, robot: int, column: int, row: int) -> bool:
+        """Give a robot another target; whether there is room."""
+        return bool(self._c.episode_aim(robot, column, row) & 1)
+
     def advance(self, periods: int) -> Outcome:
         """Simulate control periods, and return how the episode ended, if it did."""
         return BY_RANK[self._c.episode_advance(periods)]

@@ -47,6 +47,7 @@ static double pressed[MOST_ROBOTS][FOOT_COUNT]; /* sum of the normal impulses of
 static int pairs[MOST_ROBOTS * MOST_ROBOTS][2], pair_count;
 static int64_t tick, period_of_step, periods_since_point;
 static int outcome;
+static float mapped[DIRECTIONS]; /* values of the last cell that was asked for */
 
 EXPORT Setup *episode_setup(void) { return &setup; }
 
@@ -65,6 +66,10 @@ static double heading_of(Quaternion q) {
 
 static bool is_within(const double *edges, double x, double y) {
     return edges[0] <= x && x < edges[2] && edges[1] <= y && y < edges[3];
+}
+
+static Position centre_of(Cell cell) {
+    return (Position){(cell.x + 0.5) * CELL_M, (cell.y + 0.5) * CELL_M};
 }
 
 static Position place_of(const Body *body) {
@@ -126,7 +131,7 @@ static void feel_patches(int i) {
 }
 
 /* Start cells: drawn again while any two robots would touch. */
-static bool draw_starts(Random *random, int32_t starts[][2]) {
+static bool draw_starts(Random *random, Cell starts[]) {
     for (int draw = 0; draw < DRAWS; draw++) {
         const int32_t *of_robot = table.starts;
         bool apart = true;
@@ -134,10 +139,9 @@ static bool draw_starts(Random *random, int32_t starts[][2]) {
             const uint32_t count = (uint32_t)setup.start_counts[i];
             const int32_t *cell = of_robot + 2 * next_index(random, count);
             of_robot += 2 * count;
-            starts[i][0] = cell[0];
-            starts[i][1] = cell[1];
+            starts[i] = (Cell){cell[0], cell[1]};
             for (int j = 0; j < i; j++) {
-                const int32_t dx = starts[j][0] - cell[0], dy = starts[j][1] - cell[1];
+                const int32_t dx = starts[j].x - cell[0], dy = starts[j].y - cell[1];
                 apart &= dx * dx + dy * dy > (int32_t)setup.contact_squared;
             }
         }
@@ -154,7 +158,7 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     const uint32_t start_keys[] = {number, START_CHILD};
     const uint32_t detour_keys[] = {number, NOISE_CHILD, DETOUR_CHILD};
     const uint32_t world_keys[] = {number, NOISE_CHILD, WORLD_CHILD};
-    int32_t starts[MOST_ROBOTS][2];
+    Cell starts[MOST_ROBOTS];
     Random random = random_of((uint64_t)seed, start_keys, 2);
     Random world = random_of((uint64_t)seed, world_keys, 3);
     BodyConstants body;
@@ -165,11 +169,11 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     if (!draw_starts(&random, starts))
         return outcome = NO_STARTS;
     for (int i = 0; i < ROBOTS; i++) {
-        const double x = (starts[i][0] + 0.5) * setup.cell_m, y = (starts[i][1] + 0.5) * setup.cell_m;
-        const bool up = setup.size[1] / 2.0 - y >= 0.0;
+        const Position at = centre_of(starts[i]);
+        const bool up = setup.size[1] / 2.0 - at.y >= 0.0;
         constants_of[i] = body;
         memcpy(mounts[i], setup.mounts, sizeof mounts[i]);
-        bodies[i] = (Body){.position = {x, y, setup.com_height_m},
+        bodies[i] = (Body){.position = {at.x, at.y, setup.com_height_m},
                            .orientation = {setup.start_quaternion[0], 0.0, 0.0,
                                            up ? setup.start_quaternion[1]
                                               : -setup.start_quaternion[1]}};
@@ -200,19 +204,63 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     return outcome;
 }
 
-/* Set a robot down elsewhere, at rest; whether there is room. */
-EXPORT bool episode_place(int i, double x, double y) {
-    const double radius = 0.5 * setup.diameter_m;
+/* Whether a robot's centre may be somewhere, by the places or targets of the others. */
+static bool has_room(int i, double x, double y, const Position others[]) {
     bool free = 0.0 < x && x < setup.size[0] && 0.0 < y && y < setup.size[1];
-    for (int j = 0; j < ROBOTS; j++) {
-        const double dx = bodies[j].position.x - x, dy = bodies[j].position.y - y;
-        free &= j == i || dx * dx + dy * dy > setup.diameter_m * setup.diameter_m;
-    }
+    for (int j = 0; j < ROBOTS; j++)
+        free &= j == i || norm(others[j].x - x, others[j].y - y) > setup.diameter_m;
     for (const double *e = table.walls; e < table.walls + 4 * (int)setup.walls; e += 4) {
         const Position out = away_from(e, (Position){x, y});
-        free &= out.x * out.x + out.y * out.y > radius * radius;
+        free &= norm(out.x, out.y) > 0.5 * setup.diameter_m;
     }
-    if (!free || outcome != RUNNING)
+    return free;
+}
+
+/* Give a robot another target; whether there is room. */
+EXPORT bool episode_aim(int i, int32_t column, int32_t row) {
+    Position targets[MOST_ROBOTS];
+    for (int j = 0; j < ROBOTS; j++)
+        targets[j] = centre_of(target_of(j));
+    const Position at = centre_of((Cell){column, row});
+    if (!has_room(i, at.x, at.y, targets) || (outcome != RUNNING && outcome != SUCCESS))
+        return false;
+    setup.targets[2 * i] = column;
+    setup.targets[2 * i + 1] = row;
+    robot_of[i].arrived = false;
+    outcome = RUNNING;
+    order_targets();
+    show();
+    return true;
+}
+
+/* What the network says of a cell to a robot while the others are at their targets: the value of the
+ * best move, which is not a number where it would touch them, and that move. */
+EXPORT double episode_value(int i, int32_t column, int32_t row) {
+    Cell cells[MOST_ROBOTS];
+    bool apart = true;
+    for (int j = 0; j < ROBOTS; j++) {
+        cells[j] = j == i ? (Cell){column, row} : target_of(j);
+        const int32_t dx = cells[j].x - column, dy = cells[j].y - row;
+        apart &= j == i || dx * dx + dy * dy > setup.contact_squared;
+    }
+    present_robot = i + 1;
+    network_values(cells, mapped);
+    return apart ? largest_of(mapped) : NAN;
+}
+
+EXPORT int episode_best(void) {
+    int best = 0;
+    for (int k = 1; k < DIRECTIONS; k++)
+        best = mapped[k] > mapped[best] ? k : best;
+    return best;
+}
+
+/* Set a robot down elsewhere, at rest; whether there is room. */
+EXPORT bool episode_place(int i, double x, double y) {
+    Position at[MOST_ROBOTS];
+    for (int j = 0; j < ROBOTS; j++)
+        at[j] = place_of(&bodies[j]);
+    if (!has_room(i, x, y, at) || outcome != RUNNING)
         return false;
     const Quaternion q = bodies[i].orientation;
     const double norm = square_root(q.w * q.w + q.z * q.z);

@@ -22,6 +22,17 @@ static const float *add_layer(const float from[], int size, const float *weights
     return weights + (size + 1) * count;
 }
 
+/* Whether a move of the present robot leads neither off the board nor into an obstacle, such as the
+ * target of another. */
+static bool is_possible(Cell own, int move) {
+    const bool open = table.possible[((ROBOT - 1) * COLUMNS + own.x) * ROWS + own.y] >> move & 1;
+    const Cell after = {own.x + step[move][0], own.y + step[move][1]};
+    bool parking = false;
+    for (int k = 0; k < ROBOTS && setup.any_target != 0.0; k++)
+        parking |= k != ROBOT - 1 && is_same(after, target_of(k));
+    return (open && !parking) || is_same(own, target_of(ROBOT - 1));
+}
+
 /* Values of the present robot's moves; impossible ones are worth 1 less than the worst of the others. */
 static void network_values(const Cell cells[ROBOTS], float values[DIRECTIONS]) {
     int32_t which;
@@ -49,12 +60,11 @@ static void network_values(const Cell cells[ROBOTS], float values[DIRECTIONS]) {
     weights = add_layer(first, hidden, weights + hidden, second, hidden);
     add_layer(second, hidden, weights, values, DIRECTIONS);
 
-    const uint8_t possible = table.possible[((ROBOT - 1) * COLUMNS + own.x) * ROWS + own.y];
     float worst = largest_of(values);
     for (int k = 0; k < DIRECTIONS; k++)
-        worst = possible >> k & 1 && values[k] < worst ? values[k] : worst;
+        worst = is_possible(own, k) && values[k] < worst ? values[k] : worst;
     for (int k = 0; k < DIRECTIONS; k++)
-        values[k] = possible >> k & 1 ? values[k] : worst - 1.0f;
+        values[k] = is_possible(own, k) ? values[k] : worst - 1.0f;
 }
 
 #endif

@@ -23,6 +23,8 @@ static Cell target_of(int32_t robot) {
     return (Cell){(int32_t)setup.targets[2 * robot], (int32_t)setup.targets[2 * robot + 1]};
 }
 
+static bool is_same(Cell a, Cell b) { return a.x == b.x && a.y == b.y; }
+
 static float largest_of(const float values[DIRECTIONS]) {
     float largest = values[0];
     for (int k = 1; k < DIRECTIONS; k++)
@@ -128,9 +130,7 @@ static bool arrive(const Position at[]) {
     cells_of(at, cells);
     for (int32_t i = 0; i < ROBOTS; i++) {
         Robot *robot = &robot_of[i];
-        const Cell target = target_of(i);
-        robot->arrived |= was_moving[i] && has_ended(robot) && cells[i].x == target.x &&
-                          cells[i].y == target.y;
+        robot->arrived |= was_moving[i] && has_ended(robot) && is_same(cells[i], target_of(i));
         if (robot->arrived)
             robot->mode = HOLD;
         all &= robot->arrived;

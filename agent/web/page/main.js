@@ -19,6 +19,7 @@ addEventListener("unhandledrejection", (event) => fail(String(event.reason?.mess
 
 const data = JSON.parse($("data").textContent);
 const { scenario, layout } = data;
+const own = { targets: scenario.targets, maps: scenario.maps };
 const board = new Board($("board"), scenario);
 const plots = ["omega", "voltage", "force"].map((name) => {
   const [title, unit, names] = {
@@ -73,7 +74,7 @@ worker.onmessage = ({ data: message }) => {
   take(message);
 };
 
-function take({ kind, view, playing: plays = false }) {
+function take({ kind, view, playing: plays = false, targets, maps }) {
   const wall = performance.now();
   if (kind === "begun") {
     board.clear();
@@ -83,14 +84,20 @@ function take({ kind, view, playing: plays = false }) {
   } else before = now;
   now = { ...read(view), wall };
   if (kind === "placed") board.clear(); // robots did not drive there
+  if (kind === "aimed") show({ targets, maps });
   board.follow(now.robots);
   plots.forEach(([name, plot]) => plot.add(now.time, now.robots.map((robot) => robot[name])));
   setPlaying(plays);
   ready = true;
   for (const id of ["play", "step", "restart"]) $(id).disabled = false;
   $("step").disabled = now.outcome !== 0;
-  moved = kind === "placed" || (moved && kind !== "begun");
-  $("outcome").textContent = OUTCOMES[now.outcome] + (moved ? ", moved by hand" : "");
+  moved = kind === "placed" || kind === "aimed" || (moved && kind !== "begun");
+  $("outcome").textContent = OUTCOMES[now.outcome] + (moved ? ", changed by hand" : "");
+}
+
+function show(part) {
+  Object.assign(scenario, part);
+  board.mapKey = undefined;
 }
 
 function setPlaying(plays) {
@@ -193,9 +200,13 @@ function listen() {
   $("world").onchange = () => enter(Number($("world").value));
   $("robot").onchange = () => choose(Number($("robot").value));
   const place = (robot, x, y) => send({ action: "place", robot, x, y });
+  const aim = (x, y) => scenario.any_target && ready && send({ action: "aim", robot: selected, x: Math.floor(x), y: Math.floor(y) });
+  let grabs = false;
+  $("board").onclick = (event) => grabs || aim(...board.placeOf(event).map((m) => m / scenario.cell_m));
   $("board").onpointerdown = (event) => {
     const robot = now ? board.robotAt(event, now.robots) : -1;
-    if (robot < 0) return;
+    grabs = robot >= 0;
+    if (!grabs) return;
     choose(robot);
     $("board").setPointerCapture(event.pointerId);
     dragged = { robot, from: [event.clientX, event.clientY] };
@@ -213,8 +224,9 @@ function listen() {
     const by = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] }[event.key];
     if (!by) return;
     event.preventDefault();
-    const { x, y } = now.robots[selected];
-    place(selected, x + by[0] * scenario.cell_m, y + by[1] * scenario.cell_m);
+    const { x, y } = now.robots[selected], [column, row] = scenario.targets[selected];
+    if (event.shiftKey) aim(column + by[0], row + by[1]);
+    else place(selected, x + by[0] * scenario.cell_m, y + by[1] * scenario.cell_m);
   };
   $("controls").onsubmit = (event) => event.preventDefault();
   addEventListener("keydown", (event) => {
@@ -229,7 +241,7 @@ function listen() {
 }
 
 // What is shown, for tests.
-window.shown = () => ({ world: world.name, robots: now.robots.map(({ x, y }) => [x, y]), scale: board.scale, rows_m: board.rows_m });
+window.shown = () => ({ world: world.name, targets: scenario.targets, map: scenario.maps[selected].action, robots: now.robots.map(({ x, y }) => [x, y]), scale: board.scale, rows_m: board.rows_m });
 
 // An episode as fast as it goes: how it ended, and positions at the end of every decision step.
 window.recordEpisode = (given) =>
@@ -244,7 +256,7 @@ async function enter(place) {
   const [setup, ...tables] = await Promise.all([chosen.setup, ...chosen.tables].map(inflated));
   world = chosen;
   worker.postMessage({ action: "enter", setup: new Float64Array(setup), tables, places: data.of_worlds });
-  scenario.patches = world.patches;
+  show({ ...own, patches: world.patches });
   $("mu").value = world.mu;
   $("noise").value = world.noise;
   $("with-shield").hidden = !world.shielded;
@@ -255,6 +267,7 @@ async function start() {
   if (typeof DecompressionStream === "undefined") throw new Error("this browser is too old: it has no DecompressionStream; update it");
   scenario.targets.forEach((_, i) => $("robot").add(new Option(`r${i + 1}`, i)));
   data.worlds.forEach(({ name }, k) => $("world").add(new Option(name, k)));
+  $("with-targets").hidden = !scenario.any_target;
   $("with-world").hidden = data.worlds.length < 2;
   $("seed").value = data.seed;
   const [wasm, ...tables] = await Promise.all([data.wasm, ...data.tables].map(unpacked));

@@ -93,6 +93,19 @@ const actions = {
     if (playing && !before) play();
     if (!playing) post("frame", { playing }); // after those under way
   },
+  aim({ robot, x, y }) {
+    if (!c.episode_aim(robot, x, y)) return;
+    const all = setup(), of = (name, i) => all[layout.setup[name][0] + i];
+    const robots = Array.from({ length: of("robots", 0) }, (_, i) => i), cells = [];
+    for (let column = 0; column < of("columns", 0); column++)
+      for (let row = 0; row < of("rows", 0); row++) cells.push([column, row]);
+    const targets = robots.map((i) => [of("targets", 2 * i), of("targets", 2 * i + 1)]);
+    const maps = robots.map((i) => {
+      const seen = cells.map((cell) => [c.episode_value(i, ...cell), c.episode_best()]);
+      return { value: seen.map(([value]) => (value === value ? value : null)), action: seen.map(([, best]) => best) };
+    });
+    post("aimed", { playing, targets, maps });
+  },
   place({ robot, x, y }) {
     if (c.episode_place(robot, x, y)) post("placed", { playing });
   },

@@ -11,7 +11,7 @@ import pytest
 import agent
 from agent.deep.inputs import GROUPS, NOTHING, REACH, Inputs, look_at_boards
 from agent.deep.policy import Network, NetworkConfig, NetworkPolicy
-from agent.deep.world import SHAPING, LearningGrid, values_alone
+from agent.deep.world import SHAPING, DrawnTargets, LearningGrid, values_alone
 from agent.envs import parallel_env
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import joint_starts
@@ -125,6 +125,45 @@ def test_the_same_seed_gives_the_same_bits(algorithm, tiny):
 
     first, again, other = trained(3), trained(3), trained(4)
     assert first.digest() == again.digest() != other.digest()
+
+
+def test_only_networks_of_drawn_targets_act_where_targets_are_others():
+    policy = network(find_scenario("2"))
+    other = replace(find_scenario("2"), targets=((4, 20), (25, 5)), starts=(((1, 1),), ((9, 9),)))
+    with pytest.raises(PolicyError, match="was trained on scenario 2"):
+        policy.in_scenario(other)
+    config = msgspec.structs.replace(policy.config, any_target=True)
+    policy = replace(policy, config=config)
+    assert policy.in_scenario(other).inputs.targets.tolist() == [[4, 20], [25, 5]]
+    with pytest.raises(PolicyError, match="was trained on scenario 2"):
+        policy.in_scenario(replace(other, cell_m=0.011))
+
+
+@pytest.mark.slow
+def test_a_network_of_drawn_targets_drives_to_others():
+    from agent.deep.learners import train
+
+    scenario = Scenario("lone", "", ((1, 1),), (((4, 4), (4, 0)),), 6, 6, 0.05, (2, 2, 3, 3))
+    config = NetworkConfig(
+        scenario, SHAPING["ddqn"].process, "ddqn", 5000, Seed(1), any_target=True
+    )
+    policy = train(config, silent, lambda _: None)
+    moved = policy.in_scenario(replace(scenario, targets=((3, 5),)))
+    assert moved.evaluate().rate(Outcome.SUCCESS) == 1.0
+
+
+def test_targets_are_drawn_again_and_episodes_cut():
+    world = DrawnTargets(WALLED, 15, 0, SHAPING["ddqn"])
+    before = [grid.inputs.targets.tolist() for grid in world._grids]
+    assert len({str(targets) for targets in before}) > 10
+    cut = np.zeros(30, dtype=int)
+    for _ in range(20):
+        possible = world.observations()[:, GROUPS:]
+        cut += world.step(possible.argmax(axis=1)).truncated
+    after = [grid.inputs.targets.tolist() for grid in world._grids]
+    assert [a != b for a, b in zip(before, after, strict=True)] == [k in (1, 2) for k in range(15)]
+    assert cut[2:6].min() == 1
+    assert not np.delete(cut, range(2, 6)).any()
 
 
 def test_ppo_learns_from_moves_only(monkeypatch):

@@ -1,5 +1,8 @@
 """The C of a page's episode against the kernels: poses, times and outcomes in every bit."""
 
+from dataclasses import replace
+
+import msgspec
 import numpy as np
 import pytest
 
@@ -27,16 +30,24 @@ def library(tmp_path_factory):
     return out
 
 
-def compare(library, policy, seeds, world=None, **options) -> list[str]:
-    """Compare episodes of the C with those of the kernels; how they ended."""
+def compare(library, policy, seeds, world=None, targets: tuple = (), **options) -> list[str]:
+    """Compare episodes of the C with those of the kernels; how they ended.
+
+    With targets, those of the kernels have them, and the C has them set after the start.
+    """
     given = policy.config.scenario if world is None else policy.config.scenario.name
     asked = SimulationOptions(portable=True, **options)
     setup = resolve(asked, given, world=world)
     scenario, config, _ = setup
     episode, n = NativeEpisode(library, pack(policy, scenario, config)), scenario.robots
+    if targets:
+        setup = setup._replace(scenario=replace(scenario, targets=targets))
+        policy = policy.in_scenario(setup.scenario)
     outcomes = []
     for seed in seeds:
         episode.begin(seed)
+        for robot, cell in enumerate(targets):
+            assert episode.aim(robot, *cell)
         for simulation, step in steps_of(policy, setup, seed):
             outcome, view = episode.advance(config.periods_per_step), episode.view()
             ours = view["position"].reshape(-1, 3)[:n]
@@ -82,13 +93,20 @@ def test_tables_of_all_features_decide_as_the_policy_does(library):
 def test_unequal_motors_seen_by_a_camera_have_the_bits_of_the_kernels(library, shield):
     policy = random_policy(find_scenario("4-ring"), "xydgb", np.random.default_rng(3))
     world = "cosim/model/worlds/rough.toml"
-    compare(library, policy, [1], world=world, shield=shield, time_limit=30.0)
+    compare(library, policy, [1], world=world, shield=shield, time_limit=12.0)
 
 
 @pytest.mark.parametrize("name", ["1a", "4-ring"])
 def test_networks_have_the_bits_of_the_kernels(library, name):
     policy = network(find_scenario(name), 3)
     compare(library, policy, [1], shield=True, time_limit=16.0, on_collision="continue")
+
+
+def test_robots_whose_targets_are_set_have_the_bits_of_other_scenarios(library):
+    policy = network(find_scenario("4-ring"), 3)
+    policy = replace(policy, config=msgspec.structs.replace(policy.config, any_target=True))
+    targets = ((24, 9), (12, 4), (15, 25), (5, 12))
+    compare(library, policy, [1], targets=targets, shield=True, time_limit=16.0)
 
 
 def test_loads_phases_and_slopes_have_the_bits_of_the_kernels(library):

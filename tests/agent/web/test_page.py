@@ -3,7 +3,9 @@
 import json
 import math
 import shutil
+from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from playwright.sync_api import sync_playwright
@@ -15,6 +17,7 @@ from cosim.model.outcome import BY_RANK, Outcome
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import ROUGH, find_scenario
 from cosim.simulation.options import SimulationOptions, resolve
+from tests.agent.deep.test_deep import network
 from tests.agent.firmware.test_firmware import random_policy
 from tests.references.web_episode import steps_of
 
@@ -149,6 +152,32 @@ def test_robots_are_dragged_to_where_there_is_room(browser, tmp_path):
     page.wait_for_function("document.getElementById('outcome').textContent === 'running'")
     assert page.evaluate("shown().robots") == before
     page.uncheck("#shielded")
+    assert said == []
+
+
+@pytest.mark.browser
+def test_a_click_sets_a_target_of_a_network(browser, tmp_path):
+    policy = network(find_scenario("2"))
+    policy = replace(policy, config=msgspec.structs.replace(policy.config, any_target=True))
+    written(tmp_path / "page.html", policy)
+    page, said = opened(browser, tmp_path / "page.html", viewport={"width": 1200, "height": 900})
+    box = page.locator("#board").bounding_box()
+    page.select_option("#robot", label="r2")
+    page.mouse.click(box["x"] + 0.85 * box["width"], box["y"] + 0.55 * box["height"])
+    page.wait_for_function("shown().targets[1].join() === '25,13'")
+    page.focus("#board")
+    page.keyboard.press("Shift+ArrowRight")
+    page.wait_for_function("shown().targets[1].join() === '26,13'")
+    moved = policy.in_scenario(
+        replace(policy.config.scenario, targets=(policy.config.scenario.targets[0], (26, 13)))
+    )
+    expected = moved.maps()[1].action.ravel()
+    known = moved.maps()[1].visits.ravel() > 0
+    assert np.array_equal(np.array(page.evaluate("shown().map"))[known], expected[known])
+    page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.4 * box["height"])  # r1's
+    page.keyboard.press(".")
+    page.wait_for_function("document.getElementById('time').textContent === '2.0 s'")
+    assert page.evaluate("shown().targets")[1] == [26, 13]
     assert said == []
 
 
