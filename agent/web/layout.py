@@ -21,9 +21,10 @@ class Field(NamedTuple):
     size: int
 
 
-def _fields(**sizes: int) -> dict[str, Field]:
+def _fields(numbers: str, **sizes: int) -> dict[str, Field]:
+    """Return fields of one number by their names, and others by their sizes."""
     found, start = {}, 0
-    for name, size in sizes.items():
+    for name, size in (dict.fromkeys(numbers.split(), 1) | sizes).items():
         found[name] = Field(start, size)
         start += size
     return found
@@ -45,75 +46,29 @@ PARTS = {
 # What determines an episode besides policy, starts and seed; units are SI, of lengths cells where
 # nothing is said.
 SETUP = _fields(
-    robots=1,
-    columns=1,
-    rows=1,
-    cell_m=1,
+    "robots columns rows cell_m contact_squared near_squared medium_squared states hidden "
+    "any_target walls closed patches control_period_s ticks_per_period decision_periods "
+    "move_limit_periods episode_limit_ticks path_periods through ends_on_collision noise "
+    "noise_hold_periods shielded spread com_height_m diameter_m mu mu_robots",
     size=2,
+    within=2,
     targets=2 * MOST_ROBOTS,
     start_counts=MOST_ROBOTS,
-    contact_squared=1,
-    near_squared=1,
-    medium_squared=1,
-    strides=len(PARTS["strides"]),
-    states=1,
-    hidden=1,
-    any_target=1,
-    walls=1,
-    control_period_s=1,
-    ticks_per_period=1,
-    decision_periods=1,
-    move_limit_periods=1,
-    episode_limit_ticks=1,
-    path_periods=1,
-    through=1,
-    ends_on_collision=1,
-    noise=1,
-    noise_hold_periods=1,
-    steering=len(PARTS["steering"]),
+    start_quaternion=2,
+    closed_zone=4,
     direction_rad=8 + MOST_ROBOTS,  # behind those of moves those of retreats
     direction_x=8 + MOST_ROBOTS,
     direction_y=8 + MOST_ROBOTS,
-    shielded=1,
-    shield=len(PARTS["shield"]),
-    closed=1,
-    closed_zone=4,
-    patches=1,
-    spread=1,
-    motion=len(PARTS["motion"]),
-    camera=len(PARTS["camera"]),
-    filter=len(PARTS["filter"]),
-    within=2,
-    start_quaternion=2,
-    com_height_m=1,
-    diameter_m=1,
-    mu_robots=1,
     phases=2 * MOST_ROBOTS,
-    # As `BodyConstants` of fmus/mini_robot/body.h, without the direction of a slope.
-    inverse_mass=1,
-    inertia=3,
-    inverse_inertia=3,
-    products=2,
-    centre=2,
-    gravity=3,
-    mu=3,
-    restitution=1,
-    dt_s=1,
-    inverse_dt=1,
-    feet=9,
-    step_normal=1,
-    step_tangential=1,
-    spin_inertia=1,
-    tolerance=1,
+    body=33,
     mounts=14,
     motor=14,
+    **{name: len(names) for name, names in PARTS.items()},
 )
 
 # What an episode shows of itself, all robots' values one after the other.
 VIEW = _fields(
-    time_s=1,
-    outcome=1,
-    steps=1,
+    "time_s outcome steps",
     position=3 * MOST_ROBOTS,
     heading=MOST_ROBOTS,
     goal=2 * MOST_ROBOTS,
@@ -125,6 +80,9 @@ VIEW = _fields(
     voltage=2 * MOST_ROBOTS,
     force=3 * MOST_ROBOTS,
 )
+
+# Fields that are records of fmus/mini_robot; the slope's direction in the body is the episode's.
+_RECORDS = {"body": "BodyConstants body", "mounts": "Mount mounts[2]"}
 
 # Types of the tables in C and numpy; those of a policy that does without one are empty.
 TABLES = {
@@ -151,12 +109,19 @@ def render_header() -> str:
         "/* Generated from agent/web/layout.py. */",
         "#ifndef LAYOUT_H",
         "#define LAYOUT_H",
-        "#include <stdint.h>",
+        '#include "body.h"',
         f"enum {{ MOST_ROBOTS = {MOST_ROBOTS}, MOST_HIDDEN = {MOST_HIDDEN} }};",
     ]
     for name, record in (("Setup", SETUP), ("View", VIEW)):
-        parts = (f"{k}[{f.size}]" if f.size > 1 else k for k, f in record.items())
-        lines.append(f"typedef struct {{ double {', '.join(parts)}; }} {name};")
+        parts = (
+            _RECORDS.get(k, f"double {k}[{f.size}]" if f.size > 1 else f"double {k}")
+            for k, f in record.items()
+        )
+        size = sum(field.size for field in record.values())
+        lines += [
+            f"typedef struct {{ {'; '.join(parts)}; }} {name};",
+            f'_Static_assert(sizeof({name}) == {size} * sizeof(double), "{name}");',
+        ]
     for name, names in PARTS.items():
         lines += [f"#define {part.upper()} setup.{name}[{k}]" for k, part in enumerate(names)]
     pointers = " ".join(f"{kind} *{name};" for name, (kind, _) in TABLES.items())

@@ -145,8 +145,6 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         "hidden": len(policy.network.b1) if isinstance(policy, NetworkPolicy) else 0,
         "any_target": finds_any_target(policy),
         "walls": len(scenario.walls),
-        "dt_s": timing.dt_s,
-        "inverse_dt": body.inverse_dt,
         "control_period_s": ticks * timing.dt_s,
         "ticks_per_period": ticks,
         "decision_periods": config.periods_per_step,
@@ -172,29 +170,23 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
         "start_quaternion": (math.cos(facing), math.sin(facing)),
         "com_height_m": config.robot.com_height_m,
         "diameter_m": plant.pair.diameter,
-        "mu": contact.mu,
+        "mu": config.robot.mu,
         "mu_robots": plant.pair.mu,
-        "inverse_mass": body.inverse_mass,
-        "inertia": body.inertia,
-        "inverse_inertia": body.inverse_inertia,
-        "products": (body.product, body.inverse_product),
         "phases": np.nan_to_num(motor_phases(config.world, scenario.robots)),
-        "centre": body.centre,
-        "gravity": body.gravity,
-        "restitution": config.world.restitution or 0.0,
-        "feet": (*contact.a, *contact.b, *contact.c),
-        "step_normal": contact.step_normal,
-        "step_tangential": contact.step_tangential,
-        "spin_inertia": contact.spin_inertia,
-        "tolerance": contact.tolerance,
+        "body": (
+            *(body.inverse_mass, *body.inertia, *body.inverse_inertia),
+            *(body.product, body.inverse_product, *body.centre, *body.gravity, *contact.mu),
+            *(body.restitution, body.dt, body.inverse_dt, *contact.a, *contact.b, *contact.c),
+            *(contact.step_normal, contact.step_tangential, contact.spin_inertia),
+            contact.tolerance,
+        ),
         "mounts": (*plant.mount_d, *plant.mount_e),
         "motor": [motor.get(p.name, p.start or 0.0) for p in parameters],
     }
+    assert values.keys() == SETUP.keys()
     setup = np.zeros(sum(field.size for field in SETUP.values()))
-    for name, field in SETUP.items():
-        value = np.ravel(values.pop(name)).astype(np.float64)
-        setup[field.start : field.start + len(value)] = value
-    assert not values, values
+    for name, value in values.items():
+        setup[SETUP[name].start :][: np.size(value)] = np.ravel(value)
     tables: dict[str, np.ndarray] = {
         "starts": np.array([cell for cells in scenario.starts for cell in cells]),
         "walls": scenario.walls * scenario.cell_m,

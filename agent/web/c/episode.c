@@ -108,8 +108,8 @@ static void tilt_floor(Random *random) {
     const double direction_deg = (double)(int64_t)((scaled + ((Wide)1 << 63)) >> 64) / 1e6;
     const Trig t = sine_cosine(direction_deg * (PI / 180.0));
     for (int i = 0; i < ROBOTS; i++) {
-        constants_of[i].gravity.x = setup.gravity[0] * t.cosine;
-        constants_of[i].gravity.y = setup.gravity[0] * t.sine;
+        constants_of[i].gravity.x = setup.body.gravity.x * t.cosine;
+        constants_of[i].gravity.y = setup.body.gravity.x * t.sine;
     }
 }
 
@@ -123,10 +123,10 @@ static void feel_patches(int i) {
         const Vector arm = {foot.x - p->centre_x, foot.y - p->centre_y, foot.z};
         const double x = bodies[i].position.x + dot(axes.x, arm);
         const double y = bodies[i].position.y + dot(axes.y, arm);
-        p->mu[k] = setup.mu[0];
+        p->mu[k] = setup.mu;
         for (const double *e = table.patches; e < table.patches + 5 * (int)setup.patches; e += 5)
             if (is_within(e, x, y))
-                p->mu[k] = e[4] == e[4] ? e[4] : setup.mu[0];
+                p->mu[k] = e[4] == e[4] ? e[4] : setup.mu;
     }
 }
 
@@ -161,8 +161,6 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     Cell starts[MOST_ROBOTS];
     Random random = random_of((uint64_t)seed, start_keys, 2);
     Random world = random_of((uint64_t)seed, world_keys, 3);
-    BodyConstants body;
-    memcpy(&body, &setup.inverse_mass, sizeof body);
     view = (View){0};
     tick = period_of_step = periods_since_point = 0;
     pair_count = 0;
@@ -171,7 +169,7 @@ EXPORT int episode_begin(double seed, uint32_t number) {
     for (int i = 0; i < ROBOTS; i++) {
         const Position at = centre_of(starts[i]);
         const bool up = setup.size[1] / 2.0 - at.y >= 0.0;
-        constants_of[i] = body;
+        constants_of[i] = setup.body;
         memcpy(mounts[i], setup.mounts, sizeof mounts[i]);
         bodies[i] = (Body){.position = {at.x, at.y, setup.com_height_m},
                            .orientation = {setup.start_quaternion[0], 0.0, 0.0,
@@ -189,13 +187,13 @@ EXPORT int episode_begin(double seed, uint32_t number) {
                 motor->constants.value[j] = setup.motor[j];
             motor->constants.closed_loop = true;
             motor->constants.theta_start = setup.phases[MOTORS * i + k];
-            if (setup.spread > 0.0 || setup.gravity[0] > 0.0)
+            if (setup.spread > 0.0 || setup.body.gravity.x > 0.0)
                 spread_motor(i, k, &world);
             motor_derive(&motor->constants);
             motor->x = motor_start(&motor->constants);
         }
     }
-    if (setup.gravity[0] > 0.0)
+    if (setup.body.gravity.x > 0.0)
         tilt_floor(&world);
     order_targets();
     start_robots(&known, random_of((uint64_t)seed, detour_keys, 3));
@@ -328,16 +326,17 @@ static Shaft turn(Shaken *motor) {
 
 /* The contact impulse on a body of another, or of a wall that has no inverse mass, at a distance of
  * their contact; whether there is one: `push_apart` and `push_off` of cosim/physics/collision.py in C. */
-static bool push(Body *a, double mass_a, double spin_a, Body *b, double contact_m) {
+static bool push(Body *a, double mass_a, Body *b, double contact_m) {
     const double dx = b->position.x - a->position.x, dy = b->position.y - a->position.y;
     const double distance = norm(dx, dy);
     const double nx = dx / distance, ny = dy / distance;
     const double radius = 0.5 * setup.diameter_m;
     const double vx = b->velocity.x - a->velocity.x, vy = b->velocity.y - a->velocity.y;
-    const double excess = vx * nx + vy * ny - allowed_approach(distance - contact_m, setup.inverse_dt);
+    const double excess = vx * nx + vy * ny - allowed_approach(distance - contact_m, setup.body.inverse_dt);
     if (excess >= 0.0)
         return false;
-    const double mass = setup.inverse_mass, spin = radius * setup.inverse_inertia[2];
+    const double mass = setup.body.inverse_mass, spin = radius * setup.body.inverse_inertia.z;
+    const double spin_a = mass_a > 0.0 ? spin : 0.0;
     const double impulse = -excess / (mass_a + mass);
     const double slip = vy * nx - vx * ny - radius * (a->omega.z + b->omega.z);
     const double stopping = -slip / (mass_a + mass + radius * (spin_a + spin));
@@ -353,12 +352,6 @@ static bool push(Body *a, double mass_a, double spin_a, Body *b, double contact_
     return impulse > 0.0;
 }
 
-static void push_apart(int i, int j) {
-    const double spin = 0.5 * setup.diameter_m * setup.inverse_inertia[2];
-    if (push(&bodies[i], setup.inverse_mass, spin, &bodies[j], setup.diameter_m))
-        touched[i] = touched[j] = true;
-}
-
 static void push_off(int i, const double wall[4]) {
     Body *body = &bodies[i];
     const double radius = 0.5 * setup.diameter_m, reach = radius + NEAR_M;
@@ -366,7 +359,7 @@ static void push_off(int i, const double wall[4]) {
     Body still = {.position = {between(body->position.x, wall[0], wall[2]),
                                between(body->position.y, wall[1], wall[3]), 0.0}};
     if (out.x * out.x + out.y * out.y < reach * reach)
-        touched[i] |= push(&still, 0.0, 0.0, body, radius);
+        touched[i] |= push(&still, 0.0, body, radius);
 }
 
 static void step_tick(void) {
@@ -381,8 +374,11 @@ static void step_tick(void) {
         for (int k = 0; k < FOOT_COUNT; k++)
             pressed[i][k] += bodies[i].at[k].normal;
     }
-    for (int k = 0; k < pair_count; k++)
-        push_apart(pairs[k][0], pairs[k][1]);
+    for (int k = 0; k < pair_count; k++) {
+        const int i = pairs[k][0], j = pairs[k][1];
+        if (push(&bodies[i], setup.body.inverse_mass, &bodies[j], setup.diameter_m))
+            touched[i] = touched[j] = true;
+    }
     for (int i = 0; i < ROBOTS; i++)
         for (int k = 0; k < (int)setup.walls; k++)
             push_off(i, table.walls + 4 * k);
@@ -422,7 +418,7 @@ static void add_to_path(void) {
 }
 
 static void show(void) {
-    view.time_s = tick * setup.dt_s;
+    view.time_s = tick * setup.body.dt;
     view.outcome = outcome;
     for (int i = 0; i < ROBOTS; i++) {
         memcpy(view.position + 3 * i, &bodies[i].position, sizeof bodies[i].position);

@@ -21,14 +21,11 @@ const data = JSON.parse($("data").textContent);
 const { scenario, layout } = data;
 const own = { targets: scenario.targets, maps: scenario.maps };
 const board = new Board($("board"), scenario);
-const plots = ["omega", "voltage", "force"].map((name) => {
-  const [title, unit, names] = {
-    omega: ["Motor speeds ω", "rad/s", ["D", "E"]],
-    voltage: ["Motor voltages", "V", ["D", "E"]],
-    force: ["Contact forces of the feet, mean of 1 ms", "N", ["A", "B", "C"]],
-  }[name];
-  return [name, new Plot($(name), $(`${name}-title`), title, unit, names)];
-});
+const plots = [
+  ["omega", "Motor speeds ω", "rad/s", ["D", "E"]],
+  ["voltage", "Motor voltages", "V", ["D", "E"]],
+  ["force", "Contact forces of the feet, mean of 1 ms", "N", ["A", "B", "C"]],
+].map(([name, ...shown]) => [name, new Plot($(name), $(`${name}-title`), ...shown)]);
 let before, now, playing = false, ready = false, selected = 0, waiting, world, moved = false, dragged = null, pace = { wall: 0, time: 0 };
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
