@@ -159,7 +159,7 @@ def test_robots_are_dragged_to_where_there_is_room(browser, tmp_path):
 def test_a_click_sets_a_target_of_a_network(browser, tmp_path):
     policy = network(find_scenario("2"))
     policy = replace(policy, config=msgspec.structs.replace(policy.config, any_target=True))
-    written(tmp_path / "page.html", policy)
+    setup = written(tmp_path / "page.html", policy, time_limit=8.0)
     page, said = opened(browser, tmp_path / "page.html", viewport={"width": 1200, "height": 900})
     box = page.locator("#board").bounding_box()
     page.select_option("#robot", label="r2")
@@ -178,6 +178,7 @@ def test_a_click_sets_a_target_of_a_network(browser, tmp_path):
     page.keyboard.press(".")
     page.wait_for_function("document.getElementById('time').textContent === '2.0 s'")
     assert page.evaluate("shown().targets")[1] == [26, 13]
+    compare(page, moved, setup._replace(scenario=moved.config.scenario), 1)
     assert said == []
 
 
