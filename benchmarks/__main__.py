@@ -1,7 +1,8 @@
 """`python -m benchmarks NAME`: what things cost, how they converge, and what helps.
 
-A benchmark is a module with `Options`, its command line; `measure`, whose arguments these are; and
-`show`, which prints what was measured: without it, figures by name and rows as tables.
+A benchmark is a module with `Options`, its command line, whose help is the module's docstring;
+`measure`, which takes them; and `show`, which prints what was measured: without it, figures by name
+and rows as tables.
 """
 
 import sys
@@ -30,9 +31,10 @@ def main() -> None:
         sys.exit(0 if name in {"-h", "--help"} else USER_ERROR_STATUS)
     place = known[name].relative_to(ROOT.parent).with_suffix("")
     module = import_module(".".join(place.parts))
+    module.Options.__doc__ = module.__doc__
     options = parse(module.Options, f"benchmarks {name}", rest)
     with progress_bars() as progress, under_way(progress, f"benchmark {name}"):
-        found = module.measure(**options.arguments())
+        found = module.measure(options)
     getattr(module, "show", _show)(found)
     if options.json:
         print_json(found)

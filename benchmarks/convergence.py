@@ -1,11 +1,12 @@
 """Measure how mean speeds depend on the step and on the contact sweeps.
 
-Motors turn at prescribed speeds; nothing here measures wall time.
+Mean forward speed and yaw rate at nine manoeuvres with motors at prescribed speeds: for every time
+step with the usual contact sweeps, and for the middle one with contacts solved out.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -13,7 +14,6 @@ import tyro
 
 from cosim.base.errors import UserError
 from cosim.model.params import TABLE_I, TABLE_II
-from cosim.physics.contact import CONTACT_TOLERANCE
 from minirobots.options import CommandOptions, Seconds
 from tests.references.prescribed import Drive, MeanMotion, mean_motion
 
@@ -35,12 +35,6 @@ SOLVED_OUT = 1e-6  # tolerance of contacts iterated until they no longer change
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Halve the time step, solve the contacts out, and see what changes.
-
-    Mean forward speed and yaw rate at nine manoeuvres, for every time step with the usual
-    contact sweeps, and for the middle one with contacts solved out.
-    """
-
     dt: Annotated[tuple[float, ...], tyro.conf.arg(metavar="S")] = (2e-5, 1e-5, 5e-6)
     """Time steps in s, coarse to fine."""
     settle: Seconds = 0.5
@@ -69,33 +63,21 @@ def _relative_change(coarse: MeanMotion, fine: MeanMotion) -> float:
     return apart / size
 
 
-def measure(dt: Sequence[float], settle: float, duration: float) -> dict[str, Any]:
-    """Mean motions at every drive with every time step dt in s, and their largest changes."""
-    middle = dt[len(dt) // 2]
-    rows = {}
+def measure(options: Options) -> dict[str, Any]:
+    times = {"settle_s": options.settle, "duration_s": options.duration}
+    motion, rows = partial(mean_motion, TABLE_I, TABLE_II, **times), {}
+    middle = len(options.dt) // 2
     for name, drive in DRIVES.items():
-
-        def motion(dt_s: float, tolerance: float, drive: Drive = drive) -> MeanMotion:
-            return mean_motion(
-                TABLE_I,
-                TABLE_II,
-                drive,
-                dt_s=dt_s,
-                settle_s=settle,
-                duration_s=duration,
-                tolerance=tolerance,
-            )
-
-        found = [motion(each, CONTACT_TOLERANCE) for each in dt]
-        solved = motion(middle, SOLVED_OUT)
+        found = [motion(drive, dt_s=dt_s) for dt_s in options.dt]
+        solved = motion(drive, dt_s=options.dt[middle], tolerance=SOLVED_OUT)
         rows[name] = {
             **{field: [getattr(m, field) for m in found] for field in _AVERAGES},
             "solved_out": {field: getattr(solved, field) for field in _AVERAGES},
             "change_with_step": max(_relative_change(*pair) for pair in pairwise(found)),
-            "change_with_sweeps": _relative_change(found[len(dt) // 2], solved),
+            "change_with_sweeps": _relative_change(found[middle], solved),
         }
     worst = {
         key: max(row[key] for row in rows.values())
         for key in ("change_with_step", "change_with_sweeps")
     }
-    return {"dt_s": list(dt), **worst, "drives": rows}
+    return {"dt_s": list(options.dt), **worst, "drives": rows}

@@ -1,13 +1,11 @@
 """Measure the cost of a co-simulated second, next to other engines.
 
-All figures come from one run of this script. Compute-bound work is timed by the processor time of
-its one thread, and the best of several rounds counts: other work on the machine can only make a
-round longer. Recording, which has threads of its own, is timed by the wall clock.
-docs/performance.md explains what bounds the figures.
+Compute-bound work is timed by the processor time of its one thread, and the best of several rounds
+counts: other work on the machine can only make a round longer. Recording, which has threads of its
+own, is timed by the wall clock. docs/performance.md explains what bounds the figures.
 """
 
 import tempfile
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +15,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.recording import overheads
+from benchmarks.timing import best_s
 from cosim.base.jit import kernel
 from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, MotorFmu
@@ -39,23 +38,10 @@ SHORT_S = 0.5  # simulated time of a round: short and many, so that some meet an
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Measure what a co-simulated second costs and print ratios from one run."""
-
     rounds: Count = 40
     """Rounds of every measurement; the best counts."""
     lanes: Literal[1, 2, 4, 8] | None = None
     """Bodies in a vector of the batch, by default as many as the processor has."""
-
-
-def best_s(rounds: int, *works: Callable[[], object]) -> list[float]:
-    """Shortest processor time of each in s; they take turns, so that all meet the same machine."""
-    times = []
-    for _ in range(rounds):
-        for work in works:
-            began = time.thread_time()
-            work()
-            times.append(time.thread_time() - began)
-    return [min(times[k :: len(works)]) for k in range(len(works))]
 
 
 def driving(
@@ -167,13 +153,13 @@ def recording_cost(rounds: int) -> dict[str, float]:
         }
 
 
-def measure(rounds: int, lanes: int | None) -> dict[str, float]:
-    """All figures, of `rounds` rounds and a batch with `lanes` bodies in a vector.
+def measure(options: Options) -> dict[str, float]:
+    """Return all figures.
 
     The scalar path has an FMU instance for every motor, and moves one body after the other. A pair
     is simulated as `cosim.run` does it, with recording off.
     """
-    lanes = lanes or host_lanes()
+    rounds, lanes = options.rounds, options.lanes or host_lanes()
     pairs = ROBOTS_TOGETHER // 2
     one_motor, all_motors = cached_fmu("VibrationMotor"), cached_fmu("VibrationMotors")
     reference_s = 0.02

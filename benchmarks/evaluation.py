@@ -14,7 +14,7 @@ import msgspec
 
 import agent
 from agent.evaluation.cases import Case, Job, run_jobs
-from benchmarks.recording import times_s
+from benchmarks.timing import times_s
 from cosim.base.command import workers
 from cosim.simulation.cosimulation import CoSimulation, run_episode
 from cosim.simulation.options import SimulationOptions, resolve
@@ -28,8 +28,6 @@ Results = dict[int, EpisodeResult]
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Evaluate a policy in the dynamics as cosim.evaluate does, and its episodes one by one."""
-
     scenario: str = "2"
     """Scenario; the policy is trained by the method paper, or found in the cache."""
     starts: Count = 48
@@ -59,18 +57,12 @@ def robot_seconds(results: Results) -> float:
     return sum(result.sim_time_s * len(result.starts) for result in results.values())
 
 
-def measure(scenario: str, starts: int, scalar_starts: int, jobs: int) -> dict[str, float]:
-    """All figures.
-
-    Raises:
-        AssertionError: an episode ended otherwise in a batch than alone.
-        UserError: the scenario does not exist, or has fewer starts.
-    """
-    policy, threads = agent.train(scenario, method="paper"), workers(jobs)
+def measure(options: Options) -> dict[str, float]:
+    policy, threads = agent.train(options.scenario, method="paper"), workers(options.jobs)
     _, config, fmu = resolve(SimulationOptions(), policy.config.scenario)
     case = Case(policy, config, fmu, seed=0)
-    episodes = [Job(case, index) for index in case.sample(starts)]
-    compile_kernels(episodes[0].task(), starts, threads)
+    episodes = [Job(case, index) for index in case.sample(options.starts)]
+    compile_kernels(episodes[0].task(), options.starts, threads)
     scalar_system(episodes[0]).compile()
     results: Results = {}
     alone: Results = {}
@@ -83,10 +75,10 @@ def measure(scenario: str, starts: int, scalar_starts: int, jobs: int) -> dict[s
             done = pool.map(simulate_alone, some)
             alone.update(zip((job.index for job in some), done, strict=True))
 
-    half = scalar_starts // 2
+    half = options.scalar_starts // 2
     scalar_s = times_s(lambda: one_by_one(episodes[:half]))
     batch_s = times_s(in_batches)
-    scalar_s += times_s(lambda: one_by_one(episodes[half:scalar_starts]))
+    scalar_s += times_s(lambda: one_by_one(episodes[half : options.scalar_starts]))
     for index, result in alone.items():
         factor = result.realtime_factor
         if msgspec.structs.replace(results[index], realtime_factor=factor) != result:

@@ -1,22 +1,20 @@
 """Measure the cost of one exchange with a motor FMU: set an input, step 1e-5 s, get two outputs.
 
-It times, in turns in one run, fmpy from Python, the compiled calls of
-the co-simulation's driver, and the same equations inlined in one numba kernel: the floor. The three
-are first checked for the same bits, so that they are known to do the same work.
+Through fmpy from Python, by the compiled calls of the co-simulation's driver, and as the same
+equations inlined in one numba kernel: the floor. The three are first checked for the same bits, so
+that they are known to do the same work; only the built-in FMU has an inlined twin.
 """
 
-import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks.timing import best_s
 from cosim.base.command import MotorFmuFile
 from cosim.base.jit import kernel
 from cosim.coupling.calls import do_step
-from cosim.coupling.fmu import Addresses, Motor, MotorFmu
+from cosim.coupling.fmu import Addresses, MotorFmu
 from cosim.fmi.abi import exchange_3
 from cosim.model.params import FIG_7, TABLE_II, TIMING, MotorParams
 from fmus.build import cached_fmu
@@ -27,11 +25,6 @@ INPUT, OUTPUTS = "omega_noise", ("theta", "omega")
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Time one exchange with the motor FMU by three drivers.
-
-    Only the built-in FMU has an inlined twin with the same bits.
-    """
-
     motor_fmu: MotorFmuFile = None
     exchanges: Count = 20_000
     """Exchanges per round and compiled driver; fmpy makes a fiftieth of them."""
@@ -96,72 +89,60 @@ def inlined(p: MotorParams, omega_des: float, state: np.ndarray, noise: np.ndarr
     state[0], state[1], state[2] = theta, omega, integral
 
 
-def through_fmpy(motor: Motor, references: list[int], noise: np.ndarray, first: int, dt: float):
-    """Exchange through fmpy's Python classes; returns (n, 2)."""
-    slave, rows = motor.slave, []
-    for k, value in enumerate(noise.tolist()):
-        slave.setFloat64(references[:1], [value])
-        slave.doStep((first + k) * dt, dt)
-        rows.append(slave.getFloat64(references[1:]))
-    return np.array(rows)
-
-
-def measure(motor_fmu: Path | None, exchanges: int, rounds: int) -> dict[str, float]:
-    """Time per exchange of each driver in ns, and their ratios."""
-    fmu = MotorFmu(motor_fmu or cached_fmu("VibrationMotor"))
+def measure(options: Options) -> dict[str, float]:
+    fmu = MotorFmu(options.motor_fmu or cached_fmu("VibrationMotor"))
     known = {v.name: v.valueReference for v in fmu.description.modelVariables}
-    names = [INPUT, *OUTPUTS]
-    references = np.array([known[name] for name in names], dtype=np.uint32)
+    references = np.array([known[name] for name in (INPUT, *OUTPUTS)], dtype=np.uint32)
+    inputs, outputs = references[:1].tolist(), references[1:].tolist()
     start = {"omega_des": FIG_7.omega_des}
     by_python, by_calls = fmu.instantiate("python", start), fmu.instantiate("calls", start)
-    state, dt, count = np.zeros(3), TIMING.dt_s, exchanges
-    few = max(count // 50, 1)
-    generator = np.random.default_rng(0)
-    done = {"fmpy": 0, "compiled": 0, "inlined": 0}
+    state, dt = np.zeros(3), TIMING.dt_s
+    generator, count = np.random.default_rng(0), options.exchanges
+    many, few = (generator.uniform(-35.0, 35.0, n) for n in (count, max(count // 50, 1)))
+    done = {"fmpy": 0, "compiled": 0}
     out = np.empty((count, 2))
 
     def run_fmpy(noise: np.ndarray) -> np.ndarray:
-        return through_fmpy(by_python, references.tolist(), noise, done["fmpy"], dt)
+        slave, rows = by_python.slave, []
+        for value in noise.tolist():
+            slave.setFloat64(inputs, [value])
+            slave.doStep(done["fmpy"] * dt, dt)
+            rows.append(slave.getFloat64(outputs))
+            done["fmpy"] += 1
+        return np.array(rows)
 
     def run_compiled(noise: np.ndarray) -> np.ndarray:
         room = out[: len(noise)]
         arguments = (by_calls.addresses, by_calls.instance, references, noise, room)
         assert compiled(*arguments, done["compiled"], dt) == 0
+        done["compiled"] += len(noise)
         return room
 
     def run_inlined(noise: np.ndarray) -> np.ndarray:
         inlined(TABLE_II, FIG_7.omega_des, state, noise, out[: len(noise)], dt)
         return out[: len(noise)]
 
-    drivers: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-        "fmpy": run_fmpy,
-        "compiled": run_compiled,
-        "inlined": run_inlined,
-    }
-    noise = generator.uniform(-35.0, 35.0, few)
-    results = []
-    for name, driver in drivers.items():  # compiles too, and warms every cache
-        results.append(driver(noise).copy())
-        done[name] += few
+    # compiles too, and warms every cache
+    results = [run(few).copy() for run in (run_fmpy, run_compiled, run_inlined)]
     if not (results[0] == results[1]).all():
         raise AssertionError("fmpy and the compiled driver give different bits")
-    if motor_fmu is None and not (results[1] == results[2]).all():
+    if options.motor_fmu is None and not (results[1] == results[2]).all():
         raise AssertionError("the FMU and its inlined twin give different bits")
 
-    best = dict.fromkeys(drivers, math.inf)
-    for _ in range(rounds):
-        for name, driver in drivers.items():
-            noise = generator.uniform(-35.0, 35.0, few if name == "fmpy" else count)
-            begin = time.perf_counter_ns()
-            driver(noise)
-            best[name] = min(best[name], (time.perf_counter_ns() - begin) / len(noise))
-            done[name] += len(noise)
+    seconds = best_s(
+        options.rounds,
+        lambda: run_fmpy(few),
+        lambda: run_compiled(many),
+        lambda: run_inlined(many),
+        clock=time.perf_counter,
+    )
     by_python.close()
     by_calls.close()
+    ns = [1e9 * s / n for s, n in zip(seconds, (len(few), count, count), strict=True)]
     return {
-        "ns_fmpy": best["fmpy"],
-        "ns_compiled": best["compiled"],
-        "ns_inlined": best["inlined"],
-        "ratio_fmpy_to_compiled": best["fmpy"] / best["compiled"],
-        "ratio_compiled_to_inlined": best["compiled"] / best["inlined"],
+        "ns_fmpy": ns[0],
+        "ns_compiled": ns[1],
+        "ns_inlined": ns[2],
+        "ratio_fmpy_to_compiled": ns[0] / ns[1],
+        "ratio_compiled_to_inlined": ns[1] / ns[2],
     }

@@ -1,7 +1,8 @@
 """Test identification on machines with known parameters: truth by co-simulation.
 
 A machine is drawn, driven by the sequence of `cosim.machine.identification.excitation` with its
-motor FMUs and speed noise, seen by a camera, and identified from nothing but that.
+motor FMUs and speed noise, seen by a camera for 60 s, and identified from nothing but that. What
+has been identified is kept in --out: the same command resumes.
 """
 
 from dataclasses import dataclass
@@ -35,12 +36,6 @@ _KIND = Kind("result of a machine", "delete it", UserError)
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Identify machines that are known, from 60 s of what a camera sees of them.
-
-    Errors and intervals of every parameter. What has been identified is kept in --out: the same
-    command resumes.
-    """
-
     machines: Count = 40
     """Machines, drawn at random."""
     seed: Seed = 0
@@ -50,7 +45,7 @@ class Options(CommandOptions):
 
 
 class MachineFound(msgspec.Struct, frozen=True):
-    """Identified parameters of a machine; values in the order of the parameters, SI units."""
+    """Identified parameters of a machine, in the order of the parameters, in SI units."""
 
     truth: list[float]
     values: list[float]
@@ -77,23 +72,16 @@ def _identify(number: int, seed: int) -> tuple[int, MachineFound]:
     )
 
 
-def measure(machines: int, seed: int, jobs: int, out: Path) -> dict[str, Any]:
-    """Identify this number of machines, those found in the folder included.
-
-    Args:
-        machines: how many.
-        seed: of machines, noise and camera.
-        jobs: processes.
-        out: folder of results, one file for each machine.
-    """
-    folder = out / code_digest(__name__)
+def measure(options: Options) -> dict[str, Any]:
+    machines, seed = options.machines, options.seed
+    folder = options.out / code_digest(__name__)
     files = {number: folder / f"{seed}-{number}.json" for number in range(machines)}
     missing = [number for number, file in files.items() if not file.exists()]
     tasks = (joblib.delayed(_identify)(number, seed) for number in missing)
     with progress_bars() as progress:
         done = machines - len(missing)
         progress("identifying machines", done, machines)
-        parallel = joblib.Parallel(workers(jobs), return_as="generator_unordered")
+        parallel = joblib.Parallel(workers(options.jobs), return_as="generator_unordered")
         for number, found in parallel(tasks):  # pyright: ignore[reportGeneralTypeIssues]
             write_json(files[number], found)
             done += 1

@@ -1,6 +1,7 @@
 """Measure how well turns and short pulses repeat: the spread of where robots come to rest.
 
-Robots do the same, each with noise of its own, on an endless floor. Their turn ends when the
+Robots do the same, each with noise of its own, on an endless floor: from the same motor angles and
+from any, below and within the speeds at which they move without hopping. Their turn ends when the
 steering faces the commanded direction, or after the mean time of these turns ("by the clock");
 pulses end by the clock. Without speed control, motors get the voltage of their speed.
 """
@@ -37,24 +38,14 @@ LIMIT_S = 40.0  # of a turn; slower robots do not turn
 REST_S = {True: 0.2, False: 1.0}  # with speed control, and without, where motors run down
 WARM_UP_S, WARM_UP_RAD_S = 0.15, (300.0, 1000.0)
 FORWARDS, LEFT = (-1.0, 1.0), (1.0, 1.0)
+SPEEDS_RAD_S = (500.0, 700.0, 900.0, 1050.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Repeat single turns and short pulses of the motors: how far apart robots come to rest.
-
-    With the steering's feedback, with speed control alone and without, from the same motor angles
-    and from any, below and within the speeds at which robots move without hopping.
-    """
-
     robots: int = 100
     """Repetitions, each with a noise of its own."""
-    omega: Annotated[tuple[float, ...], tyro.conf.arg(metavar="RAD_S")] = (
-        500.0,
-        700.0,
-        900.0,
-        1050.0,
-    )
+    omega: Annotated[tuple[float, ...], tyro.conf.arg(metavar="RAD_S")] = SPEEDS_RAD_S
     """Motor speeds in rad/s, below lift-off."""
     pulses: Annotated[tuple[float, ...], tyro.conf.arg(metavar="S")] = (0.02, 0.05, 0.2)
     """Lengths of the pulses in s."""
@@ -146,17 +137,15 @@ def _deviation(values: np.ndarray) -> tuple[float, float, float]:
     return deviation, low * deviation, high * deviation
 
 
-def measure(
-    robots: int, omega: Sequence[float], pulses: Sequence[float], angles: Sequence[float], seed: int
-) -> list[dict[str, Any]]:
-    """Repeat turns by angles in degrees and pulses in s at motor speeds in rad/s."""
+def measure(options: Options) -> list[dict[str, Any]]:
     fmu, rows = MotorFmu(cached_fmu("VibrationMotor")), list[dict[str, Any]]()
+    noise = np.random.SeedSequence(options.seed)
 
     def run(what: str, amount: float, speed: float, closed: str, start: str, time_s: float):
         config = CoSimConfig(open_loop=("motors",) if closed == "none" else ())
         config = replace(config, steering=config.steering._replace(turn_speed_rad_s=speed))
-        with Trial(fmu, config, np.zeros(robots), np.random.SeedSequence(seed)) as trial:
-            group = Robots(trial, config, seed, start == "any")
+        with Trial(fmu, config, np.zeros(options.robots), noise) as trial:
+            group = Robots(trial, config, options.seed, start == "any")
             if closed == "heading":
                 time_s = group.turn(math.radians(amount))
             else:
@@ -168,11 +157,11 @@ def measure(
         )
         return time_s
 
-    for speed, start in itertools.product(omega, ("same", "any")):
-        for angle in angles:
+    for speed, start in itertools.product(options.omega, ("same", "any")):
+        for angle in options.angles:
             time_s = run("turn", angle, speed, "heading", start, 0.0)
             for closed in ("speed", "none") if math.isfinite(time_s) else ():
                 run("turn", angle, speed, closed, start, time_s)
-        for pulse_s, closed in itertools.product(pulses, ("speed", "none")):
+        for pulse_s, closed in itertools.product(options.pulses, ("speed", "none")):
             run("pulse", pulse_s, speed, closed, start, pulse_s)
     return rows

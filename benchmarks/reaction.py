@@ -1,4 +1,4 @@
-"""Measure how much of the body's reaction the paper neglects.
+"""Measure how much of the body's reaction on the motors the paper neglects.
 
 Drives one robot straight with and without `reaction` (the torque that the body's acceleration
 exerts on each eccentric mass) and compares torques, motor speeds and drive speeds. No noise, so
@@ -22,8 +22,6 @@ SETTLED = 500  # control periods after which the motors run steadily
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Measure the size of the body's reaction on the motors."""
-
     steps: Count = 5
     """RL steps of 2 s to drive."""
 
@@ -45,10 +43,9 @@ def drive(reaction: bool, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
     return np.abs(np.concatenate(omega)), np.concatenate(torque), length_m
 
 
-def measure(steps: int) -> dict[str, float]:
-    """Torques relative to the Coulomb torque c, motor speeds and their ripple, and the path."""
-    omega_without, _, without_m = drive(False, steps)
-    omega_with, torque, with_m = drive(True, steps)
+def measure(options: Options) -> dict[str, float]:
+    omega_without, _, without_m = drive(False, options.steps)
+    omega_with, torque, with_m = drive(True, options.steps)
     return {
         "torque_rms_over_coulomb": float(np.sqrt((torque**2).mean()) / TABLE_II.c),
         "torque_max_over_coulomb": float(np.abs(torque).max() / TABLE_II.c),

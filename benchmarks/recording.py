@@ -1,14 +1,13 @@
-"""Measure the size of recordings, their cost and the time to open them.
+"""Measure the size of recordings, their cost and the time to open them, for each level of --record.
 
-Everything is measured in one run on two robots that drive with noise: the cost of recording as the
-ratio of short rounds with and without it in turn, the best of each counting; sizes and opening
-times on an episode of 60 s per level. A recording is opened twice: as tables in Python, and in the
-Rerun viewer, headless with software Vulkan, from asking it to open the file until it has loaded.
+On two robots that drive with noise: the cost of recording as the ratio of short rounds with and
+without it in turn, the best of each counting; sizes and opening times on an episode of 60 s per
+level. A recording is opened twice: as tables in Python, and in the Rerun viewer, headless with
+software Vulkan, from asking it to open the file until it has loaded.
 """
 
 import tempfile
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from rerun.chunk import RrdReader
 
 from analysis.viewer import ViewerError, screenshot
+from benchmarks.timing import times_s
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
@@ -35,8 +35,6 @@ SCENARIO = Scenario("pair", "", ((7, 27), (22, 27)), (((7, 2),), ((22, 2),)))
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Measure the size, the cost and the opening time of every level of --record."""
-
     levels: tuple[Literal["summary", "default", "full"], ...] = ("summary", "default", "full")
     """Levels to measure."""
     rounds: Count = 7
@@ -80,13 +78,6 @@ def recorded(system: CoSimulation, path: Path, time_s: float, level: Level) -> N
         )
 
 
-def times_s(work: Callable[[], None]) -> np.ndarray:
-    """Wall-clock and processor time of a call, in s."""
-    began = time.perf_counter(), time.process_time()
-    work()
-    return np.array([time.perf_counter() - began[0], time.process_time() - began[1]])
-
-
 def overheads(level: Level, rounds: int, round_s: float, path: Path) -> np.ndarray:
     """Additional wall-clock and processor time of recording, as shares.
 
@@ -107,36 +98,25 @@ def read(path: Path) -> None:
         chunk.to_record_batch()
 
 
-def measure_level(
-    level: Level, rounds: int, round_s: float, episode_s: float, viewer: bool, folder: Path
-) -> dict[str, float | None]:
+def measure_level(level: Level, options: Options, folder: Path) -> dict[str, float | None]:
     """Size of the episode's recording, additional time as a share, best times to read and open."""
     path = folder / f"{level}.rrd"
-    overhead, overhead_cpu = overheads(level, rounds, round_s, path)
-    recorded(system_of(level), path, episode_s, level)
-    opened = [screenshot(path, folder / "picture.png").load_s for _ in range(3 if viewer else 0)]
+    overhead, overhead_cpu = overheads(level, options.rounds, options.round_s, path)
+    recorded(system_of(level), path, options.episode_s, level)
+    picture, times = folder / "picture.png", range(3 if options.viewer else 0)
     return {
         "megabytes": path.stat().st_size / 1e6,
         "overhead": float(overhead),
         "overhead_cpu": float(overhead_cpu),
         "read_s": min(float(times_s(lambda: read(path))[0]) for _ in range(3)),
-        "open_s": min(opened, default=None),  # of the viewer, if it was asked
+        # of the viewer, if it was asked
+        "open_s": min((screenshot(path, picture).load_s for _ in times), default=None),
     }
 
 
-def measure(
-    levels: Sequence[Level], rounds: int, round_s: float, episode_s: float, viewer: bool
-) -> dict[str, Any]:
-    """All figures of some levels.
-
-    Raises:
-        ViewerError: the viewer does not start.
-    """
+def measure(options: Options) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         try:
-            return {
-                level: measure_level(level, rounds, round_s, episode_s, viewer, Path(folder))
-                for level in levels
-            }
+            return {level: measure_level(level, options, Path(folder)) for level in options.levels}
         except ViewerError as error:
             raise ViewerError(f"{error}; or measure without it: --no-viewer") from error

@@ -1,4 +1,9 @@
-"""Measure how drive speed and turn rate depend on assumptions on feet, floor and centre of mass."""
+"""Measure how drive speed and turn rate depend on assumptions on feet, floor and centre of mass.
+
+Robots with other assumed parameters, one at a time, are calibrated: speeds at the default motor
+speeds and at the largest ones without hopping, and the share of time in which a foot is off the
+floor; NaN where no trial was so fast or slow.
+"""
 
 import math
 from dataclasses import dataclass
@@ -24,17 +29,10 @@ ROBOTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Calibrate robots with other assumed parameters, one at a time, and see what changes.
-
-    Speeds at the default motor speeds and at the largest ones without hopping, and the share of
-    time in which a foot is off the floor.
-    """
-
     jobs: Jobs = 2
 
 
-def measure(jobs: int) -> dict[str, Any]:
-    """Calibrations along one axis at a time, those found in the cache included."""
+def measure(options: Options) -> dict[str, Any]:
     default = CoSimConfig()
     cases = [
         ("restitution", value, default.in_world(World(restitution=value))) for value in RESTITUTIONS
@@ -44,15 +42,10 @@ def measure(jobs: int) -> dict[str, Any]:
         for name, values in ROBOTS.items()
         for value in values
     ]
-    return {"rows": [_found(*case, jobs) for case in cases]}
+    return {"rows": [_found(*case, options.jobs) for case in cases]}
 
 
 def _found(parameter: str, value: float, config: CoSimConfig, jobs: int) -> dict[str, Any]:
-    """Calibrate a robot: return speeds, and the share of time with a foot in the air.
-
-    At the default motor speeds, and at the largest one without hopping; NaN where no trial was so
-    fast or slow.
-    """
     calibration = find_calibration(config, cached_fmu(), jobs=jobs)
     largest = calibration.hop_free_rad_s
     row = {"parameter": parameter, "value": value, "hop_free_rad_s": largest}

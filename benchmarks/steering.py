@@ -1,11 +1,12 @@
 """Measure how straight and how fast controllers of the steering drive.
 
-Every controller is the kernel of `cosim.onboard.steering` with other parameters, so that one code
-is compared with itself; some go without feedback. FMUs, noise and friction are those of an episode.
+A line of 20 cm, and moves of one cell, over seeds: robots have motors at rest, noise of ±5 % and
+unknown phases between the motors; half of them drive forwards, half backwards. Every controller is
+the kernel of `cosim.onboard.steering` with other parameters, so that one code is compared with
+itself; some go without feedback.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,12 +26,6 @@ LINE_M, CELL_M = 0.2, 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Compare controllers: a straight line of 20 cm, and moves of one cell, over seeds.
-
-    Robots have motors at rest, noise of ±5 % and unknown phases between the motors; half
-    of them drive forwards, half backwards.
-    """
-
     seeds: Count = 20
     """Robots of every case; each has noise of its own."""
     mu: float = TABLE_I.mu
@@ -95,19 +90,12 @@ def figures(runs: Runs) -> dict[str, float]:
     }
 
 
-def measure(
-    seeds: int, mu: float, controllers: Sequence[str], motor_spread: float = 0.0
-) -> dict[str, Any]:
-    """A row per case and controller.
-
-    Raises:
-        UserError: there is no such controller.
-    """
-    chosen = controllers or tuple(CONTROLLERS)
+def measure(options: Options) -> dict[str, Any]:
+    chosen, seeds = options.controllers or tuple(CONTROLLERS), options.seeds
     unknown = set(chosen) - set(CONTROLLERS)
     if unknown:
         raise UserError(f"no controller {unknown.pop()!r}; choose from {', '.join(CONTROLLERS)}")
-    fmu, world = MotorFmu(cached_fmu()), World(mu=mu, motor_spread=motor_spread)
+    fmu, world = MotorFmu(cached_fmu()), World(mu=options.mu, motor_spread=options.motor_spread)
     cases = {"line of 20 cm": (LINE_M, 0.0)} | {
         name: (cells * CELL_M, math.radians(angle)) for name, (cells, angle) in MOVES.items()
     }
@@ -117,4 +105,4 @@ def measure(
             config = CONTROLLERS[name].in_world(world)
             runs = drive_line(fmu, config, length_m, angle_rad, seeds, seed=0)
             rows.append({"case": case, "controller": name, **figures(runs)})
-    return {"seeds": seeds, "mu": mu, "motor_spread": motor_spread, "rows": rows}
+    return {"seeds": seeds, "mu": world.mu, "motor_spread": world.motor_spread, "rows": rows}

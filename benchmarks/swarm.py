@@ -1,14 +1,15 @@
 """Measure what a robot costs among many: time per robot, and memory.
 
-Robots drive north on a lattice of 7 cm (2 cm between them), with noise, in one episode on one core,
-and the shield looks at them. Rounds of all numbers of robots take turns; the best of each counts.
-docs/performance.md explains what bounds the figures.
+2 to 1024 robots drive north on a lattice of 7 cm (2 cm between them), with noise, in one episode on
+one core, without and with the shield. Rounds of all numbers of robots take turns; the best of each
+counts. docs/performance.md explains what bounds the figures.
 """
 
 import tracemalloc
 from dataclasses import dataclass
 
-from benchmarks.cosim_step import SHORT_S, best_s, driving
+from benchmarks.cosim_step import SHORT_S, driving
+from benchmarks.timing import best_s
 from cosim.model.params import TIMING
 from minirobots.options import CommandOptions, Count
 
@@ -17,8 +18,6 @@ NUMBERS = (2, 16, 64, 256, 1024)
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Measure robot-seconds per second of 2 to 1024 robots in an episode, and their memory."""
-
     rounds: Count = 8
     """Rounds of every measurement; the best counts."""
 
@@ -32,10 +31,9 @@ def megabytes(robots: int) -> float:
     return most / 1e6
 
 
-def measure(rounds: int) -> dict[str, float]:
-    """All figures."""
+def measure(options: Options) -> dict[str, float]:
     works = [driving(robots, shield=shield) for shield in (False, True) for robots in NUMBERS]
-    per_robot = [s / n for s, n in zip(best_s(rounds, *works), 2 * NUMBERS, strict=True)]
+    per_robot = [s / n for s, n in zip(best_s(options.rounds, *works), 2 * NUMBERS, strict=True)]
     free, shielded = per_robot[: len(NUMBERS)], per_robot[len(NUMBERS) :]
     found = {f"robot_seconds_per_s_{n}": SHORT_S / s for n, s in zip(NUMBERS, free, strict=True)}
     found |= {f"shielded_{n}": SHORT_S / s for n, s in zip(NUMBERS, shielded, strict=True)}

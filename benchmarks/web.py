@@ -30,8 +30,6 @@ LOADED = "!document.getElementById('play').disabled"
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Measure the real-time factor of a page in Chromium and of the kernels."""
-
     scenario: ScenarioName = "4"
     rounds: Count = 3
     """Rounds of each; the best counts."""
@@ -39,13 +37,12 @@ class Options(CommandOptions):
     """Simulated time of a round in s, less than the episode takes."""
 
 
-def measure(scenario: str, rounds: int, round_s: float) -> dict[str, Any]:
-    """All figures: simulated over wall-clock time, and the page's share of the kernels'."""
+def measure(options: Options) -> dict[str, Any]:
     if not (program := next(filter(None, map(shutil.which, CHROMIUM)), None)):
         raise UserError(f"no browser found; install one of {', '.join(CHROMIUM)}")
-    policy = agent.train(scenario)
-    options = SimulationOptions(time_limit=round_s)
-    board, config, fmu = resolve(options, policy.config.scenario)
+    policy = agent.train(options.scenario)
+    physics = SimulationOptions(time_limit=options.round_s)
+    board, config, fmu = resolve(physics, policy.config.scenario)
     starts, seed = draw_episode(board, 0, 0)
     systems = {
         f"kernels, {n} in a vector": CoSimulation(board, fmu, config, lanes=n) for n in (1, 2)
@@ -61,7 +58,7 @@ def measure(scenario: str, rounds: int, round_s: float) -> dict[str, Any]:
         version = browser.version
         page.goto(path.as_uri())
         page.wait_for_function(LOADED)
-        for _ in range(rounds):
+        for _ in range(options.rounds):
             found = page.evaluate(
                 "recordEpisode({seed: 0}).then(({time_s, wall_s}) => time_s / wall_s)"
             )

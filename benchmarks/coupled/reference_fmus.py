@@ -1,17 +1,18 @@
 """The Modelica Association's reference FMUs in our master, against the outputs that they publish.
 
-Their sources come from a folder of the user's: a copy of
-https://github.com/modelica/Reference-FMUs. Every model is compiled for this machine, as FMI 2.0
-where there is such a description and as FMI 3.0, and run over the times of its published output.
-Those outputs come from Euler's method with the models' fixed steps, as the FMUs for Co-Simulation
-have it; for Model Exchange the reference is fmpy's simulation of the same FMU. Stair's steps and
-Van der Pol's place are passed on through Feedthrough, too, from one standard to the other.
+Their sources come from a copy of https://github.com/modelica/Reference-FMUs. Every model is
+compiled for this machine, as FMI 2.0 where there is such a description and as FMI 3.0, and run over
+the times of its published output. Those outputs come from Euler's method with the models' fixed
+steps, as the FMUs for Co-Simulation have it; for Model Exchange the reference is fmpy's simulation
+of the same FMU. Stair's steps and Van der Pol's place are passed on through Feedthrough, too, from
+one standard to the other.
 """
 
 import csv
 import itertools
 import tempfile
 import zipfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,23 +30,17 @@ from tests.references.small import compile_c
 MODELS = ("BouncingBall", "Dahlquist", "Feedthrough", "Stair", "StateSpace", "VanDerPol")
 _FLAGS = ("-std=gnu99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-DDISABLE_PREFIX")
 _TRUTHS = {"true": 1.0, "false": 0.0}
+Outputs = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Run the reference FMUs of the Modelica Association to the outputs that they publish."""
-
     src: Folder
     """Copy of https://github.com/modelica/Reference-FMUs."""
 
 
 def build(source: Path, folder: Path) -> dict[tuple[str, int], Path]:
-    """FMUs in a folder, by model and standard.
-
-    Raises:
-        UserError: the source folder lacks a model.
-        BuildError: the compiler fails.
-    """
+    """FMUs in a folder, by model and standard."""
     found = {}
     for model in MODELS:
         if not (source / model / "model.c").is_file():
@@ -74,7 +69,7 @@ def _pack(source: Path, folder: Path, model: str, fmi: int, description: Path) -
     return path
 
 
-def published(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def published(path: Path) -> tuple[np.ndarray, Outputs]:
     """Times (n,) in s and values (n, …) by name of a file of outputs; texts are left out."""
     with path.open(encoding="utf-8", newline="") as file:
         header, *rows = list(csv.reader(file))
@@ -90,19 +85,18 @@ def _number(text: str) -> float:
     return _TRUTHS[text] if text in _TRUTHS else float(text)
 
 
-def measure(src: Path) -> dict[str, Any]:
-    """Largest deviations from what is published, by model and standard."""
+def measure(options: Options) -> dict[str, Any]:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        fmus = build(src, Path(folder))
+        fmus = build(options.src, Path(folder))
+        outputs = {m: published(options.src / m / f"{m}_out.csv") for m in MODELS}
         for (model, fmi), path in fmus.items():
-            time_s, expected = published(src / model / f"{model}_out.csv")
             modes = (False, True) if (model, fmi) == ("BouncingBall", 3) else (False,)
-            rows += [_compared(model, fmi, path, time_s, expected, events) for events in modes]
-        rows += [
-            _exchanged(model, fmi, path, *published(src / model / f"{model}_out.csv"))
-            for (model, fmi), path in fmus.items()
-        ]
+            row = {"model": model, "fmi": fmi}
+            rows += [row | _compared(path, model, *outputs[model], events) for events in modes]
+        for (model, fmi), path in fmus.items():
+            row = {"model": model, "fmi": fmi}
+            rows.append(row | _exchanged(path, model, *outputs[model]))
         passed = [
             _passed_on(fmus, source, target, exchange)
             for source, target, exchange in itertools.product((2, 3), (2, 3), (False, True))
@@ -111,65 +105,63 @@ def measure(src: Path) -> dict[str, Any]:
 
 
 def _compared(
-    model: str,
-    fmi: int,
-    path: Path,
-    time_s: np.ndarray,
-    expected: dict[str, np.ndarray],
-    events: bool,
+    path: Path, model: str, time_s: np.ndarray, expected: Outputs, events: bool
 ) -> dict[str, Any]:
-    known = Fmu(path).variables  # FMI 2.0 has fewer types
-    expected = {name: values for name, values in expected.items() if name in known}
-    names = [f"{model}.{name}" for name in expected]
-    step_s = round(float(time_s[1] - time_s[0]), 9)
-    component = Component(model, path)
-    with System([component], step_s=step_s, record=names, event_mode=events) as system:
-        until_s = round(float(time_s[-1]) / step_s) * step_s
-        run = system.run(until_s)
-    found = {name: run.signals[f"{model}.{name}"].astype(float) for name in expected}
+    """Deviations of a model for Co-Simulation from what is published."""
+    found, expected, ended = _run(Fmu(path), model, time_s, expected, events)
     return {
-        "model": model,
-        "fmi": fmi,
         "event_mode": events,
         "rows": len(time_s),
         "variables": len(expected),
         "largest": max(float(np.abs(values).max()) for values in expected.values()),
-        "deviation": max(float(np.abs(found[n] - values).max()) for n, values in expected.items()),
-        "ended": run.ended,
+        "deviation": _apart(found, expected, len(time_s)),
+        "ended": ended,
     }
 
 
-def _exchanged(
-    model: str, fmi: int, path: Path, time_s: np.ndarray, expected: dict[str, np.ndarray]
-) -> dict[str, Any]:
+def _exchanged(path: Path, model: str, time_s: np.ndarray, expected: Outputs) -> dict[str, Any]:
     """Deviations of a model for Model Exchange: from what is published, and from fmpy's solver."""
-    fmu = Fmu(path, exchange=True)
-    expected = {name: values for name, values in expected.items() if name in fmu.variables}
-    step_s = round(float(time_s[1] - time_s[0]), 9)
-    until_s = round(float(time_s[-1]) / step_s) * step_s
-    names = [f"{model}.{name}" for name in expected]
-    with System([Component(model, fmu)], step_s=step_s, record=names) as system:
-        run = system.run(until_s)
+    found, expected, ended = _run(Fmu(path, exchange=True), model, time_s, expected)
+    step_s, until_s = _times(time_s)
     other = simulate_fmu(
         str(path), stop_time=until_s, fmi_type="ModelExchange", relative_tolerance=1e-10,
         output=list(expected), output_interval=step_s, record_events=False,
     )  # fmt: skip
-    found = {name: run.signals[f"{model}.{name}"].astype(float) for name in expected}
     rows = min(len(time_s), len(other))  # where one has ended, fmpy has no last row
-
-    def largest(a: Any, b: Any) -> float:
-        return max(float(np.abs(a[name][:rows] - b[name][:rows]).max()) for name in expected)
-
     return {
-        "model": model,
-        "fmi": fmi,
         "exchange": True,
         "rows": len(time_s),
-        "deviation": largest(found, expected),
-        "from_fmpy": largest(found, other),
-        "published_from_fmpy": largest(expected, other),
-        "ended": run.ended,
+        "deviation": _apart(found, expected, rows),
+        "from_fmpy": _apart(found, other, rows, expected),
+        "published_from_fmpy": _apart(expected, other, rows, expected),
+        "ended": ended,
     }
+
+
+def _run(
+    fmu: Fmu, model: str, time_s: np.ndarray, expected: Outputs, events: bool = False
+) -> tuple[Outputs, Outputs, Any]:
+    """Run a model: its outputs, those that are expected and it has, and why it ended if it did."""
+    # FMI 2.0 has fewer types
+    expected = {name: values for name, values in expected.items() if name in fmu.variables}
+    step_s, until_s = _times(time_s)
+    names = {name: f"{model}.{name}" for name in expected}
+    settings = {"step_s": step_s, "record": [*names.values()], "event_mode": events}
+    with System([Component(model, fmu)], **settings) as system:
+        run = system.run(until_s)
+    found = {name: run.signals[full].astype(float) for name, full in names.items()}
+    return found, expected, run.ended
+
+
+def _times(time_s: np.ndarray) -> tuple[float, float]:
+    """Step and end of a run over these times, in s."""
+    step_s = round(float(time_s[1] - time_s[0]), 9)
+    return step_s, round(float(time_s[-1]) / step_s) * step_s
+
+
+def _apart(a: Any, b: Any, rows: int, names: Iterable[str] = ()) -> float:
+    """Largest difference of the first rows of some columns, by default of all of the first."""
+    return max(float(np.abs(a[name][:rows] - b[name][:rows]).max()) for name in names or a)
 
 
 def _passed_on(

@@ -1,11 +1,12 @@
 """Orders of the master for any FMUs on two coupled masses, and what a step of it costs.
 
-Errors are those of the places against the closed solution of the coupled system. The cost is that
-of a compiled step of both oscillators, and of the same step through fmpy's Python classes; both are
-first checked for the same bits.
+Errors of each algorithm are those of the places against the closed solution of the coupled system.
+The cost is that of a compiled step of both oscillators, and of the same step through fmpy's Python
+classes; both are first checked for the same bits.
 """
 
 import contextlib
+import itertools
 import math
 import tempfile
 import time
@@ -16,6 +17,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from benchmarks.timing import best_s
 from cosim.fmi.fmu import FmuError
 from cosim.system.env import SystemEnv, SystemVectorEnv
 from cosim.system.graph import Component, Connection
@@ -55,14 +57,11 @@ _ENVS = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Couple two oscillators by each algorithm, and time a step next to a loop through fmpy."""
-
     rounds: Count = 20
     """Rounds of the measurement of time; the best counts."""
 
 
-def measure(rounds: int) -> dict[str, Any]:
-    """Errors by algorithm and step, orders, errors by tolerance, and times of a step in ns."""
+def measure(options: Options) -> dict[str, Any]:
     found: dict[str, Any] = {"fixed": [], "adaptive": [], "stiff": [], "masters": []}
     with tempfile.TemporaryDirectory() as folder:
         components = two_masses(Path(folder))
@@ -84,7 +83,7 @@ def measure(rounds: int) -> dict[str, Any]:
         found["energy"] = list(_energy(Path(folder)))
         found["stiff"] = list(_stiff(Path(folder)))
         found["masters"] = list(_masters(Path(folder)))
-        found |= _costs(components, rounds)
+        found |= _costs(components, options.rounds)
         found["ns_exchange"] = _exchange_ns(two_masses(Path(folder), interface="ModelExchange"))
     return found
 
@@ -93,14 +92,10 @@ def _rates(components: list[Component]) -> Iterator[dict[str, Any]]:
     """Errors where the second oscillator makes ten steps in one of the first."""
     for algorithm in ("jacobi", "gauss-seidel", "extrapolated"):
         for step_s in STEPS_S:
+            row = {"algorithm": algorithm, "step_s": step_s}
             own = {"second": 0.1 * step_s}
-            options = {"step_s": step_s, "component_steps": own, "algorithm": algorithm}
-            with System(components, CONNECTIONS, **options) as system:
-                yield {
-                    "algorithm": algorithm,
-                    "step_s": step_s,
-                    "error_m": error(system.run(UNTIL_S)),
-                }
+            with System(components, CONNECTIONS, **row, component_steps=own) as system:
+                yield row | {"error_m": error(system.run(UNTIL_S))}
 
 
 def _energy(folder: Path) -> Iterator[dict[str, Any]]:
@@ -129,12 +124,11 @@ def _stiff(folder: Path) -> Iterator[dict[str, Any]]:
     components, links = stiff_masses(folder)
     for algorithm in get_args(MasterAlgorithm):
         for step_s in STIFF_STEPS_S:
-            worst = math.inf
-            options = {"algorithm": algorithm, "step_s": step_s}
-            with contextlib.suppress(FmuError), System(components, links, **options) as system:
+            worst, row = math.inf, {"algorithm": algorithm, "step_s": step_s}
+            with contextlib.suppress(FmuError), System(components, links, **row) as system:
                 run = system.run(UNTIL_S)
                 worst = float(np.abs(places(run) - exact_stiff(run.time_s)).max())
-            yield {"algorithm": algorithm, "step_s": step_s, "error_m": worst}
+            yield row | {"error_m": worst}
 
 
 def _masters(folder: Path) -> Iterator[dict[str, Any]]:
@@ -165,32 +159,29 @@ def _costs(components: list[Component], rounds: int) -> dict[str, float]:
     """
     few, many = 500, 100_000
     by_python = PythonLoop(components)
-    best = {"fmpy": math.inf, "compiled": math.inf}
     with System(components, CONNECTIONS, step_s=_STEP_S) as system:
         by_python.run(few, _STEP_S)
         run = system.run(few * _STEP_S)
         if [each[0] for each in by_python.outputs] != [run.signals[n][-1] for n in PLACES]:
             raise AssertionError("fmpy's loop and the compiled one give different bits")
-        done = few
-        for _ in range(rounds):
-            begin = time.perf_counter_ns()
-            by_python.run(few, _STEP_S)
-            best["fmpy"] = min(best["fmpy"], (time.perf_counter_ns() - begin) / few)
-            done += many
-            begin = time.perf_counter_ns()
-            system.run(done * _STEP_S, every=many)
-            best["compiled"] = min(best["compiled"], (time.perf_counter_ns() - begin) / many)
+        ends = (_STEP_S * (few + many * number) for number in itertools.count(1))
+        works = (
+            lambda: by_python.run(few, _STEP_S),
+            lambda: system.run(next(ends), every=many),
+        )
+        fmpy_s, compiled_s = best_s(rounds, *works, clock=time.perf_counter)
     by_python.close()
-    env_s = _best_s(components, SystemEnv, (), _WITHIN, rounds)
+    fmpy_s, compiled_s = fmpy_s / few, compiled_s / many
+    env_s = _best_step_s(components, SystemEnv, (), _WITHIN, rounds)
     many_s, one_s = (
-        _best_s(components, SystemVectorEnv, (n,), 10 * _WITHIN, rounds) for n in (_ENVS, 1)
+        _best_step_s(components, SystemVectorEnv, (n,), 10 * _WITHIN, rounds) for n in (_ENVS, 1)
     )
     return {
-        "ratio_fmpy_to_env": 1e-9 * _WITHIN * best["fmpy"] / env_s,
+        "ratio_fmpy_to_env": _WITHIN * fmpy_s / env_s,
         "env_instances_to_one": _ENVS * one_s / many_s,
-        "ns_fmpy": best["fmpy"],
-        "ns_compiled": best["compiled"],
-        "ratio_fmpy_to_compiled": best["fmpy"] / best["compiled"],
+        "ns_fmpy": 1e9 * fmpy_s,
+        "ns_compiled": 1e9 * compiled_s,
+        "ratio_fmpy_to_compiled": fmpy_s / compiled_s,
     }
 
 
@@ -198,22 +189,16 @@ def _exchange_ns(components: list[Component]) -> float:
     """Time in ns of a step of both oscillators for Model Exchange, the mean of 1000."""
     with System(components, CONNECTIONS, step_s=_STEP_S) as system:
         system.run(100 * _STEP_S)
-        begin = time.perf_counter_ns()
-        system.run(1100 * _STEP_S)
-        return (time.perf_counter_ns() - begin) / 1000
+        return 1e6 * best_s(1, lambda: system.run(1100 * _STEP_S), clock=time.perf_counter)[0]
 
 
-def _best_s(
+def _best_step_s(
     components: list[Component], kind: Any, count: tuple[int, ...], steps: int, rounds: int
 ) -> float:
-    """Wall-clock time of a step of environments of the oscillators, in s; the best of some.
+    """Wall-clock time in s of a step of environments of the oscillators, the best of 10 `rounds`.
 
-    Args:
-        components: the first one is pushed, and the second one follows it.
-        kind: of environment.
-        count: of instances, of a vector.
-        steps: communication steps within.
-        rounds: ten steps each.
+    `kind` is the class of the environment, `count` (n,) the instances of a vector, and `steps` the
+    communication steps within. The first oscillator is pushed, and the second one follows it.
     """
     env = kind(
         *count,
@@ -224,11 +209,8 @@ def _best_s(
         step=steps * _STEP_S,
         step_s=_STEP_S,
     )
-    best = math.inf
     env.reset(seed=0)
-    for _ in range(10 * rounds):
-        begin = time.perf_counter()
-        env.step(np.ones((*count, 1)))
-        best = min(best, time.perf_counter() - begin)
+    push = np.ones((*count, 1))
+    best = best_s(10 * rounds, lambda: env.step(push), clock=time.perf_counter)[0]
     env.close()
     return best

@@ -8,6 +8,7 @@ thread. Steps of agents that have ended, and those with which a board begins aga
 
 import time
 from dataclasses import dataclass
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -31,11 +32,6 @@ DYNAMICS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Time the environments of many boards on the grid, PettingZoo's of one, and the dynamics.
-
-    With random actions, on one core.
-    """
-
     scenario: str = "2"
     """Scenario, of any number of robots."""
     boards: Count = 4096
@@ -56,7 +52,7 @@ def vector_steps_per_s(env: gym.vector.VectorEnv, actions: np.ndarray) -> float:
     for joint in flat:
         agent_steps += np.count_nonzero(infos["active"])
         _, _, _, _, infos = env.step(joint)
-    return agent_steps / (time.thread_time() - began)
+    return float(agent_steps / (time.thread_time() - began))
 
 
 def parallel_steps_per_s(env: NavigationParallelEnv, actions: np.ndarray) -> float:
@@ -104,38 +100,30 @@ def vmas_robot_seconds_per_s(boards: int) -> float:
     return boards * 2 * steps * env.world.dt / (time.thread_time() - began)
 
 
-def measure(scenario: str, boards: int, repeats: int, vmas: bool = False) -> dict[str, float]:
-    """All figures by name."""
+def measure(options: Options) -> dict[str, float]:
+    scenario, boards = options.scenario, options.boards
     env = gym.make_vec("MiniRobots/Pair-v0", num_envs=boards, scenario=scenario)
     parallel = agent.envs.parallel_env(scenario)
     shape = (STEPS, boards, len(parallel.possible_agents))
     actions = np.random.default_rng(0).integers(DIRECTION_COUNT, size=shape)
     vector_steps_per_s(env, actions[:2])  # compile
-    rates = np.array(
-        [
-            (
-                vector_steps_per_s(env, actions),
-                parallel_steps_per_s(parallel, actions[:, :PARALLEL_BOARDS]),
-            )
-            for _ in range(repeats)
-        ]
-    )
-    best, best_parallel = rates.max(axis=0).tolist()
-    return {
+    rates = [
+        (
+            vector_steps_per_s(env, actions),
+            parallel_steps_per_s(parallel, actions[:, :PARALLEL_BOARDS]),
+        )
+        for _ in range(options.repeats)
+    ]
+    best, best_parallel = map(max, zip(*rates, strict=True))
+    found = {
         "agent_steps_per_s": best,
         "parallel_agent_steps_per_s": best_parallel,
         "ratio_to_parallel_env": best / best_parallel,
-        **{
-            f"{label}_robot_s_per_s": max(
-                robot_seconds_per_s(*what) for _ in range(min(repeats, 3))
-            )
-            for label, what in DYNAMICS.items()
-        },
-        **{
-            f"vmas_{n}_robot_s_per_s": max(
-                vmas_robot_seconds_per_s(n) for _ in range(min(repeats, 3))
-            )
-            for n in (1, 16, 64)
-            if vmas
-        },
+    }
+    others = {label: partial(robot_seconds_per_s, *what) for label, what in DYNAMICS.items()}
+    if options.vmas:
+        others |= {f"vmas_{n}": partial(vmas_robot_seconds_per_s, n) for n in (1, 16, 64)}
+    repeats = range(min(options.repeats, 3))
+    return found | {
+        f"{label}_robot_s_per_s": max(rate() for _ in repeats) for label, rate in others.items()
     }

@@ -4,13 +4,13 @@ Trains scenario 4 on the observed moves with each variant and plays the greedy p
 moves: fast enough for tens of thousands of episodes, but no substitute for `cosim.evaluate`.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
+from msgspec.structs import replace
 
+from agent.evaluation.statistics import rate
 from agent.mdp.config import Feature, ProcessConfig
 from agent.mdp.readings import build_process
 from agent.method import method_config
@@ -39,13 +39,10 @@ VARIANTS: dict[str, tuple[tuple[Feature, ...], float, float]] = {
     "with bearing, η 0.03, L 300": (WITH_BEARING, 0.03, 300.0),
     "with bearing and heading, η 0.03, L 300": ((*WITH_BEARING, "h"), 0.03, 300.0),
 }
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Train on observed moves with several variants and play the greedy policies on them."""
-
     episodes: Count = 1_500_000
     """Training episodes of each variant."""
     test_episodes: Count = 50_000
@@ -56,50 +53,40 @@ class Options(CommandOptions):
     """Variants to train, by default all."""
 
 
-def play(config: PolicyConfig, trained: TrainingState, episodes: int) -> np.ndarray:
-    """Curve sums (see `TrainingState`) of greedy episodes on the moves, with nothing learnt."""
-    learning = LearningConfig(
-        episodes=episodes, epsilon=0.0, log_episodes=episodes, log_window=episodes
-    )
+def learn(config: PolicyConfig, seed: int, trained: TrainingState | None = None) -> TrainingState:
+    """Train on the moves, or play what is trained with nothing learnt."""
     process, model = build_process(config.scenario, config.process), move_model(config)
     assert model is not None
-    state = initial_state(process, learning, 1)
-    state.q[:] = trained.q
-    still = build_learning(learning)
-    still.eta[:] = 0.0
-    advance_moves(process, model, still, state, episodes)
-    return state.curve[0]
+    state, learning = initial_state(process, config.learning, seed), build_learning(config.learning)
+    if trained is not None:
+        state.q[:] = trained.q
+        learning.eta[:] = 0.0
+    advance_moves(process, model, learning, state, config.learning.episodes)
+    return state
 
 
-def measure(
-    episodes: int, test_episodes: int, scenario: str, variants: Sequence[str]
-) -> dict[str, Any]:
-    """One row per variant."""
-    base = method_config("moves", find_scenario(scenario))
+def failures(curve: np.ndarray) -> dict[str, float]:
+    """Share of greedy episodes that fail, with its interval, and mean path of the others."""
+    failed = round(curve[EPISODES] - curve[SUCCESSES])
+    share, low, high = rate(failed, round(curve[EPISODES]))
+    path = float(curve[PATH_CELLS] / max(curve[SUCCESSES], 1.0))
+    names = ("failure", "failure_low", "failure_high", "path_length_cells")
+    return dict(zip(names, (share, low, high, path), strict=True))
+
+
+def measure(options: Options) -> dict[str, Any]:
+    base = method_config("moves", find_scenario(options.scenario))
     rows: list[dict[str, Any]] = []
-    for name in variants or VARIANTS:
+    for name in options.variants or VARIANTS:
         features, eta, goal_reward = VARIANTS[name]
-        config = PolicyConfig(
-            base.scenario,
-            ProcessConfig(features=features, goal_reward=goal_reward),
-            LearningConfig(episodes=episodes, eta=eta),
-            base.seed,
-            base.moves,
+        config = replace(
+            base,
+            process=ProcessConfig(features=features, goal_reward=goal_reward),
+            learning=LearningConfig(episodes=options.episodes, eta=eta),
         )
-        process, model = build_process(config.scenario, config.process), move_model(config)
-        assert model is not None
-        state = initial_state(process, config.learning, 0)
-        advance_moves(process, model, build_learning(config.learning), state, episodes)
-        curve = play(config, state, test_episodes)
-        failed = round(curve[EPISODES] - curve[SUCCESSES])
-        interval = binomtest(failed, test_episodes).proportion_ci(CONFIDENCE, "wilson")
-        rows.append(
-            {
-                "variant": name,
-                "failure": failed / test_episodes,
-                "failure_low": float(interval.low),
-                "failure_high": float(interval.high),
-                "path_length_cells": float(curve[PATH_CELLS] / max(curve[SUCCESSES], 1.0)),
-            }
-        )
+        count = options.test_episodes
+        greedy = {"epsilon": 0.0, "log_episodes": count, "log_window": count}
+        test = replace(config, learning=LearningConfig(episodes=count, **greedy))
+        curve = learn(test, 1, learn(config, 0)).curve[0]
+        rows.append({"variant": name, **failures(curve)})
     return {"variants": rows}

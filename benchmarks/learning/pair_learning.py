@@ -10,15 +10,15 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from scipy.stats import binomtest
 
 from agent.mdp.readings import build_process
 from agent.method import method_config
 from agent.moves.pair import GRAIN_S, PairTimes, moves_of_pair, solve_pair
-from agent.training.learning import EPISODES, PATH_CELLS, RETURNS, SUCCESSES, build_learning
+from agent.training.learning import RETURNS, build_learning
 from agent.training.loop import fresh_state, move_model
 from agent.training.pair_learning import advance_pair, first_delay, kept_delay, of_both
 from agent.training.policy import PolicyConfig
+from benchmarks.learning.moves_learning import failures
 from cosim.model.scenario_file import find_scenario
 from minirobots.options import CommandOptions, Count, Seed
 
@@ -34,8 +34,6 @@ VARIANTS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Train a pair with several variants and play the greedy policies on observed moves."""
-
     episodes: Count = 400_000
     """Training episodes of each variant."""
     test_episodes: Count = 20_000
@@ -57,16 +55,15 @@ def first_values(config: PolicyConfig, times: PairTimes, variant: str) -> np.nda
     return None if scale is None else of_both(scale * known)
 
 
-def measure(
-    episodes: int, test_episodes: int, scenario: str, seed: int, variants: tuple[str, ...]
-) -> dict[str, Any]:
-    """One row per variant."""
-    base = method_config("pair", find_scenario(scenario), seed, episodes=episodes)
+def measure(options: Options) -> dict[str, Any]:
+    episodes, test_episodes = options.episodes, options.test_episodes
+    scenario = find_scenario(options.scenario)
+    base = method_config("pair", scenario, options.seed, episodes=episodes)
     process, model = build_process(base.scenario, base.process), move_model(base)
     assert model is not None
     assert base.moves is not None
     times, rows = moves_of_pair(process, base.moves), []
-    for variant in variants:
+    for variant in options.variants:
         config = base
         if variant == VARIANTS[2]:
             config = msgspec.structs.replace(base, learning=replace(base.learning, epsilon=0.0))
@@ -86,18 +83,7 @@ def measure(
         still = build_learning(play)
         still.eta[:] = 0.0
         advance_pair(process, model, still, times, test, test_episodes)
-        curve = test.curve[0]
-        failed = round(curve[EPISODES] - curve[SUCCESSES])
-        interval = binomtest(failed, test_episodes).proportion_ci(method="wilson")
-        rows.append(
-            {
-                "variant": variant,
-                "training_s": seconds,
-                "failure": failed / test_episodes,
-                "failure_low": float(interval.low),
-                "failure_high": float(interval.high),
-                "mean_time_s": float(-curve[RETURNS:].sum() / 2.0 / test_episodes),
-                "path_length_cells": float(curve[PATH_CELLS] / max(curve[SUCCESSES], 1.0)),
-            }
-        )
+        mean_s = float(-test.curve[0, RETURNS:].sum() / 2.0 / test_episodes)
+        row = {"variant": variant, "training_s": seconds, **failures(test.curve[0])}
+        rows.append(row | {"mean_time_s": mean_s})
     return {"variants": rows}

@@ -1,12 +1,11 @@
 """Times training: numba against plain C, against a Gymnasium loop, and against the paper.
 
-Everything is timed in one run, in turn, by the processor time of its one thread, so that ratios
-hold on a busy machine; only `--all` is wall-clock time.
+Scenario 4 over Section V's 5 000 000 episodes, in turn, by the processor time of the one thread, so
+that ratios hold on a busy machine; only `--all` is wall-clock time.
 """
 
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,10 +15,11 @@ import numpy as np
 import agent.envs.single
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
-from agent.training.learning import TrainingState, build_learning, initial_state
+from agent.training.learning import build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig
+from benchmarks.timing import best_s
 from cosim.base.jobs import Workers
 from cosim.model.built_in import PAPER
 from cosim.model.scenario_file import find_scenario
@@ -33,27 +33,10 @@ SECTION_V = LearningConfig()
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Time the training of scenario 4 over Section V's 5 000 000 episodes."""
-
     repeats: Count = 3
     """Timed trainings of each kind; the fastest counts."""
     all: bool = False
     """Also time 20 runs of each of the five scenarios on all cores (a few minutes)."""
-
-
-def fastest(
-    trainings: dict[str, Callable[[], TrainingState]], repeats: int
-) -> dict[str, tuple[float, int]]:
-    """Least seconds and the agent steps of each training, taken in turn."""
-    best: dict[str, tuple[float, int]] = {}
-    for _ in range(repeats):
-        for name, train in trainings.items():
-            began = time.thread_time()
-            state = train()
-            seconds = time.thread_time() - began
-            if name not in best or seconds < best[name][0]:
-                best[name] = seconds, state.agent_steps
-    return best
 
 
 def gymnasium_steps_per_s() -> float:
@@ -75,38 +58,36 @@ def gymnasium_steps_per_s() -> float:
     return GYMNASIUM_STEPS / (time.thread_time() - began)
 
 
-def measure(repeats: int, all: bool) -> dict[str, float]:  # noqa: A002 - the option's name
-    """All figures by name."""
+def measure(options: Options) -> dict[str, float]:
     scenario, learning = find_scenario("4"), build_learning(SECTION_V)
-    process = build_process(scenario, ProcessConfig())
+    process, steps = build_process(scenario, ProcessConfig()), 0
 
-    def numba() -> TrainingState:
+    def numba() -> None:
+        nonlocal steps
         state = initial_state(process, SECTION_V, 0)
         advance(process, learning, state, SECTION_V.episodes)
-        return state
+        steps = state.agent_steps
 
     with tempfile.TemporaryDirectory() as folder:
         library = build_reference(Path(folder))
 
-        def plain_c() -> TrainingState:
+        def plain_c() -> None:
             state = reference_state(scenario, initial_state(process, SECTION_V, 0).random)
             train_reference(library, scenario, learning, state, SECTION_V.episodes)
-            return state
 
         advance(process, learning, initial_state(process, SECTION_V, 0), 10)  # compile
-        best = fastest({"numba": numba, "c": plain_c}, repeats)
-    gymnasium = max(gymnasium_steps_per_s() for _ in range(repeats))
-    seconds, steps = best["numba"]
+        seconds, seconds_c = best_s(options.repeats, numba, plain_c)
+    gymnasium = max(gymnasium_steps_per_s() for _ in range(options.repeats))
     figures = {
         "seconds_5e6": seconds,
         "agent_steps_per_s": steps / seconds,
-        "seconds_5e6_c": best["c"][0],
-        "ratio_numba_to_c": seconds / best["c"][0],
+        "seconds_5e6_c": seconds_c,
+        "ratio_numba_to_c": seconds / seconds_c,
         "gymnasium_steps_per_s": gymnasium,
         "ratio_to_gymnasium": steps / seconds / gymnasium,
         "ratio_to_paper": PAPER_S / seconds,
     }
-    if all:
+    if options.all:
         figures["seconds_five_scenarios_20_runs"] = seconds_of_all()
     return figures
 

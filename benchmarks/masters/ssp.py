@@ -1,13 +1,15 @@
 """Other projects' masters on the pair of robots, compared with ours.
 
-Every master steps the FMUs of one archive from `fmus.ssp`. What remains between it and ours is its
-algorithm: whether all FMUs step at once (Jacobi) or the motors first (Gauss-Seidel), and whether
-bodies know the motors' first outputs in the first step. With the same algorithm the bits are ours.
+Every master steps the FMUs of one archive from `fmus.ssp` with constant motor set points on an open
+floor. What remains between it and ours is its algorithm: whether all FMUs step at once (Jacobi) or
+the motors first (Gauss-Seidel), and whether bodies know the motors' first outputs in the first
+step. With the same algorithm the bits are ours.
 """
 
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +28,6 @@ Case = tuple[str, Order, bool, Callable[[], Poses]]
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Hold masters not written here on the SSP archives of two robots against ours.
-
-    Each drives the pair with constant motor set points on an open floor.
-    """
-
     step: Seconds = 1e-4
     """Communication step in s: 1e-3 s is a whole number of them."""
     duration: Seconds = 1.0
@@ -53,10 +50,9 @@ def cases(folder: Path, step_s: float, duration_s: float) -> Iterator[Case]:
     """
     first, second = build_ssp(folder)
     again = relabelled(second, folder / "relabelled.ssp")
-    yield "fmpy", "jacobi", False, lambda: run("fmpy", first, step_s, duration_s)
-    yield "ecospy", "jacobi", True, lambda: run("ecospy", first, step_s, duration_s)
-    yield "libcosimpy", "jacobi", True, lambda: run("libcosimpy", first, step_s, duration_s)
-    yield "ecospy, FMI 3", "jacobi", True, lambda: run("ecospy", again, step_s, duration_s)
+    for name, archive in (("fmpy", first), ("ecospy", first), ("libcosimpy", first)):
+        yield name, "jacobi", name != "fmpy", partial(run, name, archive, step_s, duration_s)
+    yield "ecospy, FMI 3", "jacobi", True, partial(run, "ecospy", again, step_s, duration_s)
 
     def contained(pack: Callable[..., Path], archive: Path, fmi: str, **options: bool) -> Poses:
         with tempfile.TemporaryDirectory(dir=folder) as place:
@@ -65,22 +61,14 @@ def cases(folder: Path, step_s: float, duration_s: float) -> Iterator[Case]:
 
     for fmi, archive in (("2", first), ("3", second)):
         for maker, pack in (("fmpy", pack_with_fmpy), ("toolbox", pack_with_toolbox)):
-            yield (
-                f"container by {maker}, FMI {fmi}",
-                "jacobi",
-                True,
-                lambda pack=pack, archive=archive, fmi=fmi: contained(pack, archive, fmi),
-            )
-    yield (
-        "sequential container by toolbox, FMI 3",
-        "gauss-seidel",
-        True,
-        lambda: contained(pack_with_toolbox, second, "3", sequential=True),
-    )
+            name = f"container by {maker}, FMI {fmi}"
+            yield name, "jacobi", True, partial(contained, pack, archive, fmi)
+    sequential = partial(contained, pack_with_toolbox, second, "3", sequential=True)
+    yield "sequential container by toolbox, FMI 3", "gauss-seidel", True, sequential
 
 
-def measure(step: float, duration: float) -> dict[str, dict[str, float | bool | str]]:
-    """By master: algorithm, largest differences of positions in m, whether bits are equal."""
+def measure(options: Options) -> dict[str, dict[str, float | bool | str]]:
+    step, duration = options.step, options.duration
     usual, found = drive(duration), {}
     with tempfile.TemporaryDirectory() as folder:
         for name, order, exchange_first, poses in cases(Path(folder), step, duration):

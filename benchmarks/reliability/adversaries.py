@@ -22,12 +22,10 @@ from cosim.base.progress import progress_bars, under_way
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
 from cosim.coupling.rl_step import Step, SupportsAct
-from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
-from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
 from cosim.simulation.episode import RunningEpisode
-from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.options import Setup, SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import Task, simulate_tasks
 from minirobots.options import CommandOptions, Count, File, Folder, Jobs
@@ -43,11 +41,6 @@ LESSONS, LESSON_S = 1000, 8.0  # episodes that the learnt begins with, without t
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Let policies that want robots to collide loose on the shield, and on robots without it.
-
-    What has been simulated is kept in --out: the same command resumes.
-    """
-
     episodes: Count = 2000
     """Episodes with the shield, of four kinds of adversaries in turn, 250 each."""
     unshielded: Count = 1000
@@ -79,44 +72,32 @@ POLICIES = {"short": Greedy, "random": Random, "greedy": Greedy}
 
 
 def _episodes(
-    scenario: Scenario,
-    config: CoSimConfig,
-    fmu: Path,
+    setup: Setup,
     policy: SupportsAct,
     seeds: Sequence[np.random.SeedSequence],
     watch: Callable[[Step, RunningEpisode, float], None],
 ) -> list[EpisodeResult]:
     """Episodes one batch after the other, so that a learner learns in one order."""
     tasks = [
-        Task(scenario, fmu, config, policy, starts, seed, watch=watch)
+        Task(setup.scenario, setup.fmu, setup.config, policy, starts, seed, watch=watch)
         for seed in seeds
-        for starts in [near_starts(scenario, np.random.default_rng(seed))]
+        for starts in [near_starts(setup.scenario, np.random.default_rng(seed))]
     ]
     return [result for _, result in simulate_tasks(tasks, 1)]
 
 
-def lessons(
-    scenario: Scenario, config: CoSimConfig, fmu: Path, episodes: int = LESSONS
-) -> np.ndarray:
+def lessons(setup: Setup, episodes: int = LESSONS) -> np.ndarray:
     """The table that `Learnt` begins with, of robots that drive anywhere without the shield."""
-    timing = config.timing._replace(episode_limit_s=LESSON_S)
+    timing = setup.config.timing._replace(episode_limit_s=LESSON_S)
+    unshielded = setup._replace(config=replace(setup.config, shield=None, timing=timing))
     root = np.random.SeedSequence(0)
     random = Random(np.random.default_rng(root))
     learner = Learnt(random.rng, np.zeros((2 * REACH + 1, 2 * REACH + 1, DIRECTION_COUNT)))
-    unshielded, seeds = replace(config, shield=None, timing=timing), root.spawn(episodes)
-    _episodes(scenario, unshielded, fmu, random, seeds, lambda step, *_: learner.learn(step))
+    _episodes(unshielded, random, root.spawn(episodes), lambda step, *_: learner.learn(step))
     return learner.q
 
 
-def simulate(
-    number: int,
-    kind: Adversary,
-    episodes: int,
-    scenario: Scenario,
-    config: CoSimConfig,
-    fmu: Path,
-    table: np.ndarray,
-) -> Block:
+def simulate(number: int, kind: Adversary, episodes: int, setup: Setup, table: np.ndarray) -> Block:
     """A block; it is determined by its number and the rest, whatever else runs."""
     root = np.random.SeedSequence(number)
     rng = np.random.default_rng(root)
@@ -131,9 +112,10 @@ def simulate(
             stops += episode.shield_stops
 
     policy = learnt or POLICIES[kind](rng)
-    results = _episodes(scenario, config, fmu, policy, root.spawn(episodes), watch)
+    results = _episodes(setup, policy, root.spawn(episodes), watch)
     outcomes = [result.outcome for result in results]
-    gaps = [10.0 * (r.min_distance_cm or 0.0) - 1e3 * scenario.robot_diameter_m for r in results]
+    diameter_mm = 1e3 * setup.scenario.robot_diameter_m
+    gaps = [10.0 * (result.min_distance_cm or 0.0) - diameter_mm for result in results]
     return Block(
         number,
         kind,
@@ -145,85 +127,72 @@ def simulate(
     )
 
 
-def _file(scenario: Scenario, config: CoSimConfig, fmu: Path, folder: Path) -> RowFile[Block]:
+def _file(setup: Setup, folder: Path) -> RowFile[Block]:
     """The file of the blocks."""
+    scenario = setup.scenario
     identity = CaseIdentity(
         scenario=scenario.name,
         scenario_digest=scenario.digest(),
         policy_digest=digest_of(KINDS, BLOCK, LESSONS),
         seed=0,
-        motor_fmu_digest=digest_of(fmu),
-        parameters={name: row["value"] for name, row in config.table().items()},
+        motor_fmu_digest=digest_of(setup.fmu),
+        parameters={name: row["value"] for name, row in setup.config.table().items()},
         code_digest=code_digest(__name__, colliding, but=RECORDS),
     )
     header = Header(**msgspec.structs.asdict(identity), digest=digest_of(identity))
     return RowFile(folder / f"{scenario.name}-{header.digest}.jsonl", header, Block)
 
 
-def attack(
-    episodes: int,
-    kinds: Sequence[Adversary],
-    robots: int,
-    shield: bool,
-    world: Path | None,
-    jobs: int,
-    out: Path,
-) -> list[Block]:
-    """Blocks of some of the kinds, of this number of episodes of all; those of the file exist."""
-    jobs = workers(jobs)
-    scenario, config, fmu = resolve(SimulationOptions(shield=shield, world=world), arena(robots))
-    file = _file(scenario, config, fmu, out)
+def attack(options: Options, shield: bool, episodes: int) -> list[Block]:
+    """Blocks of the kinds asked for, of this number of episodes of all; those of the file exist."""
+    physics = SimulationOptions(shield=shield, world=options.world)
+    setup, kinds = resolve(physics, arena(options.robots)), tuple(KINDS)
+    file = _file(setup, options.out)
     known = {block.number: block for block in file.rows}
-
-    def size(number: int) -> int:
-        return min(BLOCK, episodes - number * BLOCK)
+    table = np.empty(0)
 
     def kind_of(number: int) -> Adversary:
-        return tuple(KINDS)[number % len(KINDS)]
+        return kinds[number % len(kinds)]
 
-    numbers = [n for n in range(-(-episodes // BLOCK)) if kind_of(n) in kinds]
+    sizes = {
+        number: min(BLOCK, episodes - first)
+        for number, first in enumerate(range(0, episodes, BLOCK))
+        if kind_of(number) in options.kinds
+    }
+
+    def done() -> list[Block]:
+        return [known[n] for n, size in sizes.items() if n in known and known[n].episodes == size]
 
     def block(number: int) -> Block:
         kind = kind_of(number)
-        through = number // len(KINDS) % 2 == 1
-        timing = config.timing._replace(episode_limit_s=KINDS[kind])
-        mine = replace(config, timing=timing, through=through)
-        return simulate(number, kind, size(number), scenario, mine, fmu, table)
+        through = number // len(kinds) % 2 == 1
+        timing = setup.config.timing._replace(episode_limit_s=KINDS[kind])
+        mine = setup._replace(config=replace(setup.config, timing=timing, through=through))
+        return simulate(number, kind, sizes[number], mine, table)
 
-    if not numbers:
+    if not sizes:
         raise UserError(
-            f"so few episodes have no block of {' or '.join(kinds) or 'any kind'}; ask for "
-            f"{len(KINDS) * BLOCK} or more, and for a kind"
+            f"so few episodes have no block of {' or '.join(options.kinds) or 'any kind'}; ask for "
+            f"{len(kinds) * BLOCK} or more, and for a kind"
         )
-    missing = [n for n in numbers if n not in known or known[n].episodes != size(n)]
-    table = np.empty(0)
-    with progress_bars() as progress, ThreadPoolExecutor(jobs) as pool:
+    missing = sizes.keys() - {each.number for each in done()}
+    with progress_bars() as progress, ThreadPoolExecutor(workers(options.jobs)) as pool:
         if any(kind_of(number) == "learnt" for number in missing):
             with under_way(progress, "learning to collide"):
-                table = lessons(scenario, config, fmu)
-        for done, row in enumerate(pool.map(block, missing), len(numbers) - len(missing) + 1):
+                table = lessons(setup)
+        for row in pool.map(block, sorted(missing)):
             file.append(row)
             known[row.number] = row
-            so_far = [known[n] for n in numbers if n in known and known[n].episodes == size(n)]
-            contacts = sum(b.contacts + b.off_board for b in so_far)
-            said_so = f"{sum(b.episodes for b in so_far)} episodes, {contacts} contacts"
-            progress("attacking", done, len(numbers), said_so)
-    return [known[n] for n in numbers]
+            contacts = sum(b.contacts + b.off_board for b in done())
+            said = f"{sum(b.episodes for b in done())} episodes, {contacts} contacts"
+            progress("attacking", len(done()), len(sizes), said)
+    return done()
 
 
-def measure(
-    episodes: int,
-    unshielded: int,
-    kinds: Sequence[Adversary],
-    robots: int,
-    world: Path | None,
-    jobs: int,
-    out: Path,
-) -> dict[str, Any]:
-    """Return what the adversaries achieve against the shield and, in fewer episodes, without it."""
+def measure(options: Options) -> dict[str, Any]:
     rows = []
-    for shield, count in ((False, unshielded), (True, episodes)):
-        blocks = attack(count, kinds, robots, shield, world, jobs, out)
+    for shield, count in ((False, options.unshielded), (True, options.episodes)):
+        blocks = attack(options, shield, count)
         for kind in KINDS:
             mine = [block for block in blocks if block.kind == kind]
             if mine:
@@ -231,4 +200,4 @@ def measure(
                 for name in ("episodes", "contacts", "off_board", "stops"):
                     row[name] = sum(getattr(block, name) for block in mine)
                 rows.append(row | {"least_gap_mm": min(block.least_gap_mm for block in mine)})
-    return {"robots": robots, "world": str(world or "ideal"), "rows": rows}
+    return {"robots": options.robots, "world": str(options.world or "ideal"), "rows": rows}

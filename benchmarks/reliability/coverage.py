@@ -7,32 +7,24 @@ bootstrap intervals (`scipy.stats.bootstrap`) of the same samples, and Wilson in
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.stats import binom, bootstrap
 
 from agent.evaluation.statistics import CONFIDENCE, mean_intervals, rate, rate_of_weights
-from cosim.base.errors import UserError
-from minirobots.options import CommandOptions, Seed
+from minirobots.options import CommandOptions, Count, Seed, at_least
 
 Draw = Callable[[np.random.Generator, tuple[int, int]], np.ndarray]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Simulate how often intervals of 95 % hold the mean or the rate that they are for."""
-
-    samples: int = 2000
+    samples: Count = 2000
     """Samples of every distribution and number of runs."""
-    runs: tuple[int, ...] = (2, 5, 20, 100)
+    runs: tuple[Annotated[int, at_least(2)], ...] = (2, 5, 20, 100)
     """Runs in a sample."""
     seed: Seed = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.samples < 1 or not self.runs or min(self.runs) < 2:
-            raise UserError("--samples must be at least 1, and --runs name numbers from 2 on")
 
 
 def _successes(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
@@ -50,45 +42,23 @@ DISTRIBUTIONS: dict[str, tuple[Draw, float]] = {
 _RESAMPLES = 999
 
 
-class MeanCoverage(NamedTuple):
+def of_means(name: str, runs: int, samples: int, seed: int) -> dict[str, Any]:
     """Shares of the samples of a distribution whose intervals hold the mean.
 
     A Student interval may be wrong, and samples have none where `mean_intervals` gives none.
     """
-
-    distribution: str
-    runs: int
-    student: float
-    wrong: float
-    none: float
-    percentile: float
-    bca: float
-
-
-class RateCoverage(NamedTuple):
-    """Mean and least probability that Wilson intervals hold a rate, of 999 between 0 and 1."""
-
-    episodes: int
-    mean: float
-    least: float
-
-
-class SplitCoverage(NamedTuple):
-    """Share of the samples whose interval of `--splitting` holds the rate of collisions."""
-
-    roots: int
-    rate: float
-    wilson: float
-
-
-def of_means(name: str, runs: int, samples: int, seed: int) -> MeanCoverage:
-    """Coverage of the intervals of a mean over runs."""
     draw, mean = DISTRIBUTIONS[name]
     values = draw(np.random.default_rng([seed, runs]), (runs, samples))
     low, high = mean_intervals(values)
     shown = np.isfinite(low)
     holds = (low <= mean) & (mean <= high)
-    boots = []
+    found = {
+        "distribution": name,
+        "runs": runs,
+        "student": float(holds.mean()),
+        "wrong": float((shown & ~holds).mean()),
+        "none": float((~shown).mean()),
+    }
     for method in ("percentile", "BCa"):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # samples whose values are all equal
@@ -102,23 +72,25 @@ def of_means(name: str, runs: int, samples: int, seed: int) -> MeanCoverage:
                 batch=100,
                 rng=np.random.default_rng(seed),
             ).confidence_interval
-        boots.append(float(((ends.low <= mean) & (mean <= ends.high)).mean()))
-    none, wrong = float((~shown).mean()), float((shown & ~holds).mean())
-    return MeanCoverage(name, runs, float(holds.mean()), wrong, none, *boots)
+        found[method.lower()] = float(((ends.low <= mean) & (mean <= ends.high)).mean())
+    return found
 
 
-def of_rates(episodes: int) -> RateCoverage:
-    """Exact coverage of Wilson intervals."""
+def of_rates(episodes: int) -> dict[str, Any]:
+    """Mean and least probability that Wilson intervals hold a rate, of 999 between 0 and 1."""
     counts = np.arange(episodes + 1)
     ends = np.array([rate(int(count), episodes)[1:] for count in counts])
     truth = np.arange(1, 1000) / 1000.0
     holds = (ends[:, 0] <= truth[:, None]) & (truth[:, None] <= ends[:, 1])
     found = (binom.pmf(counts, episodes, truth[:, None]) * holds).sum(axis=1)
-    return RateCoverage(episodes, float(found.mean()), float(found.min()))
+    return {"episodes": episodes, "mean": float(found.mean()), "least": float(found.min())}
 
 
-def of_splitting(roots: int, samples: int, seed: int) -> SplitCoverage:
-    """Coverage where 3 of 10 roots have four branches, which collide with a chance of their own."""
+def of_splitting(roots: int, samples: int, seed: int) -> dict[str, Any]:
+    """Share of the samples whose interval of `--splitting` holds the rate of collisions.
+
+    3 of 10 roots have four branches, which collide with a chance of their own.
+    """
     rng, shape = np.random.default_rng([seed, roots]), (samples, roots)
     chance = rng.beta(0.2, 1.8, shape)
     values = (rng.random(shape) < 0.3) * rng.binomial(4, chance) / 4.0
@@ -128,14 +100,13 @@ def of_splitting(roots: int, samples: int, seed: int) -> SplitCoverage:
         worth = share * (1.0 - share) / variance if variance else float(roots)
         _, low, high = rate_of_weights(share, worth)
         held += low <= 0.03 <= high
-    return SplitCoverage(roots, 0.03, held / samples)
+    return {"roots": roots, "rate": 0.03, "wilson": held / samples}
 
 
-def measure(samples: int, runs: tuple[int, ...], seed: int) -> dict[str, list[dict[str, Any]]]:
-    """Coverage of all intervals."""
-    found = {
-        "means": [of_means(name, n, samples, seed) for name in DISTRIBUTIONS for n in runs],
+def measure(options: Options) -> dict[str, list[dict[str, Any]]]:
+    samples, seed = options.samples, options.seed
+    return {
+        "means": [of_means(name, n, samples, seed) for name in DISTRIBUTIONS for n in options.runs],
         "rates": [of_rates(episodes) for episodes in (8, 40, 200)],
         "splitting": [of_splitting(roots, samples, seed) for roots in (40, 100)],
     }
-    return {name: [row._asdict() for row in rows] for name, rows in found.items()}

@@ -37,8 +37,6 @@ STANDING_S = 20.0  # after which the second robot is at its target, and at rest
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Simulate hours of two robots, without and with a recording: memory, cost and what drifts."""
-
     hours: Annotated[float, tyro.conf.arg(metavar="H")] = 1.0
     """Simulated time of each of the two runs, in hours; at least two minutes."""
     seed: Seed = 0
@@ -107,9 +105,8 @@ def endure(time_s: float, seed: int, recording: Path | None) -> dict[str, float]
     }
 
 
-def measure(hours: float, seed: int) -> dict[str, Any]:
-    """Both runs, by whether there is a recording."""
-    time_s = 3600.0 * hours
+def measure(options: Options) -> dict[str, Any]:
+    time_s, seed = 3600.0 * options.hours, options.seed
     plain = endure(time_s, seed, None)  # first: it would live in what the other one has left
     with tempfile.TemporaryDirectory() as folder:
         recorded = endure(time_s, seed, Path(folder) / "endless.rrd")

@@ -1,11 +1,16 @@
-"""Count the episodes until searches find the first collision of a rarely colliding policy."""
+"""Count the episodes until searches find the first collision of a rarely colliding policy.
+
+By a surrogate, by evolution and at random, in the same ranges and with the same seeds. Episodes are
+kept in --out: the same command resumes.
+"""
 
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from agent.falsification.falsify import FalsificationReport, falsify
+from agent.falsification.falsify import falsify
 from agent.falsification.ranges import read_ranges
 from agent.falsification.search import SEARCHES
 from agent.method import method_policy
@@ -17,12 +22,6 @@ from minirobots.options import CommandOptions, Count, File, Folder, Jobs
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Count the episodes that searches need to find the first collision of a policy.
-
-    By a surrogate, by evolution and at random, in the same ranges and with the same seeds. Episodes
-    are kept in --out: the same command resumes.
-    """
-
     scenario: str = "4"
     """Scenario of two robots or more."""
     method: str = "shortest"
@@ -40,49 +39,35 @@ class Options(CommandOptions):
     """Folder of results and recordings."""
 
 
-def measure(
-    scenario: str,
-    method: str,
-    shield: bool,
-    ranges: Path | None,
-    seeds: int,
-    episodes: int,
-    jobs: int,
-    out: Path,
-) -> dict[str, Any]:
-    """Searches until the first collision; episodes that are in `out` are not simulated again."""
-    rows, declared = [], {} if ranges is None else read_ranges(ranges)
+def measure(options: Options) -> dict[str, Any]:
+    rows, method, shield = [], options.method, options.shield
+    scenario, episodes, ranges = options.scenario, options.episodes, options.ranges
+    declared = {} if ranges is None else read_ranges(ranges)
     guard = "shield" if shield else "free"
     setting = f"{scenario}-{method}-{guard}-{ranges.stem if ranges else 'default'}"
     with progress_bars() as progress:
         *_, policy = method_policy(method, find_scenario(scenario), progress=progress)
-        for seed in range(seeds):
-            for search in SEARCHES:
-                report = falsify(
-                    policy,
-                    out=out / f"{setting}-{search}-{seed}",
-                    shield=shield,
-                    ranges=declared,
-                    search=search,
-                    episodes=episodes,
-                    seed=seed,
-                    until_found=True,
-                    keep=1,
-                    jobs=jobs,
-                    progress=progress,
-                )
-                rows.append(_row(report))
+        for seed, search in product(range(options.seeds), SEARCHES):
+            report = falsify(
+                policy,
+                out=options.out / f"{setting}-{search}-{seed}",
+                shield=shield,
+                ranges=declared,
+                search=search,
+                episodes=episodes,
+                seed=seed,
+                until_found=True,
+                keep=1,
+                jobs=options.jobs,
+                progress=progress,
+            )
+            row = {name: getattr(report, name) for name in ("search", "seed", "episodes", "first")}
+            rows.append(row | {"least_gap_cm": report.worst[0].gap_cm})
     found = {"scenario": scenario, "method": method, "shield": shield}
     found |= {"ranges": declared, "budget": episodes, "rows": rows}
     found["median_first"] = {  # one more than the budget where none was found
         search: median(row["first"] or episodes + 1 for row in rows if row["search"] == search)
         for search in SEARCHES
     }
-    write_json(out / "falsification.json", found)
+    write_json(options.out / "falsification.json", found)
     return found
-
-
-def _row(report: FalsificationReport) -> dict[str, Any]:
-    """The search, its episodes, those up to the first collision, and the least gap of all."""
-    row = {name: getattr(report, name) for name in ("search", "seed", "episodes", "first")}
-    return row | {"least_gap_cm": report.worst[0].gap_cm}

@@ -1,7 +1,8 @@
-"""Write faults into a copy of the code and count those that no test notices.
+"""Write faults into a copy of the code, one at a time, and count those that no test notices.
 
-Mutations are data, `mutations.toml`: a file, a text that occurs once in it, what replaces it, and
-the tests that must notice. The working tree stays as it is.
+Mutations are data, benchmarks/reliability/mutations.toml: the part of the project, what changes as
+text, a file, a text that occurs once in it (old), what replaces it (new), and the tests that must
+notice. The working tree, a checkout with the group test, stays as it is.
 """
 
 import os
@@ -30,39 +31,8 @@ PASSED, FAILED = 0, 1  # exit statuses of pytest
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Write faults into a copy of the code, one at a time, and count those that no test notices.
-
-    Their list is benchmarks/reliability/mutations.toml. Run it in a checkout with the group test.
-    """
-
     parts: tuple[Part, ...] = get_args(Part)
     """Parts of the project whose faults are tried, all by default."""
-
-
-@dataclass(frozen=True)
-class Mutation:
-    """A fault that is written into the code.
-
-    Attributes:
-        part: of the project, such as "motor".
-        change: what it changes, as text.
-        file: path in the project.
-        old, new: a text that occurs once in the file, and what replaces it.
-        tests: files or tests that pytest runs.
-    """
-
-    part: str
-    change: str
-    file: str
-    old: str
-    new: str
-    tests: list[str]
-
-
-def read_mutations() -> list[Mutation]:
-    """Return the mutations of `mutations.toml`."""
-    content = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
-    return [Mutation(**row) for row in content["mutation"]]
 
 
 def _first_failure(folder: Path, tests: Iterable[str]) -> str:
@@ -81,31 +51,32 @@ def _first_failure(folder: Path, tests: Iterable[str]) -> str:
     return failed[1]
 
 
-def measure(parts: tuple[str, ...]) -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """Try the mutations of some parts; without any the tests must pass.
 
     Part, change and first failing test of each are found; no test where all passed.
     """
-    mutations = [m for m in read_mutations() if m.part in parts]
+    content = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
+    mutations = [m for m in content["mutation"] if m["part"] in options.parts]
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         for name in COPIED:
             copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
             copy(ROOT / name, folder / name)
-        tests = sorted({test for mutation in mutations for test in mutation.tests})
+        tests = sorted({test for mutation in mutations for test in mutation["tests"]})
         if broken := _first_failure(folder, tests):
             raise UserError(f"{broken} fails without any mutation; fix it first")
         killed_by = []
         for mutation in mutations:
-            path = folder / mutation.file
+            path, old = folder / mutation["file"], mutation["old"]
             text = path.read_text()
-            if (count := text.count(mutation.old)) != 1:
-                raise UserError(f"{mutation.file} has {mutation.old!r} {count} times, not once")
-            path.write_text(text.replace(mutation.old, mutation.new))
-            killer = _first_failure(folder, mutation.tests)
+            if (count := text.count(old)) != 1:
+                raise UserError(f"{mutation['file']} has {old!r} {count} times, not once")
+            path.write_text(text.replace(old, mutation["new"]))
+            killer = _first_failure(folder, mutation["tests"])
             path.write_text(text)
-            part, change = mutation.part, mutation.change
-            killed_by.append({"part": part, "mutation": change, "killed_by": killer})
+            row = {"part": mutation["part"], "mutation": mutation["change"]}
+            killed_by.append(row | {"killed_by": killer})
             print(*killed_by[-1].values(), sep=" | ", file=sys.stderr, flush=True)
     survived = sum(not row["killed_by"] for row in killed_by)
     return {"survived": survived, "tried": len(killed_by), "killed_by": killed_by}

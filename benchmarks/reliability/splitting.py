@@ -1,7 +1,7 @@
 """Compare splitting with plain episodes: how often robots come close and collide.
 
-Of a policy that collides often enough for both: the paper's in scenario 4. The episodes have other
-seeds than the roots.
+Of a policy that collides often enough for both: the paper's, without the shield. The episodes have
+other seeds than the roots. What has been simulated is kept in --out: the same command resumes.
 """
 
 from dataclasses import dataclass, replace
@@ -25,12 +25,6 @@ from minirobots.options import CommandOptions, Count, Folder, Jobs, Seed
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
-    """Hold how often robots come close and collide, by splitting, against plain episodes.
-
-    Of the paper's policy, without the shield. What has been simulated is kept in --out: the same
-    command resumes.
-    """
-
     scenario: str = "4"
     """Scenario of two robots or more."""
     episodes: Count = 100
@@ -48,46 +42,30 @@ class Options(CommandOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-
         require_falling(gaps=self.gaps)
 
 
-def measure(
-    scenario: str,
-    episodes: int,
-    roots: int,
-    branches: int,
-    gaps: tuple[float, ...],
-    seed: int,
-    jobs: int,
-    out: Path,
-) -> dict[str, Any]:
-    """Rates of all levels, the last of which is the collision, by plain episodes and by splitting.
-
-    Episodes that are in `out` already are not simulated again.
-
-    Raises:
-        UserError: the scenario does not exist, or its robots cannot collide.
-    """
-    policy, where = agent.train(scenario, method="paper"), Workers(jobs=jobs)
+def measure(options: Options) -> dict[str, Any]:
+    """Return the rates of all levels, the last of which is the collision."""
+    policy, where = agent.train(options.scenario, method="paper"), Workers(jobs=options.jobs)
     _, config, fmu = resolve(SimulationOptions(), policy.config.scenario)
-    plain = Case(policy, config, fmu, seed)
+    plain, out = Case(policy, config, fmu, options.seed), options.out
     with progress_bars() as progress:
         splitting = estimate_collisions(
-            replace(plain, seed=seed + 1),
+            replace(plain, seed=options.seed + 1),
             out,
-            roots=roots,
-            branches=branches,
-            gaps_mm=gaps,
+            roots=options.roots,
+            branches=options.branches,
+            gaps_mm=options.gaps,
             where=where,
             progress=progress,
         )
-        store, indices = EpisodeStore(out), plain.rounds(episodes)
+        store, indices = EpisodeStore(out), plain.rounds(options.episodes)
         simulate([StudyLine(plain, indices)], store, where, progress=progress)
     plainly = [store.file(plain).results[index] for index in indices]
     levels = [_compared(level, plainly, case=plain) for level in splitting.levels]
     found = {name: getattr(splitting, name) for name in ("roots", "simulated", "worth")}
-    return {"episodes": episodes, **found, "levels": levels}
+    return {"episodes": options.episodes, **found, "levels": levels}
 
 
 def _compared(level: ReachedLevel, episodes: list[EpisodeResult], case: Case) -> dict[str, Any]:

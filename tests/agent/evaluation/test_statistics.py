@@ -59,11 +59,11 @@ def test_interval_of_curves_is_that_of_each_point():
 def test_intervals_of_few_runs_cover(runs):
     """Percentile bootstrap intervals of two runs hold the mean in half of all samples."""
     found = of_means("normal", runs, samples=1000, seed=0)
-    assert found.student == pytest.approx(0.95, abs=0.03)
-    assert found.none == 0.0
+    assert found["student"] == pytest.approx(0.95, abs=0.03)
+    assert found["none"] == 0.0
     for name in ("exponential", "success, half at 100 %"):
-        assert of_means(name, runs, samples=1000, seed=0).wrong < 0.12
-    assert found.percentile < {2: 0.55, 5: 0.88, 20: 0.95}[runs]
+        assert of_means(name, runs, samples=1000, seed=0)["wrong"] < 0.12
+    assert found["percentile"] < {2: 0.55, 5: 0.88, 20: 0.95}[runs]
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_episodes_that_count_less_have_wider_intervals():
     assert rate_of_weights(0.2, 40) == pytest.approx(rate(8, 40))
     assert rate_of_weights(0.0, 10) == pytest.approx(rate(0, 10))
     assert rate_of_weights(1.0, 10) == pytest.approx(rate(10, 10))
-    assert of_splitting(40, samples=1000, seed=0).wilson > 0.93
+    assert of_splitting(40, samples=1000, seed=0)["wilson"] > 0.93
 
 
 def test_an_interval_is_said_where_there_is_one():

@@ -4,13 +4,13 @@ from typing import Any
 
 import pytest
 
-from benchmarks.positioning import measure
+from benchmarks.positioning import Options, measure
 from cosim.model.params import STEERING
 
 
 @pytest.fixture(scope="module")
 def rows() -> dict[tuple[str, str, str], dict[str, Any]]:
-    found = measure(robots=4, omega=[1050.0], pulses=[0.15], angles=[25.0], seed=1)
+    found = measure(Options(robots=4, omega=(1050.0,), pulses=(0.15,), angles=(25.0,), seed=1))
     return {(row["what"], row["closed"], row["start"]): row for row in found}
 
 

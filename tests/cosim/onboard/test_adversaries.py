@@ -7,17 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.reliability.adversaries import BLOCK, KINDS, attack, lessons, simulate
+from benchmarks.reliability.adversaries import BLOCK, KINDS, Options, attack, lessons, simulate
 from cosim.base.errors import UserError
-from cosim.simulation.options import SimulationOptions
+from cosim.simulation.options import SimulationOptions, resolve
 from tests.references.colliding import REACH, Greedy, Learnt, arena
 
 
 @pytest.fixture(scope="module")
 def table():
     """What 60 episodes teach."""
-    config, fmu = SimulationOptions().prepare()
-    return lessons(arena(2), config, fmu, episodes=60)
+    return lessons(resolve(SimulationOptions(), arena(2)), episodes=60)
 
 
 @pytest.mark.slow
@@ -33,7 +32,8 @@ def test_lessons_lead_to_the_other_robot(table):
 
 
 def test_one_kind_has_its_episodes_of_all(tmp_path):
-    (block,) = attack(BLOCK + 1, ["random"], 2, True, None, 1, tmp_path)
+    options = Options(kinds=("random",), jobs=1, out=tmp_path)
+    (block,) = attack(options, True, BLOCK + 1)
     assert (block.number, block.kind, block.episodes) == (1, "random", 1)
 
 
@@ -52,7 +52,7 @@ def test_nothing_is_learnt_from_waiting():
 
 def test_kinds_without_episodes_are_refused(tmp_path):
     with pytest.raises(UserError, match="no block of learnt; ask for 1000"):
-        attack(BLOCK, ["learnt"], 2, True, None, 1, tmp_path)
+        attack(Options(kinds=("learnt",), jobs=1, out=tmp_path), True, BLOCK)
 
 
 @pytest.mark.long
@@ -62,15 +62,15 @@ def test_kinds_without_episodes_are_refused(tmp_path):
 def test_the_shield_holds_them_off(kind, table):
     blocks = []
     for shield in (False, True):
-        config, fmu = SimulationOptions(shield=shield).prepare()
-        timing = config.timing._replace(episode_limit_s=KINDS[kind])
-        mine = replace(config, timing=timing)
-        blocks.append(simulate(3, kind, 24, arena(2), mine, fmu, table))
+        setup = resolve(SimulationOptions(shield=shield), arena(2))
+        timing = setup.config.timing._replace(episode_limit_s=KINDS[kind])
+        mine = setup._replace(config=replace(setup.config, timing=timing))
+        blocks.append(simulate(3, kind, 24, mine, table))
     without, with_shield = blocks
     assert without.contacts > 0
     assert with_shield.contacts == with_shield.off_board == 0
     assert with_shield.least_gap_mm > 0.0
     assert with_shield.stops > 0
-    again = simulate(3, kind, 24, arena(2), mine, fmu, table)
+    again = simulate(3, kind, 24, mine, table)
     assert again == with_shield
     assert np.isfinite(table).all()
