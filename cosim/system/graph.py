@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
 from fmpy.model_description import ModelVariable
@@ -82,7 +83,7 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
 
     Raises:
         GraphError: there is no component, two have one name, an FMU cannot be there twice, or has a
-            clock that the master must let tick.
+            clock that ticks in time, and no Event Mode.
         FmuError: an FMU cannot be used.
     """
     if not components:
@@ -100,12 +101,11 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
         except FmuError as error:
             raise FmuError(f"component {name}: {error}") from error
         found[name] = files[given] = fmu
-        for v in fmu.variables.values():
-            if v.intervalVariability not in (None, "triggered"):
-                raise GraphError(
-                    f"component {name}: {path} has the clock '{v.name}' that ticks in time "
-                    f"({v.intervalVariability}), which is not supported; export it without"
-                )
+        if timed_clocks(fmu) and not (fmu.exchange or fmu.interface.hasEventMode):
+            raise GraphError(
+                f"component {name}: {path} has the clock '{timed_clocks(fmu)[0].get('name')}' that "
+                "ticks in time, and no Event Mode (hasEventMode); export it with one"
+            )
         for identity in (fmu.folder, str(fmu.description.guid)):
             other = owners.setdefault(identity, name)
             if other != name and fmu.interface.canBeInstantiatedOnlyOncePerProcess:
@@ -137,13 +137,27 @@ def find(fmus: Mapping[str, Fmu], name: str) -> Node:
     raise GraphError(f"'{name}' is no variable of a component; components are {', '.join(fmus)}")
 
 
+def timed_clocks(fmu: Fmu) -> list[Element]:
+    """Clocks of an FMU that tick in time, as in its modelDescription.xml, with intervals."""
+    if all(v.intervalVariability in (None, "triggered") for v in fmu.variables.values()):
+        return []
+    clocks = fromstring((fmu.folder / "modelDescription.xml").read_bytes()).iterfind(".//Clock")
+    return [each for each in clocks if each.get("intervalVariability", "triggered") != "triggered"]
+
+
+def clocks_of(variable: ModelVariable) -> tuple[str, ...]:
+    """Clocks that tick in time, while one of which a variable can be got and set; () if always."""
+    clocks: Any = variable.clocks or ()  # which fmpy declares as their numbers
+    return tuple(str(v.name) for v in clocks if v.intervalVariability != "triggered")
+
+
 def outputs(fmus: Mapping[str, Fmu], *types: str, but: bool = False) -> list[Node]:
-    """Outputs of some types, or of all but those."""
+    """Outputs of some types, or of all but those, if they have a time at which they can be got."""
     return [
         (component, str(v.name))
         for component, fmu in fmus.items()
         for v in fmu.description.modelVariables
-        if v.causality == "output" and (v.type in types) != but
+        if v.causality == "output" and (v.type in types) != but and (clocks_of(v) or not v.clocks)
     ]
 
 
@@ -228,9 +242,6 @@ def _check_types(said: str, source: ModelVariable, target: ModelVariable) -> Non
         raise GraphError(
             f"{said}: {source.type} does not fit into {target.type}; connect variables of one type"
         )
-    for variable in (source, target):
-        if variable.clocks:
-            raise GraphError(f"{said}: '{variable.name}' is tied to a clock; export it without")
 
 
 def keeps(source: str, target: str) -> bool:
@@ -299,7 +310,9 @@ def links_in_loops(fmus: Mapping[str, Fmu], links: Sequence[Link]) -> list[Link]
 def is_continuous(fmus: Mapping[str, Fmu], link: Link) -> bool:
     """Return whether a connection passes on float64 values that vary without jumps."""
     ends = [fmus[component].variables[name] for component, name in (link.source, link.target)]
-    varying = all(v.variability not in ("discrete", "fixed", "tunable") for v in ends)
+    varying = all(
+        v.variability not in ("discrete", "fixed", "tunable") and not v.clocks for v in ends
+    )
     return varying and {str(v.type) for v in ends} <= {"Real", "Float64"}
 
 

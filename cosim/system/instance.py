@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from fmpy.model_description import ModelVariable
 
+from cosim.base.errors import UserError
 from cosim.fmi.abi import FMI_ERROR
 from cosim.fmi.fmu import (
     Fmu,
@@ -22,8 +23,8 @@ from cosim.fmi.fmu import (
     function_address,
     status_of,
 )
-from cosim.system.graph import DTYPES, Component, GraphError, find
-from cosim.system.integration import Integration, c_function, settled
+from cosim.system.graph import DTYPES, Component, GraphError, find, timed_clocks
+from cosim.system.integration import UPDATE, Integration, c_function, settled
 from cosim.system.texts import TextTable
 
 _ABLE = ("parameter", "input", "structuralParameter")
@@ -70,7 +71,9 @@ class Instance:
         integration: its solver, if it is for Model Exchange.
         functions: of Python, that compiled code calls.
         events: whether it leaves events to the master.
-        ends: whether it has asked to end at the start.
+        ends: whether it has asked to end at the start or at a tick of a clock.
+        usual_mode: function that leaves Event Mode.
+        event_s: (1,) time in s of the last Event Mode in compiled code.
 
     Raises:
         GraphError: a start value is of no variable that can have one, or does not fit it.
@@ -88,8 +91,10 @@ class Instance:
     ) -> None:
         self.name, self.fmu = component.name, fmu
         self.log = Log(fmu_log, self.name)
-        leaves = events and fmu.standard == 3 and bool(fmu.interface.hasEventMode)
-        self.events = leaves or fmu.exchange
+        leaves = fmu.standard == 3 and bool(fmu.interface.hasEventMode)
+        self.events = fmu.exchange or (leaves and (events or bool(timed_clocks(fmu))))
+        self.usual_mode = "enterContinuousTimeMode" if fmu.exchange else "enterStepMode"
+        self.event_s, self._on_event = np.zeros(1), lambda time_s: None
         self._start = {name: self._checked(name) for name in component.start}
         self._values = component.start
         self.ends = False
@@ -107,9 +112,9 @@ class Instance:
         self.functions = self.integration.functions if self.integration else {}
         sizes = [v for v in self._start.values() if v.causality == "structuralParameter"]
         if sizes:
-            self._set_up("enterConfigurationMode")
+            self.call("enterConfigurationMode")
             self._set(sizes)
-            self._set_up("exitConfigurationMode")
+            self.call("exitConfigurationMode")
         self._set(v for v in self._start.values() if v.causality != "structuralParameter")
 
     def kind(self, variable: ModelVariable) -> Exchange | None:
@@ -137,30 +142,71 @@ class Instance:
     def begin(self, start_s: float, stop_s: float | None, tolerance: float | None) -> None:
         """Enter Initialization Mode; raises FmuError."""
         self._start_s = start_s
-        given = {"tolerance": tolerance, "startTime": start_s, "stopTime": stop_s}
+        given = tolerance, start_s, stop_s
         if self.fmu.standard == 2:
-            self._set_up("setupExperiment", **given)
-            self._set_up("enterInitializationMode")
+            self.call("setupExperiment", *given)
+            self.call("enterInitializationMode")
         else:
-            self._set_up("enterInitializationMode", **given)
+            self.call("enterInitializationMode", *given)
 
     def end_initialization(self) -> None:
         """Be ready for steps; raises FmuError."""
-        self._set_up("exitInitializationMode")
+        self.call("exitInitializationMode")
         self._finalizer.detach()
         self._finalizer = weakref.finalize(self, end, self._slave)
         if self.integration:
-            self.ends = self._set_up(self.integration.start, start_s=self._start_s)
+            self.ends = self.call(self.integration.start, self._start_s)
         elif self.events:
-            self.ends, _ = self._set_up(settled, slave=self._slave)
-            self._set_up("enterStepMode")
+            self.ends = self.settle(self._start_s)
+            self.call("enterStepMode")
 
-    def _set_up(self, function: str | Callable[..., Any], **arguments: Any) -> Any:
+    def listen(self, on_event: Callable[[float], None]) -> None:
+        """Have a function called with the time in s in every Event Mode, before it is left."""
+        self._on_event = on_event
+        if self.integration:
+            self.integration.on_event = on_event
+        else:
+            self.functions["UpdateDiscreteStates"] = c_function(self.log, self._update, *UPDATE)
+
+    def _update(self, again: Any, ends: Any, *_: Any) -> None:
+        again[0], ends[0] = self._slave.updateDiscreteStates()[:2]
+        if not again[0]:
+            self._on_event(float(self.event_s[0]))
+
+    def settle(self, time_s: float) -> bool:
+        """Update discrete states in Event Mode until they stay; returns whether it asks to end.
+
+        Raises:
+            FmuError, GraphError: the FMU fails, or what listens refuses what it says.
+        """
+        if self.integration:
+            return self.call(self.integration.settle, time_s=time_s)
+        ends, _ = self.call(settled, self._slave, time_s=time_s)
+        self._on_event(time_s)
+        return ends
+
+    def call(
+        self, function: str | Callable[..., Any], *arguments: Any, time_s: float | None = None
+    ) -> Any:
+        """Call a function of fmpy's, by its name, or another one that calls such.
+
+        Args:
+            function: to call.
+            arguments: of it.
+            time_s: simulated time in s; None during initialisation.
+
+        Raises:
+            FmuError: it fails; the message names the component and the time.
+        """
         called = getattr(self._slave, function) if isinstance(function, str) else function
         try:
-            return called(**arguments)
+            return called(*arguments)
+        except UserError:
+            raise
         except Exception as error:
-            raise self._failed("cannot be initialised", error) from error
+            what = "cannot be initialised" if time_s is None else "fails in Event Mode"
+            said = f"{what} ({error})"
+            raise self.failure(time_s or 0.0, said, status_of(error)) from error
 
     def _failed(self, what: str, error: Exception) -> FmuError:
         return self.failure(0.0, f"{what} ({error})", status_of(error))

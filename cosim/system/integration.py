@@ -23,6 +23,7 @@ _MOST_UPDATES = 10_000  # of discrete states at one point of time, and events in
 _NEAR = 1e-9  # share of a step of the master by which an event may come after its end
 _ONE_STEP = 2  # CV_ONE_STEP
 _FLAG = POINTER(c_bool)
+UPDATE = (*[_FLAG] * 5, POINTER(c_double))  # of UpdateDiscreteStates
 sundials_cvode.CVodeSetStopTime.argtypes = (c_void_p, c_double)
 sundials_cvode.CVodeSetMaxHnilWarns.argtypes = (c_void_p, c_int)
 
@@ -64,6 +65,7 @@ class Integration:
     Attributes:
         functions: C functions by their names in FMI 3.0 for Co-Simulation.
         inputs: bytes of the values that are set; a change of them restarts the solver.
+        on_event: gets the time in s at the end of every Event Mode.
     """
 
     def __init__(self, fmu: Fmu, slave: Any, log: Log, tolerance: float) -> None:
@@ -72,7 +74,7 @@ class Integration:
         step = (c_double, c_double, c_bool, _FLAG, _FLAG, _FLAG, POINTER(c_double))
         self.functions = {
             "DoStep": c_function(log, self._do_step, *step),
-            "UpdateDiscreteStates": c_function(log, self._update, *[_FLAG] * 5, POINTER(c_double)),
+            "UpdateDiscreteStates": c_function(log, self._update, *UPDATE),
             "GetFMUState": c_function(log, self._save, POINTER(c_void_p)),
             "SetFMUState": c_function(log, self._restore, c_void_p),
         }
@@ -81,11 +83,12 @@ class Integration:
         self._time_s, self._next_event_s = 0.0, math.inf
         self._saved: dict[int, tuple[float, float]] = {}  # both, by saved states
         self._fresh = True  # whether the solver knows the present states
+        self.on_event: Callable[[float], None] = lambda time_s: None
 
     def start(self, start_s: float) -> bool:
         """Begin after Initialization Mode; returns whether the FMU asks to end."""
         self._time_s, slave, described = start_s, self._slave, self._fmu.description
-        if self._settle():
+        if self.settle():
             return True
         slave.enterContinuousTimeMode()
         sizes = described.numberOfContinuousStates, described.numberOfEventIndicators
@@ -116,7 +119,7 @@ class Integration:
             if ends[0] or not event:
                 return
             self._slave.enterEventMode()
-            ends[0] = self._settle()
+            ends[0] = self.settle()
             if ends[0]:
                 return
             self._slave.enterContinuousTimeMode()
@@ -144,14 +147,15 @@ class Integration:
                 return event, ends
         return False, False
 
-    def _settle(self) -> bool:
-        """Update discrete states; returns whether the FMU asks to end."""
+    def settle(self) -> bool:
+        """Update discrete states in Event Mode; returns whether the FMU asks to end."""
         self._fresh = False
         ends, self._next_event_s = settled(self._slave)
+        self.on_event(self._time_s)
         return ends
 
     def _update(self, _again: Any, ends: Any, *_: Any) -> None:
-        ends[0] = self._settle()
+        ends[0] = self.settle()
 
     def _save(self, place: Any) -> None:
         self._call_state("Get", place)

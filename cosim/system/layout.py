@@ -4,13 +4,14 @@ The block begins with what is got from components (outputs that are connected or
 that are set follow. A getter or setter takes all variables of one type of a component in one call.
 """
 
+import itertools
 from collections import namedtuple
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from typing import NamedTuple
 
 import numpy as np
 
-from cosim.system.graph import GraphError, Link, Node
+from cosim.system.graph import GraphError, Link, Node, clocks_of
 from cosim.system.inputs import Input
 from cosim.system.instance import Instance
 from cosim.system.texts import TextTable
@@ -100,6 +101,7 @@ class Tables(NamedTuple):
         given: (2, R) float64, times in s and values.
         bonds: (B, 5), of power, see above; the first end takes the effort.
         weights: (B, 2) float64, units of the first end in one of the second end, nominal power.
+        event_s: (C,) float64, time in s of the last Event Mode.
     """
 
     components: np.ndarray
@@ -115,6 +117,7 @@ class Tables(NamedTuple):
     given: np.ndarray
     bonds: np.ndarray
     weights: np.ndarray
+    event_s: np.ndarray
 
 
 def energy_of(effort: Link) -> Node:
@@ -127,7 +130,8 @@ class Layout:
 
     Attributes:
         places: of every variable that is got or set.
-        parts: arrays of whose elements some are set.
+        kept: variables that begin with the values they have: arrays of whose elements some are set,
+            and those that are tied to clocks.
         words: of what is got, at the begin of the block.
         memory: the block.
         tables: for compiled code.
@@ -158,7 +162,7 @@ class Layout:
             bonds: links of effort and flow, whose residual energy is recorded.
         """
         self._instances = instances
-        self.parts = [link.target for link in links if link.target_index]
+        self.kept = [link.target for link in links if link.target_index]
         self.places: dict[Node, Place] = {}
         self._texts = TextTable()
         self._end = 0
@@ -191,11 +195,11 @@ class Layout:
         for row, (name, instance) in zip(components, instances.items(), strict=True):
             self._fill(row, instance)
             row[at.first_start] = len(exchanges)
-            exchanges += [self._call("Set", name, *group) for group in starts.get(name, {}).items()]
+            exchanges += [call for _, call in self._calls("Set", name, starts, clocked=False)]
             row[at.first_set] = len(exchanges)
-            exchanges += [self._call("Set", name, *group) for group in sets.get(name, {}).items()]
+            exchanges += [call for _, call in self._calls("Set", name, sets, clocked=False)]
             row[at.end_set] = row[at.first_get] = len(exchanges)
-            exchanges += [self._call("Get", name, *group) for group in gets.get(name, {}).items()]
+            exchanges += [call for _, call in self._calls("Get", name, gets, clocked=False)]
             row[at.end_get] = len(exchanges)
             mine = [k for k, link in enumerate(by_target) if link.target[0] == name]
             row[at.first_copy], row[at.end_copy] = (mine[0], mine[-1] + 1) if mine else (0, 0)
@@ -208,8 +212,14 @@ class Layout:
                     first, width = _FLOATS[function]
                     row[first : first + 2] = np.array(self._span(name, names_got)) // width
             row[at.discrete] = any(
-                instance.fmu.variables[v].variability == "discrete" for v in mine
+                v.variability == "discrete" and not v.clocks
+                for v in (instance.fmu.variables[each] for each in mine)
             )
+        self._clocked: list[tuple[str, str, tuple[str, ...], int]] = []
+        for name, (verb, groups) in itertools.product(names, (("Set", sets), ("Get", gets))):
+            for clocks, call in self._calls(verb, name, groups, clocked=True):
+                self._clocked.append((name, verb, clocks, len(exchanges)))
+                exchanges.append(call)
         self.tables = Tables(
             components,
             np.array(exchanges, dtype=np.int64).reshape(-1, 5),
@@ -225,7 +235,25 @@ class Layout:
             np.array([self._bond(*bond) for bond in bonds], dtype=np.int64).reshape(-1, 5),
             np.array([(e.factor / f.factor, self.nominal(e.target) * self.nominal(f.source))
                       for e, f in bonds]).reshape(-1, 2),
+            np.zeros(len(names)),
         )  # fmt: skip
+        for k, instance in enumerate(instances.values()):
+            instance.event_s = self.tables.event_s[k : k + 1]
+
+    def calls_at(self, component: str, clocks: Set[str]) -> list[tuple[int, int, int]]:
+        """Number of a component, first and last + 1 of its calls where some of its clocks tick.
+
+        Those that set are before those that get.
+        """
+        number = list(self._instances).index(component)
+        row, at = self.tables.components[number].tolist(), COLUMN
+        calls = [("Set", row[at.first_set], row[at.end_set]),
+                 ("Get", row[at.first_get], row[at.end_get])]  # fmt: skip
+        calls += [
+            (verb, k, k + 1) for name, verb, own, k in self._clocked
+            if name == component and not clocks.isdisjoint(own)
+        ]  # fmt: skip
+        return [(number, *ends) for _, *ends in sorted(calls, key=lambda call: call[0] == "Get")]
 
     def _bond(self, effort: Link, flow: Link) -> list[int]:
         """Row of `Tables.bonds`."""
@@ -244,10 +272,18 @@ class Layout:
                     f"component {component}: '{name}' of type {variable.type} can be neither "
                     "recorded nor connected; choose numbers, Boolean, Enumeration or String"
                 )
+            if variable.clocks:
+                if not clocks_of(variable):
+                    raise GraphError(
+                        f"component {component}: '{name}' is tied to clocks that do not tick in "
+                        "time; choose another variable"
+                    )
+                self.kept += [(component, name)] * (kind.function != "String")
             groups.setdefault(component, {}).setdefault(kind.function, []).append(name)
         for component, by_function in groups.items():
             instance = self._instances[component]
             for names in by_function.values():
+                names.sort(key=self._clocks(component))
                 for name in names:
                     variable = instance.fmu.variables[name]
                     kind = instance.kind(variable)
@@ -285,6 +321,24 @@ class Layout:
             )
         else:
             row[at.ask] = instance.address("GetBooleanStatus")
+
+    def _clocks(self, component: str) -> Callable[[str], tuple[str, ...]]:
+        """Return a function of the names of its variables: the clocks that they are tied to."""
+        variables = self._instances[component].fmu.variables
+        return lambda name: clocks_of(variables[name])
+
+    def _calls(
+        self,
+        verb: str,
+        component: str,
+        groups: Mapping[str, Mapping[str, list[str]]],
+        clocked: bool,
+    ) -> Iterator[tuple[tuple[str, ...], tuple[int, ...]]]:
+        """Clocks and rows of `Tables.exchanges` of variables that are tied to clocks, or not."""
+        for function, names in groups.get(component, {}).items():
+            for clocks, same in itertools.groupby(names, self._clocks(component)):
+                if bool(clocks) == clocked:
+                    yield clocks, self._call(verb, component, function, list(same))
 
     def _call(self, verb: str, component: str, function: str, names: list[str]) -> tuple[int, ...]:
         """Row of `Tables.exchanges`."""

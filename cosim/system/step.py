@@ -29,7 +29,7 @@ from cosim.system.layout import COLUMN, Memory, Tables
 STATUS = namedtuple("STATUS", "ended stuck not_a_number no_solution unsettled")(*range(100, 105))
 ALGORITHM = namedtuple("ALGORITHM", "jacobi gauss_seidel extrapolated implicit")(*range(4))
 # What was going on when a call failed.
-PHASE = namedtuple("PHASE", "setting stepping getting saving restoring")(*range(5))
+PHASE = namedtuple("PHASE", "setting stepping getting saving restoring ticking")(*range(6))
 COUNT = namedtuple("COUNT", "steps rollbacks nanoseconds warnings")(*range(4))  # of `Tables.counts`
 MOST_RETURNS = 100_000  # of an FMU in one step
 _LEAST = 1e-12  # share of a step that is no step
@@ -74,8 +74,9 @@ class Scheme(NamedTuple):
 
 
 @inlined
-def _handle_events(t: Tables, c: int) -> int:
+def _handle_events(t: Tables, c: int, time_s: float) -> int:
     """Update the discrete states of a component in Event Mode, and go back to Step Mode."""
+    t.event_s[c] = time_s
     room, handle = t.room.ctypes.data, t.components[c, COLUMN.handle]
     ends = 0
     for _ in range(MOST_RETURNS):
@@ -92,7 +93,7 @@ def _handle_events(t: Tables, c: int) -> int:
 
 
 @inlined
-def set_inputs(t: Tables, c: int) -> int:
+def set_inputs(t: Tables, c: int, time_s: float) -> int:
     """Set the inputs of a component; discrete ones are an event where it leaves those to us."""
     first, end = t.components[c, COLUMN.first_set], t.components[c, COLUMN.end_set]
     if not (t.components[c, COLUMN.events] and t.components[c, COLUMN.discrete]):
@@ -100,7 +101,7 @@ def set_inputs(t: Tables, c: int) -> int:
     status = change_mode(t.components[c, COLUMN.enter_events], (t.components[c, COLUMN.handle],))
     if status <= FMI_WARNING:
         status = exchange_values(t, c, first, end)
-    return _handle_events(t, c) if status <= FMI_WARNING else status
+    return _handle_events(t, c, time_s) if status <= FMI_WARNING else status
 
 
 @inlined
@@ -130,7 +131,7 @@ def _step(t: Tables, c: int, begin_s: float, step_s: float, final: int) -> int:
         if event and t.components[c, COLUMN.events]:
             status = change_mode(t.components[c, COLUMN.enter_events], (handle,))
             if status <= FMI_WARNING:
-                status = _handle_events(t, c)
+                status = _handle_events(t, c, reached_s)
             if status > FMI_WARNING:
                 return status
         if ends:
@@ -188,11 +189,12 @@ def advance(
         if meets(t, c, tick):
             if scheme.algorithm == ALGORITHM.gauss_seidel:
                 copy(t, m, t.components[c, COLUMN.first_copy], t.components[c, COLUMN.end_copy])
-            status = set_inputs(t, c)
+            begin_s = scheme.start_s + tick * dt
+            status = set_inputs(t, c, begin_s)
             if status > FMI_WARNING:
                 return status, c, PHASE.setting
             step_s = t.components[c, COLUMN.period] * count * dt
-            status = _step(t, c, scheme.start_s + tick * dt, step_s, final)
+            status = _step(t, c, begin_s, step_s, final)
             t.components[c, COLUMN.ends] = status == STATUS.ended
             if status > FMI_WARNING and status != STATUS.ended:
                 return status, c, PHASE.stepping

@@ -7,6 +7,7 @@ import os
 import time
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
@@ -17,6 +18,7 @@ from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
 from cosim.fmi.fmu import Fmu, FmuError, LogLevel, check_steps, function_address
 from cosim.fmi.isolation import calling
 from cosim.model.config import whole_ratio
+from cosim.system.clocks import Clocks, check_clocks
 from cosim.system.coupling import HOME, Z, begin, get_all, make_coupling, restore, save, solve
 from cosim.system.graph import (
     Component,
@@ -51,6 +53,7 @@ _LONGEST = 1 << 40  # ticks of a step, by default: any
 _WHAT = PHASE._replace(
     setting="refuses its inputs", stepping="failed", getting="has no outputs",
     saving="cannot save its state", restoring="cannot restore its state",
+    ticking="fails in Event Mode",
 )  # fmt: skip
 
 
@@ -148,6 +151,10 @@ class System:
                 "implicit"
             )
         number = ALGORITHMS.index(algorithm)
+        clocked = check_clocks(
+            fmus, fixed=self._common == 1 and not bonds,
+            kept=not tolerance and number != ALGORITHM.implicit,
+        )  # fmt: skip
         continuous = [link for link in links if is_continuous(fmus, link)]
         torn = continuous if number == ALGORITHM.implicit else []
         if loops == "solve" and number != ALGORITHM.implicit:
@@ -195,6 +202,7 @@ class System:
         self._now = np.array([0, 1, 0, 0, 0], dtype=np.int64)
         self._over = False
         self._instances: dict[str, Instance] = {}
+        self._clocks: Clocks | None = None
         try:
             with calling("its initialisation"):
                 for component in components:
@@ -204,6 +212,8 @@ class System:
                         solver_tolerance=solver_tolerance,
                     )  # fmt: skip
                     self._instances[component.name] = instance
+                if clocked:
+                    self._clocks = Clocks(self._instances, start_s, tick_s)
                 start = sampled(self._inputs, np.array([start_s]))
                 layout = Layout(self._instances, links, self._recorded, checked, start, periods,
                                 bonds)  # fmt: skip
@@ -213,7 +223,7 @@ class System:
                 if any(instance.functions for instance in self._instances.values()):
                     self._scheme = self._scheme._replace(at_once=_SLOW_STEPS_AT_ONCE)
                 self._coupling = make_coupling(layout, held, torn)
-                self._initialise([*layout.parts, *(link.target for link in torn)])
+                self._initialise([*layout.kept, *(link.target for link in torn)])
         except BaseException:
             self.close()
             raise
@@ -233,14 +243,20 @@ class System:
         self._check(*get_all(*block[:2], 0))
         self._coupling.unknowns[Z] = layout.memory.f8[self._coupling.torn]
         self._check(*solve(*block, self._scheme, 0, 0))
+        if self._clocks:
+            self._clocks.begin()
         for instance in self._instances.values():
             instance.end_initialization()
         self._check(*begin(*block))
+        if self._clocks:
+            self._check(*self._clocks.tick(layout, self._coupling, self._scheme))
         self._over = any(instance.ends for instance in self._instances.values())
 
     @property
     def time_s(self) -> float:
         """Simulated time reached, in s."""
+        if self._clocks and self._clocks.now > int(self._now[TICK]):  # it has failed within a step
+            return self._clocks.time_s
         return self._scheme.start_s + int(self._now[TICK]) * self._scheme.tick_s
 
     @property
@@ -340,11 +356,15 @@ class System:
             FmuError, GraphError: as `run`.
         """
         self._now[ROW] = 0
-        block = self._layout.tables, self._layout.memory, self._coupling
         slow = scheme.at_once == _SLOW_STEPS_AT_ONCE  # Python called by compiled code loses signals
         with calling(f"what begins at {self.time_s:g} s of simulated time"):
             run = uninterrupted(run_steps) if slow else run_steps
-            found = run(*block, scheme, self._now, until, *room)
+            if self._clocks:
+                self._over = True  # if it raises
+                run = partial(self._clocks.run, run, self._layout)
+            else:
+                run = partial(run, self._layout.tables, self._layout.memory)
+            found = run(self._coupling, scheme, self._now, until, *room)
         self._over = found[0] != FMI_OK
         self._check(*found)
         return found[:2]
@@ -373,7 +393,8 @@ class System:
         """
         self._check(*save(self._layout.tables, self._layout.memory, self._coupling, HOME))
         changing = (*self._coupling, self._now)
-        self._kept = [array.copy() for array in changing], self._over
+        clocks = self._clocks and self._clocks.states
+        self._kept = [array.copy() for array in changing], self._over, clocks
 
     def go_back(self) -> None:
         """Restore what `keep` has saved; the same bits follow.
@@ -381,7 +402,9 @@ class System:
         Raises:
             FmuError: an FMU refuses its state.
         """
-        arrays, self._over = self._kept
+        arrays, self._over, clocks = self._kept
+        if self._clocks and clocks:
+            self._clocks.states = clocks
         for array, kept in zip((*self._coupling, self._now), arrays, strict=True):
             array[:] = kept
         self._check(*restore(self._layout.tables, self._layout.memory, self._coupling, HOME))

@@ -19,6 +19,7 @@ Exchange too, the derivatives are here. */
 enum { SLOTS = 48, MOST = 8 };
 enum { OK, WARNING, DISCARD, ERROR };
 enum { DERIVATIVES = 40, FREE = 0, EVENT, CONTINUOUS };
+enum { CLOCKS = 3, UNKNOWN = 0, UNCHANGED, CHANGED };
 
 typedef struct {
     double real[SLOTS];
@@ -26,6 +27,8 @@ typedef struct {
     double array[2][MOST];
     double time;
     bool ends;
+    bool active[CLOCKS]; /* by value reference */
+    int told; /* of the interval of clock 1: its qualifier */
     char text[64];
 } State;
 
@@ -33,7 +36,7 @@ typedef struct {
     char model;
     bool events;
     bool exchange;
-    int mode; /* EVENT and CONTINUOUS for Model Exchange only */
+    int mode; /* EVENT and CONTINUOUS for Model Exchange and the ticker only */
     fmi3LogMessageCallback log_3;
     fmi2CallbackLogger log_2;
     void *environment;
@@ -63,6 +66,7 @@ static Instance *make(const char *token) {
     case 'c': r[2] = 1; break;                                            /* curve */
     case 'n': break;                                                      /* namer */
     case 'v': r[1] = 2, r[3] = 1, r[4] = INFINITY; break;                 /* van der pol */
+    case 't': r[11] = 0.1, r[19] = INFINITY; break;                       /* ticker */
     default: free(c); return NULL;
     }
     return c;
@@ -128,6 +132,9 @@ static int step(Instance *c, double time, double h, bool *event) {
         s->whole[1] = 1 + (int64_t)floor(end + 1e-9);
         if (s->whole[1] >= s->whole[2]) s->ends = true;
         break;
+    case 't': /* an event of its own */
+        *event = time < r[19] && r[19] <= end;
+        if (*event) end = r[19], s->whole[21] = 1;
     }
     s->time = end;
     if (c->model == 'd' && r[2] > r[6]) {
@@ -164,8 +171,40 @@ static bool refuses(Instance *c, const char *type) {
     return c->mode == CONTINUOUS && strcmp(type, "Real") && strncmp(type, "Float", 5);
 }
 
+/* The ticker: a PI controller with clock 1, and a counter of clock 2. What is tied to a clock is
+   there in Event Mode while the clock is active, and before. */
+static bool closed(const Instance *c, unsigned vr) {
+    int clock = vr == 3 || vr == 4 || vr == 8 || vr == 17 ? 1 : vr == 9 ? 2 : 0;
+    return c->model == 't' && clock && c->mode && !c->s.active[clock];
+}
+static void plan(State *s, double interval) { s->real[20] = interval, s->told = CHANGED; }
+static void tick(State *s) {
+    double *r = s->real, e = r[5] - r[3];
+    int64_t *w = s->whole, kind = w[13];
+    w[10] += s->active[1] && s->active[2];
+    if (s->active[1]) {
+        r[4] = r[6] * e + r[18] + r[7] * e, r[18] += r[7] * e, r[17] = r[16] = s->time, w[8]++;
+        s->told = UNCHANGED;
+        if (kind == 1) plan(s, (double)w[8] * r[11]);       /* changing: ever longer */
+        if (kind == 2) plan(s, r[11] * sqrt((double)w[8])); /* countdown: known at once */
+        if (kind == 3) s->told = UNKNOWN;                   /* countdown: known after an event */
+        if (kind == 5 && w[8] == 3) plan(s, r[11] / 2);     /* tunable: halved */
+        if (kind == 6) plan(s, w[8] % 3 ? 0 : r[11]);       /* changing: three at once */
+        if (kind == 7) plan(s, 0);                          /* for ever */
+    }
+    w[9] += s->active[2];
+    if (kind == 3 && (w[14] != w[15] || w[21])) plan(s, r[11]);
+    w[15] = w[14], w[21] = 0;
+    memset(s->active, 0, sizeof s->active);
+}
+
 static double real_of(const Instance *c, unsigned vr) {
     const double *r = c->s.real;
+    if (c->model == 't' && c->s.active[1]) {
+        double e = r[5] - r[3];
+        if (vr == 4) return r[6] * e + r[18] + r[7] * e;
+        if (vr == 17) return c->s.time;
+    }
     if (vr >= DERIVATIVES && c->model != 'f') return derivative(c, vr - DERIVATIVES);
     if (c->model == 'o' && vr == 8) return r[3] * (r[4] - r[7]) + r[9] * (r[5] - r[10]);
     if (c->model == 'f' && vr % 2) return r[vr - 1];
@@ -179,6 +218,7 @@ static double real_of(const Instance *c, unsigned vr) {
 
 static int64_t whole_of(const Instance *c, unsigned vr) {
     if (c->model == 'c' && vr == 7) return c->s.whole[6] + 1;
+    if (c->model == 't' && vr < 10) return c->s.whole[vr] + c->s.active[vr - 7];
     return c->model == 'f' && vr % 2 ? c->s.whole[vr - 1] : c->s.whole[vr];
 }
 
@@ -203,7 +243,10 @@ ACCESS_2(Boolean, fmi2Boolean, whole_of, whole)
     fmi3Status fmi3Get##NAME(fmi3Instance c, const fmi3ValueReference vr[], size_t n,              \
                              TYPE values[], size_t size) {                                         \
         if (n != size) return fmi3Error;                                                           \
-        for (size_t k = 0; k < n; k++) values[k] = (TYPE)OF(c, vr[k]);                             \
+        for (size_t k = 0; k < n; k++) {                                                           \
+            if (closed(c, vr[k])) return fmi3Error;                                                \
+            values[k] = (TYPE)OF(c, vr[k]);                                                        \
+        }                                                                                          \
         return fmi3OK;                                                                             \
     }                                                                                              \
     fmi3Status fmi3Set##NAME(fmi3Instance c, const fmi3ValueReference vr[], size_t n,              \
@@ -255,7 +298,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
     size_t place = 0;
     for (size_t k = 0; k < n; k++) {
         size_t length = i->model == 'a' ? (size_t)i->s.whole[1] : 1;
-        if (place + length > size) return fmi3Error;
+        if (place + length > size || closed(i, vr[k])) return fmi3Error;
         for (size_t j = 0; j < length; j++)
             values[place++] = i->model != 'a' ? real_of(i, vr[k])
                                               : (1 + (vr[k] == 3)) * i->s.array[0][j];
@@ -269,7 +312,7 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
     size_t place = 0;
     for (size_t k = 0; k < n; k++) {
         size_t length = i->model == 'a' ? (size_t)i->s.whole[1] : 1;
-        if (place + length > size) return fmi3Error;
+        if (place + length > size || closed(i, vr[k])) return fmi3Error;
         for (size_t j = 0; j < length; j++)
             *(i->model == 'a' ? &i->s.array[0][j] : &i->s.real[vr[k]]) = values[place++];
     }
@@ -290,12 +333,18 @@ static int update(Instance *c, bool *again, bool *ends, bool *defined, double *n
         *defined = true, *next = (double)s->whole[1];
     }
     if (c->model == 'v' && (s->real[1] < 0) != s->whole[6]) s->whole[5]++, s->whole[6] ^= 1;
+    if (c->model == 't') {
+        if (c->exchange && s->time >= s->real[19]) s->real[19] = INFINITY, s->whole[21] = 1;
+        tick(s);
+        *defined = s->real[19] < INFINITY, *next = s->real[19];
+    }
     return OK;
 }
 
 static int enter(Instance *c, int mode) {
-    if (c->exchange && c->mode == mode) return say(c, ERROR, "this is that mode");
-    c->mode = c->exchange ? mode : FREE;
+    bool kept = c->exchange || c->model == 't';
+    if (kept && c->mode == mode) return say(c, ERROR, "this is that mode");
+    c->mode = kept ? mode : FREE;
     return OK;
 }
 
@@ -405,7 +454,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean defined, fmi2Real to
 }
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
-    if (((Instance *)c)->exchange) ((Instance *)c)->mode = EVENT;
+    if (((Instance *)c)->exchange || ((Instance *)c)->model == 't') ((Instance *)c)->mode = EVENT;
     return fmi2OK;
 }
 fmi2Status fmi2Terminate(fmi2Component c) { return fmi2OK; }
@@ -445,7 +494,7 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
     return (fmi3Status)fmi2ExitInitializationMode(c);
 }
 fmi3Status fmi3Terminate(fmi3Instance c) { return fmi3OK; }
-fmi3Status fmi3EnterStepMode(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3EnterStepMode(fmi3Instance c) { return (fmi3Status)enter(c, CONTINUOUS); }
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Boolean *ends,
                                     fmi3Boolean *nominals, fmi3Boolean *values,
                                     fmi3Boolean *defined, fmi3Float64 *next) {
@@ -461,6 +510,46 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 h, fmi3Boole
     *early = *event;
     *reached = i->s.time;
     return (fmi3Status)status;
+}
+
+/* Clocks, of the model ticker only. */
+fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                        const fmi3Clock values[]) {
+    Instance *i = c;
+    if (i->model != 't' || i->mode != EVENT) return fmi3Error;
+    for (size_t k = 0; k < n; k++) i->s.active[vr[k]] = values[k];
+    return fmi3OK;
+}
+static int get_interval(Instance *c, const fmi3ValueReference vr[], size_t n, double *value,
+                        fmi3IntervalQualifier *told) {
+    State *s = &c->s;
+    if (c->mode == CONTINUOUS || n != 1 || vr[0] != 1) return ERROR;
+    if (!c->mode && s->whole[13] != 3) plan(s, s->real[11]);
+    *value = s->real[20], *told = (fmi3IntervalQualifier)s->told;
+    if (s->told == CHANGED) s->told = UNCHANGED;
+    return OK;
+}
+fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                                  fmi3Float64 values[], fmi3IntervalQualifier told[]) {
+    return (fmi3Status)get_interval(c, vr, n, values, told);
+}
+fmi3Status fmi3GetIntervalFraction(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                                   fmi3UInt64 counters[], fmi3UInt64 resolutions[],
+                                   fmi3IntervalQualifier told[]) {
+    double value;
+    int status = get_interval(c, vr, n, &value, told);
+    counters[0] = 1, resolutions[0] = (uint64_t)round(1 / value);
+    return (fmi3Status)status;
+}
+fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                               fmi3Float64 values[]) {
+    values[0] = ((Instance *)c)->s.real[12];
+    return fmi3OK;
+}
+fmi3Status fmi3GetShiftFraction(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                                fmi3UInt64 counters[], fmi3UInt64 resolutions[]) {
+    counters[0] = 0, resolutions[0] = 1;
+    return fmi3OK;
 }
 
 /* States are plain data. */
@@ -492,11 +581,10 @@ NONE(fmi2GetRealOutputDerivatives) NONE(fmi2CancelStep) NONE(fmi2GetStatus)
 NONE(fmi2GetRealStatus) NONE(fmi2GetIntegerStatus) NONE(fmi2GetStringStatus) NONE(fmi3GetVersion)
 NONE(fmi3SetDebugLogging)
 NONE(fmi3InstantiateScheduledExecution) NONE(fmi3Reset) NONE(fmi3GetBinary)
-NONE(fmi3GetClock) NONE(fmi3SetBinary) NONE(fmi3SetClock)
+NONE(fmi3GetClock) NONE(fmi3SetBinary)
 NONE(fmi3GetNumberOfVariableDependencies) NONE(fmi3GetVariableDependencies)
 NONE(fmi3SerializedFMUStateSize) NONE(fmi3SerializeFMUState) NONE(fmi3DeserializeFMUState)
-NONE(fmi3GetDirectionalDerivative) NONE(fmi3GetAdjointDerivative) NONE(fmi3GetIntervalDecimal)
-NONE(fmi3GetIntervalFraction) NONE(fmi3GetShiftDecimal) NONE(fmi3GetShiftFraction)
+NONE(fmi3GetDirectionalDerivative) NONE(fmi3GetAdjointDerivative)
 NONE(fmi3SetIntervalDecimal) NONE(fmi3SetIntervalFraction) NONE(fmi3SetShiftDecimal)
 NONE(fmi3SetShiftFraction) NONE(fmi3EvaluateDiscreteStates) NONE(fmi3GetOutputDerivatives)
 NONE(fmi3ActivateModelPartition)

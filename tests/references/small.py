@@ -46,6 +46,8 @@ class Variable(NamedTuple):
         needs: slots of inputs that an output depends on.
         size: slot of the structural parameter that is its dimension.
         of: slot of the state that it is the derivative of.
+        clocks: slots of the clocks that it is tied to, as text.
+        ticks: attributes of a clock.
     """
 
     slot: int
@@ -57,6 +59,8 @@ class Variable(NamedTuple):
     needs: tuple[int, ...] = ()
     size: int | None = None
     of: int | None = None
+    clocks: str | None = None
+    ticks: str = ""
 
 
 def _feedthrough() -> Iterable[Variable]:
@@ -68,6 +72,7 @@ def _feedthrough() -> Iterable[Variable]:
         yield Variable(slot + 1, f"{kind}_output", kind, needs=(slot,))
 
 
+_EVERY = 'intervalVariability="constant" intervalDecimal="{}"'
 _TIME = Variable(0, "time", causality="independent", unit="s")
 MODELS = {
     "oscillator": (
@@ -123,6 +128,25 @@ MODELS = {
         Variable(3, "mu", causality="parameter", start="1"),
         Variable(4, "ends_at", causality="parameter", start="1e300"),
         Variable(5, "turns", "Int32", start="0"),  # of the sign of x0
+    ),
+    "ticker": (
+        Variable(1, "a", "Clock", "input", ticks=_EVERY.format("0.003")),
+        Variable(2, "b", "Clock", "input", ticks=_EVERY.format("0.005")),
+        Variable(3, "y", causality="input", start="0", clocks="1"),
+        Variable(4, "u", start="0", needs=(3,), clocks="1"),
+        Variable(5, "r", causality="parameter", start="0"),
+        Variable(6, "kp", causality="parameter", start="0"),
+        Variable(7, "ki", causality="parameter", start="0"),  # times the interval
+        Variable(8, "ticks_a", "Int32", start="0", clocks="1"),
+        Variable(9, "ticks_b", "Int32", start="0", clocks="2"),
+        Variable(10, "both", "Int32", start="0"),
+        Variable(11, "interval", causality="parameter", start="0.1", unit="s"),
+        Variable(12, "shift", causality="parameter", start="0", unit="s"),
+        Variable(13, "kind", "Int32", "parameter", "0"),  # of what follows a tick, see `models.c`
+        Variable(14, "go", "Int32", "input", "0"),
+        Variable(16, "last_s", start="0"),
+        Variable(17, "now_s", start="0", clocks="1"),
+        Variable(19, "event_s", causality="parameter", start="1e300", unit="s"),
     ),
     "feedthrough": tuple(_feedthrough()),
     "array": (
@@ -232,7 +256,7 @@ def _attributes(v: Variable, **others: str | None) -> str:
     """Attributes that both standards have at a variable, and others."""
     output = v.causality in ("output", "calculatedParameter")
     fixed = {"parameter": "fixed", "structuralParameter": "fixed", "calculatedParameter": "fixed"}
-    changing = "continuous" if v.kind.startswith("Float") else "discrete"
+    changing = "continuous" if v.kind.startswith("Float") and not v.clocks else "discrete"
     values = {
         "name": v.name,
         "valueReference": str(v.slot),
@@ -258,8 +282,10 @@ def _description_3(model: str, variables: list[Variable], able: bool, told: bool
         text = v.kind == "String"
         attributes = _attributes(
             v, start=None if text else v.start, unit=v.unit, declaredType=declared,
-            derivative=derivative,
+            derivative=derivative, clocks=v.clocks,
         )  # fmt: skip
+        if v.kind == "Clock":
+            attributes = f'name="{v.name}" valueReference="{v.slot}" causality="input" {v.ticks}'
         dimension = f'<Dimension valueReference="{v.size}"/>' if v.size else ""
         inner = f'<Start value="{v.start}"/>' * (text and v.start is not None) + dimension
         elements += f"<{v.kind} {attributes}>{inner}</{v.kind}>\n"

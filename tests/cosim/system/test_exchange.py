@@ -15,7 +15,6 @@ from cosim.fmi.fmu import Fmu, FmuError
 from cosim.system.graph import Component, Connection, GraphError
 from cosim.system.ssp.reader import read_system
 from cosim.system.system import System
-from tests.cosim.system.test_refusals import changed
 from tests.references.small import small_fmu
 from tests.references.two_masses import COUPLING, SPRINGS, error, simulated
 
@@ -195,20 +194,3 @@ def test_interface_is_chosen_by_the_file(tmp_path, fmi):
     path.write_text(SSD.format("CoSimulation.fmu", "ScheduledExecution"))
     with pytest.raises(GraphError, match=r"is for ScheduledExecution; choose from any, Co"):
         read_system(path)
-
-
-def test_clocks_that_tick_in_time_are_refused(tmp_path, small):
-    for kind in ("constant", "triggered"):
-        clock = (
-            f'<Clock name="c" valueReference="99" causality="input" intervalVariability="{kind}"'
-        )
-        clock += ' intervalDecimal="0.1"/>' if kind == "constant" else "/>"
-        end = "</ModelVariables>"
-        path = changed(small("dahlquist", 3, interfaces=BOTH), tmp_path, end, clock + end)
-        if kind == "triggered":  # and nothing triggers it
-            assert simulate(path, 1.0, 0.1).signals["a.x"][-1] == pytest.approx(math.exp(-1.0))
-            continue
-        with pytest.raises(
-            GraphError, match=r"component a: .* has the clock 'c' that ticks in time"
-        ):
-            System([Component("a", path)])
