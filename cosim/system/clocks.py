@@ -294,7 +294,8 @@ class Clocks:
         if not entered:
             return FMI_OK, 0, 0
         for instance in entered:
-            instance.call(instance.usual_mode, time_s=time_s)
+            usual = "ContinuousTime" if instance.integration else "Step"
+            instance.call(f"enter{usual}Mode", time_s=time_s)
         status, c, phase = begin(t, m, s)
         s.flags[ENDING] = -1
         if status <= FMI_WARNING and (scheme.algorithm >= ALGORITHM.extrapolated or len(s.torn)):

@@ -169,7 +169,7 @@ def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> t
             if not meets(t, c, tick):
                 continue
             if s.flags[RUNNING]:
-                status = set_inputs(t, c, scheme.start_s + tick * scheme.tick_s)
+                status = set_inputs(t, c)
             else:
                 first_set = t.components[c, COLUMN.first_start]
                 status = exchange_values(t, c, first_set, t.components[c, COLUMN.end_set])

@@ -72,8 +72,6 @@ class Instance:
         functions: of Python, that compiled code calls.
         events: whether it leaves events to the master.
         ends: whether it has asked to end at the start or at a tick of a clock.
-        usual_mode: function that leaves Event Mode.
-        event_s: (1,) time in s of the last Event Mode in compiled code.
 
     Raises:
         GraphError: a start value is of no variable that can have one, or does not fit it.
@@ -93,8 +91,7 @@ class Instance:
         self.log = Log(fmu_log, self.name)
         leaves = fmu.standard == 3 and bool(fmu.interface.hasEventMode)
         self.events = fmu.exchange or (leaves and (events or bool(timed_clocks(fmu))))
-        self.usual_mode = "enterContinuousTimeMode" if fmu.exchange else "enterStepMode"
-        self.event_s, self._on_event = np.zeros(1), lambda time_s: None
+        self._on_event: Callable[[float], None] = lambda time_s: None
         self._start = {name: self._checked(name) for name in component.start}
         self._values = component.start
         self.ends = False
@@ -171,7 +168,9 @@ class Instance:
     def _update(self, again: Any, ends: Any, *_: Any) -> None:
         again[0], ends[0] = self._slave.updateDiscreteStates()[:2]
         if not again[0]:
-            self._on_event(float(self.event_s[0]))
+            clock = [v.valueReference for v in self.fmu.variables.values()
+                     if v.causality == "independent"]  # fmt: skip
+            self._on_event(self._slave.getFloat64(clock)[0])
 
     def settle(self, time_s: float) -> bool:
         """Update discrete states in Event Mode until they stay; returns whether it asks to end.

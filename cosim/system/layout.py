@@ -6,7 +6,7 @@ that are set follow. A getter or setter takes all variables of one type of a com
 
 import itertools
 from collections import namedtuple
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +35,10 @@ BOND = namedtuple("BOND", "output input energy")(0, 2, 4)
 # Columns of the places of floats that are got, and bytes of one, by the function that gets them.
 _DOUBLES = COLUMN.first_real, 8
 _FLOATS = {"Real": _DOUBLES, "Float64": _DOUBLES, "Float32": (COLUMN.first_single, 4)}
+
+
+# Names of variables by component, the function that exchanges them, and clocks that they need.
+Groups = dict[str, dict[tuple[str, tuple[str, ...]], list[str]]]
 
 
 class Place(NamedTuple):
@@ -101,7 +105,6 @@ class Tables(NamedTuple):
         given: (2, R) float64, times in s and values.
         bonds: (B, 5), of power, see above; the first end takes the effort.
         weights: (B, 2) float64, units of the first end in one of the second end, nominal power.
-        event_s: (C,) float64, time in s of the last Event Mode.
     """
 
     components: np.ndarray
@@ -117,7 +120,6 @@ class Tables(NamedTuple):
     given: np.ndarray
     bonds: np.ndarray
     weights: np.ndarray
-    event_s: np.ndarray
 
 
 def energy_of(effort: Link) -> Node:
@@ -195,11 +197,11 @@ class Layout:
         for row, (name, instance) in zip(components, instances.items(), strict=True):
             self._fill(row, instance)
             row[at.first_start] = len(exchanges)
-            exchanges += [call for _, call in self._calls("Set", name, starts, clocked=False)]
+            exchanges += self._calls("Set", name, starts).values()
             row[at.first_set] = len(exchanges)
-            exchanges += [call for _, call in self._calls("Set", name, sets, clocked=False)]
+            exchanges += self._calls("Set", name, sets).values()
             row[at.end_set] = row[at.first_get] = len(exchanges)
-            exchanges += [call for _, call in self._calls("Get", name, gets, clocked=False)]
+            exchanges += self._calls("Get", name, gets).values()
             row[at.end_get] = len(exchanges)
             mine = [k for k, link in enumerate(by_target) if link.target[0] == name]
             row[at.first_copy], row[at.end_copy] = (mine[0], mine[-1] + 1) if mine else (0, 0)
@@ -207,17 +209,18 @@ class Layout:
             if instance.integration and mine:
                 block = slice(*self._span(name, mine))
                 instance.integration.inputs = self.memory.u1[block]
-            for function, names_got in gets.get(name, {}).items():
-                if function in _FLOATS:
-                    first, width = _FLOATS[function]
-                    row[first : first + 2] = np.array(self._span(name, names_got)) // width
+            for function, (first, width) in _FLOATS.items():
+                found = [v for (own, _), group in gets.get(name, {}).items() for v in group
+                         if own == function]  # fmt: skip
+                if found:
+                    row[first : first + 2] = np.array(self._span(name, found)) // width
             row[at.discrete] = any(
                 v.variability == "discrete" and not v.clocks
                 for v in (instance.fmu.variables[each] for each in mine)
             )
         self._clocked: list[tuple[str, str, tuple[str, ...], int]] = []
         for name, (verb, groups) in itertools.product(names, (("Set", sets), ("Get", gets))):
-            for clocks, call in self._calls(verb, name, groups, clocked=True):
+            for (_, clocks), call in self._calls(verb, name, groups, clocked=True).items():
                 self._clocked.append((name, verb, clocks, len(exchanges)))
                 exchanges.append(call)
         self.tables = Tables(
@@ -235,10 +238,7 @@ class Layout:
             np.array([self._bond(*bond) for bond in bonds], dtype=np.int64).reshape(-1, 5),
             np.array([(e.factor / f.factor, self.nominal(e.target) * self.nominal(f.source))
                       for e, f in bonds]).reshape(-1, 2),
-            np.zeros(len(names)),
         )  # fmt: skip
-        for k, instance in enumerate(instances.values()):
-            instance.event_s = self.tables.event_s[k : k + 1]
 
     def calls_at(self, component: str, clocks: Set[str]) -> list[tuple[int, int, int]]:
         """Number of a component, first and last + 1 of its calls where some of its clocks tick.
@@ -260,40 +260,45 @@ class Layout:
         nodes = flow.source, effort.source, effort.target, flow.target, energy_of(effort)
         return [self.places[node].offset // WORD for node in nodes]
 
-    def _groups(self, nodes: Sequence[Node]) -> dict[str, dict[str, list[str]]]:
-        """Variables by component and function, with their places behind the existing ones."""
-        groups: dict[str, dict[str, list[str]]] = {}
+    def _groups(self, nodes: Sequence[Node]) -> Groups:
+        """Variables by component, function and clocks, with their places behind the existing ones.
+
+        Those of one function follow on each other, first those that are tied to no clock.
+        """
+        groups: Groups = {}
         for component, name in nodes:
             instance = self._instances[component]
             variable = instance.fmu.variables[name]
-            kind = instance.kind(variable)
+            kind, clocks = instance.kind(variable), clocks_of(variable)
             if kind is None:
                 raise GraphError(
                     f"component {component}: '{name}' of type {variable.type} can be neither "
                     "recorded nor connected; choose numbers, Boolean, Enumeration or String"
                 )
-            if variable.clocks:
-                if not clocks_of(variable):
-                    raise GraphError(
-                        f"component {component}: '{name}' is tied to clocks that do not tick in "
-                        "time; choose another variable"
-                    )
-                self.kept += [(component, name)] * (kind.function != "String")
-            groups.setdefault(component, {}).setdefault(kind.function, []).append(name)
-        for component, by_function in groups.items():
+            if variable.clocks and not clocks:
+                raise GraphError(
+                    f"component {component}: '{name}' is tied to clocks that do not tick in time; "
+                    "choose another variable"
+                )
+            if clocks and kind.function != "String":
+                self.kept.append((component, name))
+            groups.setdefault(component, {}).setdefault((kind.function, clocks), []).append(name)
+        for component, found in groups.items():
             instance = self._instances[component]
-            for names in by_function.values():
-                names.sort(key=self._clocks(component))
-                for name in names:
-                    variable = instance.fmu.variables[name]
-                    kind = instance.kind(variable)
-                    assert kind is not None
-                    truth, text = (variable.type == each for each in ("Boolean", "String"))
-                    shape, texts = instance.shape(variable), self._texts if text else None
-                    place = Place(self._end, kind.dtype, shape, truth, texts)
-                    self.places[component, name] = place
-                    self._end += place.size
-                self._end += -self._end % WORD
+            functions = [function for function, _ in found]
+            order = sorted(found, key=lambda key, f=functions: (f.index(key[0]), key[1]))
+            groups[component] = {key: found[key] for key in order}
+            for name in itertools.chain.from_iterable(groups[component].values()):
+                variable = instance.fmu.variables[name]
+                kind = instance.kind(variable)
+                assert kind is not None
+                self._end += -self._end % np.dtype(kind.dtype).itemsize
+                truth, text = (variable.type == each for each in ("Boolean", "String"))
+                shape, texts = instance.shape(variable), self._texts if text else None
+                place = Place(self._end, kind.dtype, shape, truth, texts)
+                self.places[component, name] = place
+                self._end += place.size
+            self._end += -self._end % WORD
         return groups
 
     def _span(self, component: str, names: Sequence[str]) -> tuple[int, int]:
@@ -322,23 +327,14 @@ class Layout:
         else:
             row[at.ask] = instance.address("GetBooleanStatus")
 
-    def _clocks(self, component: str) -> Callable[[str], tuple[str, ...]]:
-        """Return a function of the names of its variables: the clocks that they are tied to."""
-        variables = self._instances[component].fmu.variables
-        return lambda name: clocks_of(variables[name])
-
     def _calls(
-        self,
-        verb: str,
-        component: str,
-        groups: Mapping[str, Mapping[str, list[str]]],
-        clocked: bool,
-    ) -> Iterator[tuple[tuple[str, ...], tuple[int, ...]]]:
-        """Clocks and rows of `Tables.exchanges` of variables that are tied to clocks, or not."""
-        for function, names in groups.get(component, {}).items():
-            for clocks, same in itertools.groupby(names, self._clocks(component)):
-                if bool(clocks) == clocked:
-                    yield clocks, self._call(verb, component, function, list(same))
+        self, verb: str, component: str, groups: Groups, clocked: bool = False
+    ) -> dict[tuple[str, tuple[str, ...]], tuple[int, ...]]:
+        """Rows of `Tables.exchanges` of variables that are tied to clocks, or are not, by those."""
+        return {
+            key: self._call(verb, component, key[0], names)
+            for key, names in groups.get(component, {}).items() if bool(key[1]) == clocked
+        }  # fmt: skip
 
     def _call(self, verb: str, component: str, function: str, names: list[str]) -> tuple[int, ...]:
         """Row of `Tables.exchanges`."""

@@ -74,9 +74,8 @@ class Scheme(NamedTuple):
 
 
 @inlined
-def _handle_events(t: Tables, c: int, time_s: float) -> int:
+def _handle_events(t: Tables, c: int) -> int:
     """Update the discrete states of a component in Event Mode, and go back to Step Mode."""
-    t.event_s[c] = time_s
     room, handle = t.room.ctypes.data, t.components[c, COLUMN.handle]
     ends = 0
     for _ in range(MOST_RETURNS):
@@ -93,7 +92,7 @@ def _handle_events(t: Tables, c: int, time_s: float) -> int:
 
 
 @inlined
-def set_inputs(t: Tables, c: int, time_s: float) -> int:
+def set_inputs(t: Tables, c: int) -> int:
     """Set the inputs of a component; discrete ones are an event where it leaves those to us."""
     first, end = t.components[c, COLUMN.first_set], t.components[c, COLUMN.end_set]
     if not (t.components[c, COLUMN.events] and t.components[c, COLUMN.discrete]):
@@ -101,7 +100,7 @@ def set_inputs(t: Tables, c: int, time_s: float) -> int:
     status = change_mode(t.components[c, COLUMN.enter_events], (t.components[c, COLUMN.handle],))
     if status <= FMI_WARNING:
         status = exchange_values(t, c, first, end)
-    return _handle_events(t, c, time_s) if status <= FMI_WARNING else status
+    return _handle_events(t, c) if status <= FMI_WARNING else status
 
 
 @inlined
@@ -131,7 +130,7 @@ def _step(t: Tables, c: int, begin_s: float, step_s: float, final: int) -> int:
         if event and t.components[c, COLUMN.events]:
             status = change_mode(t.components[c, COLUMN.enter_events], (handle,))
             if status <= FMI_WARNING:
-                status = _handle_events(t, c, reached_s)
+                status = _handle_events(t, c)
             if status > FMI_WARNING:
                 return status
         if ends:
@@ -189,12 +188,11 @@ def advance(
         if meets(t, c, tick):
             if scheme.algorithm == ALGORITHM.gauss_seidel:
                 copy(t, m, t.components[c, COLUMN.first_copy], t.components[c, COLUMN.end_copy])
-            begin_s = scheme.start_s + tick * dt
-            status = set_inputs(t, c, begin_s)
+            status = set_inputs(t, c)
             if status > FMI_WARNING:
                 return status, c, PHASE.setting
             step_s = t.components[c, COLUMN.period] * count * dt
-            status = _step(t, c, begin_s, step_s, final)
+            status = _step(t, c, scheme.start_s + tick * dt, step_s, final)
             t.components[c, COLUMN.ends] = status == STATUS.ended
             if status > FMI_WARNING and status != STATUS.ended:
                 return status, c, PHASE.stepping

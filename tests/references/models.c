@@ -173,9 +173,13 @@ static bool refuses(Instance *c, const char *type) {
 
 /* The ticker: a PI controller with clock 1, and a counter of clock 2. What is tied to a clock is
    there in Event Mode while the clock is active, and before. */
-static bool closed(const Instance *c, unsigned vr) {
-    int clock = vr == 3 || vr == 4 || vr == 8 || vr == 17 ? 1 : vr == 9 ? 2 : 0;
-    return c->model == 't' && clock && c->mode && !c->s.active[clock];
+static bool closed(const Instance *c, const unsigned vr[], size_t n) {
+    for (size_t k = 0; c->model == 't' && c->mode && k < n; k++) {
+        unsigned v = vr[k];
+        int clock = v == 3 || v == 4 || v == 8 || v == 17 ? 1 : v == 9 ? 2 : 0;
+        if (clock && !c->s.active[clock]) return true;
+    }
+    return false;
 }
 static void plan(State *s, double interval) { s->real[20] = interval, s->told = CHANGED; }
 static void tick(State *s) {
@@ -200,10 +204,10 @@ static void tick(State *s) {
 
 static double real_of(const Instance *c, unsigned vr) {
     const double *r = c->s.real;
-    if (c->model == 't' && c->s.active[1]) {
+    if (c->model == 't') {
+        if (vr == 0 || (vr == 17 && c->s.active[1])) return c->s.time;
         double e = r[5] - r[3];
-        if (vr == 4) return r[6] * e + r[18] + r[7] * e;
-        if (vr == 17) return c->s.time;
+        return vr == 4 && c->s.active[1] ? r[6] * e + r[18] + r[7] * e : r[vr];
     }
     if (vr >= DERIVATIVES && c->model != 'f') return derivative(c, vr - DERIVATIVES);
     if (c->model == 'o' && vr == 8) return r[3] * (r[4] - r[7]) + r[9] * (r[5] - r[10]);
@@ -243,11 +247,8 @@ ACCESS_2(Boolean, fmi2Boolean, whole_of, whole)
     fmi3Status fmi3Get##NAME(fmi3Instance c, const fmi3ValueReference vr[], size_t n,              \
                              TYPE values[], size_t size) {                                         \
         if (n != size) return fmi3Error;                                                           \
-        for (size_t k = 0; k < n; k++) {                                                           \
-            if (closed(c, vr[k])) return fmi3Error;                                                \
-            values[k] = (TYPE)OF(c, vr[k]);                                                        \
-        }                                                                                          \
-        return fmi3OK;                                                                             \
+        for (size_t k = 0; k < n; k++) values[k] = (TYPE)OF(c, vr[k]);                             \
+        return closed(c, vr, n) ? fmi3Error : fmi3OK;                                              \
     }                                                                                              \
     fmi3Status fmi3Set##NAME(fmi3Instance c, const fmi3ValueReference vr[], size_t n,              \
                              const TYPE values[], size_t size) {                                   \
@@ -296,9 +297,10 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
                           fmi3Float64 values[], size_t size) {
     Instance *i = c;
     size_t place = 0;
+    if (closed(i, vr, n)) return fmi3Error;
     for (size_t k = 0; k < n; k++) {
         size_t length = i->model == 'a' ? (size_t)i->s.whole[1] : 1;
-        if (place + length > size || closed(i, vr[k])) return fmi3Error;
+        if (place + length > size) return fmi3Error;
         for (size_t j = 0; j < length; j++)
             values[place++] = i->model != 'a' ? real_of(i, vr[k])
                                               : (1 + (vr[k] == 3)) * i->s.array[0][j];
@@ -310,9 +312,10 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
                           const fmi3Float64 values[], size_t size) {
     Instance *i = c;
     size_t place = 0;
+    if (closed(i, vr, n)) return fmi3Error;
     for (size_t k = 0; k < n; k++) {
         size_t length = i->model == 'a' ? (size_t)i->s.whole[1] : 1;
-        if (place + length > size || closed(i, vr[k])) return fmi3Error;
+        if (place + length > size) return fmi3Error;
         for (size_t j = 0; j < length; j++)
             *(i->model == 'a' ? &i->s.array[0][j] : &i->s.real[vr[k]]) = values[place++];
     }

@@ -1,4 +1,4 @@
-"""Clocks that tick in time, by an FMU that refuses what the standard forbids, against known times."""
+"""Clocks that tick in time, with an FMU that refuses what the standard forbids, at known times."""
 
 import itertools
 import math
