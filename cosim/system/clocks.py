@@ -19,7 +19,7 @@ from cosim.fmi.abi import FMI_OK, FMI_WARNING
 from cosim.fmi.fmu import Fmu, FmuError
 from cosim.system.coupling import ENDING, START, Coupling, Z, begin, solve
 from cosim.system.exchange import copy, exchange_values, feed
-from cosim.system.graph import GraphError, timed_clocks
+from cosim.system.graph import GraphError, ticking_clocks
 from cosim.system.instance import Instance
 from cosim.system.layout import Layout, Memory, Tables
 from cosim.system.step import ALGORITHM, PHASE, STATUS, Scheme
@@ -123,7 +123,7 @@ def check_clocks(fmus: Mapping[str, Fmu], *, fixed: bool, kept: bool) -> bool:
     Raises:
         GraphError: they have, and it is not so.
     """
-    found = [(name, clock) for name, fmu in fmus.items() for clock in timed_clocks(fmu)]
+    found = [(name, clock) for name, fmu in fmus.items() for clock in ticking_clocks(fmu)]
     for name, clock in found:
         kind = clock.get("intervalVariability")
         said = f"component {name}: clock '{clock.get('name')}' ({kind}) ticks in time"
@@ -131,7 +131,7 @@ def check_clocks(fmus: Mapping[str, Fmu], *, fixed: bool, kept: bool) -> bool:
             raise GraphError(f"{said}; leave out steps of components and power bonds")
         if not kept and (kind == "countdown" or (kind == "tunable" and not _is_told(clock))):
             raise GraphError(
-                f"{said} and may do so anew in any step, none of which can be taken back then; "
+                f"{said} and may start in any step, none of which can be taken back then; "
                 "leave the tolerance out, and choose another algorithm than implicit"
             )
     return bool(found)
@@ -151,7 +151,7 @@ class Clocks:
         self._clocks: list[_Clock] = []
         self._at_once = 1 << 40  # steps in which no interval changes
         for instance in instances.values():
-            own = [_Clock(instance, each, self._tick_s) for each in timed_clocks(instance.fmu)]
+            own = [_Clock(instance, each, self._tick_s) for each in ticking_clocks(instance.fmu)]
             self._clocks += own
             asked = [clock for clock in own if clock.asked]
             if asked:
@@ -170,7 +170,7 @@ class Clocks:
 
     @property
     def states(self) -> list[Any]:
-        """What is known of the ticks to come; may be set again."""
+        """Return what is known of the ticks to come, which can be set again."""
         return [self.now, *((clock.interval, clock.next) for clock in self._clocks)]
 
     @states.setter

@@ -101,10 +101,11 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
         except FmuError as error:
             raise FmuError(f"component {name}: {error}") from error
         found[name] = files[given] = fmu
-        if timed_clocks(fmu) and not (fmu.exchange or fmu.interface.hasEventMode):
+        clocks = ticking_clocks(fmu)
+        if clocks and not (fmu.exchange or fmu.interface.hasEventMode):
             raise GraphError(
-                f"component {name}: {path} has the clock '{timed_clocks(fmu)[0].get('name')}' that "
-                "ticks in time, and no Event Mode (hasEventMode); export it with one"
+                f"component {name}: {path} has the clock '{clocks[0].get('name')}' that ticks in "
+                "time, and no Event Mode (hasEventMode); export it with one"
             )
         for identity in (fmu.folder, str(fmu.description.guid)):
             other = owners.setdefault(identity, name)
@@ -137,7 +138,7 @@ def find(fmus: Mapping[str, Fmu], name: str) -> Node:
     raise GraphError(f"'{name}' is no variable of a component; components are {', '.join(fmus)}")
 
 
-def timed_clocks(fmu: Fmu) -> list[Element]:
+def ticking_clocks(fmu: Fmu) -> list[Element]:
     """Clocks of an FMU that tick in time, as in its modelDescription.xml, with intervals."""
     if all(v.intervalVariability in (None, "triggered") for v in fmu.variables.values()):
         return []

@@ -23,7 +23,7 @@ from cosim.fmi.fmu import (
     function_address,
     status_of,
 )
-from cosim.system.graph import DTYPES, Component, GraphError, find, timed_clocks
+from cosim.system.graph import DTYPES, Component, GraphError, find, ticking_clocks
 from cosim.system.integration import UPDATE, Integration, c_function, settled
 from cosim.system.texts import TextTable
 
@@ -90,7 +90,7 @@ class Instance:
         self.name, self.fmu = component.name, fmu
         self.log = Log(fmu_log, self.name)
         leaves = fmu.standard == 3 and bool(fmu.interface.hasEventMode)
-        self.events = fmu.exchange or (leaves and (events or bool(timed_clocks(fmu))))
+        self.events = fmu.exchange or (leaves and (events or bool(ticking_clocks(fmu))))
         self._on_event: Callable[[float], None] = lambda time_s: None
         self._start = {name: self._checked(name) for name in component.start}
         self._values = component.start
