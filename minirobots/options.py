@@ -69,8 +69,8 @@ ScenarioName = Annotated[
     str,
     tyro.conf.arg(
         help="Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5, and 1a-zone to 4-zone, whose zone is "
-        "forbidden; 5-corridor, 5-slalom, 5-doorway; 4-cross, 4-ring, 6-swap; swarm-64, swarm-256, "
-        "swarm-1024) or a scenario file (.toml)."
+        "forbidden; 5-corridor, 5-slalom, 5-doorway; 4-cross, 4-ring, 6-swap; swarm-16, swarm-64, "
+        "swarm-256, swarm-1024) or a scenario file (.toml)."
     ),
 ]
 PresetName = Annotated[

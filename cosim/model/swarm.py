@@ -18,7 +18,7 @@ from cosim.model.params import TABLE_I
 from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
 
 FORMATIONS = ("swap", "across", "square")
-BUILT_IN_SWARMS = {f"swarm-{robots}": robots for robots in (64, 256, 1024)}
+BUILT_IN_SWARMS = {f"swarm-{robots}": robots for robots in (16, 64, 256, 1024)}
 _TARGETS = Kind("file of target cells", "write a line `column,row` for each robot", ScenarioError)
 
 

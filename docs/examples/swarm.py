@@ -19,7 +19,7 @@ from cosim.onboard.features import AXIS_COUNT, DIRECTIONS, Observation
 NEIGHBOURS = 6  # that a robot sees
 KEPT = 1.1  # assumed: diameters that centres of cells stay apart
 SEEN = 2.0  # assumed: diameters, see Eq. (9), within which robots begin to pass each other
-_BLOCKED, _TURN, _RIGHT = 4.0, 0.05, 1.5  # assumed: weights against a move straight ahead, 1
+_BLOCKED, _TURN = 4.0, 0.05  # assumed: weights against a move straight ahead, 1
 
 
 def ways_of(scenario: Scenario) -> np.ndarray:
@@ -44,9 +44,14 @@ def ways_of(scenario: Scenario) -> np.ndarray:
 class Local:
     """Drives in the direction of eight that is worth most.
 
+    Attributes:
+        right: weight of passing a robot ahead on the right.
+
     Args:
         scenario: whose obstacles are known; by default none are, and robots have 5 cells.
     """
+
+    right = 1.5  # assumed
 
     def __init__(self, scenario: Scenario | None = None) -> None:
         cells = 5.0 if scenario is None else scenario.robot_diameter_m / scenario.cell_m
@@ -76,7 +81,7 @@ class Local:
         meets = facing & (distance < np.minimum(self._seen, left))
         urge = np.where(meets, (self._seen - distance) / (self._seen - self._kept), 0.0)
         aside = np.column_stack([ahead[:, 1], -ahead[:, 0]])  # to the right
-        wanted = ahead + _RIGHT * urge.max(axis=1, initial=0.0)[:, None].clip(0.0, 1.0) * aside
+        wanted = ahead + self.right * urge.max(axis=1, initial=0.0)[:, None].clip(0.0, 1.0) * aside
         worth = (wanted @ steps.T) / np.maximum(np.linalg.norm(wanted, axis=1, keepdims=True), 1e-9)
         turns = (
             np.arange(len(DIRECTIONS)) % AXIS_COUNT != observation.direction[:, None] % AXIS_COUNT
@@ -84,8 +89,7 @@ class Local:
         worth -= _TURN * turns
         for places in (cells, goals):
             apart = np.linalg.norm(after[:, :, None] - places[near][:, None], axis=3)
-            nearer = apart < np.minimum(self._kept, distance[:, None])
-            worth -= _BLOCKED * nearer.any(axis=2)
+            worth -= _BLOCKED * self.cost(apart, distance[:, None])
         closest = KDTree(observation.targets).query(after.reshape(-1, 2), min(n, 2))[1]
         closest = closest.reshape(n, len(DIRECTIONS), -1)
         own = np.arange(n)[:, None, None]
@@ -94,6 +98,33 @@ class Local:
         worth -= 2.0 * _BLOCKED * (after < 0).any(axis=2)
         worth -= 2.0 * _BLOCKED * np.isinf(ways)
         return worth.argmax(axis=1)
+
+    def cost(self, apart: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """Return what is against each move, (N, 8): 1 if it leads nearer to a robot that is near.
+
+        Args:
+            apart: (N, 8, k) distances to neighbours after a move, in cells.
+            now: (N, 1, k) the same before it.
+        """
+        return (apart < np.minimum(self._kept, now)).any(axis=2)
+
+
+class Barrier(Local):
+    """Drives straight ahead unless a discrete-time control barrier function is against it.
+
+    With h the distance to a neighbour less the one to keep, moves shall leave h of at least
+    (1 - α) h; what they miss is a slack, which costs much. Of the formulations that
+    prajolshrestha/bristlebot-swarm-mpc compares (10 to 137 robots driven by vibration) it is
+    "Slack Dt-CBF", here with a horizon of one move.
+    """
+
+    right, alpha = 0.0, 0.9  # α as in that benchmark
+
+    def cost(self, apart: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """Return the largest slack of each move in cells, times 100."""
+        kept = self._kept
+        slack = kept + (1.0 - self.alpha) * (now - kept) - apart
+        return 100.0 * slack.max(axis=2, initial=0.0)
 
 
 class ThroughDoor(Local):

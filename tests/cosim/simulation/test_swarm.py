@@ -20,7 +20,7 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.reader import read_episode
 from cosim.simulation.batch import Batch
 from cosim.simulation.tasks import Task, simulate_tasks
-from docs.examples.swarm import Local, ThroughDoor
+from docs.examples.swarm import Barrier, Local, ThroughDoor
 from fmus.build import cached_fmu
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -111,7 +111,7 @@ def test_robots_whose_signals_are_kept_are_named_from_one():
             sampled_of(65, named)
 
 
-def test_the_rule_of_the_example_passes_on_the_right_and_keeps_off_walls():
+def test_the_rules_of_the_example_keep_off_robots_and_walls():
     still = np.zeros(2, dtype=int)
 
     def directions(rule, cells, targets):
@@ -121,6 +121,12 @@ def test_the_rule_of_the_example_passes_on_the_right_and_keeps_off_walls():
     east, west = directions(Local(), facing, np.array([[24, 20], [4, 20]]))
     assert east in (6, 7)
     assert west in (2, 3)
+    far = np.array([[4, 20], [24, 20]])
+    assert directions(Barrier(), far, far[::-1]) == [0, 4]
+    for near in ([[10, 20], [16, 20]], [[10, 20], [15, 20]]):
+        east, west = directions(Barrier(), np.array(near), far[::-1])
+        assert east in (2, 3, 4, 5, 6)
+        assert west in (6, 7, 0, 1, 2)
     door = find_scenario(EXAMPLES / "door.toml")
     behind_the_wall, targets = np.array([[60, 10], [63, 30]]), np.array(door.targets[:2])
     up, along = directions(ThroughDoor(), behind_the_wall, targets)
