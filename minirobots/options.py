@@ -99,9 +99,15 @@ class CommandOptions:
                 for each in value if isinstance(value, tuple) else (value,):
                     check.require(name, each)
 
-    def arguments(self, **others: Any) -> dict[str, Any]:
-        """Return the options by name, some replaced, for a function that takes what they say."""
-        names = {option.name for option in fields(self)} - {"json"}
+    def arguments(self, *without: str, **others: Any) -> dict[str, Any]:
+        """Return the options by name for a function that takes what they say.
+
+        Args:
+            without: names that are left out, as those of `json`, `isolation` and `physics` are.
+            others: names that are replaced or added.
+        """
+        names = {option.name for option in fields(self)}
+        names -= {"json", "isolation", "physics", *without}
         return {name: getattr(self, name) for name in names} | others
 
     def interrupted(self) -> str:

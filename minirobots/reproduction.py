@@ -32,6 +32,8 @@ def reproduce(
 ) -> Path:
     """Run what is not finished, then draw the figures and write the report.
 
+    Called again after an interrupt, the commands continue or start again.
+
     Args:
         out: folder of results, figures and report.
         profile: how much is done.
@@ -42,32 +44,6 @@ def reproduce(
 
     Returns:
         The report's page.
-
-    Raises:
-        UserError: see its message; what was finished stays.
-    """
-    results = out / "results"
-    timings = run_stages(out, profile, seed=seed, jobs=jobs, progress=progress, say=say)
-    with timings.stage("figures"):
-        drawn, lacking = draw_figures(FIGURES, results, out / "figures", progress=progress)
-    for name, reason in lacking.items():
-        say(f"not drawn: {name}: {reason}")
-    say(f"{len(drawn)} figures: {timings.seconds('figures'):.1f} s")
-    return write_report(results, out / "report")
-
-
-def run_stages(
-    out: Path,
-    profile: Profile,
-    *,
-    seed: int,
-    jobs: int,
-    progress: Progress = silent,
-    say: Callable[[str], None],
-) -> Timings:
-    """Run what is not finished; returns how long everything took. Arguments as of `reproduce`.
-
-    Called again after an interrupt, the commands continue or start again.
 
     Raises:
         UserError: see its message; what was finished stays.
@@ -85,7 +61,12 @@ def run_stages(
             settings = _settings(result, profile, seed, jobs)
             command.run(options_of(command)(out=result.location(results), **settings), progress)
         say(f"{label}: {timings.seconds(result.name):.1f} s")
-    return timings
+    with timings.stage("figures"):
+        drawn, lacking = draw_figures(FIGURES, results, out / "figures", progress=progress)
+    for name, reason in lacking.items():
+        say(f"not drawn: {name}: {reason}")
+    say(f"{len(drawn)} figures: {timings.seconds('figures'):.1f} s")
+    return write_report(results, out / "report")
 
 
 def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[str, Any]:

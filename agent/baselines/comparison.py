@@ -5,7 +5,7 @@ the table `agent.baselines.table`.
 """
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Mapping
 from functools import cache, cached_property
 from itertools import product
 from pathlib import Path
@@ -36,6 +36,7 @@ from cosim.base.table import write_report
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
+from cosim.simulation.result import EpisodeResult
 
 _FILE = Kind("file of a training", "remove it", UserError)
 
@@ -154,25 +155,8 @@ def baselines(
 ) -> BaselinesReport:
     """Train and simulate what is missing, and write the table.
 
-    Seed by seed: a budget that is used up leaves out seeds, not learners.
-
-    Args:
-        out: folder of the table (baselines.json, baselines.md), trainings and episodes.
-        scenarios: names or files.
-        learners: to compare.
-        seed: the first one, of training and of what episodes draw.
-        seeds: how many.
-        episodes: in the dynamics, of every training.
-        quick: train so little that it only shows that it works.
-        budget_minutes: after which no training and no episode is begun.
-        where: backend and number of workers of episodes; the results do not depend on it.
-        progress: receives what is trained and simulated.
-
-    Returns:
-        The content of baselines.json.
-
-    Raises:
-        UserError: see its message.
+    Seed by seed: a budget that is used up leaves out seeds, not learners. Arguments are options of
+    the command.
     """
     in_time, store = until(budget_minutes), EpisodeStore(out / "episodes")
     boards = [find_scenario(name, ideal=True) for name in scenarios]
@@ -193,7 +177,13 @@ def baselines(
         for training in now:
             if in_time() and training.find() is None:
                 training.train()
-        _drive([t for t in now if t.find()], episodes, store, where, in_time, progress)
+        trained = [training for training in now if training.find()]
+        lines = [training.line(episodes) for training in trained]
+        simulate(lines, store, where, may_begin=in_time, progress=progress)
+        for training, line in zip(trained, lines, strict=True):
+            training.drives = _drives(
+                training, store.file(line.case).completed_prefix(line.indices)
+            )
     rows = []
     for key in asked:
         found = [training.find() for (_, *of), training in trainings.items() if tuple(of) == key]
@@ -203,21 +193,12 @@ def baselines(
     return report
 
 
-def _drive(
-    trained: Sequence[_Training],
-    episodes: int,
-    store: EpisodeStore,
-    where: Workers,
-    may_begin: Callable[[], bool],
-    progress: Progress,
-) -> None:
-    """Simulate what is missing of the episodes of trainings, and note them there."""
-    lines = [training.line(episodes) for training in trained]
-    simulate(lines, store, where, may_begin=may_begin, progress=progress)
-    for training, line in zip(trained, lines, strict=True):
-        if known := store.file(line.case).completed_prefix(line.indices):
-            least = _least_times(training.scenario, _through(training.learner, training.scenario))
-            training.drives = tuple(
-                Drive(index, result.outcome, result.sim_time_s, float(least[index]))
-                for index, result in known.items()
-            )
+def _drives(training: _Training, results: Mapping[int, EpisodeResult]) -> tuple[Drive, ...]:
+    """Return what is kept of a training's episodes, by index of the start."""
+    if not results:
+        return ()
+    least = _least_times(training.scenario, _through(training.learner, training.scenario))
+    return tuple(
+        Drive(index, result.outcome, result.sim_time_s, float(least[index]))
+        for index, result in results.items()
+    )

@@ -48,10 +48,6 @@ class LearnerRun(msgspec.Struct, frozen=True, kw_only=True):
     grid: PolicyMeasures
     drives: tuple[Drive, ...] = ()
 
-    def first_enough(self) -> Milestone | None:
-        """The first evaluation with a success of ENOUGH."""
-        return next((point for point in self.curve if point.success >= ENOUGH), None)
-
     def driven(self, episodes: int) -> bool:
         """Return whether there are this many episodes in the dynamics, or one from every start."""
         return len(self.drives) >= min(episodes, self.grid.starts)
@@ -144,7 +140,8 @@ def report_of(
 
 
 def _row(scenario: str, learner: str, runs: list[LearnerRun], left_out: str | None) -> BaselineRow:
-    reached = [point for run in runs if (point := run.first_enough()) is not None]
+    enough = ([point for point in run.curve if point.success >= ENOUGH] for run in runs)
+    reached = [points[0] for points in enough if points]
     drives = [drive for run in runs for drive in run.drives]
     driven = None
     if drives:

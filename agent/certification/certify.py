@@ -70,14 +70,8 @@ def certify(
         episodes: most that are looked at.
         seed: of training, of the order of the starts and of what episodes draw.
         supersede: replace the certificate of another attempt in the folder, and list it.
-        world: world file, record or dict of its fields.
-        jobs: episodes that run at the same time, -1 for one per core.
-        backend: threads, loky, dask or ray; the results do not depend on it.
-        address: of a Dask or Ray cluster.
-        budget_minutes: after which no episode is started.
-        progress: receives what is prepared and simulated; by default it is shown on stderr if the
-            call takes more than two seconds. None shows nothing.
-        options: of `minirobots run`, such as `mu`, `noise`, `speed`, `shield`.
+        world, jobs, backend, address, budget_minutes, progress, options: one value each, see
+            `minirobots.study`.
 
     Returns:
         The certificate: its verdict is certified, refused or undecided.
@@ -130,14 +124,7 @@ def certify_case(
 
     Args:
         case: policy and configuration.
-        claim: to be judged.
-        confidence: with which the verdict has to be right, below 1.
-        out: folder of certificate, policy and results.
-        episodes: most that are looked at.
-        budget_minutes: after which no episode is started.
-        supersede: replace the certificate of another attempt in the folder, and list it.
-        where: backend and number of workers; the results do not depend on it.
-        progress: receives how many episodes have ended.
+        claim, confidence, out, episodes, budget_minutes, supersede, where, progress: see `certify`.
 
     Raises:
         UserError: robots that push each other on do not collide; the folder has the certificate of

@@ -34,12 +34,7 @@ from cosim.onboard.estimation import POSE
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import Q_W, Q_X, Q_Y, Q_Z, X, Y, standing_state
 from cosim.physics.rotation import heading
-from cosim.simulation.driving import (
-    DriveObservation,
-    in_frames,
-    refuse_without_effect,
-    velocities,
-)
+from cosim.simulation.driving import DriveObservation, in_frames, refuse_without_effect, velocities
 from cosim.simulation.measures import PATH_SAMPLING_S
 
 TIME_LIMIT_S = 120.0

@@ -19,7 +19,6 @@ from agent.envs.boards import Boards, Count, DirectionBoards, board_seeds
 from agent.envs.rendering import View, picture
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError, require_one_of, taken
-from cosim.base.errors import UserError, shown
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -216,17 +215,3 @@ class RobotsVectorEnv(RowsVectorEnv):
         """Return (rows, 8) bool, which directions lead to a free cell."""
         self._require_open()
         return self._boards.action_masks().astype(bool).reshape(self.num_envs, -1)
-
-
-def lone(scenario: str | Scenario) -> str | Scenario:
-    """The scenario, which must be of one robot.
-
-    Raises:
-        UserError: it has more than one, or cannot be used.
-    """
-    if (robots := find_scenario(scenario).robots) != 1:
-        raise UserError(
-            f"scenario {shown(scenario)} has {robots} robots, not one; use agent.envs."
-            "parallel_env, or gymnasium.make_vec with MiniRobots/Pair-v0 or MiniRobots/CoSimPair-v0"
-        )
-    return scenario

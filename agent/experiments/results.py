@@ -144,10 +144,5 @@ def show(result: ExperimentResult) -> None:
 
 
 def _intervals(statistics: Mapping[str, Statistics], measures: tuple[str, ...]) -> list[str]:
-    return [_interval(name, statistics[name]) for name in measures]
-
-
-def _interval(name: str, s: Statistics) -> str:
-    if name == "success":
-        return interval_text(s, 2, 100.0, " %")
-    return interval_text(s, 3 if name == "ratio_to_bound" else 2)
+    forms = {"success": (2, 100.0, " %"), "ratio_to_bound": (3,)}
+    return [interval_text(statistics[name], *forms.get(name, (2,))) for name in measures]

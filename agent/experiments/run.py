@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from agent.evaluation.grid import GridReport, PolicyMeasures, report_of
+from agent.evaluation.grid import PolicyMeasures, report_of
 from agent.experiments.results import (
     RESULTS_FILE,
     SUMMARY_FILE,
@@ -120,7 +120,10 @@ def run_experiment(
             task=variant.label,
         )
         report = report_of((f"{key}/{run_name(r.run)}", r.policy) for r in results)
-        variants[key] = _variant_result(variant.label, variant.scenario, report)
+        # no single failures
+        rows = msgspec.convert(report.policies, tuple[PolicyMeasures, ...], from_attributes=True)
+        statistics = report.over_policies[variant.scenario]
+        variants[key] = VariantResult(variant.label, variant.scenario, rows, statistics)
     compared = differences(variants, REFERENCES.get(name, {}))
     result = ExperimentResult(
         experiment=name,
@@ -134,9 +137,3 @@ def run_experiment(
     )
     write_json(out / RESULTS_FILE, result)
     return result
-
-
-def _variant_result(label: str, scenario: str, report: GridReport) -> VariantResult:
-    """Return what is kept of the report on a variant's runs: no single failures."""
-    rows = msgspec.convert(report.policies, tuple[PolicyMeasures, ...], from_attributes=True)
-    return VariantResult(label, scenario, rows, report.over_policies[scenario])

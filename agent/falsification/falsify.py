@@ -147,13 +147,7 @@ def falsify(
         seed: of training and of the search.
         until_found: end with the generation in which the first failure is found.
         keep: how many of the worst to record.
-        world: world file, record or dict of its fields.
-        jobs: episodes that run at the same time, -1 for one per core.
-        backend: threads, loky, dask or ray; the results do not depend on it.
-        address: of a Dask or Ray cluster.
-        progress: receives what is prepared and simulated; by default it is shown on stderr if the
-            call takes more than two seconds. None shows nothing.
-        options: of `minirobots run`, such as `mu`, `noise`, `speed`, `shield`.
+        world, jobs, backend, address, progress, options: one value each, see `minirobots.study`.
 
     Returns:
         The content of falsification.json.

@@ -84,16 +84,8 @@ def evaluate(
 ) -> EvaluationReport:
     """Simulate what is missing, and record what is to be recorded.
 
-    Args:
-        policies: files, folders of runs, or what `policy_of` takes.
-        physics: of the co-simulation.
-        out: folder of results and recordings.
-        starts: how many to sample; by default `STARTS`, or all where there are fewer.
-        seed: of the sample and of the speed noise.
-        scenario: refuse policies of any other one.
-        recordings: failures to record of each policy, and successes.
-        where: backend and number of workers; the results do not depend on it.
-        progress: receives what is prepared and simulated.
+    Arguments are options of the command; policies are files, folders of runs, or what `policy_of`
+    takes.
     """
     store, lines = EpisodeStore(out), []
     for policy in policy_files(policies):

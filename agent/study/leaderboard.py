@@ -47,20 +47,16 @@ def leaderboard(
 ) -> list[Entry]:
     """Measure what is missing, write leaderboard.json and .md, and return the entries.
 
-    In each scenario the policy that succeeds most comes first, of equal ones the fastest.
+    In each scenario the policy that succeeds most comes first, of equal ones the fastest. Episodes
+    are with `--through`.
 
     Args:
         scenarios: names of built-in scenarios.
         others: policies to measure as well, as `study` takes them.
-        episodes: of each policy, with `--through`, at most the number of starts.
-        seed: of starts and noise.
-        out: folder of results.
-        where: backend and number of workers.
-        progress: receives what is trained and simulated.
+        episodes, seed, out, where, progress: options of the command.
 
     Raises:
         ConfigError: no policy of the zoo is of that scenario.
-        UserError: see `study`.
     """
     entries: list[Entry] = []
     known, added = zoo(), {name_of(policy): policy for policy in others}
@@ -76,10 +72,8 @@ def leaderboard(
             seed=seed,
             through=True,
             out=out / scenario,
-            jobs=where.jobs,
-            backend=where.backend,
-            address=where.address,
             progress=progress,
+            **vars(where),
         )
         found = []
         for row in table.rows:

@@ -79,21 +79,7 @@ def robustness(
 ) -> RobustnessReport:
     """Simulate what is missing of the table, and write it with its plot.
 
-    Args:
-        out: folder of the table (robustness.json, .md, .png), policies and results.
-        world: in which nothing is ideal.
-        scenario: name or file.
-        axes: to measure.
-        methods: to measure.
-        episodes: of every row, 50 by default.
-        quick: two episodes in every row.
-        seed: of training, of the sample of starts and of what episodes draw.
-        budget_minutes: after which no episode is started.
-        where: backend and number of workers; the results do not depend on it.
-        progress: receives what is trained and simulated.
-
-    Returns:
-        The content of robustness.json.
+    Arguments are options of the command, `world` the one in which nothing is ideal.
     """
     may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
     wanted = _QUICK_EPISODES if quick else episodes or _EPISODES

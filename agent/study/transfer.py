@@ -73,21 +73,7 @@ def transfer(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> TransferReport:
-    """Simulate what is missing and write the table.
-
-    Args:
-        out: folder of the table (transfer.json, transfer.md), policies and results.
-        scenarios: to measure.
-        methods: to measure.
-        seed: of training, of samples of starts and of the speed noise.
-        quick: two episodes in every row.
-        budget_minutes: after which no episode is started.
-        where: backend and number of workers; the results do not depend on it.
-        progress: receives what is trained and simulated.
-
-    Returns:
-        The content of transfer.json.
-    """
+    """Simulate what is missing and write the table; arguments are options of the command."""
     may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
     lines: list[StudyLine] = []
     for method in (method for method in METHODS if method in methods):

@@ -5,6 +5,7 @@ makes them, is said in `analysis.reading.results`. Nothing is simulated here.
 """
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -25,10 +26,10 @@ DRAWN_BY: dict[str, Callable[[Path], Drawing]] = {
     "fig05": fig05.make,
     "fig06": schematics.fig06,
     "fig07": fig07.make,
-    "fig08": learning_figures.fig08,
+    "fig08": partial(learning_figures.learning_figure, "fig08"),
     "fig09": paths.fig09,
     "fig10": learning_figures.fig10,
-    "fig11": learning_figures.fig11,
+    "fig11": partial(learning_figures.learning_figure, "fig11"),
     "fig12": paths.fig12,
     "groups": fig05.in_groups,
     "motor_cycle": motor_cycle.make,

@@ -34,66 +34,41 @@ _CURVES = (
 )
 
 
-def fig08(results: Path) -> Drawing:
-    """Learning curves of one robot.
-
-    Raises:
-        ResultError: there are no such results.
-    """
-    return _learning_figure(
-        results,
-        "fig08",
+# Title and claim of the paper, by figure.
+_LEARNING = {
+    "fig08": (
         f"Success rate and path length of one robot over episodes, scenarios 1a and 1b. {_CURVES}",
         "in both scenarios the optimal policy is achieved quickly.",
-    )
-
-
-def fig11(results: Path) -> Drawing:
-    """Learning curves of pairs.
-
-    Raises:
-        ResultError: there are no such results.
-    """
-    return _learning_figure(
-        results,
-        "fig11",
-        f"Success rate and path length of pairs over episodes, scenarios 2, 3 and 4. {_CURVES}",
-        "both robots learn to reach their targets without colliding, also where the targets make "
-        "the scenario harder.",
-    )
-
-
-def fig10(results: Path) -> Drawing:
-    """Draw the effect of the coefficient c of Eq. (12).
-
-    Raises:
-        ResultError: there are no such results.
-    """
-    drawing = _learning_figure(
-        results,
-        "fig10",
+    ),
+    "fig10": (
         f"Success rate and path length of a pair for values of c in Eq. (12), scenario 4. "
         f"{_CURVES}",
         "better results are obtained when c = 1.5.",
-    )
-    return _with_differences(drawing, results, "path_length_cm", 1.0, " cm")
-
-
-def sequel(results: Path) -> Drawing:
-    """Learning curves of groups of four and six robots, by both algorithms of the paper's sequel.
-
-    Raises:
-        ResultError: there are no such results.
-    """
-    drawing = _learning_figure(
-        results,
-        "sequel",
+    ),
+    "fig11": (
+        f"Success rate and path length of pairs over episodes, scenarios 2, 3 and 4. {_CURVES}",
+        "both robots learn to reach their targets without colliding, also where the targets make "
+        "the scenario harder.",
+    ),
+    "sequel": (
         "Success rate and path length of groups of robots over episodes: the greedy policy at that "
         "time from drawn starts; bands: 95 % intervals of the mean over runs",
         "double Q-learning offers a more stable and reliable learning process (the sequel, "
         "doi 10.1080/01691864.2020.1757507).",
-        draw_by_scenario,
+    ),
+}
+
+
+def fig10(results: Path) -> Drawing:
+    """Draw the effect of the coefficient c of Eq. (12)."""
+    return _with_differences(
+        learning_figure("fig10", results), results, "path_length_cm", 1.0, " cm"
     )
+
+
+def sequel(results: Path) -> Drawing:
+    """Learning curves of groups of four and six robots, by both algorithms of the sequel."""
+    drawing = learning_figure("sequel", results, draw_by_scenario)
     return _with_differences(drawing, results, "success", 100.0, " %")
 
 
@@ -112,13 +87,16 @@ def _with_differences(
     return drawing._replace(caption=replace(drawing.caption, ours=ours, numbers=numbers))
 
 
-def _learning_figure(
-    results: Path,
+def learning_figure(
     figure: str,
-    title: str,
-    claim: str,
+    results: Path,
     draw: Callable[[dict[str, VariantCurves]], Figure] = draw_learning_curves,
 ) -> Drawing:
+    """Learning curves of an experiment: of one robot (fig08), of pairs (fig11) and so on.
+
+    Raises:
+        ResultError: there are no such results.
+    """
     content = read_experiment(figure, results)
     variants = load_variants(RESULTS[figure].location(results), content)
     numbers: dict[str, Any] = {"episodes": content.episodes}
@@ -128,7 +106,7 @@ def _learning_figure(
         numbers[name] = {key: over_runs[key] for key in ("success", "path_length_cm", "steps")}
         numbers[name]["learnt_after_episodes"] = settled_after(variant, LEARNT)
         ours.append(_sentence(variant, numbers[name]))
-    caption = Caption(figure, title, claim, tuple(ours), numbers, FIGURES[figure])
+    caption = Caption(figure, *_LEARNING[figure], tuple(ours), numbers, FIGURES[figure])
     return Drawing(draw(variants), caption)
 
 
@@ -142,11 +120,7 @@ def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
 
 
 def path_ratio(results: Path) -> Drawing:
-    """Path length and moves of every run over those of the exact optimum.
-
-    Raises:
-        ResultError: there are no such results.
-    """
+    """Path length and moves of every run over those of the exact optimum."""
     variants: dict[str, VariantResult] = {}
     for name in FIGURES["path_ratio"]:
         variants |= read_experiment(name, results).variants

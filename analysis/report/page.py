@@ -20,12 +20,7 @@ from analysis.report.content import (
     trainings,
 )
 from analysis.report.server import PAGE
-from analysis.report.tables import (
-    learning_tables,
-    parameter_table,
-    timing_table,
-    transfer_tables,
-)
+from analysis.report.tables import learning_tables, parameter_table, timing_table, transfer_tables
 from analysis.report.web_viewer import web_viewer_files
 from analysis.timings import read_timings
 from cosim.base.provenance import versions

@@ -132,7 +132,7 @@ def cached(
 
 
 def write_checksum(path: Path) -> None:
-    """Keep the SHA-256 of a file next to it, for `whole`."""
+    """Keep the SHA-256 of a file next to it, for `is_intact`."""
     with replacing(_seal_of(path)) as temporary:
         temporary.write_text(_sha256(path))
 
@@ -246,7 +246,7 @@ def write_json(path: Path, content: Any) -> None:
 def _temporary(path: Path) -> tuple[BinaryIO, Path]:
     """A new file next to `path`, locked as long as the process lives or until it is closed."""
     while True:
-        handle, name = tempfile.mkstemp(_ending(path), _beginning(path), path.parent)
+        handle, name = tempfile.mkstemp(path.suffix, _beginning(path), path.parent)
         with contextlib.suppress(OSError):  # of a file system without locks: nothing is swept there
             lock_open(handle)
         if os.fstat(handle).st_nlink:
@@ -256,7 +256,7 @@ def _temporary(path: Path) -> tuple[BinaryIO, Path]:
 
 def _sweep(path: Path) -> None:
     """Remove temporary files of `path` that no process holds."""
-    for name in path.parent.glob(f"{glob.escape(_beginning(path))}*{glob.escape(_ending(path))}"):
+    for name in path.parent.glob(f"{glob.escape(_beginning(path))}*{glob.escape(path.suffix)}"):
         with contextlib.suppress(OSError), name.open("rb") as file:
             lock_open(file, wait=False)
             name.unlink()
@@ -264,7 +264,3 @@ def _sweep(path: Path) -> None:
 
 def _beginning(path: Path) -> str:
     return f".{path.stem[:40]}.tmp-"  # not longer than what the file system allows for `path`
-
-
-def _ending(path: Path) -> str:
-    return path.suffix

@@ -10,14 +10,7 @@ import numpy as np
 from cosim.base.jit import inlined
 from cosim.model.params import EstimatorParams
 from cosim.model.world import Sensor
-from cosim.onboard.estimation import (
-    POSE,
-    Pose,
-    correct,
-    estimate_now,
-    odometry,
-    start_estimate,
-)
+from cosim.onboard.estimation import POSE, Pose, correct, estimate_now, odometry, start_estimate
 
 # Layout of one robot's camera, float64; times in control periods.
 INTERVAL = 0  # between frames, 0 without a camera

@@ -137,19 +137,9 @@ def run(options: Certify, progress: Progress) -> Result:
         )
     from agent.certification.certify import certify
 
-    return certify(
-        options.policy,
-        options.claim,
-        confidence=options.confidence,
-        out=options.out,
-        episodes=options.episodes,
-        seed=options.seed,
-        supersede=options.supersede,
-        budget_minutes=options.budget_minutes,
-        progress=progress,
-        **vars(options.where),
-        **vars(options.physics),
-    )
+    others = ("check", "splitting", "where", *_OF["check"], *_OF["splitting"])
+    arguments = options.arguments(*others, progress=progress)
+    return certify(**arguments, **vars(options.where), **vars(options.physics))
 
 
 def show(options: Certify, result: Result) -> None:

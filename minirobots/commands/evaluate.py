@@ -9,14 +9,7 @@ import tyro
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
-from minirobots.options import (
-    Distributed,
-    Folder,
-    NotNegative,
-    Resumable,
-    Seed,
-    Simulating,
-)
+from minirobots.options import Distributed, Folder, NotNegative, Resumable, Seed, Simulating
 
 if TYPE_CHECKING:
     from agent.study.evaluate import EvaluationReport
@@ -60,17 +53,13 @@ def run(options: Evaluate, progress: Progress) -> "EvaluationReport":
     """Simulate what is missing, and record failures and successes."""
     from agent.study.evaluate import evaluate
 
-    return evaluate(
-        (*options.policies, *options.policy),
-        options.physics,
-        options.out,
+    arguments = options.arguments(
+        "policy",
+        policies=(*options.policies, *options.policy),
+        physics=options.physics,
         starts=options.starts if options.starts in (None, "all") else int(options.starts),
-        seed=options.seed,
-        scenario=options.scenario,
-        recordings=options.recordings,
-        where=options.where,
-        progress=progress,
     )
+    return evaluate(**arguments, progress=progress)
 
 
 def show(options: Evaluate, report: "EvaluationReport") -> None:

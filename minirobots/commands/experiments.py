@@ -47,15 +47,8 @@ def run(options: Experiments, progress: Progress) -> "ExperimentResult":
     """Train what is missing and evaluate every run."""
     from agent.experiments.run import run_experiment
 
-    return run_experiment(
-        options.experiment,
-        options.folder,
-        runs=options.runs,
-        seed=options.seed,
-        episodes=options.episodes,
-        where=options.where,
-        progress=progress,
-    )
+    arguments = options.arguments("experiment", out=options.folder, progress=progress)
+    return run_experiment(options.experiment, **arguments)
 
 
 def show(_: Experiments, result: "ExperimentResult") -> None:

@@ -87,20 +87,8 @@ def run(options: Falsify, progress: Progress) -> Result:
         return ReplayReport(then=found.cases, now=now)
     from agent.falsification.falsify import falsify
 
-    return falsify(
-        options.policy,
-        out=options.out,
-        ranges=options.ranges,
-        objective=options.objective,
-        search=options.search,
-        episodes=options.episodes,
-        seed=options.seed,
-        until_found=options.until_found,
-        keep=options.keep,
-        progress=progress,
-        **vars(options.where),
-        **vars(options.physics),
-    )
+    arguments = options.arguments("replay", "where", progress=progress)
+    return falsify(**arguments, **vars(options.where), **vars(options.physics))
 
 
 def show(options: Falsify, result: Result) -> None:

@@ -54,15 +54,8 @@ def run(options: Policies, progress: Progress) -> list[dict[str, Any]]:
 
     if not (options.measure or options.policies):
         return zoo_rows(options.scenario)
-    entries = leaderboard(
-        options.scenario or tuple(PAPER),
-        options.policies,
-        episodes=options.episodes,
-        seed=options.seed,
-        out=options.out,
-        where=options.where,
-        progress=progress,
-    )
+    arguments = options.arguments("scenario", "policies", "measure", progress=progress)
+    entries = leaderboard(options.scenario or tuple(PAPER), options.policies, **arguments)
     return [{"current": True} | msgspec.structs.asdict(entry) for entry in entries]
 
 

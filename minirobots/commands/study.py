@@ -36,10 +36,8 @@ def run(options: Study, progress: Progress) -> tuple["StudyTable", Path]:
 
     arguments = read_study(options.file)
     out = options.out or taken("out", arguments.get("out", Path("runs") / options.file.stem), Path)
-    where = {"jobs": options.where.jobs, "backend": options.where.backend}
-    work: dict[str, Any] = {**where, "address": options.where.address, "out": out}
-    work |= {"budget_minutes": options.budget_minutes, "progress": progress}
-    return study(**{**arguments, **work}), out
+    work = {"out": out, "budget_minutes": options.budget_minutes, "progress": progress}
+    return study(**{**arguments, **vars(options.where), **work}), out
 
 
 def show(_: Study, result: tuple["StudyTable", Path]) -> dict[str, Any]:

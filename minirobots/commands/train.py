@@ -10,13 +10,7 @@ from agent.mdp.config import ProcessConfig
 from agent.training.settings import LearningConfig, read_settings
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress
-from minirobots.options import (
-    Count,
-    File,
-    NewFolder,
-    ScenarioName,
-    Seed,
-)
+from minirobots.options import Count, File, NewFolder, ScenarioName, Seed
 
 if TYPE_CHECKING:
     from agent.evaluation.grid import GridReport

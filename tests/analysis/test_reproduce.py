@@ -8,8 +8,9 @@ import pytest
 from analysis.reading.results import FIGURES, RESULTS
 from analysis.timings import Timings, TimingsError
 from cosim.base.errors import UserError
+from minirobots import reproduction as stages
 from minirobots.commands.reproduce import Reproduce
-from minirobots.reproduction import run_stages
+from minirobots.reproduction import reproduce
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def test_timings_are_of_every_stage(out):
     assert content["profile"]["name"] == "tiny"
 
 
-def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny):
+def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny, monkeypatch):
     results = out / "results"
     lost, kept = results / "motor_test.rrd", results / "episodes" / "2-moves" / "summary.json"
     policy = results / "experiments" / "fig08" / "1a" / "run_000" / "policy.npz"
@@ -46,7 +47,9 @@ def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny):
     lost.unlink()
     before = kept.stat().st_mtime_ns, policy.stat().st_mtime_ns
     said: list[str] = []
-    run_stages(out, tiny, seed=0, jobs=1, say=said.append)
+    monkeypatch.setattr(stages, "draw_figures", lambda *_, **__: ({}, {}))
+    monkeypatch.setattr(stages, "write_report", lambda _, out: out)
+    reproduce(out, tiny, seed=0, jobs=1, say=said.append)
     assert sum("finished before" in text for text in said) == len(RESULTS) - 2
     assert lost.is_file()
     assert RESULTS["fig08"].exists(results)
@@ -56,9 +59,9 @@ def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny):
 
 def test_other_profiles_and_seeds_are_refused(out, tiny):
     with pytest.raises(TimingsError, match="profile tiny, seed 0"):
-        run_stages(out, replace(tiny, runs=3), seed=0, jobs=1, say=print)
+        reproduce(out, replace(tiny, runs=3), seed=0, jobs=1, say=print)
     with pytest.raises(TimingsError, match="choose another --out"):
-        run_stages(out, tiny, seed=1, jobs=1, say=print)
+        reproduce(out, tiny, seed=1, jobs=1, say=print)
     with pytest.raises(UserError, match="--jobs must be at least 1"):
         Reproduce(out=out, jobs=0)
     with pytest.raises(UserError, match="--seed must not be negative"):

@@ -12,12 +12,7 @@ from scipy.optimize import root_scalar
 
 from cosim.machine.platform.feet import foot_lift_speed
 from cosim.machine.platform.gradient import speed_gradient
-from cosim.machine.platform.motion import (
-    drift_speed,
-    lift_off_speed,
-    net_speed,
-    robot_platform,
-)
+from cosim.machine.platform.motion import drift_speed, lift_off_speed, net_speed, robot_platform
 from cosim.model.params import MotorParams, RobotParams
 
 _UNDER = 1.0 - 1e-6  # just below a bound

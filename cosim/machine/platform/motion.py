@@ -175,7 +175,7 @@ def net_speed(platform: Platform, omega_rad_s: float) -> float:
 def forces(
     platform: Platform, omega_rad_s: float, theta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """SimulationOptions force and greatest friction force in N at angles θ in rad; shapes of θ."""
+    """Driving force and greatest friction force in N at angles θ in rad; shapes of θ."""
     pairs = [platform_force(platform.m, platform.r, platform.g, t, omega_rad_s) for t in theta]
     driving, vertical = np.array(pairs).T
     return driving, platform.mu * (platform.mass * platform.g - vertical)

@@ -9,13 +9,7 @@ import numpy as np
 from cosim.machine.validation.driving import MeasuredSpeed
 from cosim.machine.validation.published import PublishedSpeed, step_um
 from cosim.machine.validation.sensitivity import PARAMETERS, value_of
-from cosim.machine.validation.validate import (
-    DrivenPath,
-    Effort,
-    Sensitivity,
-    Validation,
-    v_meant_m,
-)
+from cosim.machine.validation.validate import DrivenPath, Effort, Sensitivity, Validation, v_meant_m
 from cosim.model.preset import find_preset
 
 # A parameter explains a difference if no more than this factor of it does, at first order.
