@@ -18,12 +18,21 @@ from agent.mdp.optimum import ratios
 from agent.training.runs import policy_paths
 from cosim.base.command import show_table
 from cosim.base.errors import UserError
+from cosim.base.table import Column, field, known
+from cosim.base.table import show as show_rows
 from cosim.model.outcome import BY_RANK, ENDS, SUCCESS, Outcome
 
 MAX_FAILURES = 1000  # in the report
 
 _LISTED_FAILURES = 10
-_MEASURES = (*ENDS, "path_length_cm", "steps", "ratio_to_bound", "steps_ratio_to_bound")
+# Measures of tables, with the formats of their values.
+_MEASURES = {
+    **{str(end): "{:.2%}" for end in ENDS},
+    "path_length_cm": "{:.2f}",
+    "steps": "{:.2f}",
+    "ratio_to_bound": "{:.3f}",
+    "steps_ratio_to_bound": "{:.3f}",
+}
 
 
 class PolicyMeasures(msgspec.Struct, frozen=True, kw_only=True):
@@ -159,7 +168,7 @@ def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
     for scenario in dict.fromkeys(row.scenario for row in rows):
         group = [row for row in rows if row.scenario == scenario]
         over_policies[scenario] = {
-            str(name): summarise([getattr(row, name) for row in group], shares=name in ENDS)
+            name: summarise([getattr(row, name) for row in group], shares=name in ENDS)
             for name in _MEASURES
         }
     return GridReport(policies=rows, over_policies=over_policies)
@@ -167,17 +176,9 @@ def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
 
 def show(report: GridReport) -> None:
     """Print a report as tables on stdout: each policy, the first failing starts, and statistics."""
-    rows = [
-        (
-            row.policy,
-            row.scenario,
-            _starts(row),
-            *(_text(name, getattr(row, name)) for name in _MEASURES),
-        )
-        for row in report.policies
-    ]
-    header = ("policy", "scenario", "starts", *(name.replace("_", " ") for name in _MEASURES))
-    show_table(None, header, rows, names=2)
+    measured = (field(name, form) for name, form in _MEASURES.items())
+    columns = (field("policy"), field("scenario"), Column("starts", _starts), *measured)
+    show_rows(columns, report.policies, names=2)
     show_failures(report.policies)
     for scenario, measures in report.over_policies.items():
         runs = measures["success"].runs
@@ -185,7 +186,8 @@ def show(report: GridReport) -> None:
             continue
         rows = []
         for name, s in measures.items():
-            mean, iqm, low, high = (_text(name, value) for value in (s.mean, s.iqm, s.low, s.high))
+            values = (s.mean, s.iqm, s.low, s.high)
+            mean, iqm, low, high = (known(value, _MEASURES[name]) for value in values)
             ends = "–" if s.low is None else f"{low} to {high}"
             rows.append((name.replace("_", " "), mean, iqm, ends))
         header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
@@ -211,11 +213,3 @@ def _starts(row: PolicyMeasures) -> str:
     if row.success_low is None:
         return str(row.starts)
     return f"{row.starts} drawn: {row.success_low:.2%} to {row.success_high:.2%}"
-
-
-def _text(name: str, value: float | None) -> str:
-    if value is None:
-        return "–"
-    if name in ENDS:
-        return f"{value:.2%}"
-    return f"{value:.3f}" if "ratio" in name else f"{value:.2f}"
