@@ -19,6 +19,20 @@ PROGRAM = (*LIBRARY, "main.c", "board.c")
 FLAGS = ("-std=c99", "-O2", "-g0", "-ffreestanding", SAME_BITS, "-Wall", "-Wextra")
 # Doubles are computed by the compiler's runtime: the floating-point unit of a Cortex-M4 has floats.
 MICROCONTROLLER = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4")
+# Numbers of the steering that the sources have.
+STEERING = (
+    "forward_speed_rad_s",
+    "backward_speed_rad_s",
+    "turn_speed_rad_s",
+    "max_speed_rad_s",
+    "dither_rad_s",
+    "turned_rad",
+    "turn_again_rad",
+    "heading_gain_1_s",
+    "max_difference_rad_s",
+    "lookahead_m",
+    "least_lookahead_m",
+)
 _FRAME = re.compile(r"stack frame size \((\d+)\)")
 _ALLOCATED, _WRITABLE, _WITHOUT_BITS = 2, 1, 8  # of ELF sections
 

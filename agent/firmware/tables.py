@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from agent.firmware.build import STEERING
 from agent.mdp.greedy import PolicyError
 from agent.mdp.readings import Process
 from agent.policies import load_policy, method_name
@@ -16,19 +17,6 @@ from cosim.onboard.features import DIRECTION_COUNT
 from cosim.physics.trig import sine_cosine
 
 _FEATURES = "XYDGBHP"  # in the order of the strides of a process
-STEERING = (
-    "forward_speed_rad_s",
-    "backward_speed_rad_s",
-    "turn_speed_rad_s",
-    "max_speed_rad_s",
-    "dither_rad_s",
-    "turned_rad",
-    "turn_again_rad",
-    "heading_gain_1_s",
-    "max_difference_rad_s",
-    "lookahead_m",
-    "least_lookahead_m",
-)
 _PER_LINE = 24  # entries of a table
 
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from agent.firmware.tables import STEERING
+from agent.firmware.build import STEERING
 from cosim.model.params import EstimatorParams, ShieldParams
 
 MOST_ROBOTS = 8

@@ -11,12 +11,13 @@ import contextlib
 import errno
 import os
 import selectors
-import sys
 import threading
 from pathlib import Path
 
-if sys.platform == "linux":
-    import fcntl
+try:
+    from fcntl import F_SETPIPE_SZ, fcntl
+except ImportError:  # not Linux, where a pipe holds 64 kB and is emptied more often
+    F_SETPIPE_SZ = fcntl = None
 
 _CHUNK_BYTES = 1 << 20
 
@@ -43,9 +44,9 @@ class PipedFile:
         self._file = path.open("wb", buffering=0)
         self._reader, self._writer = os.pipe()
         os.set_blocking(self._reader, False)
-        if sys.platform == "linux":  # elsewhere a pipe holds 64 kB, and is emptied more often
+        if fcntl is not None:
             with contextlib.suppress(PermissionError):  # to a user with many pipes
-                fcntl.fcntl(self._writer, fcntl.F_SETPIPE_SZ, _CHUNK_BYTES)
+                fcntl(self._writer, F_SETPIPE_SZ, _CHUNK_BYTES)
         self.address = f"/dev/fd/{self._writer}"
         self._buffer = memoryview(bytearray(_CHUNK_BYTES))
         self._lock = threading.Lock()
