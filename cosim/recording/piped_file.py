@@ -15,9 +15,9 @@ import threading
 from pathlib import Path
 
 try:
-    from fcntl import F_SETPIPE_SZ, fcntl
-except ImportError:  # not Linux, where a pipe holds 64 kB and is emptied more often
-    F_SETPIPE_SZ = fcntl = None
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
 
 _CHUNK_BYTES = 1 << 20
 
@@ -44,9 +44,9 @@ class PipedFile:
         self._file = path.open("wb", buffering=0)
         self._reader, self._writer = os.pipe()
         os.set_blocking(self._reader, False)
-        if fcntl is not None:
+        if fcntl is not None and hasattr(fcntl, "F_SETPIPE_SZ"):  # else it holds 64 kB
             with contextlib.suppress(PermissionError):  # to a user with many pipes
-                fcntl(self._writer, F_SETPIPE_SZ, _CHUNK_BYTES)
+                fcntl.fcntl(self._writer, fcntl.F_SETPIPE_SZ, _CHUNK_BYTES)
         self.address = f"/dev/fd/{self._writer}"
         self._buffer = memoryview(bytearray(_CHUNK_BYTES))
         self._lock = threading.Lock()
