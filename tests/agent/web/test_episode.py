@@ -80,6 +80,7 @@ def test_obstacles_and_bounces_have_the_bits_of_the_kernels(library):
     compare(library, policy, [1], world={"restitution": 0.2}, time_limit=60.0, noise=0.1)
 
 
+@pytest.mark.slow
 def test_tables_of_all_features_decide_as_the_policy_does(library):
     scenario = Scenario(
         "small", "", ((9, 9), (2, 2)), (((9, 2),), ((2, 9),)), 12, 12, zone=(5, 5, 6, 6)

@@ -123,6 +123,7 @@ def test_page_is_played_by_keys_on_a_phone(browser, tmp_path, scheme):
     assert said == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_robots_are_dragged_to_where_there_is_room(browser, tmp_path):
     policy = random_policy(find_scenario("2"), "xy", np.random.default_rng(0))
