@@ -1,11 +1,14 @@
 """Small FMUs of both standards, read once."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cosim.fmi.fmu import Fmu
+from cosim.system.env import SystemEnv
 from tests.references.small import small_fmu
 
 
@@ -31,3 +34,20 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Fmu]:
         return made[key]
 
     return make
+
+
+@pytest.fixture
+def replayed() -> Callable[[SystemEnv], np.ndarray]:
+    """Function that returns what ten steps of an environment observe, the same after a reset."""
+
+    def replay(env: SystemEnv) -> np.ndarray:
+        def episode() -> np.ndarray:
+            env.reset()
+            return np.array([env.step(np.array([math.sin(k)]))[0] for k in range(10)])
+
+        first = episode()
+        assert (episode() == first).all()
+        env.close()
+        return first
+
+    return replay

@@ -183,7 +183,7 @@ def test_steps_in_parts_keep_the_order_of_the_method(ticker, tmp_path, algorithm
     assert orders[-1] == pytest.approx(1.0 if algorithm == "jacobi" else 2.0, abs=0.05)
 
 
-def test_environment_goes_back_to_the_same_ticks(ticker, small):
+def test_environment_goes_back_to_the_same_ticks(ticker, small, replayed):
     clock, start = told(2, r=0.5, kp=1.0)
     links = [Connection("plant.x", "a.y")]
     env = mr.SystemEnv(
@@ -191,15 +191,8 @@ def test_environment_goes_back_to_the_same_ticks(ticker, small):
         actions={"plant.u": (-1.0, 1.0)}, observations=["a.u", "a.now_s"], reward="a.u",
         step=0.3, step_s=0.1,
     )  # fmt: skip
-
-    def episode():
-        env.reset()
-        return np.array([env.step([math.sin(k)])[0] for k in range(10)])
-
-    first = episode()
-    assert (episode() == first).all()
+    first = replayed(env)
     assert len(np.unique(first[:, 1])) == 9
-    env.close()
 
 
 def test_what_clocks_cannot_do_is_named(ticker, small, tmp_path):
