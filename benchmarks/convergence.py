@@ -5,7 +5,6 @@ step with the usual contact sweeps, and for the middle one with contacts solved 
 """
 
 import math
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Annotated, Any
@@ -33,7 +32,6 @@ _AVERAGES = ("forward_m_s", "lateral_m_s", "yaw_rate_rad_s")
 SOLVED_OUT = 1e-6  # tolerance of contacts iterated until they no longer change
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     dt: Annotated[tuple[float, ...], tyro.conf.arg(metavar="S")] = (2e-5, 1e-5, 5e-6)
     """Time steps in s, coarse to fine."""

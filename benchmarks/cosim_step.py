@@ -7,7 +7,6 @@ own, is timed by the wall clock. docs/performance.md explains what bounds the fi
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,7 +35,6 @@ NORTH = 2
 SHORT_S = 0.5  # simulated time of a round: short and many, so that some meet an idle machine
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     rounds: Count = 40
     """Rounds of every measurement; the best counts."""

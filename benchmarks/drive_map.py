@@ -6,7 +6,6 @@ every phase difference between its motors: what the uncontrolled phases do.
 
 import itertools
 import math
-from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
@@ -19,7 +18,6 @@ from tests.references.prescribed import Drive, mean_motion
 SPEEDS_RAD_S = (700.0, 800.0, 900.0, 1000.0, 1100.0)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     omega: Annotated[tuple[Positive, ...], tyro.conf.arg(metavar="RAD_S")] = SPEEDS_RAD_S
     """Motor speeds in rad/s."""

@@ -8,7 +8,6 @@ run before the batches and half of them after, so that both sides meet the same 
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import msgspec
 
@@ -26,7 +25,6 @@ from minirobots.options import CommandOptions, Count, Jobs
 Results = dict[int, EpisodeResult]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     scenario: str = "2"
     """Scenario; the policy is trained by the method paper, or found in the cache."""

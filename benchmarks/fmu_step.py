@@ -6,7 +6,6 @@ that they are known to do the same work; only the built-in FMU has an inlined tw
 """
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from minirobots.options import CommandOptions, Count
 INPUT, OUTPUTS = "omega_noise", ("theta", "omega")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     motor_fmu: MotorFmuFile = None
     exchanges: Count = 20_000

@@ -5,7 +5,6 @@ motor FMUs and speed noise, seen by a camera for 60 s, and identified from nothi
 has been identified is kept in --out: the same command resumes.
 """
 
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,6 @@ RELATIVE = ("mu", "com_height_m", "foot_radius_m", "motor_d", "motor_e")  # erro
 _KIND = Kind("result of a machine", "delete it", UserError)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     machines: Count = 40
     """Machines, drawn at random."""

@@ -9,7 +9,7 @@ pulses end by the clock. Without speed control, motors get the voltage of their 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -41,7 +41,6 @@ FORWARDS, LEFT = (-1.0, 1.0), (1.0, 1.0)
 SPEEDS_RAD_S = (500.0, 700.0, 900.0, 1050.0)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     robots: int = 100
     """Repetitions, each with a noise of its own."""

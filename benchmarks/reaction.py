@@ -5,8 +5,6 @@ exerts on each eccentric mass) and compares torques, motor speeds and drive spee
 that the difference is the reaction's alone.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cosim.model.config import CoSimConfig
@@ -20,7 +18,6 @@ NORTH = 2
 SETTLED = 500  # control periods after which the motors run steadily
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     steps: Count = 5
     """RL steps of 2 s to drive."""

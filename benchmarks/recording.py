@@ -8,7 +8,6 @@ software Vulkan, from asking it to open the file until it has loaded.
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -33,7 +32,6 @@ NOTHING = np.full((2, 3), np.nan)
 SCENARIO = Scenario("pair", "", ((7, 27), (22, 27)), (((7, 2),), ((22, 2),)))
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     levels: tuple[Literal["summary", "default", "full"], ...] = ("summary", "default", "full")
     """Levels to measure."""

@@ -6,7 +6,6 @@ floor; NaN where no trial was so fast or slow.
 """
 
 import math
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -27,7 +26,6 @@ ROBOTS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     jobs: Jobs = 2
 

@@ -7,7 +7,6 @@ itself; some go without feedback.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ from tests.references.lines import Runs, drive_line
 LINE_M, CELL_M = 0.2, 0.01
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     seeds: Count = 20
     """Robots of every case; each has noise of its own."""

@@ -6,7 +6,6 @@ counts. docs/performance.md explains what bounds the figures.
 """
 
 import tracemalloc
-from dataclasses import dataclass
 
 from benchmarks.cosim_step import SHORT_S, driving
 from benchmarks.timing import best_s
@@ -16,7 +15,6 @@ from minirobots.options import CommandOptions, Count
 NUMBERS = (2, 16, 64, 256, 1024)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     rounds: Count = 8
     """Rounds of every measurement; the best counts."""

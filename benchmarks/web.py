@@ -8,7 +8,6 @@ The best round of each counts.
 import shutil
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 LOADED = "!document.getElementById('play').disabled"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     scenario: ScenarioName = "4"
     rounds: Count = 3

@@ -6,7 +6,16 @@ from dataclasses import dataclass, field, fields
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    NamedTuple,
+    Self,
+    dataclass_transform,
+    get_args,
+    get_type_hints,
+)
 
 import tyro
 
@@ -86,9 +95,16 @@ Friction = Annotated[
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CommandOptions:
-    """Base of every command's options."""
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
+class _Declared:
+    """Makes every subclass a frozen dataclass, whose fields are given by name."""
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
+
+
+class CommandOptions(_Declared):
+    """Base of every command's options: frozen dataclasses, without the decorator."""
 
     json: Json = False
 
@@ -128,7 +144,6 @@ def _checks(kind: Any) -> Iterator[Check]:
             yield from _checks(part)
 
 
-@dataclass(frozen=True, kw_only=True)
 class IsolatedOptions(CommandOptions):
     """Options of a command that loads FMUs, which may be foreign ones."""
 
@@ -141,7 +156,6 @@ class IsolatedOptions(CommandOptions):
         return options.motor_fmu
 
 
-@dataclass(frozen=True, kw_only=True)
 class Simulating(IsolatedOptions):
     """Options of a command that simulates episodes."""
 
@@ -150,14 +164,12 @@ class Simulating(IsolatedOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class Distributed(CommandOptions):
     """Options of a command whose jobs other processes and machines can compute."""
 
     where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
 
 
-@dataclass(frozen=True, kw_only=True)
 class NewFolder(CommandOptions):
     """Options of a command that writes to a folder of its own."""
 
@@ -178,7 +190,6 @@ class NewFolder(CommandOptions):
         return self.out or Path("runs") / name
 
 
-@dataclass(frozen=True, kw_only=True)
 class Resumable(CommandOptions):
     """Options of a command that continues where an interrupt ended it."""
 

@@ -13,7 +13,6 @@ import itertools
 import tempfile
 import zipfile
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,6 @@ _TRUTHS = {"true": 1.0, "false": 0.0}
 Outputs = dict[str, np.ndarray]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     src: Folder
     """Copy of https://github.com/modelica/Reference-FMUs."""

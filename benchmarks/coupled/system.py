@@ -11,7 +11,6 @@ import math
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
@@ -55,7 +54,6 @@ _WITHIN = 100  # communication steps of a step of an environment
 _ENVS = 8
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     rounds: Count = 20
     """Rounds of the measurement of time; the best counts."""

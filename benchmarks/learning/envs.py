@@ -7,7 +7,6 @@ thread. Steps of agents that have ended, and those with which a board begins aga
 # pyright: reportMissingImports=false
 
 import time
-from dataclasses import dataclass
 from functools import partial
 
 import gymnasium as gym
@@ -30,7 +29,6 @@ DYNAMICS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     scenario: str = "2"
     """Scenario, of any number of robots."""

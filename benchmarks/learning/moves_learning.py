@@ -4,7 +4,6 @@ Trains scenario 4 on the observed moves with each variant and plays the greedy p
 moves: fast enough for tens of thousands of episodes, but no substitute for `cosim.evaluate`.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,6 @@ VARIANTS: dict[str, tuple[tuple[Feature, ...], float, float]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     episodes: Count = 1_500_000
     """Training episodes of each variant."""

@@ -5,7 +5,7 @@ enough for tens of thousands of episodes, but no substitute for `cosim.evaluate`
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -32,7 +32,6 @@ VARIANTS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     episodes: Count = 400_000
     """Training episodes of each variant."""

@@ -6,7 +6,6 @@ that ratios hold on a busy machine; only `--all` is wall-clock time.
 
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import gymnasium as gym
@@ -31,7 +30,6 @@ GYMNASIUM_STEPS = 50_000
 SECTION_V = LearningConfig()
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     repeats: Count = 3
     """Timed trainings of each kind; the fastest counts."""

@@ -8,7 +8,6 @@ step. With the same algorithm the bits are ours.
 
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -26,7 +25,6 @@ Poses = np.ndarray  # (n, robots, 7) after every millisecond
 Case = tuple[str, Order, bool, Callable[[], Poses]]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     step: Seconds = 1e-4
     """Communication step in s: 1e-3 s is a whole number of them."""

@@ -7,7 +7,7 @@ lines that they had planned. Blocks are kept as they are done: the same command 
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -39,7 +39,6 @@ BLOCK = 250  # episodes of a kind
 LESSONS, LESSON_S = 1000, 8.0  # episodes that the learnt begins with, without the shield
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     episodes: Count = 2000
     """Episodes with the shield, of four kinds of adversaries in turn, 250 each."""

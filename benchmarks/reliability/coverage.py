@@ -6,7 +6,6 @@ bootstrap intervals (`scipy.stats.bootstrap`) of the same samples, and Wilson in
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from minirobots.options import CommandOptions, Count, Seed, at_least
 Draw = Callable[[np.random.Generator, tuple[int, int]], np.ndarray]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     samples: Count = 2000
     """Samples of every distribution and number of runs."""

@@ -9,7 +9,6 @@ import contextlib
 import resource
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,7 +34,6 @@ MINUTE_S = 60.0
 STANDING_S = 20.0  # after which the second robot is at its target, and at rest
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     hours: Annotated[float, tyro.conf.arg(metavar="H")] = 1.0
     """Simulated time of each of the two runs, in hours; at least two minutes."""

@@ -4,7 +4,6 @@ By a surrogate, by evolution and at random, in the same ranges and with the same
 kept in --out: the same command resumes.
 """
 
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from statistics import median
@@ -20,7 +19,6 @@ from cosim.model.scenario_file import find_scenario
 from minirobots.options import CommandOptions, Count, File, Folder, Jobs
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     scenario: str = "4"
     """Scenario of two robots or more."""

@@ -13,7 +13,6 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -29,7 +28,6 @@ Part = Literal["paper", "motor", "physics", "learning", "steering", "shield"]
 PASSED, FAILED = 0, 1  # exit statuses of pytest
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     parts: tuple[Part, ...] = get_args(Part)
     """Parts of the project whose faults are tried, all by default."""

@@ -4,7 +4,7 @@ Of a policy that collides often enough for both: the paper's, without the shield
 other seeds than the roots. What has been simulated is kept in --out: the same command resumes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,6 @@ from cosim.simulation.result import EpisodeResult
 from minirobots.options import CommandOptions, Count, Folder, Jobs, Seed
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     scenario: str = "4"
     """Scenario of two robots or more."""

@@ -1,6 +1,5 @@
 """Compare what learners achieve on the same boards, and their cost."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,6 @@ _SCENARIOS = ("1b", "2", "3", "4", "4-cross")
 _LAST_SEED = 4_000_000_000
 
 
-@dataclass(frozen=True, kw_only=True)
 class Baselines(Distributed, Resumable):
     """Compare learners on the same boards: success, paths and times over the optimum, and effort.
 

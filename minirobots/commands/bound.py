@@ -1,6 +1,6 @@
 """The least path length and number of moves of any policy."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from typing import Any
 
 from agent.mdp.config import ProcessConfig
@@ -11,7 +11,6 @@ from minirobots.options import CommandOptions, ScenarioName
 _OF_PATHS = ("target_obstacle", "collision")
 
 
-@dataclass(frozen=True, kw_only=True)
 class BoundOptions(CommandOptions):
     """Exact optimum of a scenario: the least mean path length and number of moves of any policy.
 

@@ -1,6 +1,5 @@
 """The episodes of a run as a table, each to be opened from it."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
 _SHOWN = ("outcome", "path_length_cm", "sim_time_s", "method", "mu", "scenario", "seed", "episode")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Browse(CommandOptions):
     """Serve all recorded episodes below a folder to the Rerun viewer, until Ctrl-C.
 

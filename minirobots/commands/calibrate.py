@@ -1,7 +1,7 @@
 """Map motor speeds to speed and yaw rate, as files and a plot."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from cosim.calibration.speed_map import Calibration
 
 
-@dataclass(frozen=True, kw_only=True)
 class Calibrate(IsolatedOptions):
     """Calibrate the drive: which motor speeds give which speed and which yaw rate.
 

@@ -1,6 +1,6 @@
 """A claim about a policy, certified or refused with a declared confidence."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -36,7 +36,6 @@ _OF = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
 class Certify(Distributed, Simulating, Resumable):
     """Certify or refuse a claim about a policy in the dynamics, such as 'collision < 1e-3'.
 

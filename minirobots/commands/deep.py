@@ -1,7 +1,6 @@
 """Train one network for all robots of a scenario."""
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,7 +12,6 @@ from cosim.base.progress import Progress
 from minirobots.options import Count, NewFolder, ScenarioName, Seed
 
 
-@dataclass(frozen=True, kw_only=True)
 class Deep(NewFolder):
     """Train one network that all robots of a scenario share, on the grid.
 

@@ -1,7 +1,6 @@
 """Find designs that give a robot a wanted speed, with all feet on the floor."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from cosim.model.params import RobotParams
 
 
-@dataclass(frozen=True, kw_only=True)
 class DesignRobot(CommandOptions):
     """Say which motor speed gives a speed, and what keeps all feet on the floor at it.
 

@@ -1,6 +1,5 @@
 """Evaluate policies in the full dynamics, start by start, with intervals."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from agent.study.evaluate import EvaluationReport
 
 
-@dataclass(frozen=True, kw_only=True)
 class Evaluate(Distributed, Simulating, Resumable):
     """Evaluate policies in the full co-simulation: motors, friction, noise, decisions every 2 s.
 

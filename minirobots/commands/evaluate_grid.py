@@ -1,6 +1,5 @@
 """Evaluate policies on the grid, exactly: rates, lengths and failing starts."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,6 @@ if TYPE_CHECKING:
     from agent.evaluation.grid import GridReport
 
 
-@dataclass(frozen=True, kw_only=True)
 class EvaluateOnGrid(CommandOptions):
     """Evaluate policies on the grid: the greedy episode from every combination of start cells.
 

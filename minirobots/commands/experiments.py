@@ -1,6 +1,5 @@
 """The paper's learning experiments."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from agent.experiments.results import ExperimentResult
 
 
-@dataclass(frozen=True, kw_only=True)
 class Experiments(NewFolder):
     """Run a learning experiment of the paper over many seeds and evaluate every run.
 

@@ -1,6 +1,5 @@
 """Write a recording for other programs."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +10,6 @@ from cosim.base.progress import Progress, under_way
 from minirobots.options import CommandOptions, File
 
 
-@dataclass(frozen=True, kw_only=True)
 class Export(CommandOptions):
     """Write a recorded episode for programs that know no Rerun.
 

@@ -1,6 +1,6 @@
 """The worst episodes of a policy, searched for."""
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from agent.falsification.found import ReplayReport
 
 
-@dataclass(frozen=True, kw_only=True)
 class Falsify(Distributed, Simulating, Resumable):
     """Search the worst episodes of a policy in the full co-simulation, within declared ranges.
 

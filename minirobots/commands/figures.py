@@ -1,6 +1,5 @@
 """Draw the paper's figures from a folder of results."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from minirobots.options import CommandOptions, Folder
 ALL = "all"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Figures(CommandOptions):
     """Draw figures of the paper, and some that it lacks, from a folder of results.
 

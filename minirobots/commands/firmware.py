@@ -1,6 +1,5 @@
 """A policy and its steering as C for a microcontroller."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cosim.base.progress import Progress, under_way
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
 _OF_EPISODES = ("on_collision", "time_limit")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Firmware(Simulating):
     """Write a policy, the steering and the motors' speed loops as C99 for a microcontroller.
 

@@ -1,6 +1,5 @@
 """Build motors and robots as FMUs and SSP for other tools."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -29,7 +28,6 @@ SHORT_NAMES: dict[str, Model] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
 class Build(CommandOptions):
     """Build FMUs: of one vibration motor, of an array of motors, of a robot; or a system of them.
 

@@ -1,6 +1,5 @@
 """Identify a robot's parameters from what a camera has seen of it."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from cosim.machine.identification.result import Identified
 
 
-@dataclass(frozen=True, kw_only=True)
 class IdentifyRobot(IsolatedOptions):
     """Identify a robot: friction, centre of mass, feet, motors and camera delay from its track.
 

@@ -1,6 +1,5 @@
 """Show what a recording contains, and where it looks wrong."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
 _FIRST_FACTS = ("scenario", "title", "episode", "seed", "starts")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Inspect(CommandOptions):
     """Say what a recorded episode holds, and where something in it looks wrong.
 

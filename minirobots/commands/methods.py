@@ -1,13 +1,11 @@
 """The methods that make policies, and when to use which."""
 
-from dataclasses import dataclass
 from typing import Any
 
 from cosim.base.progress import Progress
 from minirobots.options import CommandOptions
 
 
-@dataclass(frozen=True, kw_only=True)
 class Methods(CommandOptions):
     """Print the methods that make policies: how, for how many robots, and when to use them.
 

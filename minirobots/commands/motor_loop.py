@@ -1,6 +1,5 @@
 """Draw the Bode plots of the motor's speed loop, with its poles and margins."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ from cosim.base.progress import Progress
 from minirobots.options import File, IsolatedOptions
 
 
-@dataclass(frozen=True, kw_only=True)
 class MotorLoop(IsolatedOptions):
     """Draw the Bode plots of the motor's speed loop and print its poles, bandwidth and margins.
 

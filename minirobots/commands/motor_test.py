@@ -1,6 +1,6 @@
 """Record the test of Fig. 7, a motor in open and closed loop."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +12,6 @@ from cosim.base.progress import Progress
 from minirobots.options import File, IsolatedOptions
 
 
-@dataclass(frozen=True, kw_only=True)
 class MotorTest(IsolatedOptions):
     """Record the step responses of Fig. 7: one motor in open loop, and one in closed loop.
 

@@ -1,6 +1,6 @@
 """Observe what moves really do."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from agent.moves.model import ObservedMoves
 
 
-@dataclass(frozen=True, kw_only=True)
 class ObserveMoves(IsolatedOptions):
     """Observe moves of one robot in the co-simulation and keep what they did.
 

@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from fmpy.model_description import BuildConfiguration
 
 
-@dataclass(frozen=True, kw_only=True)
 class Pack(CommandOptions):
     """Compile the sources of an unpacked FMU for this machine, and pack it again.
 

@@ -1,6 +1,5 @@
 """Move the 1-DOF platform of Eq. (1) and write the data of Fig. 3."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 MAX_CYCLES = 100
 
 
-@dataclass(frozen=True, kw_only=True)
 class MovePlatform(CommandOptions):
     """Move the 1-DOF platform of Eq. (1) and write its motion: the data of Fig. 3.
 

@@ -1,6 +1,5 @@
 """Trained policies of the built-in scenarios, and what they achieve."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +10,6 @@ from cosim.base.progress import Progress
 from minirobots.options import Count, Distributed, Folder, Resumable, Seed
 
 
-@dataclass(frozen=True, kw_only=True)
 class Policies(Distributed, Resumable):
     """List the policies of the zoo, or measure a leaderboard of them, with yours in it.
 

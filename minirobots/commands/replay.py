@@ -1,7 +1,7 @@
 """Run a recorded episode again and compare every bit."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 _NONE = (np.empty(0), np.empty(0))
 
 
-@dataclass(frozen=True, kw_only=True)
 class Replay(IsolatedOptions):
     """Run a recorded episode again and compare every signal, bit for bit.
 

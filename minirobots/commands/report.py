@@ -1,6 +1,5 @@
 """Write one page with figures, tables and recordings."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,6 @@ from cosim.base.progress import Progress
 from minirobots.options import CommandOptions, Folder
 
 
-@dataclass(frozen=True, kw_only=True)
 class Report(CommandOptions):
     """Write a page with every figure next to the paper's claim, tables, and recordings to watch.
 

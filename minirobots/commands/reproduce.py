@@ -1,14 +1,12 @@
 """Reproduce the whole paper: every experiment, every figure and the report."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.base.progress import Progress
 from minirobots.options import Folder, Jobs, Resumable, Seed
 
 
-@dataclass(frozen=True, kw_only=True)
 class Reproduce(Resumable):
     """Run every experiment of the paper, draw every figure, and write the report.
 

@@ -1,6 +1,5 @@
 """Measure how policies succeed in worlds that are not ideal."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from agent.study.robustness import RobustnessReport
 
 
-@dataclass(frozen=True, kw_only=True)
 class Robustness(Distributed, Resumable):
     """Measure how policies succeed in worlds that none of them was trained for.
 

@@ -1,7 +1,6 @@
 """Train, co-simulate and record episodes."""
 
 import contextlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from cosim.simulation.result import EpisodeResult
 
 
-@dataclass(frozen=True, kw_only=True)
 class Run(NewFolder, Simulating):
     """Mini-robots learn to reach their targets, then drive there with motors, mass and friction.
 

@@ -1,6 +1,6 @@
 """Save what the Rerun viewer shows of a recording as a picture."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from analysis.viewer import ViewerReport
 
 
-@dataclass(frozen=True, kw_only=True)
 class Screenshot(CommandOptions):
     """Draw a recording as the Rerun viewer shows it and save the picture.
 

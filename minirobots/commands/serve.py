@@ -1,6 +1,5 @@
 """Open a report of this machine in its browser."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
@@ -9,7 +8,6 @@ from cosim.base.progress import Progress
 from minirobots.options import CommandOptions
 
 
-@dataclass(frozen=True, kw_only=True)
 class Serve(CommandOptions):
     """Serve a report to the browser of this machine, until Ctrl-C."""
 

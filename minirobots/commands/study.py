@@ -1,6 +1,5 @@
 """A study of your own: policies, scenarios, worlds and any options as axes."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
     from agent.study.user import StudyTable
 
 
-@dataclass(frozen=True, kw_only=True)
 class Study(Distributed, Resumable):
     """Measure policies in every combination of scenarios, worlds and options of a TOML file.
 

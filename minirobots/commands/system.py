@@ -1,6 +1,5 @@
 """Simulate any FMUs, coupled as an SSP file says."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from cosim.system.system import System
 
 
-@dataclass(frozen=True, kw_only=True)
 class SimulateSystem(IsolatedOptions):
     """Simulate the FMUs of an SSP file (1.0 or 2.0), coupled by a compiled master.
 

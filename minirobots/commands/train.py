@@ -1,6 +1,6 @@
 """Train many runs of one configuration and evaluate them."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Self
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from agent.evaluation.grid import GridReport
 
 
-@dataclass(frozen=True, kw_only=True)
 class Train(NewFolder):
     """Train Q-learning agents on the grid: many independent runs, each from a seed of its own.
 

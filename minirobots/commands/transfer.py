@@ -1,6 +1,5 @@
 """Count the episodes of the full dynamics that succeed, by method of training."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from agent.study.transfer import TransferReport
 
 
-@dataclass(frozen=True, kw_only=True)
 class Transfer(Distributed, Resumable):
     """Measure how policies trained by different methods succeed in the full co-simulation.
 

@@ -1,6 +1,5 @@
 """Simulated speeds and paths compared with published numbers of machines."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,6 @@ if TYPE_CHECKING:
     from cosim.machine.validation.report import ValidationReport
 
 
-@dataclass(frozen=True, kw_only=True)
 class Validate(Distributed, IsolatedOptions, Resumable):
     """Compare the simulation with published machines, each with the preset that stands for it.
 

@@ -1,6 +1,5 @@
 """A page in which a policy's robots drive, without installing anything."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ from cosim.model.config import ConfigError
 from minirobots.options import File, ScenarioName, Seed, Simulating
 
 
-@dataclass(frozen=True, kw_only=True)
 class Web(Simulating):
     """Write one HTML file that plays the episodes of a policy in a browser, without network.
 
