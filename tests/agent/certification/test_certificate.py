@@ -263,7 +263,8 @@ def forged(case, tmp_path_factory):
 @pytest.mark.long
 def test_a_check_finds_fabricated_rows_whatever_seed_they_were_made_for(forged):
     report = check(forged, sample=10, where=ONE)
-    assert (len(report.differences), report.compared) == (10, 10)
+    assert report.compared == 10
+    assert len(report.differences) >= 7  # chance draws a true row in one run of 70, four never
     assert all("success then" in difference for difference in report.differences)
 
 
