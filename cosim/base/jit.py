@@ -145,10 +145,19 @@ def inlined(function: Kernel) -> Kernel:
     inlined costs more than most of the work in it. Nor does it count references to arrays, which
     would take a sixth of the time of a co-simulation, so that it may neither make nor return one.
     """
-    return function if _PLAIN else cast(Kernel, _Inlined(function))
+    return function if _PLAIN else cast(Kernel, _Part(function, forceinline=True, _nrt=False))
 
 
-class _Inlined:
+def part(function: Kernel) -> Kernel:
+    """Compile a function with each kernel that calls it, as a function of that kernel's own.
+
+    For functions that are long or called in several places. A kernel that calls kernels optimizes
+    all of them again; one of parts is optimized once.
+    """
+    return function if _PLAIN else cast(Kernel, _Part(function, _nrt=True))
+
+
+class _Part:
     """A function that kernels take in; called from Python it is a kernel, made at the first call.
 
     Few ever are, and what would unpack their arguments then is a third of the work.
@@ -157,11 +166,11 @@ class _Inlined:
         py_func: the function.
     """
 
-    def __init__(self, function: Callable) -> None:
+    def __init__(self, function: Callable, **options: bool) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
-        options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
-        self._inner = _compiled(function, kept=False, forceinline=True, **options)
+        plain = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        self._inner = _compiled(function, kept=False, **plain, **options)
         self._numba_type_ = self._inner._numba_type_  # what numba takes this object for
 
     @functools.cached_property

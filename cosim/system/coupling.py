@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.jit import inlined, kernel
+from cosim.base.jit import inlined, part
 from cosim.fmi.abi import FMI_DISCARD, FMI_OK, FMI_WARNING, exchange_state
 from cosim.system.exchange import copy, exchange_values, feed, get_outputs, meets
 from cosim.system.graph import Link
@@ -96,7 +96,7 @@ def make_coupling(layout: Layout, held: Collection[Link], torn: Collection[Link]
     )  # fmt: skip
 
 
-@kernel
+@part
 def save(t: Tables, m: Memory, s: Coupling, point: int) -> tuple[int, int, int]:
     """Save all components' states and the block; returns as `advance`."""
     s.saved[point] = m.i8
@@ -110,7 +110,7 @@ def save(t: Tables, m: Memory, s: Coupling, point: int) -> tuple[int, int, int]:
     return FMI_OK, 0, PHASE.saving
 
 
-@kernel
+@part
 def restore(t: Tables, m: Memory, s: Coupling, point: int) -> tuple[int, int, int]:
     """Go back to a saved point."""
     m.i8[:] = s.saved[point]
@@ -122,7 +122,7 @@ def restore(t: Tables, m: Memory, s: Coupling, point: int) -> tuple[int, int, in
     return FMI_OK, 0, PHASE.restoring
 
 
-@kernel
+@part
 def get_all(t: Tables, m: Memory, tick: int) -> tuple[int, int, int]:
     """Get the outputs of all components that are at the end of a step."""
     for c in range(t.components.shape[0]):
@@ -144,7 +144,7 @@ def _continued(s: Coupling, i: int, tick: int, ticks: float) -> float:
     return s.inputs[START, i] + (tick % period + ticks) / (period * s.flags[PREVIOUS]) * change
 
 
-@kernel
+@part
 def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> tuple[int, int, int]:
     """Pass on values, with the unknowns as inputs, until no input changes; find the residual."""
     first = m.i8.shape[0] - s.sent.shape[0]
@@ -183,7 +183,7 @@ def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> t
     return STATUS.unsettled if scheme.solves else FMI_OK, 0, PHASE.getting
 
 
-@kernel
+@part
 def _try(
     t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
 ) -> tuple[int, int, int]:
@@ -207,7 +207,7 @@ def _try(
     return status, c, phase
 
 
-@kernel
+@part
 def _step_all(
     t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int, final: int
 ) -> tuple[int, int, int]:
@@ -228,7 +228,7 @@ def _step_all(
     return status, c, phase
 
 
-@kernel
+@part
 def solve(
     t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
 ) -> tuple[int, int, int]:
@@ -290,7 +290,7 @@ def solve(
     return STATUS.no_solution, 0, PHASE.getting
 
 
-@kernel
+@part
 def _update(s: Coupling) -> float:
     """Make the update -inverse · residual; returns the largest relative size of both."""
     n, largest = s.torn.shape[0], 0.0
@@ -306,7 +306,7 @@ def _update(s: Coupling) -> float:
     return largest
 
 
-@kernel
+@part
 def _broyden(s: Coupling) -> None:
     """Update the inverse J⁻¹ by Broyden's formula: J⁻¹ += (δ - J⁻¹ ρ) δᵀ J⁻¹ / (δᵀ J⁻¹ ρ)."""
     n = s.torn.shape[0]
@@ -320,7 +320,7 @@ def _broyden(s: Coupling) -> None:
         inverse += (delta - image).reshape(n, 1) * row
 
 
-@kernel
+@part
 def _differentiate(
     t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
 ) -> tuple[int, int, int]:
@@ -343,7 +343,7 @@ def _differentiate(
     return FMI_OK if s.flags[HAS_INVERSE] else STATUS.no_solution, 0, PHASE.getting
 
 
-@kernel
+@part
 def _inverted(a: np.ndarray) -> int:
     """Invert the first N columns of (N, 2 N) in place; returns 0 if they are singular."""
     n = a.shape[0]
@@ -362,7 +362,7 @@ def _inverted(a: np.ndarray) -> int:
     return 1
 
 
-@kernel
+@part
 def step(
     t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int, final: int
 ) -> tuple[int, int, int]:
@@ -402,7 +402,7 @@ def step(
     return status, c, phase
 
 
-@kernel
+@part
 def _balance(t: Tables, m: Memory, s: Coupling, count: int, tick_s: float) -> None:
     """Add to the residual energy of bonds what the coupling has put into both ends over a step.
 
@@ -427,7 +427,7 @@ def _balance(t: Tables, m: Memory, s: Coupling, count: int, tick_s: float) -> No
     s.numbers[IMBALANCE] = np.sqrt(squares / t.bonds.shape[0])
 
 
-@kernel
+@part
 def step_twice(
     t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int, count: int
 ) -> tuple[int, int, int]:
@@ -449,14 +449,14 @@ def step_twice(
     return status, c, phase
 
 
-@kernel
+@part
 def undo(t: Tables, m: Memory, s: Coupling) -> tuple[int, int, int]:
     """Go back to the outer saved point."""
     s.inputs[START], s.flags[PREVIOUS] = s.inputs[KEPT], s.flags[KEPT_PREVIOUS]
     return restore(t, m, s, OUTER)
 
 
-@kernel
+@part
 def error_of(t: Tables, m: Memory, s: Coupling, tolerance: float) -> float:
     """Largest difference of checked outputs to what they were, by what is tolerated."""
     worst = 0.0
@@ -470,7 +470,7 @@ def error_of(t: Tables, m: Memory, s: Coupling, tolerance: float) -> float:
     return worst
 
 
-@kernel
+@part
 def begin(t: Tables, m: Memory, s: Coupling) -> tuple[int, int, int]:
     """Get all outputs after Initialization Mode; returns as `advance`."""
     s.flags[RUNNING] = 1
