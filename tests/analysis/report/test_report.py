@@ -152,7 +152,7 @@ def browser():
 
 @pytest.mark.browser
 def test_viewer_in_the_page_shows_the_episode(site, browser):
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page = browser.new_page(viewport={"width": 800, "height": 450})  # software draws it
     page.set_default_timeout(LOAD_TIMEOUT_MS)
     errors, foreign = [], []
     page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
