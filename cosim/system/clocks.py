@@ -17,7 +17,7 @@ import numpy as np
 from cosim.base.jit import kernel
 from cosim.fmi.abi import FMI_OK, FMI_WARNING
 from cosim.fmi.fmu import Fmu, FmuError
-from cosim.system.coupling import ENDING, START, Coupling, Z, begin, solve
+from cosim.system.coupling import ENDING, START, Coupling, Z, begin, settle
 from cosim.system.exchange import copy, exchange_values, feed
 from cosim.system.graph import GraphError, ticking_clocks
 from cosim.system.instance import Instance
@@ -201,7 +201,7 @@ class Clocks:
         """Make steps as `run_steps` does, where clocks tick in parts, and let those tick.
 
         Args:
-            steps: `run_steps`.
+            steps: `run_steps` or `run_plain`.
             layout: of the system.
             s, scheme, now, until, ticks, rows: of `run_steps`.
 
@@ -300,7 +300,7 @@ class Clocks:
         s.flags[ENDING] = -1
         if status <= FMI_WARNING and (scheme.algorithm >= ALGORITHM.extrapolated or len(s.torn)):
             s.unknowns[Z] = m.f8[s.torn]
-            status, c, phase = solve(t, m, s, scheme._replace(start_s=time_s), 0, 0)
+            status, c, phase = settle(t, m, s, scheme._replace(start_s=time_s))
             s.inputs[START] = m.f8[s.held]  # what values were before tells no slope
         if status > FMI_WARNING:
             return status, c, phase

@@ -145,7 +145,7 @@ def _continued(s: Coupling, i: int, tick: int, ticks: float) -> float:
 
 
 @part
-def _evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> tuple[int, int, int]:
+def evaluate(t: Tables, m: Memory, s: Coupling, scheme: Scheme, tick: int) -> tuple[int, int, int]:
     """Pass on values, with the unknowns as inputs, until no input changes; find the residual."""
     first = m.i8.shape[0] - s.sent.shape[0]
     for k in range(scheme.exchanges):
@@ -198,7 +198,7 @@ def _try(
         status, c, phase = _step_all(t, m, s, scheme, tick, count, 0)
         if status > FMI_WARNING:
             return status, c, phase
-    status, c, phase = _evaluate(t, m, s, scheme, tick + count)
+    status, c, phase = evaluate(t, m, s, scheme, tick + count)
     s.numbers[LARGEST] = 0.0
     for i in range(s.torn.shape[0]):
         share = abs(s.unknowns[RESIDUAL, i]) / s.unknowns[SIZE, i]
@@ -288,6 +288,13 @@ def solve(
             return FMI_OK if found else STATUS.no_solution, 0, PHASE.getting
         slow = True
     return STATUS.no_solution, 0, PHASE.getting
+
+
+def settle(t: Tables, m: Memory, s: Coupling, scheme: Scheme) -> tuple[int, int, int]:
+    """Pass on values at the start, and solve for the unknowns if there are any; as `advance`."""
+    if s.torn.shape[0]:
+        return solve(t, m, s, scheme, 0, 0)
+    return evaluate(t, m, s, scheme, 0)  # takes a fraction of the time to compile
 
 
 @part

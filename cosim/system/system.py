@@ -19,7 +19,7 @@ from cosim.fmi.fmu import Fmu, FmuError, LogLevel, check_steps, function_address
 from cosim.fmi.isolation import calling
 from cosim.model.config import whole_ratio
 from cosim.system.clocks import Clocks, check_clocks
-from cosim.system.coupling import HOME, Z, begin, get_all, make_coupling, restore, save, solve
+from cosim.system.coupling import HOME, Z, begin, get_all, make_coupling, restore, save, settle
 from cosim.system.graph import (
     Component,
     Connection,
@@ -38,7 +38,7 @@ from cosim.system.instance import Instance
 from cosim.system.layout import Layout, energy_of
 from cosim.system.run import Share, SystemRun
 from cosim.system.step import ALGORITHM, COUNT, PHASE, STATUS, Scheme
-from cosim.system.stepping import DONE, REJECTED, ROW, TICK, run_steps
+from cosim.system.stepping import DONE, REJECTED, ROW, TICK, run_plain, run_steps
 
 _LOG = logging.getLogger(__name__)
 MasterAlgorithm = Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"]
@@ -223,6 +223,8 @@ class System:
                 if any(instance.functions for instance in self._instances.values()):
                     self._scheme = self._scheme._replace(at_once=_SLOW_STEPS_AT_ONCE)
                 self._coupling = make_coupling(layout, held, torn)
+                solved = number >= ALGORITHM.extrapolated or torn or tolerance or bonds
+                self._steps = run_steps if solved else run_plain
                 self._initialise([*layout.kept, *(link.target for link in torn)])
         except BaseException:
             self.close()
@@ -242,7 +244,7 @@ class System:
         block = layout.tables, layout.memory, self._coupling
         self._check(*get_all(*block[:2], 0))
         self._coupling.unknowns[Z] = layout.memory.f8[self._coupling.torn]
-        self._check(*solve(*block, self._scheme, 0, 0))
+        self._check(*settle(*block, self._scheme))
         if self._clocks:
             self._clocks.begin()
         for instance in self._instances.values():
@@ -358,7 +360,7 @@ class System:
         self._now[ROW] = 0
         slow = scheme.at_once == _SLOW_STEPS_AT_ONCE  # Python called by compiled code loses signals
         with calling(f"what begins at {self.time_s:g} s of simulated time"):
-            run = uninterrupted(run_steps) if slow else run_steps
+            run = uninterrupted(self._steps) if slow else self._steps
             if self._clocks:
                 self._over = True  # if it raises
                 run = partial(self._clocks.run, run, self._layout)
