@@ -6,20 +6,13 @@ dynamics.
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from agent.study.plot import draw_success
 from agent.study.transfer import TransferRow
-from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
+from analysis.figures.style import Caption, Drawing, FigureError
 from analysis.reading.results import FIGURES
 from analysis.reading.written import read_transfer
-from cosim.base.plotting import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-
-_COLOURS = (VERMILION, BLUE, GREEN, ORANGE, PURPLE, SKY)
-# Of a group of bars side by side, the share of the distance between scenarios.
-_GROUP = 0.7
 
 
 def series_of(row: TransferRow) -> str:
@@ -30,48 +23,12 @@ def series_of(row: TransferRow) -> str:
 def draw(rows: list[TransferRow]) -> Figure:
     """A panel per friction coefficient: success with 95 % intervals, by scenario and method."""
     coefficients = sorted({row.mu for row in rows})
-    names = list(dict.fromkeys(series_of(row) for row in rows))
-    size = (WIDTH_IN, 0.9 + 2.0 * len(coefficients))
-    figure, grid = plt.subplots(len(coefficients), 1, figsize=size, squeeze=False, sharex=True)
-    scenarios = sorted({row.scenario for row in rows})
-    methods = list(dict.fromkeys(row.method for row in rows))
-    lowest = 100.0 * min(row.success_low or 0.0 for row in rows)
-    for axes, mu in zip(grid[:, 0], coefficients, strict=True):
-        for place, name in enumerate(names):
-            chosen = [r for r in rows if r.mu == mu and series_of(r) == name]
-            shift = _GROUP * ((place + 0.5) / len(names) - 0.5)
-            # A method has one colour; with the shield its markers are open squares.
-            colour = _COLOURS[methods.index(name.split(",")[0]) % len(_COLOURS)]
-            _draw_series(axes, chosen, scenarios, shift, name, colour)
+    panels = {f"µ = {mu:g}": [row for row in rows if row.mu == mu] for mu in coefficients}
+    figure = draw_success(panels, lambda row: row.scenario, series_of, columns=1)
+    for axes in figure.axes:
         axes.axhline(99.0, color="black", linestyle=":", linewidth=0.8)
-        axes.set_title(f"µ = {mu:g}", loc="left")
-        axes.set(ylabel="success in %", ylim=(lowest - 3.0, 103.0))
-        axes.set_xticks(range(len(scenarios)), scenarios)
-        axes.set_xlim(-0.5, len(scenarios) - 0.5)
-    grid[-1, 0].set_xlabel("scenario; dotted: 99 %")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=min(len(labels), 3))
+    figure.axes[-1].set_xlabel("scenario; dotted: 99 %")
     return figure
-
-
-def _draw_series(
-    axes: Axes,
-    rows: list[TransferRow],
-    scenarios: list[str],
-    shift: float,
-    name: str,
-    colour: str,
-) -> None:
-    places = [scenarios.index(row.scenario) + shift for row in rows]
-    success, low, high = (
-        100.0 * np.array([getattr(row, key) for row in rows])
-        for key in ("success", "success_low", "success_high")
-    )
-    bars = np.maximum([success - low, high - success], 0.0)
-    marker, fill = ("s", "white") if "shield" in name else ("o", colour)
-    axes.errorbar(
-        places, success, bars, fmt=marker, mfc=fill, color=colour, ms=4, capsize=3, label=name
-    )
 
 
 def caption(rows: list[TransferRow]) -> Caption:
