@@ -19,6 +19,7 @@ from typing import (
 
 import tyro
 
+from cosim.base.command import Jobs as JobCount
 from cosim.base.command import Json, require_at_least, workers
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
@@ -54,15 +55,7 @@ Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 Seed = Annotated[
     int, at_least(0), tyro.conf.arg(help="Seed of everything that is drawn at random.")
 ]
-Jobs = Annotated[
-    int,
-    Check(lambda _, jobs: jobs == -1 or workers(jobs)),
-    tyro.conf.arg(
-        metavar="N",
-        help="Episodes or trainings that run at the same time, -1 for one per core; results do "
-        "not depend on it.",
-    ),
-]
+Jobs = Annotated[JobCount, Check(lambda _, jobs: jobs == -1 or workers(jobs))]
 BudgetMinutes = Annotated[
     float | None,
     at_least(0),

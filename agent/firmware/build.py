@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from cosim.base.storage import replacing, temporary_folder
+from cosim.base.storage import temporary_folder, write_whole
 from fmus.compiler import SAME_BITS, TARGETS, BuildError, compiler_command, host_target
 
 SOURCES = Path(__file__).with_name("c")
@@ -62,8 +62,7 @@ def write_sources(folder: Path, constants: str) -> list[Path]:
     """
     files = {path.name: path.read_text() for path in sorted(SOURCES.glob("*.[ch]"))}
     for name, content in (files | {"constants.h": constants}).items():
-        with replacing(folder / name) as temporary:
-            temporary.write_text(content)
+        write_whole(folder / name, content)
     return [folder / name for name in (*files, "constants.h")]
 
 

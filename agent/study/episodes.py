@@ -24,20 +24,12 @@ from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import compile_kernels
 
-
-def _batch(job: Job) -> object:
-    return job.task().batch_key
-
-
-def _succeeded(result: EpisodeResult) -> bool:
-    return result.outcome == Outcome.SUCCESS
-
-
-def _prepare(jobs: Sequence[Job], threads: int) -> None:
-    compile_kernels(jobs[0].task(), len(jobs), threads)
-
-
-EPISODES: JobKind[Job, EpisodeResult] = JobKind(run_jobs, _batch, _succeeded, _prepare)
+EPISODES: JobKind[Job, EpisodeResult] = JobKind(
+    run_jobs,
+    batch=lambda job: job.task().batch_key,
+    succeeded=lambda result: result.outcome == Outcome.SUCCESS,
+    prepare=lambda jobs, threads: compile_kernels(jobs[0].task(), len(jobs), threads),
+)
 
 
 def case_of(
@@ -214,11 +206,6 @@ def record(
     return found
 
 
-def rate_text(row: Measured, name: str) -> str:
-    """Return a rate with its interval, in per cent."""
-    return interval_text(interval_of(row, name), 1, 100.0, "%")
-
-
 def interval_of(row: Measured, name: str) -> Interval:
     """Return a measure of a row with its interval."""
     return Interval(*(getattr(row, name + end) for end in ("", "_low", "_high")))
@@ -237,7 +224,9 @@ def _episodes(row: EpisodesRow) -> str:
 
 def rate_column(name: str) -> Column:
     """Return the column of the rate of an outcome."""
-    return Column(name.replace("_", " "), lambda row: rate_text(row, name))
+    return Column(
+        name.replace("_", " "), lambda row: interval_text(interval_of(row, name), 1, 100.0, "%")
+    )
 
 
 SCENARIO, METHOD = column("scenario"), column("method")

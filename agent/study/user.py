@@ -32,7 +32,7 @@ from cosim.base.errors import UserError
 from cosim.base.jobs import Backend, Workers, until
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.reading import Kind, read_toml
-from cosim.base.storage import replacing, write_json
+from cosim.base.storage import replacing, write_json, write_whole
 from cosim.base.table import Column, Columns, arrow_of, field, markdown, write_parquet
 from cosim.base.table import show as show_table
 from cosim.model.scenario import Scenario
@@ -166,8 +166,7 @@ class StudyTable:
                 rows = [row.record() | {"failures": row.failures} for row in self.rows]
                 write_json(path, {"seed": self.seed, "axes": self.axes, "rows": rows})
             case ".md":
-                with replacing(path) as temporary:
-                    temporary.write_text(self.to_markdown() + "\n", encoding="utf-8")
+                write_whole(path, self.to_markdown() + "\n")
             case ".parquet":
                 write_parquet(path, [row.record() for row in self.rows])
             case ".png":

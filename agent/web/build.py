@@ -5,7 +5,7 @@ from pathlib import Path
 
 from agent.web.layout import render_header
 from cosim.base.provenance import digest_of
-from cosim.base.storage import cache_dir, cached, replacing, temporary_folder
+from cosim.base.storage import cache_dir, cached, temporary_folder, write_whole
 from fmus.compiler import (
     SAME_BITS,
     TARGETS,
@@ -69,12 +69,7 @@ def cached_wasm() -> bytes:
     sources = {p.name: p.read_text() for folder in FOLDERS for p in sorted(folder.glob("*.[ch]"))}
     key = digest_of(sources, render_header(), _variables(), FLAGS, WASM, compiler_version())
     path = cache_dir("web") / f"{key}.wasm"
-
-    def save(module: bytes, at: Path) -> None:
-        with replacing(at) as temporary:
-            temporary.write_bytes(module)
-
-    return cached(path, Path.read_bytes, compile_wasm, save)
+    return cached(path, Path.read_bytes, compile_wasm, lambda wasm, at: write_whole(at, wasm))
 
 
 def _variables() -> str:

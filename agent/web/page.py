@@ -13,7 +13,7 @@ import numpy as np
 
 from agent.web.layout import SETUP, TABLES, VIEW
 from agent.web.packing import PagePolicy, finds_any_target, pack
-from cosim.base.storage import replacing
+from cosim.base.storage import write_whole
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.simulation.batch import floor_patches
@@ -101,9 +101,7 @@ def render_page(
 
 def write_page(path: Path, *arguments: Any, **options: Any) -> None:
     """Write the page of `render_page`, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        temporary.write_text(render_page(*arguments, **options), encoding="utf-8")
+    write_whole(path, render_page(*arguments, **options))
 
 
 def _kept(content: bytes) -> str:

@@ -18,6 +18,7 @@ from analysis.reading.motor_test import LOOPS, SIGNALS, MotorTestError, Response
 from cosim.base.arguments import require_one_of
 from cosim.coupling.fmu import MotorFmu
 from cosim.fmi.isolation import calling
+from cosim.recording.blueprint import plain_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 
 SAMPLE_S = 1e-3
@@ -112,11 +113,6 @@ def _blueprint() -> rrb.Blueprint:
             ("disturbance", "disturbance torque N m"),
         )
     ]
-    return rrb.Blueprint(
-        rrb.Vertical(*views),
-        rrb.TimePanel(timeline="sim_time", state="collapsed"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        auto_layout=False,
-        auto_views=False,
+    return plain_blueprint(
+        rrb.Vertical(*views), rrb.TimePanel(timeline="sim_time", state="collapsed")
     )

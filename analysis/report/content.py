@@ -20,6 +20,7 @@ from cosim.base.errors import UserError
 from cosim.base.storage import replacing
 from cosim.model.built_in import PAPER
 from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.result import EpisodeResult
 
 
 class Picture(NamedTuple):
@@ -47,20 +48,16 @@ class Watchable(NamedTuple):
     Attributes:
         name: scenario and number, as `--episode` takes it.
         file: recording, relative to the page.
-        outcome: of the episode, as text.
-        path_length_cm: mean over the robots.
-        sim_time_s: how long it lasted.
         megabytes: size of the recording.
         robots: their number.
+        result: of the episode.
     """
 
     name: str
     file: str
-    outcome: str
-    path_length_cm: float
-    sim_time_s: float
     megabytes: float
     robots: int
+    result: EpisodeResult
 
 
 def place(source: Path, target: Path) -> Path:
@@ -116,15 +113,8 @@ def episodes(results: Path, out: Path) -> Iterator[Watchable]:
                 continue
             file = f"recordings/{run}-{number}.rrd"
             place(recording, out / file)
-            yield Watchable(
-                name=f"{run}/{number}",
-                file=file,
-                outcome=episode.outcome.replace("_", " "),
-                path_length_cm=episode.path_length_cm,
-                sim_time_s=episode.sim_time_s,
-                megabytes=recording.stat().st_size / 1e6,
-                robots=PAPER[result.of].robots,
-            )
+            megabytes, robots = recording.stat().st_size / 1e6, PAPER[result.of].robots
+            yield Watchable(f"{run}/{number}", file, megabytes, robots, episode)
 
 
 def _runs() -> Iterator[tuple[str, Result]]:
@@ -134,30 +124,18 @@ def _runs() -> Iterator[tuple[str, Result]]:
             yield f"{name}-{method}", RESULTS[episodes_of(name, method)]
 
 
-class Training(NamedTuple):
-    """A recorded training, or a policy that plays, on the page.
-
-    Attributes:
-        scenario: its name and the method.
-        file: recording or page, relative to the page.
-    """
-
-    scenario: str
-    file: str
-
-
-def trainings(results: Path, out: Path) -> Iterator[Training]:
-    """Recorded trainings of the policies that drove the episodes."""
+def trainings(results: Path, out: Path) -> Iterator[tuple[str, str]]:
+    """Recorded trainings of the policies that drove the episodes: the run, and the file."""
     for name, result in _runs():
         recording = result.location(results) / "training.rrd"
         if recording.is_file():
             file = f"recordings/{name}-training.rrd"
             place(recording, out / file)
-            yield Training(name, file)
+            yield name, file
 
 
-def players(results: Path, out: Path) -> Iterator[Training]:
-    """Pages in which the policies that drove the episodes play in a browser."""
+def players(results: Path, out: Path) -> Iterator[tuple[str, str]]:
+    """Pages in which the policies that drove the episodes play: the run, and the file."""
     for name, result in _runs():
         policy = result.location(results) / "policy.npz"
         if policy.is_file():
@@ -165,7 +143,7 @@ def players(results: Path, out: Path) -> Iterator[Training]:
             file = f"play/{name}.html"
             playing = load_page_policy(policy, scenario)
             write_page(out / file, playing, scenario, config, cached_wasm())
-            yield Training(name, file)
+            yield name, file
 
 
 def chosen(found: list[Watchable], name: str | None) -> Watchable | None:
@@ -175,7 +153,7 @@ def chosen(found: list[Watchable], name: str | None) -> Watchable | None:
         ReportError: there is no episode of that name.
     """
     if name is None:
-        return max(found, key=lambda e: (e.outcome == "success", e.robots), default=None)
+        return max(found, key=lambda e: (e.result.outcome == "success", e.robots), default=None)
     for episode in found:
         if episode.name == name:
             return episode

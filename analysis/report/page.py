@@ -24,7 +24,7 @@ from analysis.report.tables import learning_tables, parameter_table, timing_tabl
 from analysis.report.web_viewer import web_viewer_files
 from analysis.timings import read_timings
 from cosim.base.provenance import versions
-from cosim.base.storage import replacing
+from cosim.base.storage import write_whole
 from cosim.model.built_in import PAPER
 from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
 
@@ -106,5 +106,4 @@ def _render(template: str, content: dict[str, Any], path: Path) -> None:
         lstrip_blocks=True,
     )
     text = environment.get_template(template).render(content)
-    with replacing(path) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_whole(path, text + "\n")

@@ -15,7 +15,7 @@ import rerun
 import rerun_cli
 
 from cosim.base.errors import UserError
-from cosim.base.storage import cache_dir, is_intact, load_or_create, replacing, write_checksum
+from cosim.base.storage import cache_dir, is_intact, load_or_create, write_checksum, write_whole
 
 FILES = ("re_viewer.js", "re_viewer_bg.wasm")
 START_TIMEOUT_S = 30.0
@@ -54,8 +54,7 @@ def _fetch(files: list[Path]) -> list[Path]:
     try:
         for file in files:
             content = _download(f"http://{_HOST}:{port}/{file.name}", viewer)
-            with replacing(file) as temporary:
-                temporary.write_bytes(content)
+            write_whole(file, content)
             write_checksum(file)
     finally:
         viewer.terminate()

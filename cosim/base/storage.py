@@ -133,8 +133,7 @@ def cached(
 
 def write_checksum(path: Path) -> None:
     """Keep the SHA-256 of a file next to it, for `is_intact`."""
-    with replacing(_seal_of(path)) as temporary:
-        temporary.write_text(_sha256(path))
+    write_whole(_seal_of(path), _sha256(path))
 
 
 def is_intact(path: Path) -> bool:
@@ -239,8 +238,13 @@ def json_text(content: Any) -> bytes:
 
 def write_json(path: Path, content: Any) -> None:
     """Write what `msgspec` can encode as JSON for people and programs, whole or not at all."""
+    write_whole(path, json_text(content) + b"\n")
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a text in UTF-8, or bytes, whole or not at all; see `replacing`."""
     with replacing(path) as temporary:
-        temporary.write_bytes(json_text(content) + b"\n")
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def _temporary(path: Path) -> tuple[BinaryIO, Path]:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cosim.base.command import show_table
-from cosim.base.storage import replacing, write_json
+from cosim.base.storage import replacing, write_json, write_whole
 
 
 class Column(NamedTuple):
@@ -70,8 +70,7 @@ def write_report(path: Path, report: Any, text: str) -> None:
         text: Markdown.
     """
     write_json(path.with_suffix(".json"), report)
-    with replacing(path.with_suffix(".md")) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_whole(path.with_suffix(".md"), text + "\n")
 
 
 def arrow_of(rows: Iterable[Mapping[str, Any]]) -> Any:

@@ -4,6 +4,7 @@ Entity paths are listed one by one: wildcards inside a path match nothing, witho
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -150,7 +151,7 @@ def episode_blueprint(
         floors = [_arena(f"policy · {name}", size_m, names, name) for name in names]
         tabs.insert(-1, rrb.Tabs(*floors, name="policies"))  # arrows need the room
     arena = _arena("arena", size_m, names)
-    return rrb.Blueprint(
+    return plain_blueprint(
         rrb.Horizontal(
             rrb.Vertical(
                 arena,
@@ -165,11 +166,13 @@ def episode_blueprint(
             column_shares=[2, 3],
         ),
         rrb.TimePanel(timeline="sim_time", state="collapsed"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        auto_layout=False,
-        auto_views=False,
     )
+
+
+def plain_blueprint(layout: Any, time: rrb.TimePanel) -> rrb.Blueprint:
+    """Return a layout as it is, without the viewer's other panels and views of its own."""
+    hidden = rrb.BlueprintPanel(state="hidden"), rrb.SelectionPanel(state="hidden")
+    return rrb.Blueprint(layout, time, *hidden, auto_layout=False, auto_views=False)
 
 
 def _arena(
@@ -230,12 +233,6 @@ def training_blueprint(robots: int, columns: int = 0, rows: int = 0) -> rrb.Blue
     if maps:
         tables = rrb.Grid(*maps, grid_columns=robots)
         everything = rrb.Horizontal(rrb.Vertical(*curves), tables, column_shares=[2, 3])
-    return rrb.Blueprint(
-        everything,
-        # The latest maps are there at once, earlier ones by moving the cursor.
-        rrb.TimePanel(timeline="episode", state="collapsed", play_state="Following"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        auto_layout=False,
-        auto_views=False,
-    )
+    # The latest maps are there at once, earlier ones by moving the cursor.
+    time = rrb.TimePanel(timeline="episode", state="collapsed", play_state="Following")
+    return plain_blueprint(everything, time)

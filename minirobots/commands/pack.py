@@ -1,7 +1,5 @@
 """Compile the sources of an unpacked FMU and pack it again."""
 
-import os
-import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -75,28 +73,17 @@ def _binary(folder: Path, configuration: "BuildConfiguration") -> dict[str, byte
     import fmpy
 
     from cosim.base.storage import temporary_folder
-    from fmus.compiler import SAME_BITS, compiler_command, fmi_headers
+    from fmus.compiler import PLAIN_NAMES, SAME_BITS, compiler_command, fmi_headers, run_compiler
 
+    place = folder.absolute() / "sources"
     name = f"{configuration.modelIdentifier}{fmpy.sharedLibraryExtension}"
-    flags = ["-O2", "-shared", "-fPIC", SAME_BITS, f"-I{fmi_headers()}", "-I."]
-    sources: list[str] = []
+    command = [*compiler_command(), "-O2", "-shared", "-fPIC", SAME_BITS, f"-I{fmi_headers()}"]
+    command += [f"-D{PLAIN_NAMES['3']}=1", f"-I{place}"]
     for group in configuration.sourceFileSets:
-        flags += [
-            f"-D{d.name}={d.value or ''}" for d in group.preprocessorDefinitions if not d.optional
-        ]
-        flags += [f"-I{path}" for path in group.includeDirectories]
-        sources += group.sourceFiles
-    flags.append("-DFMI3_OVERRIDE_FUNCTION_PREFIX=1")
+        definitions = [d for d in group.preprocessorDefinitions if not d.optional]
+        command += [f"-D{d.name}={d.value or ''}" for d in definitions]
+        command += [f"-I{place / path}" for path in group.includeDirectories]
+        command += [str(place / path) for path in group.sourceFiles]
     with temporary_folder() as work:
-        library = Path(work) / name
-        done = subprocess.run(
-            [*compiler_command(), *flags, *sources, "-o", library, "-lm"],
-            cwd=folder / "sources",
-            env=os.environ | {"ZIG_LOCAL_CACHE_DIR": work},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode:
-            raise UserError(f"the C compiler failed: {done.stderr.strip()}")
-        return {f"binaries/{fmpy.platform_tuple}/{name}": library.read_bytes()}
+        run_compiler([*command, "-o", name, "-lm"], Path(work), str(folder))
+        return {f"binaries/{fmpy.platform_tuple}/{name}": (Path(work) / name).read_bytes()}

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cosim.base.plotting import BLUE, VERMILION, styled
-from cosim.base.storage import replacing
+from cosim.base.storage import write_whole
 from cosim.machine.identification.fit import QUANTILE, Fit
 from cosim.machine.identification.parameters import PARAMETERS
 from cosim.machine.identification.result import PRESET_FILE, Identified
@@ -38,8 +38,7 @@ def write_page(identified: Identified, path: Path) -> None:
         preset=PRESET_FILE,
         expected=f"{QUANTILE**2:.2f}",
     )
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_whole(path, text)
 
 
 def rows(identified: Identified) -> list[tuple[str, ...]]:
